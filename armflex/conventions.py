@@ -1,0 +1,110 @@
+"""Units, frames, signs and orders: the one place where they are written down.
+
+1. SI inside: m, rad, s, kg, N, N·m; temperature in °C. Other units exist only in file headers and on the
+   command line and are converted once, when read.
+2. Six-vectors are linear first: wrench (fx fy fz mx my mz), twist (dx dy dz rx ry rz). Pinocchio's order.
+3. `T_a_b` maps coordinates of b to coordinates of a. Poses are `pin.SE3` or 4 x 4 arrays.
+4. A wrench is the load **on** the structure: a hanging weight gives a force along gravity. Pinocchio's
+   generalized gravity and `data.f` are what the parent exerts on the child, so the load is their negative.
+5. A twist is the exponential coordinate of a flexure's pose: `T = exp6(twist)`, local axes of the flexure.
+6. The tip's displacement is (flexed minus rigid) the shift of the tip frame's origin in base axes [m] and the
+   rotation vector of `R_flexed R_rigid^T` in base axes [rad].
+7. `q` is what the controller reports. The arm gives after it: a flexure sits just outboard of its joint's motion.
+8. The order of joints is that of `arm.joint_names`, the order of flexures that of `arm.flexure_names`.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from armflex.errors import ArrayTypeError, NotFiniteError, PoseError, ShapeError, UnitError, did_you_mean
+
+Array = NDArray[np.float64]
+
+WRENCH_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
+TWIST_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz")
+STANDARD_GRAVITY = 9.81
+LARGEST_POSITION = 1e3
+"""Joint positions beyond this [rad or m] are taken for a mistake (1e300 would give finite nonsense)."""
+
+UNITS: dict[str, dict[str, float]] = {
+    "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "cm": 1e-2},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": np.pi / 180.0},
+    "force": {"N": 1.0, "kN": 1e3, "MN": 1e6, "kgf": 9.80665},
+    "moment": {"Nm": 1.0, "kNm": 1e3, "Nmm": 1e-3},
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
+}
+"""Kind of quantity -> unit -> factor to SI."""
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ]*)\s*")
+
+
+def parse_quantity(text: str, kind: str) -> float:
+    """Return a quantity such as '5mm' in SI; raise `UnitError` where the unit is missing or of another kind."""
+    match = _QUANTITY.fullmatch(text)
+    known = UNITS[kind]
+    if match is None or not match[2]:
+        example = f"5{next(iter(known))}"
+        raise UnitError(f"{text!r}: expected a {kind} with its unit, such as {example} ({', '.join(known)})")
+    if match[2] not in known:
+        hint = did_you_mean(match[2], known)
+        raise UnitError(f"{text!r}: {match[2]!r} is no unit of {kind}{hint} ({', '.join(known)})")
+    return float(match[1]) * known[match[2]]
+
+
+def real_array(values: ArrayLike, name: str) -> Array:
+    """Return `values` as floats; raise `ArrayTypeError` for complex, text or objects, `ShapeError` if ragged."""
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise ShapeError(f"{name}: rows of different length") from error
+    if array.dtype.kind not in "fiu":
+        raise ArrayTypeError(f"{name}: expected real numbers, got {array.dtype}")
+    return array.astype(float, copy=False)
+
+
+def finite_array(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
+    """Return `values` as a finite float array of exactly `shape`, else raise a typed error naming `name`."""
+    array = real_array(values, name)
+    if array.shape != shape:
+        raise ShapeError(f"{name}: expected shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise NotFiniteError(f"{name}: element {int(np.argmin(np.isfinite(array.ravel())))} is not finite")
+    return array
+
+
+def as_pose(pose: Any, name: str = "pose") -> pin.SE3:
+    """Return a pose given as `pin.SE3`, 4 x 4 matrix or (7,) position and quaternion xyzw.
+
+    Raises:
+        PoseError: The rotation is reflected or not orthonormal, or the quaternion's norm is off by over 1e-6.
+    """
+    if isinstance(pose, pin.SE3):
+        return pose
+    array = real_array(pose, name)
+    if array.shape == (7,):
+        return _from_quaternion(finite_array(array, name, (7,)), name)
+    return _from_matrix(finite_array(array, name, (4, 4)), name)
+
+
+def _from_quaternion(values: Array, name: str) -> pin.SE3:
+    norm = float(np.linalg.norm(values[3:]))
+    if abs(norm - 1.0) > 1e-6:
+        raise PoseError(f"{name}: quaternion has norm {norm:.9g}, expected 1 (order x y z w)")
+    return pin.XYZQUATToSE3(values)
+
+
+def _from_matrix(matrix: Array, name: str) -> pin.SE3:
+    rotation = matrix[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6:
+        raise PoseError(f"{name}: rotation part is not orthonormal")
+    if np.linalg.det(rotation) < 0.0:
+        raise PoseError(f"{name}: rotation part is a reflection (determinant -1): left-handed axes?")
+    if np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
+        raise PoseError(f"{name}: last row is {matrix[3]}, expected 0 0 0 1")
+    return pin.SE3(rotation, matrix[:3, 3])

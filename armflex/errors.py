@@ -1,0 +1,168 @@
+"""Every exception and warning of armflex, in one place.
+
+Errors are part of the interface: each names the file and line, joint or row it is about, what was expected
+and, for a name, the nearest valid one. All derive from `ArmflexError`; those that blame the input also derive
+from `InputError`, which the command line turns into exit code 2.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+
+class ArmflexError(Exception):
+    """Base of every error that armflex raises on purpose."""
+
+
+class InputError(ArmflexError, ValueError):
+    """Something the user gave cannot be used."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in a user's file something stands; `line` counts from 1, 0 when the whole file is meant."""
+
+    file: Path
+    line: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}" if self.line else str(self.file)
+
+
+class FileError(InputError):
+    """A file cannot be used; `place` is its name and line."""
+
+    def __init__(self, place: Place, problem: str) -> None:
+        super().__init__(f"{place}: {problem}")
+        self.place = place
+        self.problem = problem
+
+
+class UrdfError(FileError):
+    """A URDF is not a robot that can be computed with."""
+
+
+class ArmFileError(FileError):
+    """An arm.toml does not say what FORMATS asks of it."""
+
+
+class TableError(FileError):
+    """A CSV table (trajectory, joint data, measurements) cannot be read as one."""
+
+
+class ModelFileError(FileError):
+    """A trained model's file is damaged, foreign, or made for something else."""
+
+
+class UnitError(InputError):
+    """A quantity has no unit, or one of the wrong kind."""
+
+
+class ShapeError(InputError):
+    """An array has the wrong shape."""
+
+
+class ArrayTypeError(InputError, TypeError):
+    """An array holds something other than real numbers."""
+
+
+class NotFiniteError(InputError):
+    """A number is NaN, infinite, or too large to mean anything."""
+
+
+class PoseError(InputError):
+    """A pose is not a rigid transform."""
+
+
+class JointLimitError(InputError):
+    """A joint position lies outside its limits."""
+
+
+class PayloadError(InputError):
+    """A payload cannot be carried: negative, not finite, or of impossible inertia."""
+
+
+class LawError(InputError):
+    """A joint deformation model's numbers are not physical."""
+
+
+class UnsupportedError(InputError):
+    """The input is valid but asks for something this version does not do."""
+
+
+class UnknownNameError(InputError, KeyError):
+    """A joint, frame, payload or flexure of this name does not exist."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        known = list(known)
+        super().__init__(f"no {kind} named {name!r}{did_you_mean(name, known)} (known: {listing(known)})")
+        self.name = name
+        self.known = known
+
+    def __str__(self) -> str:  # KeyError would show the repr
+        return str(self.args[0])
+
+
+class ConvergenceError(ArmflexError):
+    """An iteration did not converge; `history` holds its residual norms, first to last."""
+
+    def __init__(self, problem: str, history: Sequence[float]) -> None:
+        shown = ", ".join(f"{value:.1e}" for value in history[-5:])
+        super().__init__(f"{problem} (last residuals: {shown})")
+        self.history = tuple(history)
+
+
+class UnstableEquilibriumError(ArmflexError):
+    """An equilibrium exists but the arm would not stay in it; `eigenvalue` of the tangent is not positive."""
+
+    def __init__(self, problem: str, eigenvalue: float) -> None:
+        super().__init__(f"{problem} (smallest eigenvalue of the tangent: {eigenvalue:.3g})")
+        self.eigenvalue = eigenvalue
+
+
+class SmallDisplacementError(ArmflexError):
+    """A flexure turned further than a compliance can describe; `twists` is (n_flexures, 6)."""
+
+    def __init__(self, problem: str, twists: object) -> None:
+        super().__init__(problem)
+        self.twists = twists
+
+
+class UnreachableError(ArmflexError):
+    """A tip pose cannot be held; `report` says for each row what remained and why."""
+
+    def __init__(self, problem: str, report: object) -> None:
+        super().__init__(problem)
+        self.report = report
+
+
+class ArmflexWarning(UserWarning):
+    """Something usable but doubtful; the same text is found in the `flags` of the result."""
+
+
+@dataclass(frozen=True)
+class Flag:
+    """A doubt that travels with a result: `code` for programs, `text` for people."""
+
+    code: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.text}"
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return ', did you mean ...?' with the nearest known name, or an empty string."""
+    lowered = {candidate.lower(): candidate for candidate in known}
+    close = difflib.get_close_matches(name.lower(), lowered, n=1, cutoff=0.5)
+    return f", did you mean {lowered[close[0]]!r}?" if close else ""
+
+
+def listing(names: Iterable[str], most: int = 20) -> str:
+    """Return names joined by commas, cut after `most` of them."""
+    names = list(names)
+    more = f", ... {len(names) - most} more" if len(names) > most else ""
+    return (", ".join(names[:most]) or "none") + more

@@ -1,0 +1,40 @@
+"""A law measured at a node some way off the joint frame, carried there by the adjoint.
+
+`T exp6(twist) T^-1 = exp6(Ad_T twist)`, so the transport of the twist is exact, and the wrench follows by duality.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+from armflex.laws.law import Law, Row
+
+
+@dataclass(frozen=True)
+class AtNode:
+    """`law` acts in a frame at `node`, (3,) in the flexure's frame [m], axes parallel to it."""
+
+    law: Law
+    node: Array
+
+    @property
+    def action(self) -> Array:
+        """(6, 6) map of a twist at the node to the same motion's twist at the flexure's origin."""
+        return pin.SE3(np.eye(3), self.node).action
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the twist at the flexure's origin."""
+        return self.law.twist(wrench @ self.action, row) @ self.action.T
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return the transported tangent."""
+        return self.action @ self.law.tangent(wrench @ self.action, row) @ self.action.T
+
+    def covariance(self, wrench: Array, row: Row) -> Array | None:
+        """Return the transported covariance."""
+        at_node = self.law.covariance(wrench @ self.action, row)
+        return None if at_node is None else self.action @ at_node @ self.action.T

@@ -1,0 +1,56 @@
+"""What a joint deformation model is: a load in, a small twist out, at one place of the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from armflex.conventions import Array
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is known where a law is asked: joint positions and, by name, whatever else was given.
+
+    Attributes:
+        q: (..., nq) joint positions [rad or m].
+        joint_index: Place of each joint in `q`.
+        covariates: Further known numbers, each a scalar or (...,).
+    """
+
+    q: Array
+    joint_index: Mapping[str, int]
+    covariates: Mapping[str, Array] = field(default_factory=dict)
+
+    def position(self, joint: str) -> Array:
+        """Return the (...,) position of a joint [rad or m]."""
+        return self.q[..., self.joint_index[joint]]
+
+
+class Law(Protocol):
+    """A joint deformation model. Wrench [N, Nm] is the load on the structure and twist [m, rad] the motion it gives,
+    both linear first and in the flexure's own axes."""
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6) twist under a (..., 6) wrench."""
+        ...
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6, 6) derivative of the twist with respect to the wrench."""
+        ...
+
+    def covariance(self, wrench: Array, row: Row) -> Array | None:
+        """Return the (6, 6) covariance of the twist, or None when the law carries no uncertainty."""
+        ...
+
+
+def embed(block: Array) -> Array:
+    """Return a 3 x 3 force-to-translation block as 6 x 6 with zeros elsewhere (a 6 x 6 is returned as it is)."""
+    if block.shape[-1] == 6:
+        return block
+    whole = np.zeros((6, 6))
+    whole[:3, :3] = block
+    return whole

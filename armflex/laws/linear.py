@@ -1,0 +1,128 @@
+"""Linear law: twist = C wrench, C a constant compliance, diagonal or full (the paper's eq. (7), inverted)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.declaration import Declaration
+from armflex.errors import Flag, LawError
+from armflex.laws.law import Row
+
+SYMMETRY = 1e-9
+SOFTEST = (1e-5, 1e-3)
+"""m/N and rad/Nm beyond which a single joint of steel is not believed; a hint at a wrong unit, no more."""
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """What a fitted compliance does not know.
+
+    Attributes:
+        row_covariance: (k, k, k) covariance of each row of coefficients, k = 3 or 6.
+        residual_std: (k,) scatter about the fit [m, rad].
+        loads: (2, k) smallest and largest load of each component that was seen [N, Nm].
+    """
+
+    row_covariance: Array
+    residual_std: Array
+    loads: Array
+
+
+@dataclass(frozen=True)
+class LinearLaw:
+    """Constant compliance.
+
+    Attributes:
+        compliance: (6, 6) [m/N, rad/Nm and mixed].
+        relative_std: Relative standard uncertainty of every entry, independent of each other; 0 for none.
+        fit: Uncertainty of a compliance fitted to data, None for a declared one.
+    """
+
+    compliance: Array
+    relative_std: float = 0.0
+    fit: LinearFit | None = None
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return C w."""
+        return wrench @ self.compliance.T
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return C."""
+        return np.broadcast_to(self.compliance, (*wrench.shape[:-1], 6, 6))
+
+    def covariance(self, wrench: Array, row: Row) -> Array | None:
+        """Return the (6, 6) covariance of C w: the fit's prediction variance, or that of the relative entries."""
+        if self.fit is not None:
+            return _fit_covariance(self.fit, wrench)
+        if self.relative_std == 0.0:
+            return None
+        return entry_covariance(self.compliance, wrench, self.relative_std)
+
+
+def entry_covariance(compliance: Array, wrench: Array, relative_std: float) -> Array:
+    """Return the (6, 6) covariance of C w when every entry of C has its own relative error."""
+    return np.diag(relative_std**2 * ((compliance * wrench) ** 2).sum(axis=1))
+
+
+def _fit_covariance(fit: LinearFit, wrench: Array) -> Array:
+    size = len(fit.residual_std)
+    load = wrench[:size]
+    variance = np.einsum("i,nij,j->n", load, fit.row_covariance, load) + fit.residual_std**2
+    return np.diag(np.concatenate([variance, np.zeros(6 - size)]))
+
+
+def check_compliance(compliance: Array) -> tuple[Flag, ...]:
+    """Return the doubts about a (6, 6) compliance.
+
+    Raises:
+        LawError: Not symmetric to 1e-9 (Betti), or not positive semi-definite, so that loading it gains energy.
+    """
+    scale = np.sqrt(np.outer(np.diag(compliance), np.diag(compliance)).clip(0.0)) + 1e-300
+    skew = np.abs(compliance - compliance.T) / np.maximum(scale, np.abs(compliance) + 1e-300)
+    if skew.max() > SYMMETRY:
+        i, j = np.unravel_index(np.argmax(skew), (6, 6))
+        raise LawError(f"compliance is not symmetric: C[{i}][{j}] = {compliance[i, j]:g}, C[{j}][{i}] = {compliance[j, i]:g}")
+    _check_definite(compliance)
+    return softness(compliance)
+
+
+def _check_definite(compliance: Array) -> None:
+    diagonal = np.diag(compliance)
+    if diagonal.min() < 0.0:
+        raise LawError(f"compliance of {TWIST_NAMES[int(diagonal.argmin())]} is negative: {diagonal.min():g}")
+    # Scaled to a unit diagonal first: m/N and rad/Nm differ by orders of magnitude.
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = compliance * np.outer(scale, scale)
+    if np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < -1e-9:
+        raise LawError("compliance is not positive semi-definite: some load would gain energy")
+
+
+def softness(compliance: Array) -> tuple[Flag, ...]:
+    """Return a flag where a compliance is softer than any steel joint: a stiffness, or a wrong unit."""
+    diagonal = np.abs(np.diag(compliance))
+    worst = (diagonal[:3].max(), diagonal[3:].max())
+    if worst[0] <= SOFTEST[0] and worst[1] <= SOFTEST[1]:
+        return ()
+    text = f"compliance up to {worst[0]:.3g} m/N and {worst[1]:.3g} rad/Nm: a stiffness, or mm/kN read wrongly?"
+    return (Flag("soft", text),)
+
+
+def declared_matrix(table: Declaration, key: str) -> Array:
+    """Return a (6, 6) matrix given as 6 numbers of its diagonal or in full."""
+    values = table.numbers(key, (6,), (6, 6))
+    return np.diag(values) if values.ndim == 1 else values
+
+
+def read_linear(table: Declaration, joint: str) -> LinearLaw:
+    """Return the linear law that an arm.toml declares: `compliance`, and optionally `relative_std`."""
+    compliance = declared_matrix(table, "compliance")
+    try:
+        check_compliance(compliance)
+    except LawError as error:
+        raise table.fail("compliance", str(error)) from None
+    return LinearLaw(compliance, table.number("relative_std", 0.0))
+
+

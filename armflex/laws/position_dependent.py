@@ -1,0 +1,73 @@
+"""Linear law whose compliance depends on a joint's position: twist = (C + C1 q + C2 q^2 + C3 q^3) wrench.
+
+A mast gets softer as it extends: a cantilever's compliance is a cubic in its length, so this form holds it exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.declaration import Declaration
+from armflex.errors import LawError
+from armflex.laws.law import Row
+from armflex.laws.linear import check_compliance, declared_matrix, entry_covariance
+
+COEFFICIENTS = ("compliance", "compliance_q1", "compliance_q2", "compliance_q3")
+
+
+@dataclass(frozen=True)
+class PositionDependentLaw:
+    """Compliance polynomial in the position of `joint`.
+
+    Attributes:
+        joint: The joint whose position counts.
+        coefficients: (d, 6, 6), lowest power first [m/N, rad/Nm and mixed, per m^k or rad^k].
+        relative_std: Relative standard uncertainty of every entry of C(q); 0 for none.
+    """
+
+    joint: str
+    coefficients: Array
+    relative_std: float = 0.0
+
+    def compliance(self, row: Row) -> Array:
+        """Return the (..., 6, 6) compliance at the row's joint position."""
+        position = row.position(self.joint)
+        powers = np.power.outer(position, np.arange(len(self.coefficients)))
+        return np.tensordot(powers, self.coefficients, axes=1)
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return C(q) w."""
+        return np.einsum("...ij,...j->...i", self.compliance(row), wrench)
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return C(q)."""
+        return self.compliance(row)
+
+    def covariance(self, wrench: Array, row: Row) -> Array | None:
+        """Return the (6, 6) covariance of C(q) w, None when the law is declared certain."""
+        if self.relative_std == 0.0:
+            return None
+        return entry_covariance(self.compliance(row), wrench, self.relative_std)
+
+
+def read_position_dependent(table: Declaration, joint: str) -> PositionDependentLaw:
+    """Return the law that an arm.toml declares: `compliance` at zero, `compliance_q1` to `_q3`, `depends_on`."""
+    given = [key for key in COEFFICIENTS if table.has(key)]
+    coefficients = np.zeros((4, 6, 6))
+    for key in given or ["compliance"]:
+        coefficients[COEFFICIENTS.index(key)] = declared_matrix(table, key)
+    return PositionDependentLaw(
+        table.text("depends_on", joint), coefficients, table.number("relative_std", 0.0)
+    )
+
+
+def check_range(law: PositionDependentLaw, lower: float, upper: float) -> None:
+    """Raise `LawError` where the compliance stops being symmetric or positive anywhere in the joint's range."""
+    for position in np.linspace(lower, upper, 33):
+        try:
+            check_compliance(law.compliance(Row(np.array([position]), {law.joint: 0})))
+        except LawError as error:
+            raise LawError(f"at {law.joint} = {position:.4g}: {error}") from None

@@ -1,0 +1,206 @@
+"""The URDF's elements one by one, as plain data: link, inertial, visual, joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from lxml import etree
+
+from armflex.conventions import Array
+from armflex.errors import Place, did_you_mean
+from armflex.robot.reader import Reader
+
+MOVING = ("revolute", "continuous", "prismatic")
+UNSUPPORTED = ("floating", "planar")
+JOINT_TYPES = (*MOVING, *UNSUPPORTED, "fixed")
+
+SHAPE_SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1)}
+
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass [kg], pose of the inertia frame in the link frame, inertia (3, 3) about the CoM [kg m^2]."""
+
+    mass: float
+    origin: Array
+    rotation: Array
+    inertia: Array
+    place: Place
+
+
+@dataclass(frozen=True)
+class Visual:
+    """One shape: kind 'box', 'cylinder', 'sphere' or 'mesh', size [m], pose (4, 4) in the link frame."""
+
+    kind: str
+    size: tuple[float, ...]
+    pose: Array
+    color: str | None = None
+    mesh: str | None = None
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body by name; `inertial` is None where the file gives none."""
+
+    name: str
+    inertial: Inertial | None
+    visuals: tuple[Visual, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint as written: origin of the child frame in the parent link, unit `axis` in the child frame."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    rotation: Array
+    axis: Array
+    lower: float
+    upper: float
+    effort: float
+    velocity: float
+    mimic: tuple[str, float, float] | None
+    place: Place
+
+
+def read_link(reader: Reader, element: etree._Element, materials: dict[str, str]) -> Link:
+    """Read one <link>; shapes of unknown kind are left out, since nothing is computed from them."""
+    children = reader.children(element)
+    inertials = [child for child in children if child.tag == "inertial"]
+    if len(inertials) > 1:
+        raise reader.fail(inertials[1], "<link> has more than one <inertial>")
+    inertial = read_inertial(reader, inertials[0]) if inertials else None
+    shapes = [read_visual(reader, child, materials) for child in children if child.tag == "visual"]
+    visuals = tuple(shape for shape in shapes if shape is not None)
+    return Link(reader.text(element, "name"), inertial, visuals, reader.place(element))
+
+
+def read_inertial(reader: Reader, element: etree._Element) -> Inertial:
+    """Read one <inertial>; mass and inertia are required."""
+    tags = {child.tag: child for child in reader.children(element)}
+    for needed in ("mass", "inertia"):
+        if needed not in tags:
+            raise reader.fail(element, f"<inertial> needs <{needed}>")
+    origin, rotation = reader.pose(element)
+    mass = reader.number(tags["mass"], "value")
+    return Inertial(mass, origin, rotation, _inertia(reader, tags["inertia"]), reader.place(element))
+
+
+def _inertia(reader: Reader, element: etree._Element) -> Array:
+    xx, yy, zz = (reader.number(element, key) for key in ("ixx", "iyy", "izz"))
+    xy, xz, yz = (reader.number(element, key, "0") for key in ("ixy", "ixz", "iyz"))
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def read_materials(reader: Reader, root: etree._Element) -> dict[str, str]:
+    """Return colour '#rrggbb' by material name, from materials with a colour anywhere in the file."""
+    found = {}
+    for element in root.iter("material"):
+        color = element.find("color")
+        if color is not None and color.get("rgba") and element.get("name"):
+            rgba = reader.numbers(color, "rgba", 4)
+            red, green, blue = (round(255 * value) for value in np.clip(rgba[:3], 0.0, 1.0))
+            found[element.get("name")] = f"#{red:02x}{green:02x}{blue:02x}"
+    return found
+
+
+def read_visual(reader: Reader, element: etree._Element, materials: dict[str, str]) -> Visual | None:
+    """Read one <visual> as a primitive or a mesh's file name; the mesh itself is never opened here."""
+    geometry = element.find("geometry")
+    shapes = [] if geometry is None else [child for child in geometry if isinstance(child.tag, str)]
+    if not shapes:
+        return None
+    position, rotation = reader.pose(element)
+    pose = np.block([[rotation, position[:, None]], [np.zeros(3), np.ones(1)]])
+    material = element.find("material")
+    color = materials.get(material.get("name", "")) if material is not None else None
+    return _shape(reader, shapes[0], pose, color)
+
+
+def _shape(reader: Reader, shape: etree._Element, pose: Array, color: str | None) -> Visual | None:
+    if shape.tag == "mesh":
+        scale = reader.numbers(shape, "scale", 3, "1 1 1")
+        return Visual("mesh", tuple(scale), pose, color, reader.text(shape, "filename"))
+    if shape.tag not in SHAPE_SIZES:
+        return None
+    keys, count = SHAPE_SIZES[shape.tag]
+    size = np.concatenate([reader.numbers(shape, key, count) for key in keys.split()])
+    return Visual(shape.tag, tuple(size), pose, color)
+
+
+def read_joint(reader: Reader, element: etree._Element) -> Joint:
+    """Read one <joint>, refusing types that have no single position."""
+    reader.children(element)
+    name, kind = reader.text(element, "name"), reader.text(element, "type")
+    if kind not in JOINT_TYPES:
+        raise reader.fail(element, f"joint {name!r}: unknown type {kind!r}{did_you_mean(kind, JOINT_TYPES)}")
+    if kind in UNSUPPORTED:
+        raise reader.fail(element, f"joint {name!r}: type {kind!r} is not supported; {', '.join(MOVING)}, fixed are")
+    origin, rotation = reader.pose(element)
+    axis = _axis(reader, element, name) if kind in MOVING else np.array([1.0, 0.0, 0.0])
+    parent, child = (_end(reader, element, name, tag) for tag in ("parent", "child"))
+    limits = _limits(reader, element, name, kind)
+    return Joint(
+        name, kind, parent, child, origin, rotation, axis, *limits, _mimic(reader, element), reader.place(element)
+    )
+
+
+def _end(reader: Reader, element: etree._Element, name: str, tag: str) -> str:
+    end = reader.only(element, tag)
+    if end is None:
+        raise reader.fail(element, f"joint {name!r} has no <{tag}>")
+    return reader.text(end, "link")
+
+
+def _axis(reader: Reader, element: etree._Element, name: str) -> Array:
+    axis = reader.only(element, "axis")
+    if axis is None:
+        return np.array([1.0, 0.0, 0.0])  # the URDF specification's default
+    vector = reader.numbers(axis, "xyz", 3)
+    norm = float(np.linalg.norm(vector))
+    if norm < 1e-6:
+        raise reader.fail(axis, f"joint {name!r}: axis is zero")
+    if abs(norm - 1.0) > 1e-6:
+        reader.doubt(axis, "axis_not_unit", f"joint {name!r}: axis has length {norm:.6g}, normalised")
+    return vector / norm
+
+
+def _limits(reader: Reader, element: etree._Element, name: str, kind: str) -> tuple[float, float, float, float]:
+    limit = reader.only(element, "limit")
+    if kind == "fixed" or (kind == "continuous" and limit is None):
+        return -np.inf, np.inf, np.inf, np.inf
+    if limit is None:
+        raise reader.fail(element, f"joint {name!r}: a {kind} joint needs <limit lower= upper= effort= velocity=>")
+    # A limit of zero effort or velocity is how files say 'not given'; the specification's default is 0.
+    effort, velocity = reader.number(limit, "effort", "0"), reader.number(limit, "velocity", "0")
+    if effort < 0.0 or velocity < 0.0:
+        raise reader.fail(limit, f"joint {name!r}: effort and velocity limits must not be negative")
+    lower, upper = (-np.inf, np.inf) if kind == "continuous" else _range(reader, limit, name, kind)
+    return lower, upper, effort or np.inf, velocity or np.inf
+
+
+def _range(reader: Reader, limit: etree._Element, name: str, kind: str) -> tuple[float, float]:
+    if limit.get("lower") is None and limit.get("upper") is None:
+        raise reader.fail(limit, f"joint {name!r}: a {kind} joint needs lower and upper limits")
+    lower, upper = reader.number(limit, "lower", "0"), reader.number(limit, "upper", "0")
+    if lower > upper:
+        raise reader.fail(limit, f"joint {name!r}: lower limit {lower:g} exceeds upper limit {upper:g}")
+    return lower, upper
+
+
+def _mimic(reader: Reader, element: etree._Element) -> tuple[str, float, float] | None:
+    mimic = reader.only(element, "mimic")
+    if mimic is None:
+        return None
+    return (
+        reader.text(mimic, "joint"),
+        reader.number(mimic, "multiplier", "1"),
+        reader.number(mimic, "offset", "0"),
+    )

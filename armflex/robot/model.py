@@ -1,0 +1,154 @@
+"""Pinocchio models of a robot, rigid or with a free-flyer wherever it may give.
+
+The models are built joint by joint from the validated data rather than from edited URDF text: every position is one
+number (Pinocchio reads a continuous joint as a cosine and a sine), numbers are parsed once, and joints keep the
+chain's order. `tests/test_robot.py` holds the result against Pinocchio's own URDF reader.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+from armflex.robot.elements import MOVING, Inertial, Joint
+from armflex.robot.robot import Robot
+from armflex.robot.tree import joints_by_parent
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where something gives: outboard of a joint's motion, in its child frame; the base when `joint` is None."""
+
+    name: str
+    joint: str | None
+
+
+@dataclass(frozen=True)
+class FlexModel:
+    """A Pinocchio model and where its parts are.
+
+    Attributes:
+        model: Shared read-only; each thread makes its own `pin.Data`.
+        neutral: (nq_model,) configuration with all joints and flexures at zero.
+        q_index: (nq,) place of each joint position in the configuration.
+        v_index: (nq,) place of each joint velocity.
+        flexure_v: (6 n,) places of the flexures' twists, in the order of the sites.
+        tip: Frame id of the tip link.
+        base: Frame id of the base link.
+    """
+
+    model: pin.Model
+    neutral: Array
+    q_index: np.ndarray
+    v_index: np.ndarray
+    flexure_v: np.ndarray
+    tip: int
+    base: int
+
+    def frame(self, link: str) -> int:
+        """Return the frame id of a link that is known to exist."""
+        return self.model.getFrameId(link)
+
+
+def build_model(robot: Robot, sites: Sequence[Site] = (), payload: pin.Inertia | None = None) -> FlexModel:
+    """Return the model of a robot with a flexure at every site, several at one joint in series.
+
+    Args:
+        robot: A validated robot.
+        sites: Places of the flexures; names and joints must exist in the robot.
+        payload: Inertia in the tip frame, rigidly fixed to the tip.
+    """
+    builder = _Builder(robot, sites)
+    builder.build()
+    model = builder.model
+    tip = model.getFrameId(robot.tip)
+    if payload is not None:
+        model.appendBodyToJoint(model.frames[tip].parentJoint, payload, model.frames[tip].placement)
+    joints = [model.joints[model.getJointId(name)] for name in robot.joint_names]
+    return FlexModel(
+        model=model,
+        neutral=pin.neutral(model),
+        q_index=np.array([joint.idx_q for joint in joints]),
+        v_index=np.array([joint.idx_v for joint in joints]),
+        flexure_v=_flexure_places(model, sites),
+        tip=tip,
+        base=model.getFrameId(robot.base),
+    )
+
+
+def _flexure_places(model: pin.Model, sites: Sequence[Site]) -> np.ndarray:
+    starts = [model.joints[model.getJointId(_flexure_name(site))].idx_v for site in sites]
+    return np.array([start + axis for start in starts for axis in range(6)], dtype=int)
+
+
+def _flexure_name(site: Site) -> str:
+    return f"flexure:{site.name}"  # a prefix, because a flexure may have its joint's name
+
+
+class _Builder:
+    """Walks the tree from the base and adds joints, flexures, inertias and frames."""
+
+    def __init__(self, robot: Robot, sites: Sequence[Site]) -> None:
+        self.robot = robot
+        self.sites = sites
+        self.model = pin.Model()
+        self.model.name = robot.urdf.name
+        self.model.gravity.linear = robot.gravity
+        self.children = joints_by_parent(robot.urdf)
+        self.on_chain = {joint.name for joint in robot.chain}
+
+    def build(self) -> None:
+        root = self.add_flexures(None, 0, pin.SE3.Identity())
+        stack = [(self.robot.base, *root)]
+        while stack:
+            link, parent, placement = stack.pop()
+            self.add_link(link, parent, placement)
+            stack.extend((joint.child, *self.add_joint(joint, parent, placement)) for joint in self.children[link])
+
+    def add_link(self, link: str, parent: int, placement: pin.SE3) -> None:
+        inertial = self.robot.urdf.links[link].inertial
+        if inertial is not None and inertial.mass > 0.0:
+            self.model.appendBodyToJoint(parent, _inertia(inertial), placement)
+        self.model.addFrame(pin.Frame(link, parent, 0, placement, pin.FrameType.BODY))
+
+    def add_joint(self, joint: Joint, parent: int, placement: pin.SE3) -> tuple[int, pin.SE3]:
+        """Add a joint (and the flexures behind it); return the Pinocchio joint and the child link's place on it."""
+        here = placement * pin.SE3(joint.rotation, joint.origin)
+        if joint.kind not in MOVING:
+            return self.add_flexures(joint.name, parent, here)
+        if joint.name not in self.on_chain:
+            return parent, here * _motion(joint, self.robot.locked[joint.name])
+        added = self.model.addJoint(parent, _joint_model(joint), here, joint.name)
+        return self.add_flexures(joint.name, added, pin.SE3.Identity())
+
+    def add_flexures(self, joint: str | None, parent: int, placement: pin.SE3) -> tuple[int, pin.SE3]:
+        for site in self.sites:
+            if site.joint == joint:
+                parent = self.model.addJoint(parent, pin.JointModelFreeFlyer(), placement, _flexure_name(site))
+                placement = pin.SE3.Identity()
+        return parent, placement
+
+
+def _inertia(inertial: Inertial) -> pin.Inertia:
+    rotated = inertial.rotation @ inertial.inertia @ inertial.rotation.T
+    return pin.Inertia(inertial.mass, inertial.origin, rotated)
+
+
+def _joint_model(joint: Joint) -> pin.JointModel:
+    aligned = ("PX", "PY", "PZ") if joint.kind == "prismatic" else ("RX", "RY", "RZ")
+    for axis, name in zip(np.eye(3), aligned, strict=True):
+        if np.array_equal(axis, joint.axis):
+            return getattr(pin, f"JointModel{name}")()
+    if joint.kind == "prismatic":
+        return pin.JointModelPrismaticUnaligned(joint.axis)
+    return pin.JointModelRevoluteUnaligned(joint.axis)
+
+
+def _motion(joint: Joint, position: float) -> pin.SE3:
+    if joint.kind == "prismatic":
+        return pin.SE3(np.eye(3), position * joint.axis)
+    return pin.SE3(pin.exp3(position * joint.axis), np.zeros(3))

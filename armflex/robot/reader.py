@@ -1,0 +1,122 @@
+"""Typed access to a URDF's elements: numbers by an own grammar, known tags, errors with file and line.
+
+`float()` takes '1_000' and full-width digits, C's `strtod` takes '0x64' and stops at the comma of '1,5'; no two
+URDF readers agree on such files, so they are refused.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from armflex.conventions import Array
+from armflex.errors import Flag, Place, UrdfError, did_you_mean
+
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+
+PASSED_OVER = frozenset(
+    {
+        *("material", "gazebo", "transmission", "ros2_control", "sensor", "hardwareInterface"),
+        *("safety_controller", "calibration", "dynamics", "self_collision_checking", "contact"),
+        *("verbose", "joint_properties", "loop_joint", "group", "disable_collisions"),
+    }
+)
+"""Tags that say nothing about mass, geometry or motion; skipped with all they hold."""
+
+CHILDREN: dict[str, frozenset[str]] = {
+    "robot": frozenset({"link", "joint"}),
+    "link": frozenset({"inertial", "visual", "collision"}),
+    "joint": frozenset({"parent", "child", "origin", "axis", "limit", "mimic"}),
+    "inertial": frozenset({"mass", "origin", "inertia"}),
+}
+"""Which tags are meant where; anything else is misplaced."""
+
+
+class Reader:
+    """Typed access to one file's elements; collects flags and words every error with file and line."""
+
+    def __init__(self, path: Path, strict: bool) -> None:
+        self.path = path
+        self.strict = strict
+        self.flags: list[Flag] = []
+
+    def place(self, element: etree._Element) -> Place:
+        return Place(self.path, element.sourceline or 0)
+
+    def fail(self, element: etree._Element, problem: str) -> UrdfError:
+        return UrdfError(self.place(element), problem)
+
+    def doubt(self, element: etree._Element, code: str, text: str) -> None:
+        self.flags.append(Flag(code, f"{self.place(element)}: {text}"))
+
+    def text(self, element: etree._Element, key: str) -> str:
+        """Return a non-empty attribute, or fail saying which is missing."""
+        value = (element.get(key) or "").strip()
+        if not value:
+            raise self.fail(element, f"<{element.tag}> needs a non-empty {key!r}")
+        return value
+
+    def numbers(self, element: etree._Element, key: str, count: int, default: str | None = None) -> Array:
+        """Return `count` finite numbers of an attribute separated by blanks."""
+        text = element.get(key, default)
+        if text is None:
+            raise self.fail(element, f"<{element.tag}> needs {key!r}")
+        words = text.split()
+        bad = [word for word in words if not _NUMBER.fullmatch(word) or not np.isfinite(float(word))]
+        if bad:
+            raise self.fail(element, f"<{element.tag} {key}={text!r}>: {bad[0]!r} is not a finite decimal number")
+        if len(words) != count:
+            raise self.fail(element, f"<{element.tag} {key}={text!r}>: expected {count} numbers, got {len(words)}")
+        return np.array([float(word) for word in words])
+
+    def number(self, element: etree._Element, key: str, default: str | None = None) -> float:
+        return float(self.numbers(element, key, 1, default)[0])
+
+    def children(self, element: etree._Element) -> list[etree._Element]:
+        """Return the children that mean something here; an unknown tag is an error, or a flag when lax."""
+        allowed = CHILDREN[element.tag]
+        kept = [child for child in element if isinstance(child.tag, str)]
+        for child in [child for child in kept if child.tag not in allowed | PASSED_OVER]:
+            self.refuse_tag(element, child, allowed)
+        return [child for child in kept if child.tag in allowed]
+
+    def refuse_tag(self, element: etree._Element, child: etree._Element, allowed: frozenset[str]) -> None:
+        owner = next((tag for tag, inside in CHILDREN.items() if child.tag in inside), None)
+        hint = f"; it belongs inside <{owner}>" if owner else did_you_mean(child.tag, allowed)
+        if "xacro" in child.tag:
+            hint = ": this is a xacro file, expand it first"
+        problem = f"<{child.tag}> is not known inside <{element.tag}>{hint}"
+        if self.strict:
+            raise self.fail(child, problem)
+        self.doubt(child, "unknown_tag", problem)
+
+    def only(self, element: etree._Element, tag: str) -> etree._Element | None:
+        found = element.findall(tag)
+        if len(found) > 1:
+            raise self.fail(found[1], f"<{element.tag}> has more than one <{tag}>")
+        return found[0] if found else None
+
+    def pose(self, element: etree._Element) -> tuple[Array, Array]:
+        """Return (3,) position and (3, 3) rotation of the element's <origin>, identity when absent."""
+        origin = self.only(element, "origin")
+        if origin is None:
+            return np.zeros(3), np.eye(3)
+        rpy = self.numbers(origin, "rpy", 3, "0 0 0")
+        if np.abs(rpy).max() > 2.0 * np.pi:
+            self.doubt(origin, "rpy_in_degrees", f"rpy {origin.get('rpy')!r} exceeds a full turn: degrees?")
+        return self.numbers(origin, "xyz", 3, "0 0 0"), rotation_of(rpy)
+
+
+def rotation_of(rpy: Array) -> Array:
+    """Return the (3, 3) rotation of fixed-axis roll, pitch, yaw [rad] (URDF: Rz(y) Ry(p) Rx(r))."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )

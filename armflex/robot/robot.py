@@ -1,0 +1,127 @@
+"""The front door: a validated robot, and Pinocchio models of it, rigid or with flexures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
+from armflex.errors import Flag, UnknownNameError
+from armflex.robot.elements import MOVING, Joint
+from armflex.robot.plausible import check_masses
+from armflex.robot.tree import check_tree, default_tip, find_chain
+from armflex.robot.urdf import Urdf, read_urdf
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A validated robot: the chain from `base` to `tip`, and what hangs on it.
+
+    Attributes:
+        urdf: The file as data.
+        base: Link in whose frame q, loads and results are meant.
+        tip: Link whose motion is reported.
+        chain: Joints from base to tip, fixed ones included.
+        gravity: (3,) in base axes [m/s^2].
+        locked: Positions of the moving joints off the chain, which weigh but do not move [rad or m].
+        flags: What is doubtful about the file.
+    """
+
+    urdf: Urdf
+    base: str
+    tip: str
+    chain: tuple[Joint, ...]
+    gravity: Array
+    locked: Mapping[str, float] = field(default_factory=dict)
+    flags: tuple[Flag, ...] = ()
+
+    @cached_property
+    def moving(self) -> tuple[Joint, ...]:
+        """The chain's moving joints, in order."""
+        return tuple(joint for joint in self.chain if joint.kind in MOVING)
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the chain's moving joints: the order of q."""
+        return tuple(joint.name for joint in self.moving)
+
+    @cached_property
+    def lower(self) -> Array:
+        """(nq,) lower limits [rad or m]."""
+        return np.array([joint.lower for joint in self.moving])
+
+    @cached_property
+    def upper(self) -> Array:
+        """(nq,) upper limits [rad or m]."""
+        return np.array([joint.upper for joint in self.moving])
+
+    @cached_property
+    def reach(self) -> float:
+        """Length of the chain from its first turning joint to the tip [m]."""
+        turning = next((i for i, joint in enumerate(self.chain) if joint.kind in ("revolute", "continuous")), 0)
+        return float(sum(np.linalg.norm(joint.origin) for joint in self.chain[turning + 1 :]))
+
+
+def load_robot(
+    urdf: str | Path,
+    tip: str | None = None,
+    base: str | None = None,
+    gravity: Array | None = None,
+    *,
+    strict: bool = True,
+    allow_massless: bool = False,
+    locked: Mapping[str, float] | None = None,
+) -> Robot:
+    """Read and validate a URDF; nothing reaches Pinocchio before it has passed.
+
+    Args:
+        urdf: Path of the file; meshes are never opened.
+        tip: Link whose motion is reported; the only leaf when not given.
+        base: Link in whose frame results are meant; the root when not given. What lies above it is left out.
+        gravity: (3,) in base axes [m/s^2]; standard gravity along -z when not given.
+        strict: Refuse unknown tags and impossible inertias instead of flagging them.
+        allow_massless: Accept moving links without mass, with a flag.
+        locked: Positions of moving joints off the chain [rad or m]; 0 or the nearest limit when not given.
+
+    Raises:
+        UrdfError: The file is no robot that can be computed with; file and line are named.
+        UnknownNameError: `tip`, `base` or a locked joint does not exist.
+    """
+    document = read_urdf(Path(urdf), strict)
+    root = check_tree(document)
+    base = base or root
+    if base not in document.links:
+        raise UnknownNameError("link", base, document.links)
+    chain = find_chain(document, base, tip or default_tip(document, base))
+    down = np.array([0.0, 0.0, -STANDARD_GRAVITY]) if gravity is None else finite_array(gravity, "gravity", (3,))
+    flags = (
+        *document.flags,
+        *check_masses(document, strict, allow_massless),
+        *check_gravity(down),
+    )
+    return Robot(document, base, chain[-1].child, chain, down, _lock(document, chain, locked or {}), flags)
+
+
+def check_gravity(gravity: Array) -> tuple[Flag, ...]:
+    """Return a flag where gravity is not about 9.81 m/s^2 downwards in the base frame."""
+    size = float(np.linalg.norm(gravity))
+    if not 9.5 < size < 10.1:
+        return (Flag("gravity", f"gravity is {size:g} m/s^2, expected about {STANDARD_GRAVITY}"),)
+    if gravity[2] > 0.5 * size:
+        return (Flag("gravity", f"gravity {gravity.tolist()} points along +z of the base: upside down on purpose?"),)
+    return ()
+
+
+def _lock(urdf: Urdf, chain: tuple[Joint, ...], locked: Mapping[str, float]) -> dict[str, float]:
+    on_chain = {joint.name for joint in chain}
+    side = {joint.name: joint for joint in urdf.joints.values() if joint.kind in MOVING and joint.name not in on_chain}
+    for name in locked:
+        if name not in side:
+            raise UnknownNameError("joint off the chain", name, side)
+    return {name: float(locked.get(name, np.clip(0.0, side[name].lower, side[name].upper))) for name in side}
+
+

@@ -1,0 +1,349 @@
+"""One self-contained HTML page from a scene: open it in a browser, no server, no network.
+
+The page holds meshcat's viewer and, instead of a connection to meshcat's server, the very commands the server
+would have sent. They are made here, in process, from meshcat's own geometry, command and animation classes.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from importlib import resources
+from importlib.resources.abc import Traversable
+from io import BytesIO
+from pathlib import Path
+from string import Template
+
+import numpy as np
+import umsgpack
+from meshcat import geometry as mg
+from meshcat.animation import Animation, AnimationClip, AnimationTrack, js_position, js_quaternion
+from meshcat.commands import SetAnimation, SetObject, SetProperty, SetTransform
+from meshcat.path import Path as ScenePath
+
+from .scene import (
+    Camera,
+    LegendRow,
+    Marker,
+    Node,
+    Polyline,
+    Scene,
+    Shape,
+    frame_camera,
+    frame_times,
+    scene_points,
+)
+
+Command = dict[str, object]
+
+_CAMERA = ScenePath(("Cameras", "default", "rotated", "<object>"))
+_BACKGROUND_TOP, _BACKGROUND_BOTTOM = (0.97, 0.98, 0.99), (0.84, 0.87, 0.90)
+_TUBE_SIDES = 12
+_CIRCLE_SIDES = 48
+_MESH_GEOMETRIES = {"stl": mg.StlMeshGeometry, "obj": mg.ObjMeshGeometry, "dae": mg.DaeMeshGeometry}
+
+
+def write_page(scene: Scene, path: str | os.PathLike[str]) -> Path:
+    """Write the page of `scene` to `path` and return that path.
+
+    The file appears whole or not at all: it is written beside its place, then moved over it. Raises OSError
+    if it cannot be written.
+    """
+    target = Path(path)
+    text = render_page(scene)
+    handle, draft = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            stream.write(text)
+        os.chmod(draft, 0o644)  # A temporary file is private; a page is meant to be handed on.
+        os.replace(draft, target)
+    except BaseException:
+        os.unlink(draft)
+        raise
+    return target
+
+
+def render_page(scene: Scene) -> str:
+    """The page of `scene`, as HTML text. The same scene gives the same text, byte for byte."""
+    viewer = resources.files("meshcat") / "viewer"
+    camera = scene.camera or frame_camera(_points_and_shadows(scene))
+    commands = [base64.b64encode(umsgpack.packb(command)).decode() for command in _commands(scene, camera)]
+    template = Template((resources.files(__package__) / "overlay.html").read_text(encoding="utf-8"))
+    return template.substitute(
+        title=html.escape(scene.title),
+        subtitle=html.escape(scene.subtitle),
+        legend=_legend_html(scene),
+        notes="".join(f"<li>{html.escape(note)}</li>" for note in scene.notes),
+        licences=_script_safe(_licences(viewer)),
+        viewer=_script_safe((viewer / "dist" / "main.min.js").read_text(encoding="utf-8")),
+        facts=json.dumps(_page_facts(scene, camera)).replace("<", "\\u003c"),
+        commands=json.dumps(commands),
+    )
+
+
+def tube_mesh(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Closed tube around a polyline: vertices (V, 3) in metres and triangles (F, 3) which face outwards.
+
+    `points` (N, 3) are the corners of the axis; repeated ones are dropped.
+    """
+    moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-9
+    axis = points[np.concatenate([[True], moved])]
+    sides, ups = _tube_frames(axis)
+    angles = 2.0 * np.pi * np.arange(_TUBE_SIDES) / _TUBE_SIDES
+    around = np.cos(angles)[:, None] * sides[:, None] + np.sin(angles)[:, None] * ups[:, None]
+    rings = axis[:, None] + radius * around
+    return np.concatenate([rings.reshape(-1, 3), axis[:1], axis[-1:]]), _lathe_faces(len(axis), _TUBE_SIDES)
+
+
+def capsule_mesh(radius: float, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Capsule about z, its cylindrical part `length` long: vertices (V, 3) and outward triangles (F, 3)."""
+    latitudes = np.radians(np.arange(-80.0, 81.0, 10.0))
+    latitudes = np.insert(latitudes, len(latitudes) // 2, 0.0)  # Both ends of the cylinder need a ring.
+    shift = np.where(np.arange(len(latitudes)) < len(latitudes) / 2, -0.5, 0.5) * length
+    angles = 2.0 * np.pi * np.arange(_CIRCLE_SIDES) / _CIRCLE_SIDES
+    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
+    rings = radius * np.cos(latitudes)[:, None, None] * circle
+    rings[..., 2] += (radius * np.sin(latitudes) + shift)[:, None]
+    poles = (radius + length / 2.0) * np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
+    return np.concatenate([rings.reshape(-1, 3), poles]), _lathe_faces(len(latitudes), _CIRCLE_SIDES)
+
+
+def _tube_frames(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    steps = np.diff(axis, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    tangents = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
+    back = np.linalg.norm(tangents, axis=1) < 1e-6  # Where the path turns right back on itself.
+    tangents[back] = np.concatenate([steps, steps[-1:]])[back]
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    sides = np.empty_like(axis)
+    side = np.zeros(3)
+    for index, tangent in enumerate(tangents):
+        # Carry the side along instead of choosing it afresh at each point: the tube must not twist.
+        side = _across(tangent, side)
+        sides[index] = side
+    return sides, np.cross(tangents, sides)
+
+
+def _across(tangent: np.ndarray, wish: np.ndarray) -> np.ndarray:
+    side = wish - (wish @ tangent) * tangent
+    if np.linalg.norm(side) < 1e-3:
+        return _across(tangent, np.eye(3)[np.argmin(np.abs(tangent))])
+    return side / np.linalg.norm(side)
+
+
+def _lathe_faces(rings: int, sides: int) -> np.ndarray:
+    ring, side = np.meshgrid(np.arange(rings - 1), np.arange(sides), indexing="ij")
+    here, there = (ring * sides + side).ravel(), (ring * sides + (side + 1) % sides).ravel()
+    walls = [np.stack([here, there, there + sides], 1), np.stack([here, there + sides, here + sides], 1)]
+    first, turn = np.arange(sides), (np.arange(sides) + 1) % sides
+    last, bottom, top = (rings - 1) * sides, np.full(sides, rings * sides), np.full(sides, rings * sides + 1)
+    caps = [np.stack([bottom, turn, first], 1), np.stack([top, last + first, last + turn], 1)]
+    return np.concatenate(walls + caps)
+
+
+def _commands(scene: Scene, camera: Camera) -> Iterator[Command]:
+    yield from _stage_commands(scene, camera)
+    for node in scene.nodes:
+        yield from _node_commands(node)
+    for line in scene.polylines:
+        yield from _polyline_commands(line)
+    for marker in scene.markers:
+        yield from _marker_commands(marker)
+    if len(frame_times(scene)):
+        yield _animation_command(scene)
+
+
+def _stage_commands(scene: Scene, camera: Camera) -> Iterator[Command]:
+    background = ScenePath(("Background",))
+    yield SetProperty("top_color", list(_BACKGROUND_TOP), background).lower()
+    yield SetProperty("bottom_color", list(_BACKGROUND_BOTTOM), background).lower()
+    yield SetProperty("visible", False, ScenePath(("Axes",))).lower()
+    yield from _floor_commands(scene, camera)
+    # The viewer's cameras live in a frame with y up, the scene in one with z up.
+    x, y, z = camera.position.tolist()
+    yield SetProperty("position", [x, z, -y], _CAMERA).lower()
+    yield SetProperty("far", 1000.0, _CAMERA).lower()
+
+
+def _floor_commands(scene: Scene, camera: Camera) -> Iterator[Command]:
+    grid = ScenePath(("Grid",))
+    if scene.floor_z is None:
+        yield SetProperty("visible", False, grid).lower()
+        return
+    # Whole metres: the lines of the grid, half a metre apart, then lie on round coordinates.
+    x, y = np.round(camera.target[:2])
+    yield SetTransform(_translation(np.array([x, y, scene.floor_z])), grid).lower()
+    yield SetProperty("color", [1.0, 1.0, 1.0, 0.22], grid).lower()
+
+
+def _node_commands(node: Node) -> Iterator[Command]:
+    path = _path("Nodes", node.name)
+    for number, shape in enumerate(node.shapes):
+        place = path.append(f"shape {number}")
+        yield from _shape_commands(shape, place)
+        yield SetTransform(shape.T_node_shape, place).lower()
+    yield SetTransform(node.pose if node.poses is None else node.poses[0], path).lower()
+
+
+def _shape_commands(shape: Shape, place: ScenePath) -> Iterator[Command]:
+    solid = place.append("solid")
+    yield _object_command(mg.Mesh, _shape_geometry(shape), _paint(shape.color, shape.opacity), solid)
+    if shape.kind == "cylinder":
+        yield SetTransform(_Y_TO_Z, solid).lower()  # A cylinder of the viewer stands along y.
+    if shape.kind == "mesh":
+        yield SetTransform(np.diag([*shape.size, 1.0]), solid).lower()
+    if shape.kind in ("box", "cylinder"):
+        ink = mg.LineBasicMaterial(color=_shade(shape.color, 0.62), opacity=min(1.0, 0.25 + shape.opacity))
+        lines = mg.PointsGeometry(_edge_points(shape).T.astype(np.float32))
+        yield _object_command(mg.LineSegments, lines, ink, place.append("edges"))
+
+
+def _shape_geometry(shape: Shape) -> mg.Geometry:
+    size = shape.size.tolist()
+    if shape.kind == "box":
+        return mg.Box(size)
+    if shape.kind == "sphere":
+        return mg.Sphere(size[0])
+    if shape.kind == "cylinder":
+        return mg.Cylinder(height=size[1], radius=size[0])
+    if shape.kind == "capsule":
+        return mg.TriangularMeshGeometry(*capsule_mesh(*size))
+    return _MESH_GEOMETRIES[shape.data_format].from_stream(BytesIO(shape.data))
+
+
+def _edge_points(shape: Shape) -> np.ndarray:
+    if shape.kind == "box":
+        corners = np.array(np.meshgrid(*np.array([-shape.size, shape.size]).T / 2.0, indexing="ij"))
+        corners = corners.reshape(3, 8).T
+        return corners[[0, 1, 2, 3, 4, 5, 6, 7, 0, 2, 1, 3, 4, 6, 5, 7, 0, 4, 1, 5, 2, 6, 3, 7]]
+    radius, length = shape.size
+    angles = np.repeat(2.0 * np.pi * np.arange(_CIRCLE_SIDES + 1) / _CIRCLE_SIDES, 2)[1:-1]
+    rim = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.zeros_like(angles)], axis=1)
+    end = np.array([0.0, 0.0, length / 2.0])
+    return np.concatenate([rim - end, rim + end])
+
+
+def _polyline_commands(line: Polyline) -> Iterator[Command]:
+    mesh = mg.TriangularMeshGeometry(*tube_mesh(line.points, line.radius))
+    yield _object_command(mg.Mesh, mesh, _paint(line.color, line.opacity), _path("Paths", line.name))
+
+
+def _marker_commands(marker: Marker) -> Iterator[Command]:
+    path = _path("Markers", marker.name)
+    yield _object_command(mg.Mesh, mg.Sphere(marker.radius), _paint(marker.color, 1.0), path)
+    yield SetTransform(_translation(marker.position), path).lower()
+
+
+def _object_command(
+    kind: type[mg.Object], shape: mg.Geometry, material: mg.Material, path: ScenePath
+) -> Command:
+    thing = kind(shape, material)
+    # meshcat numbers its elements from the clock and the network card: name them after their place, so that
+    # a page depends on its scene alone.
+    for role, element in (("object", thing), ("geometry", shape), ("material", material)):
+        element.uuid = f"{path.lower()}:{role}"
+    return SetObject(thing, path=path).lower()
+
+
+def _paint(color: str, opacity: float) -> mg.Material:
+    if opacity == 1.0:
+        return mg.MeshPhongMaterial(color=int(color[1:], 16), shininess=18)
+    # A ghost shows its front faces only, or its own back would muddy it; and it is drawn a hair further away
+    # than it is, so that where it coincides with a solid the solid is seen.
+    behind = {"polygonOffset": True, "polygonOffsetFactor": 2.0, "polygonOffsetUnits": 4.0}
+    return mg.MeshPhongMaterial(color=int(color[1:], 16), opacity=opacity, side=0, shininess=0, **behind)
+
+
+def _animation_command(scene: Scene) -> Command:
+    times = frame_times(scene)
+    frames = ((times - times[0]) * scene.fps).tolist()
+    animation = Animation(default_framerate=scene.fps)
+    for node in scene.nodes:
+        if node.poses is not None:
+            position = [_floats(js_position(pose)) for pose in node.poses]
+            quaternion = [_floats(js_quaternion(pose)) for pose in node.poses]
+            tracks = {
+                "position": AnimationTrack("position", "vector3", frames, position),
+                "quaternion": AnimationTrack("quaternion", "quaternion", frames, quaternion),
+            }
+            animation.clips[_path("Nodes", node.name)] = AnimationClip(tracks, fps=scene.fps)
+    return SetAnimation(animation, play=True, repetitions=float("inf")).lower()
+
+
+def _page_facts(scene: Scene, camera: Camera) -> dict[str, object]:
+    times = frame_times(scene)
+    labels = [[*marker.position.tolist(), marker.label] for marker in scene.markers if marker.label]
+    return {
+        "eye": camera.position.tolist(),
+        "target": camera.target.tolist(),
+        "viewDeg": list(camera.view_deg),
+        "labels": labels,
+        "floor": None if scene.floor_z is None else _floor_spot(scene),
+        "start": float(times[0]) if len(times) else 0.0,
+    }
+
+
+def _points_and_shadows(scene: Scene) -> np.ndarray:
+    points = scene_points(scene)
+    if scene.floor_z is None:
+        return points
+    return np.concatenate([points, points * [1.0, 1.0, 0.0] + [0.0, 0.0, scene.floor_z]])
+
+
+def _floor_spot(scene: Scene) -> list[float]:
+    points = scene_points(scene)
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y = (low[:2] + high[:2]) / 2.0
+    return [float(x), float(y), float(scene.floor_z), float(np.linalg.norm(high - low))]
+
+
+def _legend_html(scene: Scene) -> str:
+    if not scene.legend:
+        return ""
+    heading = f"<h2>{html.escape(scene.legend_title)}</h2>" if scene.legend_title else ""
+    return f"{heading}<table>{''.join(_legend_row_html(row) for row in scene.legend)}</table>"
+
+
+def _legend_row_html(row: LegendRow) -> str:
+    swatch = ""
+    if row.color is not None:
+        swatch = f'<i style="background:{row.color};opacity:{row.opacity}"></i>'
+    return f"<tr><td>{swatch}</td><td>{html.escape(row.text)}</td><td>{html.escape(row.value)}</td></tr>"
+
+
+def _licences(viewer: Traversable) -> str:
+    names = ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
+    files = [viewer.joinpath(*name.split("/")) for name in names]
+    return "\n\n".join(["meshcat viewer", *(file.read_text("utf-8") for file in files if file.is_file())])
+
+
+def _script_safe(text: str) -> str:
+    # Inside a script element, "</script" ends it wherever it stands; the escaped slash means the same to
+    # JavaScript and JSON strings.
+    return text.replace("</script", "<\\/script")
+
+
+def _path(group: str, name: str) -> ScenePath:
+    return ScenePath((group, *(part for part in name.split("/") if part)))
+
+
+def _translation(position: np.ndarray) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = position
+    return pose
+
+
+def _floats(values: list[float]) -> list[float]:
+    return [float(value) for value in values]
+
+
+def _shade(color: str, factor: float) -> int:
+    red, green, blue = (int(int(color[i : i + 2], 16) * factor) for i in (1, 3, 5))
+    return (red << 16) + (green << 8) + blue
+
+
+_Y_TO_Z = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
