@@ -84,7 +84,8 @@ def check_compliance(compliance: Array) -> tuple[Flag, ...]:
     skew = np.abs(compliance - compliance.T) / np.maximum(scale, np.abs(compliance) + 1e-300)
     if skew.max() > SYMMETRY:
         i, j = np.unravel_index(np.argmax(skew), (6, 6))
-        raise LawError(f"compliance is not symmetric: C[{i}][{j}] = {compliance[i, j]:g}, C[{j}][{i}] = {compliance[j, i]:g}")
+        pair = f"C[{i}][{j}] = {compliance[i, j]:g}, C[{j}][{i}] = {compliance[j, i]:g}"
+        raise LawError(f"compliance is not symmetric: {pair}")
     _check_definite(compliance)
     return softness(compliance)
 
@@ -124,5 +125,3 @@ def read_linear(table: Declaration, joint: str) -> LinearLaw:
     except LawError as error:
         raise table.fail("compliance", str(error)) from None
     return LinearLaw(compliance, table.number("relative_std", 0.0))
-
-

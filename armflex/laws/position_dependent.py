@@ -59,9 +59,7 @@ def read_position_dependent(table: Declaration, joint: str) -> PositionDependent
     coefficients = np.zeros((4, 6, 6))
     for key in given or ["compliance"]:
         coefficients[COEFFICIENTS.index(key)] = declared_matrix(table, key)
-    return PositionDependentLaw(
-        table.text("depends_on", joint), coefficients, table.number("relative_std", 0.0)
-    )
+    return PositionDependentLaw(table.text("depends_on", joint), coefficients, table.number("relative_std", 0.0))
 
 
 def check_range(law: PositionDependentLaw, lower: float, upper: float) -> None:

@@ -18,7 +18,6 @@ JOINT_TYPES = (*MOVING, *UNSUPPORTED, "fixed")
 SHAPE_SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1)}
 
 
-
 @dataclass(frozen=True)
 class Inertial:
     """Mass [kg], pose of the inertia frame in the link frame, inertia (3, 3) about the CoM [kg m^2]."""

@@ -37,10 +37,11 @@ def check_masses(urdf: Urdf, strict: bool, allow_massless: bool) -> tuple[Flag, 
 
 
 def _check_inertial(urdf: Urdf, link: Link, inertial: Inertial, strict: bool, allow_massless: bool) -> list[Flag]:
-    if inertial.mass == 0.0 and allow_massless:
-        return []
-    if inertial.mass <= 0.0:
+    moves = any(joint.child == link.name and joint.kind in MOVING for joint in urdf.joints.values())
+    if inertial.mass < 0.0 or (inertial.mass == 0.0 and moves and not allow_massless):
         raise UrdfError(inertial.place, f"link {link.name!r}: mass is {inertial.mass:g} kg, expected more than 0")
+    if inertial.mass == 0.0:  # a frame written as a link: real files fix them to others
+        return []
     size = _size(urdf, link, inertial)
     return [
         *_check_inertia(link, inertial, strict),
@@ -136,5 +137,3 @@ def _check_median(urdf: Urdf) -> list[Flag]:
         for name, mass in masses.items()
         if mass and not median / MASS_RATIO < mass < median * MASS_RATIO
     ]
-
-

@@ -123,5 +123,3 @@ def _lock(urdf: Urdf, chain: tuple[Joint, ...], locked: Mapping[str, float]) -> 
         if name not in side:
             raise UnknownNameError("joint off the chain", name, side)
     return {name: float(locked.get(name, np.clip(0.0, side[name].lower, side[name].upper))) for name in side}
-
-

@@ -238,9 +238,7 @@ def _marker_commands(marker: Marker) -> Iterator[Command]:
     yield SetTransform(_translation(marker.position), path).lower()
 
 
-def _object_command(
-    kind: type[mg.Object], shape: mg.Geometry, material: mg.Material, path: ScenePath
-) -> Command:
+def _object_command(kind: type[mg.Object], shape: mg.Geometry, material: mg.Material, path: ScenePath) -> Command:
     thing = kind(shape, material)
     # meshcat numbers its elements from the clock and the network card: name them after their place, so that
     # a page depends on its scene alone.

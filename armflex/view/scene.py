@@ -248,9 +248,7 @@ def _three_quarter_azimuth(points: np.ndarray) -> float:
 
 def _view_axes(azimuth: float, elevation: float) -> np.ndarray:
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    back = np.array(
-        [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
-    )
+    back = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     return np.array([right, np.cross(back, right), back])
 
 

@@ -1,0 +1,279 @@
+"""An arm: a robot, the laws of its flexures, and the payloads it knows; the question is `arm.deflection(q)`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from armflex.conventions import LARGEST_POSITION, Array, real_array
+from armflex.deflection import Deflection, DeflectionBatch, Names, stack_rows
+from armflex.equilibrium import LawStack, find_equilibrium
+from armflex.errors import (
+    ArmflexWarning,
+    Flag,
+    JointLimitError,
+    NotFiniteError,
+    PayloadError,
+    ShapeError,
+    UnknownNameError,
+)
+from armflex.laws import Law, Row
+from armflex.loads import NO_PAYLOAD, Payload, Wrench
+from armflex.mechanics import LoadCase, Mechanics
+from armflex.prior import Measurement, Prior
+from armflex.robot import Robot, Site, build_model
+
+FORCE_BAND = 10.0
+"""External forces beyond this many times the arm's weight are flagged: kN or kgf given as N?"""
+
+SAG_BAND = 0.1
+"""Displacements beyond this fraction of the reach are flagged."""
+
+
+@dataclass(frozen=True)
+class Flexure:
+    """A place where the arm gives: outboard of `joint`'s motion, or at the base when `joint` is None."""
+
+    name: str
+    joint: str | None
+    law: Law
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A manipulator with joint compliance. Immutable: safe to share between threads.
+
+    Attributes:
+        robot: The validated robot.
+        flexures: Where it gives and how, in order.
+        payloads: What it may carry, by name; "none" always exists.
+        payload_rating: Heaviest rated payload [kg], None when not stated.
+        measurement: Frame in which campaigns of this arm are measured.
+        prior: What calibration may move, one standard deviation each.
+        flags: Doubts about the arm as declared.
+    """
+
+    robot: Robot
+    flexures: tuple[Flexure, ...] = ()
+    payloads: Mapping[str, Payload] = field(default_factory=dict)
+    payload_rating: float | None = None
+    measurement: Measurement = field(default_factory=Measurement)
+    prior: Prior = field(default_factory=Prior)
+    flags: tuple[Flag, ...] = ()
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the moving joints: the order of q."""
+        return self.robot.joint_names
+
+    @cached_property
+    def flexure_names(self) -> tuple[str, ...]:
+        """Names of the flexures: the order of wrenches and twists."""
+        return tuple(flexure.name for flexure in self.flexures)
+
+    @cached_property
+    def names(self) -> Names:
+        """Everything a result needs to say what it is about."""
+        return Names(self.joint_names, self.flexure_names, self.robot.base, self.robot.tip)
+
+    @cached_property
+    def stack(self) -> LawStack:
+        """All laws as one map."""
+        return LawStack(self.flexure_names, tuple(flexure.law for flexure in self.flexures))
+
+    @cached_property
+    def weight(self) -> float:
+        """Weight of everything that moves [N]."""
+        model = self._mechanics_of(NO_PAYLOAD).rigid.model
+        return float(pin.computeTotalMass(model) * np.linalg.norm(self.robot.gravity))
+
+    def payload(self, payload: str | Payload | None) -> Payload:
+        """Return a payload by name; None and "none" mean nothing carried.
+
+        Raises:
+            UnknownNameError: No payload of that name.
+        """
+        if isinstance(payload, Payload):
+            return payload
+        if payload is None or (payload == "none" and payload not in self.payloads):
+            return NO_PAYLOAD
+        if payload not in self.payloads:
+            raise UnknownNameError("payload", payload, (*self.payloads, "none"))
+        return self.payloads[payload]
+
+    def position(self, **joints: float) -> Array:
+        """Return q (nq,) with the named joints set and the others at zero."""
+        q = np.zeros(len(self.joint_names))
+        for name, value in joints.items():
+            if name not in self.joint_names:
+                raise UnknownNameError("joint", name, self.joint_names)
+            q[self.joint_names.index(name)] = value
+        return q
+
+    def rigid_pose(self, q: ArrayLike, enforce_limits: bool = True) -> pin.SE3:
+        """Return the tip pose of the rigid arm at q (nq,) in the base frame."""
+        checked, _ = self.check_position(q, enforce_limits)
+        return self._mechanics_of(NO_PAYLOAD).rigid_tip_pose(checked)
+
+    def deflection(
+        self,
+        q: ArrayLike,
+        payload: str | Payload | Sequence[str] | None = None,
+        *,
+        v: ArrayLike | None = None,
+        a: ArrayLike | None = None,
+        wrenches: Sequence[Wrench] = (),
+        method: str = "newton",
+        enforce_limits: bool = True,
+        allow_large: bool = False,
+    ) -> Deflection | DeflectionBatch:
+        """Return what the loaded arm does at joint positions q.
+
+        Args:
+            q: (nq,) or (N, nq) joint positions in the order of `joint_names` [rad or m].
+            payload: Name or object; for a batch also one name per row.
+            v: Joint velocities like q, if inertial loads count [rad/s or m/s].
+            a: Joint accelerations like q [rad/s^2 or m/s^2].
+            wrenches: Loads from outside at named links.
+            method: "newton", "fixed_point" or "first_order"; see `find_equilibrium`.
+            enforce_limits: Refuse positions outside the joint limits instead of flagging them.
+            allow_large: Flag rather than refuse flexures turning by more than 0.1 rad.
+
+        Raises:
+            ShapeError, ArrayTypeError, NotFiniteError, JointLimitError: q, v or a cannot be used.
+            UnknownNameError: No such payload or link.
+            ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: See `find_equilibrium`.
+        """
+        options = {"method": method, "enforce_limits": enforce_limits, "allow_large": allow_large}
+        positions = real_array(q, "q")
+        if positions.ndim == 2:
+            return self._batch(positions, payload, v, a, tuple(wrenches), options)
+        motion = [None if values is None else self._checked(values, name) for values, name in ((v, "v"), (a, "a"))]
+        return self._single(positions, payload, motion, tuple(wrenches), options)
+
+    def _batch(
+        self, q: Array, payload: object, v: object, a: object, wrenches: tuple, options: dict
+    ) -> DeflectionBatch:
+        count = len(q)
+        payloads = [payload] * count if payload is None or isinstance(payload, (str, Payload)) else list(payload)
+        if len(payloads) != count:
+            raise ShapeError(f"payload: expected one name or {count}, got {len(payloads)}")
+        motions = [[None] * count if x is None else self._rows(x, name, count) for x, name in ((v, "v"), (a, "a"))]
+        rows = [
+            self._single(q[i], payloads[i], [motions[0][i], motions[1][i]], wrenches, options) for i in range(count)
+        ]
+        return stack_rows(q, rows, self.names)
+
+    def _single(self, q: Array, payload: object, motion: list, wrenches: tuple, options: dict) -> Deflection:
+        checked, flags = self.check_position(q, options["enforce_limits"])
+        body = self.payload(payload)
+        flags = (*flags, *self._check_payload(body), *self._check_wrenches(wrenches))
+        mechanics = self._mechanics_of(body)
+        case = LoadCase(checked, motion[0], motion[1], wrenches)
+        row = Row(checked, self._joint_index)
+        found = find_equilibrium(
+            mechanics, self.stack, case, row, options["method"], allow_large=options["allow_large"]
+        )
+        pose, rigid = mechanics.tip_pose(found.configuration), mechanics.rigid_tip_pose(checked)
+        displacement = displacement_between(rigid, pose)
+        flags = (*flags, *self._check_sag(displacement))
+        return Deflection(
+            checked, pose, rigid, displacement, self.names, flags, mechanics, self.stack, case, row, found
+        )
+
+    def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
+        """Return q as (nq,) floats with the doubts about it.
+
+        Raises:
+            ShapeError, ArrayTypeError, NotFiniteError: q is no finite (nq,) of sensible size.
+            JointLimitError: q is outside the limits and `enforce_limits` holds.
+        """
+        checked = self._checked(q, "q")
+        outside = (checked < self.robot.lower - 1e-9) | (checked > self.robot.upper + 1e-9)
+        if not outside.any():
+            return checked, ()
+        joint = self.robot.moving[int(outside.argmax())]
+        value = checked[int(outside.argmax())]
+        text = f"joint {joint.name!r} at {value:.6g} is outside its limits [{joint.lower:.6g}, {joint.upper:.6g}]"
+        if enforce_limits:
+            raise JointLimitError(text)
+        return checked, (Flag("outside_limits", text),)
+
+    def _checked(self, values: ArrayLike, name: str) -> Array:
+        array = real_array(values, name)
+        expected = (len(self.joint_names),)
+        if array.shape != expected:
+            order = ", ".join(self.joint_names)
+            raise ShapeError(f"{name}: expected shape {expected} in the order {order}, got {array.shape}")
+        bad = ~(np.abs(array) <= LARGEST_POSITION)
+        if bad.any():
+            joint = self.joint_names[int(bad.argmax())]
+            raise NotFiniteError(f"{name} of joint {joint!r} is {array[int(bad.argmax())]:g}, not a usable number")
+        return array
+
+    def _rows(self, values: object, name: str, count: int) -> list[Array]:
+        array = real_array(values, name)
+        if array.ndim != 2 or len(array) != count:
+            raise ShapeError(f"{name}: expected shape ({count}, {len(self.joint_names)}), got {array.shape}")
+        return [self._checked(row, name) for row in array]
+
+    def _check_payload(self, payload: Payload) -> tuple[Flag, ...]:
+        distance = float(np.linalg.norm(payload.com))
+        if payload.mass and distance > max(self.robot.reach, 1.0):
+            raise PayloadError(f"payload CoM is {distance:g} m from the tip, more than the arm's reach: millimetres?")
+        if self.payload_rating is not None and payload.mass > self.payload_rating:
+            text = f"payload of {payload.mass:g} kg exceeds the rated {self.payload_rating:g} kg"
+            return (Flag("beyond_rating", text),)
+        return ()
+
+    def _check_wrenches(self, wrenches: tuple[Wrench, ...]) -> tuple[Flag, ...]:
+        flags = []
+        for wrench in wrenches:
+            if wrench.frame not in self.robot.urdf.links or not self._mechanics_of(NO_PAYLOAD).flex.has(wrench.frame):
+                raise UnknownNameError("link", wrench.frame, self._mechanics_of(NO_PAYLOAD).flex.links)
+            size = float(np.linalg.norm(wrench.force))
+            if size > FORCE_BAND * self.weight:
+                text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
+                flags.append(Flag("large_force", text))
+        return tuple(flags)
+
+    def _check_sag(self, displacement: Array) -> tuple[Flag, ...]:
+        sag = float(np.linalg.norm(displacement[:3]))
+        if sag <= SAG_BAND * self.robot.reach:
+            return ()
+        return (Flag("large_sag", f"the tip moves {sag:.3g} m, over {SAG_BAND:.0%} of the reach"),)
+
+    @cached_property
+    def _joint_index(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.joint_names)}
+
+    @cached_property
+    def _mechanics(self) -> dict[tuple, Mechanics]:
+        return {}
+
+    def _mechanics_of(self, payload: Payload) -> Mechanics:
+        key = (payload.mass, tuple(payload.com), None if payload.inertia is None else tuple(payload.inertia))
+        if key not in self._mechanics:
+            if len(self._mechanics) >= 64:  # payload objects made in a loop must not fill the memory
+                self._mechanics.clear()
+            sites = [Site(flexure.name, flexure.joint) for flexure in self.flexures]
+            body = payload.body if payload.mass else None
+            self._mechanics[key] = Mechanics(build_model(self.robot, (), body), build_model(self.robot, sites, body))
+        return self._mechanics[key]
+
+
+def displacement_between(rigid: pin.SE3, flexed: pin.SE3) -> Array:
+    """Return (6,) shift of the origin [m] and rotation vector of R_flexed R_rigid^T [rad], base axes."""
+    return np.concatenate([flexed.translation - rigid.translation, pin.log3(flexed.rotation @ rigid.rotation.T)])
+
+
+def warn(flags: Sequence[Flag]) -> None:
+    """Raise each doubt as a Python warning, once, for those who do not look at `flags`."""
+    for flag in flags:
+        warnings.warn(str(flag), ArmflexWarning, stacklevel=3)

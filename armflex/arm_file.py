@@ -1,0 +1,142 @@
+"""arm.toml: an arm as declared, read whole or refused with file, line and the nearest valid name."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from armflex.arm import Arm, Flexure, warn
+from armflex.conventions import STANDARD_GRAVITY
+from armflex.declaration import Declaration, read_toml
+from armflex.errors import Flag, LawError, PayloadError, UnknownNameError, UnsupportedError, did_you_mean, listing
+from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, read_law
+from armflex.laws.linear import softness
+from armflex.laws.position_dependent import check_range
+from armflex.loads import Payload
+from armflex.prior import Measurement, Prior
+from armflex.robot import Robot, load_robot
+
+
+def load_arm(path: str | Path, *, strict: bool = True) -> Arm:
+    """Read an arm.toml and the URDF it names.
+
+    Args:
+        path: The arm.toml; a URDF is taken as an arm without flexures.
+        strict: Refuse unknown URDF tags and impossible inertias instead of flagging them.
+
+    Raises:
+        ArmFileError: The file is not valid TOML, misses a key, has an unknown one, or its numbers are not physical.
+        UrdfError: The URDF is no robot that can be computed with.
+    """
+    path = Path(path)
+    is_urdf = path.suffix == ".urdf"
+    arm = _bare(load_robot(path, strict=strict)) if is_urdf else _read(read_toml(path), strict)
+    warn(arm.flags)
+    return arm
+
+
+def _bare(robot: Robot) -> Arm:
+    return Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so nothing gives: the arm is rigid")))
+
+
+def _read(root: Declaration, strict: bool) -> Arm:
+    robot, rating, flags = _read_robot(root.sub("robot"), strict)
+    payloads = {name: _read_payload(table) for name, table in root.subs("payload").items()}
+    flexures = tuple(_read_flexure(name, table, robot) for name, table in root.subs("flexure").items())
+    measurement = _read_measurement(root.sub("measurement")) if root.has("measurement") else Measurement()
+    prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
+    if root.array_of("effect"):
+        raise UnsupportedError(f"{root.array_of('effect')[0].place()}: [[effect]] is not supported by this version")
+    root.finish()
+    soft = [flag for flexure in flexures for flag in _soft(flexure)]
+    return Arm(robot, flexures, payloads, rating, measurement, prior, (*robot.flags, *flags, *soft))
+
+
+def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:
+    urdf = table.path.parent / table.text("urdf")
+    tip, base = table.text("tip"), table.text("base", "-")
+    flags: tuple[Flag, ...] = ()
+    if table.has("gravity"):
+        gravity = table.numbers("gravity", (3,))
+    else:
+        gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY])
+        flags = (Flag("gravity", f"{table.place()}: no gravity given, taken as {gravity.tolist()} m/s^2"),)
+    rating = table.number("payload_rating") if table.has("payload_rating") else None
+    locked_table = table.sub("locked") if table.has("locked") else None
+    locked = {name: locked_table.number(name) for name in locked_table.table} if locked_table else {}
+    massless = table.flag("allow_massless")
+    table.finish()
+    try:
+        robot = load_robot(
+            urdf, tip, None if base == "-" else base, gravity, strict=strict, allow_massless=massless, locked=locked
+        )
+    except UnknownNameError as error:
+        raise table.fail(_key_of(error, tip, base), str(error)) from None
+    return robot, rating, flags
+
+
+def _key_of(error: UnknownNameError, tip: str, base: str) -> str:
+    return {tip: "tip", base: "base"}.get(error.name, "locked")
+
+
+def _read_payload(table: Declaration) -> Payload:
+    mass, com = table.number("mass"), table.numbers("com", (3,))
+    inertia = table.numbers("inertia", (6,)) if table.has("inertia") else None
+    table.finish()
+    try:
+        return Payload(mass, com, inertia)
+    except PayloadError as error:
+        raise table.fail("mass" if "mass" in str(error) else "inertia", str(error)) from None
+
+
+def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
+    joint = table.text("joint")
+    chain = [joint.name for joint in robot.chain]
+    if joint not in chain:
+        hint = did_you_mean(joint, chain)
+        raise table.fail("joint", f"no joint {joint!r} between base and tip{hint} (known: {listing(chain)})")
+    law = read_law(table, joint)
+    _check_position_law(table, law, robot)
+    if table.flag("learn"):
+        raise UnsupportedError(f"{table.place('learn')}: learn = true is not supported by this version")
+    table.finish()
+    return Flexure(name, joint, law)
+
+
+def _check_position_law(table: Declaration, law: Law, robot: Robot) -> None:
+    inner = law.law if isinstance(law, AtNode) else law
+    if not isinstance(inner, PositionDependentLaw):
+        return
+    if inner.joint not in robot.joint_names:
+        hint = did_you_mean(inner.joint, robot.joint_names)
+        raise table.fail("depends_on", f"{inner.joint!r} is no moving joint of the chain{hint}")
+    joint = robot.moving[robot.joint_names.index(inner.joint)]
+    try:
+        check_range(inner, max(joint.lower, -2.0 * np.pi), min(joint.upper, 2.0 * np.pi))
+    except LawError as error:
+        raise table.fail("compliance", str(error)) from None
+
+
+def _soft(flexure: Flexure) -> list[Flag]:
+    law = flexure.law.law if isinstance(flexure.law, AtNode) else flexure.law
+    if not isinstance(law, LinearLaw):
+        return []
+    return [Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}") for flag in softness(law.compliance)]
+
+
+def _read_measurement(table: Declaration) -> Measurement:
+    frame = table.choice("frame", ("base", "unknown"), "unknown")
+    gravity_in = table.choice("gravity_in", ("base", "measurement"), "base")
+    table.finish()
+    return Measurement(frame, gravity_in)
+
+
+def _read_prior(table: Declaration) -> Prior:
+    values = {field.name: table.number(field.name, 0.0) for field in fields(Prior)}
+    table.finish()
+    for name, value in values.items():
+        if value < 0.0:
+            raise table.fail(name, f"a standard deviation cannot be negative, got {value:g}")
+    return Prior(**values)

@@ -1,0 +1,181 @@
+"""What a loaded arm does: one configuration, or many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+from armflex.equilibrium import Equilibrium, LawStack, tangent_of
+from armflex.errors import Flag
+from armflex.laws import Row
+from armflex.mechanics import LoadCase, Mechanics
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the rows and columns of a result stand for, and the frames it is meant in."""
+
+    joints: tuple[str, ...]
+    flexures: tuple[str, ...]
+    base: str
+    tip: str
+
+
+@dataclass(frozen=True)
+class Deflection:
+    """The arm at one configuration under one load.
+
+    Attributes:
+        q: (nq,) joint positions [rad or m].
+        pose: Tip pose of the flexed arm in the base frame.
+        rigid_pose: Tip pose of the rigid arm.
+        displacement: (6,) flexed minus rigid: shift of the tip origin [m] and rotation vector [rad], base axes.
+        names: Joints, flexures, base and tip.
+        flags: Doubts about this result.
+    """
+
+    q: Array
+    pose: pin.SE3
+    rigid_pose: pin.SE3
+    displacement: Array
+    names: Names
+    flags: tuple[Flag, ...]
+    _mechanics: Mechanics
+    _stack: LawStack
+    _case: LoadCase
+    _row: Row
+    _equilibrium: Equilibrium
+
+    @property
+    def wrenches(self) -> Array:
+        """(n_flexures, 6) loads on the flexures, local axes [N, Nm]."""
+        return self._equilibrium.wrenches.reshape(-1, 6)
+
+    @property
+    def twists(self) -> Array:
+        """(n_flexures, 6) local deflections [m, rad]."""
+        return self._equilibrium.twists.reshape(-1, 6)
+
+    @property
+    def method(self) -> str:
+        """How the equilibrium was found."""
+        return self._equilibrium.method
+
+    @property
+    def residuals(self) -> tuple[float, ...]:
+        """Largest residual of the equilibrium before each step [m or rad]; empty for first order."""
+        return self._equilibrium.history
+
+    @cached_property
+    def joint_loads(self) -> Array:
+        """(nq, 6) wrench on the structure at every joint, in the joint's child frame [N, Nm]."""
+        return self._mechanics.joint_loads(self._equilibrium.configuration, self._case)
+
+    @cached_property
+    def tangent(self) -> Array:
+        """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution."""
+        return tangent_of(self._mechanics, self._stack, self._case, self._row, self._equilibrium)
+
+    @cached_property
+    def flexure_jacobian(self) -> Array:
+        """(6, 6 n) change of the tip (origin, rotation; base axes) per change of the flexures' twists."""
+        places = self._mechanics.flex.flexure_v
+        body = self._mechanics.tip_jacobian(self._equilibrium.configuration)[:, places]
+        return body @ self._mechanics.exponential_jacobian(self._equilibrium.straight, self._equilibrium.twists)
+
+    @cached_property
+    def joint_jacobian(self) -> Array:
+        """(6, nq) change of the tip (origin, rotation; base axes) per joint, flexures held as they are."""
+        jacobian = self._mechanics.tip_jacobian(self._equilibrium.configuration)
+        return jacobian[:, self._mechanics.flex.v_index]
+
+    @cached_property
+    def contributions(self) -> Array:
+        """(n_flexures, 6) of the displacement due to each flexure, first order; see `remainder`."""
+        columns = self.flexure_jacobian.reshape(6, -1, 6)
+        return np.einsum("ink,nk->ni", columns, self.twists)
+
+    @property
+    def remainder(self) -> Array:
+        """(6,) displacement minus the sum of `contributions`: what first order leaves out [m, rad]."""
+        return self.displacement - self.contributions.sum(axis=0)
+
+    @cached_property
+    def compliance(self) -> Array:
+        """(6, 6) displacement of the tip per wrench at the tip origin, base axes, about the solution [m/N, ...]."""
+        tip = self._mechanics.tip_jacobian(self._equilibrium.configuration)[:, self._mechanics.flex.flexure_v]
+        given = self._stack.tangent(self._equilibrium.wrenches, self._row) @ tip.T
+        return self.flexure_jacobian @ np.linalg.solve(self.tangent, given)
+
+    @cached_property
+    def covariance(self) -> Array | None:
+        """(6, 6) covariance of the displacement, None where no law carries an uncertainty."""
+        laws = self._stack.covariance(self._equilibrium.wrenches, self._row)
+        if laws is None:
+            return None
+        gain = np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T
+        return gain @ laws @ gain.T
+
+
+@dataclass(frozen=True)
+class DeflectionBatch:
+    """The arm at N configurations; the arrays of `Deflection` with a leading N.
+
+    Attributes:
+        q: (N, nq) joint positions.
+        pose, rigid_pose: (N, 4, 4) tip poses in the base frame.
+        displacement: (N, 6) flexed minus rigid, base axes [m, rad].
+        wrenches, twists: (N, n_flexures, 6) local loads and deflections.
+        contributions: (N, n_flexures, 6) first-order share of each flexure in the displacement.
+        covariance: (N, 6, 6), or None where no law carries an uncertainty.
+        names: Joints, flexures, base and tip.
+        flags: Doubts, each with the first row it concerns.
+    """
+
+    q: Array
+    pose: Array
+    rigid_pose: Array
+    displacement: Array
+    wrenches: Array
+    twists: Array
+    contributions: Array
+    covariance: Array | None
+    names: Names
+    flags: tuple[Flag, ...]
+
+
+def stack_rows(q: Array, rows: list[Deflection], names: Names) -> DeflectionBatch:
+    """Return many single results as one batch."""
+    covariances = [row.covariance for row in rows]
+    uncertain = any(covariance is not None for covariance in covariances)
+    n = len(names.flexures)
+    return DeflectionBatch(
+        q=q,
+        pose=_stack([row.pose.homogeneous for row in rows], (4, 4)),
+        rigid_pose=_stack([row.rigid_pose.homogeneous for row in rows], (4, 4)),
+        displacement=_stack([row.displacement for row in rows], (6,)),
+        wrenches=_stack([row.wrenches for row in rows], (n, 6)),
+        twists=_stack([row.twists for row in rows], (n, 6)),
+        contributions=_stack([row.contributions for row in rows], (n, 6)),
+        covariance=_stack([c if c is not None else np.zeros((6, 6)) for c in covariances], (6, 6))
+        if uncertain
+        else None,
+        names=names,
+        flags=_first_flags(rows),
+    )
+
+
+def _stack(arrays: list[Array], shape: tuple[int, ...]) -> Array:
+    return np.array(arrays).reshape(len(arrays), *shape)
+
+
+def _first_flags(rows: list[Deflection]) -> tuple[Flag, ...]:
+    found: dict[str, Flag] = {}
+    for number, row in enumerate(rows):
+        for flag in row.flags:
+            found.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
+    return tuple(found.values())

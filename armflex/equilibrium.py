@@ -1,0 +1,251 @@
+"""Where the loaded arm comes to rest: `twist = law(wrench(twist))`, and whether it stays there.
+
+The heart of the package, hence our own: Newton on the flexures' exponential coordinates with Pinocchio's geometric
+stiffness, a fixed point and a first-order answer where speed matters more. A fixed point cannot tell a stable
+equilibrium from a buckled one, the tangent `I + C dτ/dtwist` can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import ConvergenceError, InputError, SmallDisplacementError, UnstableEquilibriumError, did_you_mean
+from armflex.laws import Law, LinearLaw, Row, StructuralLaw
+from armflex.mechanics import LoadCase, Mechanics
+
+METHODS = ("newton", "fixed_point", "first_order")
+MAX_NEWTON = 50
+MAX_FIXED_POINT = 200
+MAX_ROTATION = 0.1
+"""A flexure that turns further [rad] is outside what a compliance describes."""
+
+
+@dataclass(frozen=True)
+class LawStack:
+    """The laws of all flexures as one map from (6 n,) wrenches to (6 n,) twists.
+
+    Constant linear laws are one block-diagonal matrix, so that asking costs one product.
+    """
+
+    names: tuple[str, ...]
+    laws: tuple[Law, ...]
+
+    @cached_property
+    def constant(self) -> Array:
+        """(6 n, 6 n) block-diagonal compliance of the constant laws, zero elsewhere."""
+        total = np.zeros((6 * len(self.laws),) * 2)
+        for i, law in enumerate(self.laws):
+            compliance = _constant_compliance(law)
+            if compliance is not None:
+                total[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = compliance
+        return total
+
+    @cached_property
+    def others(self) -> tuple[tuple[slice, Law], ...]:
+        """Places and laws that must be asked one by one."""
+        return tuple(
+            (slice(6 * i, 6 * i + 6), law) for i, law in enumerate(self.laws) if _constant_compliance(law) is None
+        )
+
+    def twists(self, wrenches: Array, row: Row) -> Array:
+        """Return the (6 n,) twists."""
+        twists = self.constant @ wrenches
+        for place, law in self.others:
+            twists[place] = law.twist(wrenches[place], row)
+        return twists
+
+    def tangent(self, wrenches: Array, row: Row) -> Array:
+        """Return the (6 n, 6 n) block-diagonal derivative of the twists."""
+        if not self.others:
+            return self.constant
+        total = self.constant.copy()
+        for place, law in self.others:
+            total[place, place] = law.tangent(wrenches[place], row)
+        return total
+
+    def covariance(self, wrenches: Array, row: Row) -> Array | None:
+        """Return the (6 n, 6 n) covariance of the twists at given loads, None when no law carries one."""
+        parts = [law.covariance(wrenches[6 * i : 6 * i + 6], row) for i, law in enumerate(self.laws)]
+        if all(part is None for part in parts):
+            return None
+        total = np.zeros((len(wrenches),) * 2)
+        for i, part in enumerate(parts):
+            if part is not None:
+                total[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = part
+        return total
+
+
+def _constant_compliance(law: Law) -> Array | None:
+    if isinstance(law, LinearLaw):
+        return law.compliance
+    return law.linear_compliance if isinstance(law, StructuralLaw) else None
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A solved arm.
+
+    Attributes:
+        twists: (6 n,) exponential coordinates of the flexures [m, rad].
+        wrenches: (6 n,) loads on the flexures in their local axes [N, Nm].
+        straight: Configuration with flexures at zero.
+        configuration: Configuration at the solution.
+        method: How it was found.
+        history: Largest residual before each step [m or rad].
+    """
+
+    twists: Array
+    wrenches: Array
+    straight: Array
+    configuration: Array
+    method: str
+    history: tuple[float, ...]
+
+
+def find_equilibrium(
+    mechanics: Mechanics,
+    stack: LawStack,
+    case: LoadCase,
+    row: Row,
+    method: str = "newton",
+    tolerance: float = 1e-12,
+    allow_large: bool = False,
+) -> Equilibrium:
+    """Return where the arm comes to rest.
+
+    Args:
+        mechanics: Models of the arm with its payload.
+        stack: Laws of its flexures.
+        case: Joint positions, motion and external wrenches.
+        row: What the laws may know.
+        method: "newton" (exact, stability proven), "fixed_point" (exact where it converges, stability proven), or
+            "first_order" (loads of the undeflected arm).
+        tolerance: Largest residual of any flexure coordinate [m, rad].
+        allow_large: Go on where a flexure turns by more than `MAX_ROTATION`.
+
+    Raises:
+        ConvergenceError: No equilibrium was found.
+        UnstableEquilibriumError: One was found, but the arm would leave it.
+        SmallDisplacementError: A flexure turned by more than `MAX_ROTATION`.
+    """
+    if method not in METHODS:
+        raise InputError(f"method {method!r} is not known{did_you_mean(method, METHODS)} (known: {', '.join(METHODS)})")
+    problem = _Problem(mechanics, stack, case, row, mechanics.straight(case))
+    if method == "first_order":
+        solved = _first_order(problem)
+    else:
+        solved = (_newton if method == "newton" else _fixed_point)(problem, tolerance)
+        check_stable(tangent_of(mechanics, stack, case, row, solved))
+    if not allow_large:
+        check_small(solved.twists, stack.names)
+    return solved
+
+
+@dataclass(frozen=True)
+class _Problem:
+    mechanics: Mechanics
+    stack: LawStack
+    case: LoadCase
+    row: Row
+    straight: Array
+
+    def residual(self, twists: Array) -> tuple[Array, Array, Array]:
+        """Return twists - law(loads), the loads, and the configuration."""
+        configuration = self.mechanics.bent(self.straight, twists)
+        wrenches = self.mechanics.loads(configuration, self.case)
+        return twists - self.stack.twists(wrenches, self.row), wrenches, configuration
+
+    def tangent(self, twists: Array, wrenches: Array, configuration: Array) -> Array:
+        """Return the (6 n, 6 n) derivative of the residual with respect to the twists."""
+        places = self.mechanics.flex.flexure_v
+        geometric = self.mechanics.stiffness(configuration, self.case)[np.ix_(places, places)]
+        jacobian = self.mechanics.exponential_jacobian(self.straight, twists)
+        return np.eye(len(twists)) + self.stack.tangent(wrenches, self.row) @ geometric @ jacobian
+
+    def solved(self, twists: Array, wrenches: Array, method: str, history: Sequence[float]) -> Equilibrium:
+        configuration = self.mechanics.bent(self.straight, twists)
+        return Equilibrium(twists, wrenches, self.straight, configuration, method, tuple(history))
+
+
+def _first_order(problem: _Problem) -> Equilibrium:
+    wrenches = problem.mechanics.loads(problem.straight, problem.case)
+    twists = problem.stack.twists(wrenches, problem.row)
+    return problem.solved(twists, wrenches, "first_order", ())
+
+
+def _fixed_point(problem: _Problem, tolerance: float) -> Equilibrium:
+    twists = np.zeros(len(problem.mechanics.flex.flexure_v))
+    history: list[float] = []
+    for _ in range(MAX_FIXED_POINT):
+        residual, wrenches, _ = problem.residual(twists)
+        history.append(_largest(residual))
+        if history[-1] <= tolerance:
+            return problem.solved(twists, wrenches, "fixed_point", history)
+        if not history[-1] < 1e3:
+            break
+        twists = twists - residual
+    raise ConvergenceError("the fixed point did not converge; Newton may", history)
+
+
+def _newton(problem: _Problem, tolerance: float) -> Equilibrium:
+    twists = np.zeros(len(problem.mechanics.flex.flexure_v))
+    state = problem.residual(twists)
+    history = [_largest(state[0])]
+    for _ in range(MAX_NEWTON):
+        if history[-1] <= tolerance:
+            return problem.solved(twists, state[1], "newton", history)
+        step = np.linalg.solve(problem.tangent(twists, state[1], state[2]), state[0])
+        twists, state = _damped(problem, twists, step, history[-1])
+        history.append(_largest(state[0]))
+    raise ConvergenceError("the equilibrium did not converge", history)
+
+
+def _damped(problem: _Problem, twists: Array, step: Array, before: float) -> tuple[Array, tuple[Array, Array, Array]]:
+    """Return the next twists and their residual: the step, halved until the residual shrinks or is given up."""
+    # exp6 wraps around at a turn of pi; a step must not get there.
+    factor = min(1.0, 1.0 / max(1e-300, float(np.abs(step).max())))
+    for _ in range(8):
+        trial = twists - factor * step
+        state = problem.residual(trial)
+        if _largest(state[0]) < before or before < 1e-11:
+            break
+        factor *= 0.5
+    return trial, state
+
+
+def _largest(residual: Array) -> float:
+    largest = float(np.abs(residual).max()) if len(residual) else 0.0
+    return largest if np.isfinite(largest) else np.inf
+
+
+def tangent_of(mechanics: Mechanics, stack: LawStack, case: LoadCase, row: Row, equilibrium: Equilibrium) -> Array:
+    """Return the (6 n, 6 n) tangent `I + C dτ/dtwist` at an equilibrium."""
+    problem = _Problem(mechanics, stack, case, row, equilibrium.straight)
+    return problem.tangent(equilibrium.twists, equilibrium.wrenches, equilibrium.configuration)
+
+
+def check_small(twists: Array, names: tuple[str, ...]) -> None:
+    """Raise `SmallDisplacementError` where a flexure turned by more than `MAX_ROTATION`."""
+    turns = np.linalg.norm(twists.reshape(-1, 6)[:, 3:], axis=1)
+    if len(turns) and turns.max() > MAX_ROTATION:
+        name, most = names[int(turns.argmax())], float(turns.max())
+        text = f"flexure {name!r} turns by {most:.3g} rad, more than the {MAX_ROTATION} rad a compliance describes"
+        raise SmallDisplacementError(text, twists.reshape(-1, 6))
+
+
+def check_stable(tangent: Array) -> None:
+    """Raise `UnstableEquilibriumError` unless all eigenvalues of the tangent lie in the right half plane.
+
+    With K = C^-1 the tangent is similar to `I + C^1/2 G C^1/2`, so this is the energy's Hessian being positive.
+    """
+    stiffening = tangent - np.eye(len(tangent))
+    if np.linalg.norm(stiffening) < 1.0:  # bounds every eigenvalue's distance from 1
+        return
+    smallest = float(np.linalg.eigvals(tangent).real.min())
+    if smallest <= 0.0:
+        raise UnstableEquilibriumError("the arm would not stay where its loads balance: it buckles", smallest)

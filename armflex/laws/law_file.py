@@ -1,0 +1,140 @@
+"""A trained law in a file: safetensors for the arrays, strict JSON metadata for the rest. Nothing is unpickled.
+
+Needs no torch to load. Arrays are SI; the units of the data they came from are kept in the metadata.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from armflex.conventions import Array
+from armflex.errors import LawError, ModelFileError, Place, UnknownNameError, did_you_mean
+from armflex.laws.law import Law, embed
+from armflex.laws.linear import LinearFit, LinearLaw
+
+FORMAT = "armflex-law-1"
+MAX_BYTES = 256_000_000
+
+
+@dataclass(frozen=True)
+class TrainedLaw:
+    """A law and where it came from.
+
+    Attributes:
+        law: The law itself.
+        model: Its name, a key of `READERS`.
+        metadata: Provenance: data hash, units, rows, versions, held-out error.
+    """
+
+    law: Law
+    model: str
+    metadata: Mapping[str, Any]
+
+
+def save_law(trained: TrainedLaw, path: str | Path) -> Path:
+    """Write a trained law whole or not at all; return the path.
+
+    Raises:
+        UnknownNameError: The model has no file form.
+    """
+    if trained.model not in WRITERS:
+        raise UnknownNameError("model with a file form", trained.model, WRITERS)
+    header = {"format": FORMAT, "model": trained.model, "metadata": json.dumps(trained.metadata, allow_nan=False)}
+    return write_whole(Path(path), save(WRITERS[trained.model](trained.law), metadata=header))
+
+
+def load_law(path: str | Path) -> TrainedLaw:
+    """Read a trained law.
+
+    Raises:
+        ModelFileError: Missing, too large, damaged, not a law of armflex, or of a model this version does not know.
+    """
+    path = Path(path)
+    _check_size(path)
+    try:
+        with safe_open(path, framework="numpy") as file:
+            header = file.metadata() or {}
+            model = _check_header(path, header)
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+    except (SafetensorError, OSError) as error:
+        raise ModelFileError(Place(path), f"is not a safetensors file: {error}") from None
+    try:
+        metadata = json.loads(header.get("metadata", "{}"), parse_constant=_refuse_constant)
+        return TrainedLaw(READERS[model](_floats(tensors)), model, metadata)
+    except (KeyError, ValueError, LawError) as error:
+        raise ModelFileError(Place(path), f"does not hold a {model} law: {error}") from None
+
+
+def write_whole(path: Path, data: bytes) -> Path:
+    """Write a file so that it is there whole or not at all, also when interrupted."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+    return path
+
+
+def _check_size(path: Path) -> None:
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise ModelFileError(Place(path), f"cannot be read: {error.strerror}") from None
+    if size > MAX_BYTES:
+        raise ModelFileError(Place(path), f"is {size} bytes, more than the {MAX_BYTES} allowed")
+
+
+def _check_header(path: Path, header: Mapping[str, str]) -> str:
+    if header.get("format") != FORMAT:
+        raise ModelFileError(Place(path), f"is no law of armflex: format {header.get('format')!r}, expected {FORMAT!r}")
+    model = header.get("model", "")
+    if model not in READERS:
+        raise ModelFileError(Place(path), f"holds a {model!r} law, which is not known{did_you_mean(model, READERS)}")
+    return model
+
+
+def _floats(tensors: Mapping[str, np.ndarray]) -> dict[str, Array]:
+    for name, tensor in tensors.items():
+        if tensor.dtype != np.float64 or not np.isfinite(tensor).all():
+            raise LawError(f"{name!r} is not finite 64-bit floats")
+    return dict(tensors)
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} in the metadata")
+
+
+def _write_linear(law: LinearLaw) -> dict[str, Array]:
+    assert law.fit is not None
+    size = len(law.fit.residual_std)
+    arrays = {"compliance": law.compliance[:size, :size], **vars(law.fit)}
+    return {name: np.ascontiguousarray(value) for name, value in arrays.items()}
+
+
+def _read_linear(tensors: Mapping[str, Array]) -> LinearLaw:
+    size = len(tensors["residual_std"])
+    shapes = {"compliance": (size, size), "row_covariance": (size,) * 3, "residual_std": (size,), "loads": (2, size)}
+    for name, shape in shapes.items():
+        if tensors[name].shape != shape or size not in (3, 6):
+            raise LawError(f"{name!r} has shape {tensors[name].shape}, expected {shape}")
+    fit = LinearFit(tensors["row_covariance"], tensors["residual_std"], tensors["loads"])
+    return LinearLaw(embed(tensors["compliance"]), fit=fit)
+
+
+WRITERS: dict[str, Callable[[Any], dict[str, Array]]] = {"linear": _write_linear}
+READERS: dict[str, Callable[[Mapping[str, Array]], Law]] = {"linear": _read_linear}
+"""Model name -> how its arrays are written and read."""

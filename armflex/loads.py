@@ -1,0 +1,89 @@
+"""What the arm carries: payloads fixed to the tip, and external wrenches at named frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array, finite_array
+from armflex.errors import InputError, PayloadError
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A body fixed to the tip.
+
+    Attributes:
+        mass: [kg], 0 or more.
+        com: (3,) centre of mass in the tip frame [m].
+        inertia: (6,) ixx iyy izz ixy ixz iyz about the centre of mass [kg m^2]; only motion needs it.
+
+    Raises:
+        PayloadError: Negative, not finite, or an inertia that no body has.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.mass) and self.mass >= 0.0):
+            raise PayloadError(f"payload mass is {self.mass}, expected 0 kg or more")
+        object.__setattr__(self, "com", _vector(self.com, "payload com", 3))
+        if self.inertia is not None:
+            object.__setattr__(self, "inertia", _vector(self.inertia, "payload inertia", 6))
+            _check_moments(self.inertia_matrix)
+
+    @property
+    def inertia_matrix(self) -> Array:
+        """(3, 3) inertia about the centre of mass, zero when none is given."""
+        if self.inertia is None:
+            return np.zeros((3, 3))
+        xx, yy, zz, xy, xz, yz = self.inertia
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    @property
+    def body(self) -> pin.Inertia:
+        """The same as Pinocchio holds it."""
+        return pin.Inertia(self.mass, self.com, self.inertia_matrix)
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """A load from outside, on the structure.
+
+    Attributes:
+        frame: Link at whose origin it acts.
+        force: (3,) [N].
+        moment: (3,) [N m].
+        axes: "base" for fixed axes of the base (a dead load), "frame" for axes that turn with the link.
+    """
+
+    frame: str
+    force: Array
+    moment: Array
+    axes: str = "base"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "force", finite_array(self.force, "force", (3,)))
+        object.__setattr__(self, "moment", finite_array(self.moment, "moment", (3,)))
+        if self.axes not in ("base", "frame"):
+            raise InputError(f"wrench at {self.frame!r}: axes is {self.axes!r}, expected 'base' or 'frame'")
+
+
+def _vector(values: Array, name: str, size: int) -> Array:
+    try:
+        return finite_array(values, name, (size,))
+    except InputError as error:
+        raise PayloadError(str(error)) from None
+
+
+def _check_moments(matrix: Array) -> None:
+    moments = np.linalg.eigvalsh(matrix)
+    if moments[0] < 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6) + 1e-12:
+        raise PayloadError(f"payload inertia has principal moments {moments.tolist()}, which no body has")
+
+
+NO_PAYLOAD = Payload(0.0, np.zeros(3))
