@@ -16,7 +16,9 @@ from armflex.deflection import Deflection, DeflectionBatch, Names, stack_rows
 from armflex.equilibrium import LawStack, find_equilibrium
 from armflex.errors import (
     ArmflexWarning,
+    ArrayTypeError,
     Flag,
+    InputError,
     JointLimitError,
     NotFiniteError,
     PayloadError,
@@ -67,6 +69,14 @@ class Arm:
     prior: Prior = field(default_factory=Prior)
     flags: tuple[Flag, ...] = ()
 
+    def __post_init__(self) -> None:
+        known = [joint.name for joint in self.robot.chain]
+        for flexure in self.flexures:
+            if flexure.joint is not None and flexure.joint not in known:
+                raise UnknownNameError("joint between base and tip", flexure.joint, known)
+            if sum(other.name == flexure.name for other in self.flexures) > 1:
+                raise InputError(f"two flexures are named {flexure.name!r}")
+
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the moving joints: the order of q."""
@@ -98,9 +108,12 @@ class Arm:
 
         Raises:
             UnknownNameError: No payload of that name.
+            ArrayTypeError: It is neither a name nor a payload.
         """
         if isinstance(payload, Payload):
             return payload
+        if not isinstance(payload, str | None):
+            raise ArrayTypeError(f"payload: expected a name or a Payload, got {payload!r}")
         if payload is None or (payload == "none" and payload not in self.payloads):
             return NO_PAYLOAD
         if payload not in self.payloads:
@@ -184,7 +197,7 @@ class Arm:
         displacement = displacement_between(rigid, pose)
         flags = (*flags, *self._check_sag(displacement))
         return Deflection(
-            checked, pose, rigid, displacement, self.names, flags, mechanics, self.stack, case, row, found
+            checked, pose, rigid, displacement, self.names, body, flags, mechanics, self.stack, case, row, found
         )
 
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
@@ -238,7 +251,7 @@ class Arm:
             if wrench.frame not in self.robot.urdf.links or not self._mechanics_of(NO_PAYLOAD).flex.has(wrench.frame):
                 raise UnknownNameError("link", wrench.frame, self._mechanics_of(NO_PAYLOAD).flex.links)
             size = float(np.linalg.norm(wrench.force))
-            if size > FORCE_BAND * self.weight:
+            if 0.0 < FORCE_BAND * self.weight < size:
                 text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
                 flags.append(Flag("large_force", text))
         return tuple(flags)

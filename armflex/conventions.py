@@ -82,11 +82,10 @@ def as_pose(pose: Any, name: str = "pose") -> pin.SE3:
     """Return a pose given as `pin.SE3`, 4 x 4 matrix or (7,) position and quaternion xyzw.
 
     Raises:
+        ShapeError, ArrayTypeError, NotFiniteError: It is none of these.
         PoseError: The rotation is reflected or not orthonormal, or the quaternion's norm is off by over 1e-6.
     """
-    if isinstance(pose, pin.SE3):
-        return pose
-    array = real_array(pose, name)
+    array = real_array(pose.homogeneous if isinstance(pose, pin.SE3) else pose, name)
     if array.shape == (7,):
         return _from_quaternion(finite_array(array, name, (7,)), name)
     return _from_matrix(finite_array(array, name, (4, 4)), name)

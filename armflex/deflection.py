@@ -12,6 +12,7 @@ from armflex.conventions import Array
 from armflex.equilibrium import Equilibrium, LawStack, tangent_of
 from armflex.errors import Flag
 from armflex.laws import Row
+from armflex.loads import Payload
 from armflex.mechanics import LoadCase, Mechanics
 
 
@@ -35,6 +36,7 @@ class Deflection:
         rigid_pose: Tip pose of the rigid arm.
         displacement: (6,) flexed minus rigid: shift of the tip origin [m] and rotation vector [rad], base axes.
         names: Joints, flexures, base and tip.
+        payload: What is carried.
         flags: Doubts about this result.
     """
 
@@ -43,6 +45,7 @@ class Deflection:
     rigid_pose: pin.SE3
     displacement: Array
     names: Names
+    payload: Payload
     flags: tuple[Flag, ...]
     _mechanics: Mechanics
     _stack: LawStack
@@ -119,6 +122,11 @@ class Deflection:
             return None
         gain = np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T
         return gain @ laws @ gain.T
+
+    def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
+        """Return the (4, 4) pose of every link with the flexures' twists magnified; 0 gives the rigid arm."""
+        twists = magnification * self._equilibrium.twists
+        return self._mechanics.link_poses(self._mechanics.bent(self._equilibrium.straight, twists))
 
 
 @dataclass(frozen=True)

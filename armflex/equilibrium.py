@@ -199,7 +199,10 @@ def _newton(problem: _Problem, tolerance: float) -> Equilibrium:
     for _ in range(MAX_NEWTON):
         if history[-1] <= tolerance:
             return problem.solved(twists, state[1], "newton", history)
-        step = np.linalg.solve(problem.tangent(twists, state[1], state[2]), state[0])
+        try:
+            step = np.linalg.solve(problem.tangent(twists, state[1], state[2]), state[0])
+        except np.linalg.LinAlgError:
+            raise ConvergenceError("the tangent is singular: the arm is about to buckle", history) from None
         twists, state = _damped(problem, twists, step, history[-1])
         history.append(_largest(state[0]))
     raise ConvergenceError("the equilibrium did not converge", history)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, finite_array
 from armflex.errors import InputError, PayloadError
@@ -29,7 +30,8 @@ class Payload:
     inertia: Array | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.mass) and self.mass >= 0.0):
+        object.__setattr__(self, "mass", float(_vector(self.mass, "payload mass")))
+        if self.mass < 0.0:
             raise PayloadError(f"payload mass is {self.mass}, expected 0 kg or more")
         object.__setattr__(self, "com", _vector(self.com, "payload com", 3))
         if self.inertia is not None:
@@ -73,16 +75,16 @@ class Wrench:
             raise InputError(f"wrench at {self.frame!r}: axes is {self.axes!r}, expected 'base' or 'frame'")
 
 
-def _vector(values: Array, name: str, size: int) -> Array:
+def _vector(values: ArrayLike, name: str, *shape: int) -> Array:
     try:
-        return finite_array(values, name, (size,))
+        return finite_array(values, name, shape)
     except InputError as error:
         raise PayloadError(str(error)) from None
 
 
 def _check_moments(matrix: Array) -> None:
     moments = np.linalg.eigvalsh(matrix)
-    if moments[0] < 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6) + 1e-12:
+    if moments[0] < -1e-9 * moments[2] or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6) + 1e-12:
         raise PayloadError(f"payload inertia has principal moments {moments.tolist()}, which no body has")
 
 

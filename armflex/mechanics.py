@@ -130,6 +130,11 @@ class Mechanics:
         """Return the tip's pose in the base."""
         return self.frame_pose(configuration, self.flex.tip)
 
+    def link_poses(self, configuration: Array) -> dict[str, Array]:
+        """Return the (4, 4) pose of every link at and beyond the base."""
+        pin.framesForwardKinematics(self.flex.model, self.data, configuration)
+        return {link: self.data.oMf[self.flex.frame(link)].homogeneous for link in self.flex.links}
+
     def tip_jacobian(self, configuration: Array) -> Array:
         """Return the (6, nv) motion of the tip origin in base axes per body motion of joints and flexures."""
         model, data = self.flex.model, self.data

@@ -6,8 +6,6 @@ Needs no torch to load. Arrays are SI; the units of the data they came from are 
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +19,7 @@ from armflex.conventions import Array
 from armflex.errors import LawError, ModelFileError, Place, UnknownNameError, did_you_mean
 from armflex.laws.law import Law, embed
 from armflex.laws.linear import LinearFit, LinearLaw
+from armflex.whole_file import write_whole
 
 FORMAT = "armflex-law-1"
 MAX_BYTES = 256_000_000
@@ -73,20 +72,6 @@ def load_law(path: str | Path) -> TrainedLaw:
         return TrainedLaw(READERS[model](_floats(tensors)), model, metadata)
     except (KeyError, ValueError, LawError) as error:
         raise ModelFileError(Place(path), f"does not hold a {model} law: {error}") from None
-
-
-def write_whole(path: Path, data: bytes) -> Path:
-    """Write a file so that it is there whole or not at all, also when interrupted."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
-    return path
 
 
 def _check_size(path: Path) -> None:

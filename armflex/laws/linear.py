@@ -124,4 +124,12 @@ def read_linear(table: Declaration, joint: str) -> LinearLaw:
         check_compliance(compliance)
     except LawError as error:
         raise table.fail("compliance", str(error)) from None
-    return LinearLaw(compliance, table.number("relative_std", 0.0))
+    return LinearLaw(compliance, declared_std(table))
+
+
+def declared_std(table: Declaration) -> float:
+    """Return `relative_std`, 0 when absent."""
+    value = table.number("relative_std", 0.0)
+    if value < 0.0:
+        raise table.fail("relative_std", f"a standard deviation cannot be negative, got {value:g}")
+    return value

@@ -13,7 +13,7 @@ from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import LawError
 from armflex.laws.law import Row
-from armflex.laws.linear import check_compliance, declared_matrix, entry_covariance
+from armflex.laws.linear import check_compliance, declared_matrix, declared_std, entry_covariance
 
 COEFFICIENTS = ("compliance", "compliance_q1", "compliance_q2", "compliance_q3")
 
@@ -59,7 +59,7 @@ def read_position_dependent(table: Declaration, joint: str) -> PositionDependent
     coefficients = np.zeros((4, 6, 6))
     for key in given or ["compliance"]:
         coefficients[COEFFICIENTS.index(key)] = declared_matrix(table, key)
-    return PositionDependentLaw(table.text("depends_on", joint), coefficients, table.number("relative_std", 0.0))
+    return PositionDependentLaw(table.text("depends_on", joint), coefficients, declared_std(table))
 
 
 def check_range(law: PositionDependentLaw, lower: float, upper: float) -> None:

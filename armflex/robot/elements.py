@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 from lxml import etree
 
 from armflex.conventions import Array
-from armflex.errors import Place, did_you_mean
+from armflex.errors import Place, UrdfError, did_you_mean
 from armflex.robot.reader import Reader
 
 MOVING = ("revolute", "continuous", "prismatic")
 UNSUPPORTED = ("floating", "planar")
 JOINT_TYPES = (*MOVING, *UNSUPPORTED, "fixed")
+RESERVED = re.compile("universe|flexure:.*")
+"""Names of joints that the mechanics' own model has."""
 
 SHAPE_SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1)}
 
@@ -99,12 +102,19 @@ def _inertia(reader: Reader, element: etree._Element) -> Array:
 
 
 def read_materials(reader: Reader, root: etree._Element) -> dict[str, str]:
-    """Return colour '#rrggbb' by material name, from materials with a colour anywhere in the file."""
+    """Return colour '#rrggbb' by material name, from materials with a colour anywhere in the file.
+
+    Nothing is computed from colours, so a garbled one is flagged and left out.
+    """
     found = {}
     for element in root.iter("material"):
         color = element.find("color")
         if color is not None and color.get("rgba") and element.get("name"):
-            rgba = reader.numbers(color, "rgba", 4)
+            try:
+                rgba = reader.numbers(color, "rgba", 4)
+            except UrdfError as error:
+                reader.doubt(color, "color", error.problem)
+                continue
             red, green, blue = (round(255 * value) for value in np.clip(rgba[:3], 0.0, 1.0))
             found[element.get("name")] = f"#{red:02x}{green:02x}{blue:02x}"
     return found
@@ -138,6 +148,8 @@ def read_joint(reader: Reader, element: etree._Element) -> Joint:
     """Read one <joint>, refusing types that have no single position."""
     reader.children(element)
     name, kind = reader.text(element, "name"), reader.text(element, "type")
+    if RESERVED.fullmatch(name):
+        raise reader.fail(element, f"joint {name!r}: this name is taken by the mechanics, choose another")
     if kind not in JOINT_TYPES:
         raise reader.fail(element, f"joint {name!r}: unknown type {kind!r}{did_you_mean(kind, JOINT_TYPES)}")
     if kind in UNSUPPORTED:

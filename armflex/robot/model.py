@@ -56,11 +56,11 @@ class FlexModel:
 
     def has(self, link: str) -> bool:
         """Return whether the link is at or beyond the base."""
-        return self.model.existFrame(link)
+        return self.model.existFrame(link, pin.FrameType.BODY)
 
     def frame(self, link: str) -> int:
         """Return the frame id of a link that is known to exist (Pinocchio answers any other name, too)."""
-        return self.model.getFrameId(link)
+        return self.model.getFrameId(link, pin.FrameType.BODY)
 
 
 def build_model(robot: Robot, sites: Sequence[Site] = (), payload: pin.Inertia | None = None) -> FlexModel:
@@ -74,7 +74,7 @@ def build_model(robot: Robot, sites: Sequence[Site] = (), payload: pin.Inertia |
     builder = _Builder(robot, sites)
     builder.build()
     model = builder.model
-    tip = model.getFrameId(robot.tip)
+    tip = model.getFrameId(robot.tip, pin.FrameType.BODY)
     if payload is not None:
         model.appendBodyToJoint(model.frames[tip].parentJoint, payload, model.frames[tip].placement)
     joints = [model.joints[model.getJointId(name)] for name in robot.joint_names]
@@ -85,7 +85,7 @@ def build_model(robot: Robot, sites: Sequence[Site] = (), payload: pin.Inertia |
         v_index=np.array([joint.idx_v for joint in joints]),
         flexure_v=_flexure_places(model, sites),
         tip=tip,
-        base=model.getFrameId(robot.base),
+        base=model.getFrameId(robot.base, pin.FrameType.BODY),
     )
 
 
@@ -143,8 +143,10 @@ class _Builder:
 
 
 def _inertia(inertial: Inertial) -> pin.Inertia:
+    # Pinocchio wants exact symmetry and no negative diagonal: rounding would break both.
     rotated = inertial.rotation @ inertial.inertia @ inertial.rotation.T
-    return pin.Inertia(inertial.mass, inertial.origin, rotated)
+    np.fill_diagonal(rotated, np.diag(rotated).clip(0.0))
+    return pin.Inertia(inertial.mass, inertial.origin, 0.5 * (rotated + rotated.T))
 
 
 def _joint_model(joint: Joint) -> pin.JointModel:

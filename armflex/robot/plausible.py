@@ -2,13 +2,18 @@
 
 Pinocchio reads a missing or garbled mass as 0 kg and takes any inertia matrix; what it would compute from them is
 wrong without a word, so they are refused here.
+
+What is fixed to a moving link weighs and turns with it as one body, so it is the sum that must be possible: files of
+good robots fix sensors and frames to their links with the inertia of a point, or with none worth the name.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
-from armflex.errors import Flag, UrdfError
+from armflex.conventions import Array
+from armflex.errors import Flag, Place, UrdfError
 from armflex.robot.elements import MOVING, Inertial, Joint, Link, Visual
 from armflex.robot.tree import joints_by_parent
 from armflex.robot.urdf import Urdf
@@ -24,15 +29,15 @@ def check_masses(urdf: Urdf, strict: bool, allow_massless: bool) -> tuple[Flag, 
     """Return the doubts about masses and inertias of a checked tree.
 
     Raises:
-        UrdfError: A mass is not positive, a moving body has none (unless `allow_massless`), an inertia is not
-            positive definite or breaks the triangle inequality (a flag when not `strict`), a CoM lies more than
-            ten link lengths away.
+        UrdfError: A mass is not positive, a moving body has none (unless `allow_massless`), the inertia of a moving
+            link, alone or with what is fixed to it, is not positive definite or breaks the triangle inequality (a
+            flag when not `strict`, unless negative), a CoM lies more than ten link lengths away.
     """
     flags: list[Flag] = []
     for link in urdf.links.values():
         if link.inertial:
             flags += _check_inertial(urdf, link, link.inertial, strict, allow_massless)
-    flags += _check_massless(urdf, allow_massless)
+    flags += _check_bodies(urdf, strict, allow_massless)
     return (*flags, *_check_median(urdf))
 
 
@@ -44,23 +49,24 @@ def _check_inertial(urdf: Urdf, link: Link, inertial: Inertial, strict: bool, al
         return []
     size = _size(urdf, link, inertial)
     return [
-        *_check_inertia(link, inertial, strict),
+        *_check_inertia(link.name, inertial.inertia, inertial.place, moves, strict),
         *_check_com(link, inertial, size),
         *_check_density(link, inertial, size),
     ]
 
 
-def _check_inertia(link: Link, inertial: Inertial, strict: bool) -> list[Flag]:
-    moments = np.linalg.eigvalsh(inertial.inertia)
-    text = f"link {link.name!r}: principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m^2 "
+def _check_inertia(name: str, inertia: Array, place: Place, moves: bool, strict: bool) -> list[Flag]:
+    moments = np.linalg.eigvalsh(inertia)
+    text = f"link {name!r}: principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m^2 "
     problem = ""
     if moments[0] <= 0.0:
         problem = text + "are not all positive"
     elif moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6):
         problem = text + "break the triangle inequality (no body has them)"
-    if problem and strict:
-        raise UrdfError(inertial.place, problem)
-    return [Flag("impossible_inertia", f"{inertial.place}: {problem}")] if problem else []
+    negative = np.diag(inertia).min() < 0.0  # Pinocchio cannot hold these
+    if problem and (negative or (strict and moves)):
+        raise UrdfError(place, problem)
+    return [Flag("impossible_inertia", f"{place}: {problem}")] if problem else []
 
 
 def _check_com(link: Link, inertial: Inertial, size: float) -> list[Flag]:
@@ -104,33 +110,54 @@ def _extent(joint: Joint) -> float:
     return float(np.linalg.norm(joint.origin)) + travel
 
 
-def _check_massless(urdf: Urdf, allow_massless: bool) -> list[Flag]:
+def _check_bodies(urdf: Urdf, strict: bool, allow_massless: bool) -> list[Flag]:
     flags = []
     for joint in urdf.joints.values():
-        if joint.kind in MOVING and not _body_mass(urdf, joint.child):
-            link = urdf.links[joint.child]
-            text = f"link {link.name!r} moves with joint {joint.name!r} but has no <inertial>, so no weight"
-            if not allow_massless:
-                raise UrdfError(link.place, f"{text}; give it one, or set allow_massless = true if that is meant")
-            flags.append(Flag("massless", f"{link.place}: {text}"))
+        if joint.kind not in MOVING:
+            continue
+        link, mass, inertia = urdf.links[joint.child], *_body(urdf, joint.child)
+        if not mass:
+            flags.append(_massless(link, joint, allow_massless))
+        elif link.inertial is None or (inertia != link.inertial.inertia).any():
+            flags += _check_inertia(f"{link.name} and what is fixed to it", inertia, link.place, True, strict)
     return flags
 
 
-def _body_mass(urdf: Urdf, link: str) -> float:
-    """Return the mass of a link with all that is fixed to it [kg]."""
+def _massless(link: Link, joint: Joint, allow_massless: bool) -> Flag:
+    text = f"link {link.name!r} moves with joint {joint.name!r} but has no <inertial>, so no weight"
+    if not allow_massless:
+        raise UrdfError(link.place, f"{text}; give it one, or set allow_massless = true if that is meant")
+    return Flag("massless", f"{link.place}: {text}")
+
+
+def _body(urdf: Urdf, link: str) -> tuple[float, Array]:
+    """Return the mass [kg] and the inertia about the common CoM [kg m^2] of a link with all that is fixed to it."""
     children = joints_by_parent(urdf)
-    stack, mass = [link], 0.0
+    parts, stack = [], [(link, pin.SE3.Identity())]
     while stack:
-        name = stack.pop()
+        name, place = stack.pop()
         inertial = urdf.links[name].inertial
-        mass += inertial.mass if inertial else 0.0
-        stack.extend(joint.child for joint in children[name] if joint.kind == "fixed")
-    return mass
+        if inertial and inertial.mass > 0.0:
+            turn = place.rotation @ inertial.rotation
+            parts.append((inertial.mass, place * inertial.origin, turn @ inertial.inertia @ turn.T))
+        fixed = [joint for joint in children[name] if joint.kind == "fixed"]
+        stack.extend((joint.child, place * pin.SE3(joint.rotation, joint.origin)) for joint in fixed)
+    return _sum_of(parts)
+
+
+def _sum_of(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array]:
+    mass = sum(part[0] for part in parts)
+    center = sum(part[0] * part[1] for part in parts) / (mass or 1.0)
+    inertia = np.zeros((3, 3))
+    for own, position, about in parts:
+        arm = pin.skew(position - center)
+        inertia += about - own * arm @ arm
+    return mass, inertia
 
 
 def _check_median(urdf: Urdf) -> list[Flag]:
     moved = {joint.child for joint in urdf.joints.values() if joint.kind in MOVING}
-    masses = {name: _body_mass(urdf, name) for name in moved}
+    masses = {name: _body(urdf, name)[0] for name in moved}
     median = float(np.median([mass for mass in masses.values() if mass] or [1.0]))
     return [
         Flag("implausible_mass", f"{urdf.links[name].place}: link {name!r} is {mass:g} kg, the median is {median:g} kg")

@@ -22,6 +22,7 @@ PASSED_OVER = frozenset(
         *("material", "gazebo", "transmission", "ros2_control", "sensor", "hardwareInterface"),
         *("safety_controller", "calibration", "dynamics", "self_collision_checking", "contact"),
         *("verbose", "joint_properties", "loop_joint", "group", "disable_collisions"),
+        *("self_filter", "collision_checking"),
     }
 )
 """Tags that say nothing about mass, geometry or motion; skipped with all they hold."""
@@ -33,6 +34,14 @@ CHILDREN: dict[str, frozenset[str]] = {
     "inertial": frozenset({"mass", "origin", "inertia"}),
 }
 """Which tags are meant where; anything else is misplaced."""
+
+ATTRIBUTES = {
+    "origin": ("xyz", "rpy"),
+    "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
+    "limit": ("lower", "upper", "effort", "velocity"),
+    "mimic": ("joint", "multiplier", "offset"),
+}
+"""What an element that has defaults may say; a misspelt one would silently mean the default."""
 
 
 class Reader:
@@ -61,9 +70,7 @@ class Reader:
 
     def numbers(self, element: etree._Element, key: str, count: int, default: str | None = None) -> Array:
         """Return `count` finite numbers of an attribute separated by blanks."""
-        text = element.get(key, default)
-        if text is None:
-            raise self.fail(element, f"<{element.tag}> needs {key!r}")
+        text = self.given(element, key, default)
         words = text.split()
         bad = [word for word in words if not _NUMBER.fullmatch(word) or not np.isfinite(float(word))]
         if bad:
@@ -71,6 +78,16 @@ class Reader:
         if len(words) != count:
             raise self.fail(element, f"<{element.tag} {key}={text!r}>: expected {count} numbers, got {len(words)}")
         return np.array([float(word) for word in words])
+
+    def given(self, element: etree._Element, key: str, default: str | None) -> str:
+        if (text := element.get(key)) is not None:
+            return text
+        strange = [name for name in element.attrib if name not in ATTRIBUTES.get(element.tag, ())]
+        misspelt = next((name for name in strange if did_you_mean(name, [key])), None)
+        if default is None or misspelt:
+            hint = f"; {misspelt!r} is not known" if misspelt else ""
+            raise self.fail(element, f"<{element.tag}> needs {key!r}{hint}")
+        return default
 
     def number(self, element: etree._Element, key: str, default: str | None = None) -> float:
         return float(self.numbers(element, key, 1, default)[0])

@@ -122,4 +122,7 @@ def _lock(urdf: Urdf, chain: tuple[Joint, ...], locked: Mapping[str, float]) -> 
     for name in locked:
         if name not in side:
             raise UnknownNameError("joint off the chain", name, side)
-    return {name: float(locked.get(name, np.clip(0.0, side[name].lower, side[name].upper))) for name in side}
+    return {
+        name: float(finite_array(locked.get(name, np.clip(0.0, joint.lower, joint.upper)), f"locked {name}", ()))
+        for name, joint in side.items()
+    }

@@ -258,7 +258,7 @@ def _paint(color: str, opacity: float) -> mg.Material:
 
 def _animation_command(scene: Scene) -> Command:
     times = frame_times(scene)
-    frames = ((times - times[0]) * scene.fps).tolist()
+    frames = ((times - times[0]) * scene.fps / scene.speed).tolist()
     animation = Animation(default_framerate=scene.fps)
     for node in scene.nodes:
         if node.poses is not None:
@@ -282,6 +282,7 @@ def _page_facts(scene: Scene, camera: Camera) -> dict[str, object]:
         "labels": labels,
         "floor": None if scene.floor_z is None else _floor_spot(scene),
         "start": float(times[0]) if len(times) else 0.0,
+        "speed": scene.speed,
     }
 
 

@@ -155,9 +155,10 @@ class Scene:
     """All that one picture shows.
 
     `times` (T,) seconds, strictly increasing, date the `poses` of the animated nodes; left out, the frames
-    follow each other at `fps`. `floor_z` is the height of the floor grid, None for no floor. Without a
-    `camera` everything is framed in a three-quarter view. Raises ValueError if two nodes bear one name, if a
-    node is named like a group of others, or if numbers of frames disagree.
+    follow each other at `fps`; they play `speed` times faster than these seconds. `floor_z` is the height of
+    the floor grid, None for no floor. Without a `camera` everything is framed in a three-quarter view. Raises
+    ValueError if two nodes bear one name, if a node is named like a group of others, or if numbers of frames
+    disagree.
     """
 
     title: str
@@ -171,6 +172,7 @@ class Scene:
     camera: Camera | None = None
     times: np.ndarray | None = None
     fps: float = 30.0
+    speed: float = 1.0
     floor_z: float | None = 0.0
 
     def __post_init__(self) -> None:
@@ -178,6 +180,8 @@ class Scene:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if not self.fps > 0.0:
             raise ValueError(f"fps must be positive, got {self.fps}")
+        if not self.speed > 0.0:
+            raise ValueError(f"speed must be positive, got {self.speed}")
         for items in (self.nodes, self.polylines, self.markers):
             _check_names([item.name.strip("/") for item in items])
         if self.times is not None:

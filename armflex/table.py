@@ -1,0 +1,145 @@
+"""CSV tables: read whole or refused with file, line and column; units in the header are converted once."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from armflex.conventions import UNITS, Array
+from armflex.errors import Place, TableError, did_you_mean, listing
+from armflex.whole_file import write_whole
+
+MAX_BYTES = 200_000_000
+_NUMBER = re.compile(r"\s*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\s*")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column's text as written, the unit its header names ('' for none), and the factor to SI."""
+
+    header: str
+    unit: str
+    factor: float
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV file: columns by name without unit suffix, and the line of each row."""
+
+    path: Path
+    columns: Mapping[str, Column]
+    lines: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def numbers(self, name: str) -> Array:
+        """Return a column in SI; raise `TableError` naming the first cell that is no finite number."""
+        column = self.columns[name]
+        for line, cell in zip(self.lines, column.cells, strict=True):
+            if not _NUMBER.fullmatch(cell) or not np.isfinite(float(cell)):
+                what = "is empty" if not cell.strip() else f"is {cell!r}, not a finite number"
+                raise TableError(Place(self.path, line), f"column {column.header!r} {what}")
+        return np.array([float(cell) for cell in column.cells]) * column.factor
+
+    def matrix(self, names: Sequence[str]) -> Array:
+        """Return several columns as (N, len(names)) in SI."""
+        return np.column_stack([self.numbers(name) for name in names]) if names else np.zeros((len(self), 0))
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """Return a column's cells stripped of blanks."""
+        return tuple(cell.strip() for cell in self.columns[name].cells)
+
+    def require(self, names: Iterable[str]) -> None:
+        """Raise `TableError` listing what is missing, what the file has, and the nearest name."""
+        for name in names:
+            if name not in self.columns:
+                hint = did_you_mean(name, self.columns)
+                problem = f"has no column {name!r}{hint} (found: {listing(self.columns)})"
+                raise TableError(Place(self.path, 1), problem)
+
+
+def read_table(path: str | Path, kinds: Mapping[str, str]) -> Table:
+    """Read a CSV file with a header row.
+
+    Args:
+        path: The file, UTF-8, comma separated.
+        kinds: Kind of quantity ('length', 'angle', ...; see `UNITS`) of each column that may carry a unit suffix.
+
+    Raises:
+        TableError: Missing, empty, too large, not UTF-8, not comma separated, a duplicate column, a row of the wrong
+            length, or a unit of the wrong kind.
+    """
+    path = Path(path)
+    rows = _rows(path)
+    if not rows:
+        raise TableError(Place(path), "is empty, expected a header row")
+    (_, header), body = rows[0], rows[1:]
+    _check_header(path, header)
+    for line, cells in body:
+        if len(cells) != len(header):
+            raise TableError(Place(path, line), f"has {len(cells)} cells, the header has {len(header)}")
+    columns: dict[str, Column] = {}
+    for index, name in enumerate(header):
+        base, unit, factor = _split_unit(path, name, kinds)
+        if base in columns:
+            raise TableError(Place(path, 1), f"two columns mean {base!r}: {columns[base].header!r} and {name!r}")
+        columns[base] = Column(name, unit, factor, tuple(cells[index] for _, cells in body))
+    return Table(path, columns, tuple(line for line, _ in body))
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise TableError(Place(path), f"is larger than the {MAX_BYTES} bytes allowed")
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise TableError(Place(path), f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise TableError(Place(path), "is not UTF-8 text") from None
+    reader = csv.reader(io.StringIO(text), strict=True)
+    try:
+        return [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
+    except csv.Error as error:
+        raise TableError(Place(path, reader.line_num), f"is not CSV: {error}") from None
+
+
+def _check_header(path: Path, header: list[str]) -> None:
+    if len(header) == 1 and ";" in header[0]:
+        raise TableError(Place(path, 1), "is separated by semicolons, expected commas and decimal points")
+    if all(_NUMBER.fullmatch(cell) for cell in header):
+        raise TableError(Place(path, 1), "has no header row: the first row is all numbers")
+    blank = [str(index + 1) for index, cell in enumerate(header) if not cell.strip()]
+    if blank:
+        raise TableError(Place(path, 1), f"column {', '.join(blank)} has no name")
+
+
+def _split_unit(path: Path, header: str, kinds: Mapping[str, str]) -> tuple[str, str, float]:
+    name = header.strip()
+    if name in kinds:
+        return name, "", 1.0
+    base, _, unit = name.rpartition("_")
+    if base not in kinds:
+        return name, "", 1.0
+    units = UNITS[kinds[base]]
+    if unit not in units:
+        hint = f"{did_you_mean(unit, units)} ({', '.join(units)})"
+        raise TableError(Place(path, 1), f"column {name!r}: {unit!r} is no unit of {kinds[base]}{hint}")
+    return base, unit, units[unit]
+
+
+def write_table(path: str | Path, columns: Mapping[str, Sequence[object]]) -> Path:
+    """Write columns as CSV, whole or not at all; floats keep every digit."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for cells in zip(*columns.values(), strict=True):
+        writer.writerow([repr(float(cell)) if isinstance(cell, float) else cell for cell in cells])
+    return write_whole(Path(path), text.getvalue().encode())

@@ -1,0 +1,168 @@
+"""Trajectories: joint positions over time, some of them via-points."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import InputError, Place, ShapeError, TableError, UnknownNameError, did_you_mean
+from armflex.table import Table, read_table, write_table
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A path through joint space; between rows it is straight.
+
+    Attributes:
+        joint_names: Order of the columns of q.
+        time: (N,) [s], increasing.
+        q: (N, nq) joint positions [rad or m].
+        payload: Name of what is carried from each row on.
+        via: Name of the row where it is a via-point, else ''.
+        v, a: (N, nq) joint velocities and accelerations where inertial loads count, else None.
+        covariates: Further columns of numbers, (N,) each.
+    """
+
+    joint_names: tuple[str, ...]
+    time: Array
+    q: Array
+    payload: tuple[str, ...]
+    via: tuple[str, ...]
+    v: Array | None = None
+    a: Array | None = None
+    covariates: Mapping[str, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count = len(self.time)
+        if count == 0 or self.q.shape != (count, len(self.joint_names)):
+            raise ShapeError(f"trajectory q: expected ({count}, {len(self.joint_names)}), got {self.q.shape}")
+        if len(self.payload) != count or len(self.via) != count:
+            raise ShapeError(f"trajectory: expected {count} payload and via names")
+        if count > 1 and not (np.diff(self.time) > 0.0).all():
+            row = int(np.argmin(np.diff(self.time) > 0.0)) + 1
+            raise InputError(f"trajectory: time does not increase at row {row} ({self.time[row]:g} s)")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def at(self, segment: int, fraction: Array) -> Trajectory:
+        """Return the points at fractions (M,) of the way from row `segment` to the next, with its payload."""
+
+        def between(values: Array) -> Array:
+            steps = fraction.reshape(-1, *[1] * (values.ndim - 1))
+            return values[segment] + steps * (values[segment + 1] - values[segment])
+
+        count = len(fraction)
+        return Trajectory(
+            self.joint_names,
+            between(self.time),
+            between(self.q),
+            (self.payload[segment],) * count,
+            ("",) * count,
+            None if self.v is None else between(self.v),
+            None if self.a is None else between(self.a),
+            {name: between(values) for name, values in self.covariates.items()},
+        )
+
+    def with_midpoints(self, segments: Array) -> Trajectory:
+        """Return the trajectory with a row inserted halfway along each segment marked in a (N - 1,) mask."""
+        after = np.flatnonzero(segments) + 1
+
+        def insert(values: Array | None) -> Array | None:
+            if values is None:
+                return None
+            return np.insert(values, after, 0.5 * (values[after - 1] + values[after]), axis=0)
+
+        payload, via = list(self.payload), list(self.via)
+        for place in reversed(after.tolist()):
+            payload.insert(place, payload[place - 1])
+            via.insert(place, "")
+        covariates = {name: insert(values) for name, values in self.covariates.items()}
+        moved = (insert(values) for values in (self.v, self.a))
+        return Trajectory(
+            self.joint_names, insert(self.time), insert(self.q), tuple(payload), tuple(via), *moved, covariates
+        )
+
+
+def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
+    """Read a trajectory.csv for an arm.
+
+    Raises:
+        TableError: A column is missing, misspelt or not numeric; time does not increase; a payload is unknown.
+    """
+    kinds = {"time": "time"}
+    for joint in arm.robot.moving:
+        kind = "length" if joint.kind == "prismatic" else "angle"
+        kinds.update({f"{prefix}_{joint.name}": kind for prefix in "qva"})
+    table = read_table(path, kinds)
+    names = {prefix: [f"{prefix}_{joint}" for joint in arm.joint_names] for prefix in "qva"}
+    table.require(["time", *names["q"]])
+    others = _covariates(table, [*kinds, "payload", "via"])
+    if not len(table):
+        raise TableError(Place(table.path), "has a header but no rows")
+    count = len(table)
+    payload = table.texts("payload") if "payload" in table.columns else ("none",) * count
+    via = table.texts("via") if "via" in table.columns else ("",) * count
+    _check_payloads(table, payload, arm)
+    _check_time(table)
+    return Trajectory(
+        arm.joint_names,
+        table.numbers("time"),
+        table.matrix(names["q"]),
+        tuple(name or "none" for name in payload),
+        via,
+        _motion(table, names["v"]),
+        _motion(table, names["a"]),
+        others,
+    )
+
+
+def _motion(table: Table, names: list[str]) -> Array | None:
+    if not any(name in table.columns for name in names):
+        return None
+    table.require(names)
+    return table.matrix(names)
+
+
+def _covariates(table: Table, known: list[str]) -> dict[str, Array]:
+    """Return the further columns; one that looks like a known name misspelt is an error."""
+    others = [name for name in table.columns if name not in known]
+    for name in others:
+        near = difflib.get_close_matches(name, known, n=1, cutoff=0.8)
+        if near or name.startswith("q_"):
+            hint = did_you_mean(name, known)
+            raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
+    return {name: table.numbers(name) for name in others}
+
+
+def _check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:
+    for line, name in zip(table.lines, payload, strict=True):
+        try:
+            arm.payload(name or "none")
+        except UnknownNameError as error:
+            raise TableError(Place(table.path, line), str(error)) from None
+
+
+def _check_time(table: Table) -> None:
+    steps = np.diff(table.numbers("time"))
+    if len(steps) and not (steps > 0.0).all():
+        raise TableError(Place(table.path, table.lines[int(np.argmin(steps > 0.0)) + 1]), "time does not increase")
+
+
+def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:
+    """Write a trajectory.csv, whole or not at all."""
+    columns: dict[str, list] = {"time": trajectory.time.tolist()}
+    for prefix, values in (("q", trajectory.q), ("v", trajectory.v), ("a", trajectory.a)):
+        if values is not None:
+            columns |= {
+                f"{prefix}_{name}": values[:, i].tolist() for i, name in enumerate(trajectory.joint_names)
+            }
+    columns |= {"payload": list(trajectory.payload), "via": list(trajectory.via)}
+    columns |= {name: values.tolist() for name, values in trajectory.covariates.items()}
+    return write_table(path, columns)

@@ -1,0 +1,1 @@
+"""What people look at: headless meshcat pages of an arm."""

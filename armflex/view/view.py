@@ -1,0 +1,71 @@
+"""`view`: one self-contained page of an arm, at one configuration or along a trajectory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armflex.arm import Arm
+from armflex.check import CheckReport
+from armflex.deflection import Deflection
+from armflex.errors import InputError
+from armflex.loads import Payload
+from armflex.trajectory import Trajectory
+from armflex.view.arm_scene import MAX_FRAMES, Motion, arm_scene
+
+
+def view(
+    arm: Arm,
+    q: ArrayLike | None = None,
+    payload: str | Payload | None = None,
+    *,
+    trajectory: Trajectory | None = None,
+    report: CheckReport | None = None,
+    magnification: float | None = None,
+    meshes: bool = False,
+    path: str | Path,
+) -> Path:
+    """Write a page of the arm that opens in any browser, without a network, a server or a display.
+
+    Args:
+        arm: The arm.
+        q: (nq,) joint positions; zero, or the nearest limit, when neither q nor a trajectory is given.
+        payload: What it carries at q.
+        trajectory: Shown as an animation instead of one configuration.
+        report: Result of `check` on the trajectory; colours the via-points.
+        magnification: Factor on the deflections shown; a round one is chosen, and stated, when not given.
+        meshes: Draw the URDF's meshes where they lie beside it.
+        path: The HTML file to write.
+
+    Raises:
+        InputError: Both q and a trajectory are given, or one cannot be used.
+    """
+    from armflex.view.page import write_page  # meshcat is imported only when something is drawn
+
+    if q is not None and trajectory is not None:
+        raise InputError("view takes q or a trajectory, not both")
+    if magnification is not None and not (np.isfinite(magnification) and magnification > 0.0):
+        raise InputError(f"magnification must be positive, got {magnification}")
+    motion = _motion(arm, trajectory) if trajectory is not None else _still(arm, q, payload)
+    return write_page(arm_scene(arm, motion, trajectory, report, magnification, meshes), Path(path))
+
+
+def _still(arm: Arm, q: ArrayLike | None, payload: str | Payload | None) -> Motion:
+    here = np.clip(np.zeros(len(arm.joint_names)), arm.robot.lower, arm.robot.upper) if q is None else q
+    return Motion(np.zeros(1), (arm.deflection(here, payload),), 0)
+
+
+def _motion(arm: Arm, trajectory: Trajectory) -> Motion:
+    """Return every row, or every second, third ... of a long trajectory, its via-points kept."""
+    stride = -(-len(trajectory) // MAX_FRAMES)
+    kept = [i for i in range(len(trajectory)) if i % stride == 0 or trajectory.via[i] or i == len(trajectory) - 1]
+    frames = tuple(_frame(arm, trajectory, i) for i in kept)
+    sizes = [float(np.linalg.norm(frame.displacement[:3])) for frame in frames]
+    return Motion(trajectory.time[kept], frames, int(np.argmax(sizes)))
+
+
+def _frame(arm: Arm, trajectory: Trajectory, i: int) -> Deflection:
+    motion = {key: None if x is None else x[i] for key, x in (("v", trajectory.v), ("a", trajectory.a))}
+    return arm.deflection(trajectory.q[i], trajectory.payload[i], **motion)

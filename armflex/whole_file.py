@@ -1,0 +1,30 @@
+"""Files that are there whole or not at all, also when the writer is interrupted."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from armflex.errors import FileError, Place
+
+
+def write_whole(path: Path, data: bytes) -> Path:
+    """Write a file through a temporary one beside it; return the path.
+
+    Raises:
+        FileError: The folder does not exist or cannot be written.
+    """
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise FileError(Place(path), f"cannot be written: {error.strerror}") from None
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+    return path
