@@ -19,20 +19,22 @@ from armflex.prior import Measurement, Prior
 from armflex.robot import Robot, load_robot
 
 
-def load_arm(path: str | Path, *, strict: bool = True) -> Arm:
+def load_arm(path: str | Path, *, preset: str | None = None, strict: bool = True) -> Arm:
     """Read an arm.toml and the URDF it names.
 
     Args:
         path: The arm.toml; a URDF is taken as an arm without flexures.
+        preset: Name of a [preset.NAME] table whose flexures replace or join the declared ones.
         strict: Refuse unknown URDF tags and impossible inertias instead of flagging them.
 
     Raises:
         ArmFileError: The file is not valid TOML, misses a key, has an unknown one, or its numbers are not physical.
         UrdfError: The URDF is no robot that can be computed with.
+        UnknownNameError: There is no such preset.
     """
     path = Path(path)
     is_urdf = path.suffix == ".urdf"
-    arm = _bare(load_robot(path, strict=strict)) if is_urdf else _read(read_toml(path), strict)
+    arm = _bare(load_robot(path, strict=strict)) if is_urdf else _read(read_toml(path), preset, strict)
     warn(arm.flags)
     return arm
 
@@ -41,10 +43,10 @@ def _bare(robot: Robot) -> Arm:
     return Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so nothing gives: the arm is rigid")))
 
 
-def _read(root: Declaration, strict: bool) -> Arm:
+def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     robot, rating, flags = _read_robot(root.sub("robot"), strict)
     payloads = {name: _read_payload(table) for name, table in root.subs("payload").items()}
-    flexures = tuple(_read_flexure(name, table, robot) for name, table in root.subs("flexure").items())
+    flexures = tuple(_read_flexure(name, table, robot) for name, table in _flexure_tables(root, preset).items())
     measurement = _read_measurement(root.sub("measurement")) if root.has("measurement") else Measurement()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
     if root.array_of("effect"):
@@ -52,6 +54,17 @@ def _read(root: Declaration, strict: bool) -> Arm:
     root.finish()
     soft = [flag for flexure in flexures for flag in _soft(flexure)]
     return Arm(robot, flexures, payloads, rating, measurement, prior, (*robot.flags, *flags, *soft))
+
+
+def _flexure_tables(root: Declaration, preset: str | None) -> dict[str, Declaration]:
+    declared, presets = root.subs("flexure"), root.subs("preset")
+    if preset is None:
+        return declared
+    if preset not in presets:
+        raise UnknownNameError("preset", preset, presets)
+    changed = presets[preset].subs("flexure")
+    presets[preset].finish()
+    return declared | changed
 
 
 def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:

@@ -96,10 +96,7 @@ def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
     Raises:
         TableError: A column is missing, misspelt or not numeric; time does not increase; a payload is unknown.
     """
-    kinds = {"time": "time"}
-    for joint in arm.robot.moving:
-        kind = "length" if joint.kind == "prismatic" else "angle"
-        kinds.update({f"{prefix}_{joint.name}": kind for prefix in "qva"})
+    kinds = {"time": "time"} | joint_kinds(arm, "qva")
     table = read_table(path, kinds)
     names = {prefix: [f"{prefix}_{joint}" for joint in arm.joint_names] for prefix in "qva"}
     table.require(["time", *names["q"]])
@@ -109,7 +106,7 @@ def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
     count = len(table)
     payload = table.texts("payload") if "payload" in table.columns else ("none",) * count
     via = table.texts("via") if "via" in table.columns else ("",) * count
-    _check_payloads(table, payload, arm)
+    check_payloads(table, payload, arm)
     _check_time(table)
     return Trajectory(
         arm.joint_names,
@@ -121,6 +118,15 @@ def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
         _motion(table, names["a"]),
         others,
     )
+
+
+def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
+    """Return the kind of quantity of each joint's columns, such as q_A1 and v_A1 for prefixes "qv"."""
+    return {
+        f"{prefix}_{joint.name}": "length" if joint.kind == "prismatic" else "angle"
+        for joint in arm.robot.moving
+        for prefix in prefixes
+    }
 
 
 def _motion(table: Table, names: list[str]) -> Array | None:
@@ -141,7 +147,8 @@ def _covariates(table: Table, known: list[str]) -> dict[str, Array]:
     return {name: table.numbers(name) for name in others}
 
 
-def _check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:
+def check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:
+    """Raise `TableError` naming the first row whose payload the arm does not know; an empty cell is none."""
     for line, name in zip(table.lines, payload, strict=True):
         try:
             arm.payload(name or "none")
@@ -160,9 +167,7 @@ def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:
     columns: dict[str, list] = {"time": trajectory.time.tolist()}
     for prefix, values in (("q", trajectory.q), ("v", trajectory.v), ("a", trajectory.a)):
         if values is not None:
-            columns |= {
-                f"{prefix}_{name}": values[:, i].tolist() for i, name in enumerate(trajectory.joint_names)
-            }
+            columns |= {f"{prefix}_{name}": values[:, i].tolist() for i, name in enumerate(trajectory.joint_names)}
     columns |= {"payload": list(trajectory.payload), "via": list(trajectory.via)}
     columns |= {name: values.tolist() for name, values in trajectory.covariates.items()}
     return write_table(path, columns)

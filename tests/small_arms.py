@@ -96,7 +96,7 @@ def one_joint(
         joint("flange", "body", "tool", tool, kind="fixed"),
         link("tool"),
     ]
-    return arm_of(folder, parts, "tool", {"j": law}, **kw)
+    return arm_of(folder, parts, "tool", {"j": law})
 
 
 def three_joints(folder: Path, compliances: Sequence[Law | np.ndarray], **options: object) -> Arm:

@@ -1,0 +1,86 @@
+"""armflex check: a trajectory against a tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from armflex.check import CheckReport, Point, check
+from armflex.cli.options import PathArgument, arm_argument, json_option, load, progress, show_flags, write_json
+from armflex.cli.tables import console, number, print_table
+from armflex.conventions import parse_quantity
+from armflex.equilibrium import METHODS
+from armflex.trajectory import read_trajectory
+
+
+@click.command()
+@arm_argument
+@click.argument("trajectory_path", metavar="TRAJ.csv", type=PathArgument)
+@click.option("--tolerance", required=True, metavar="5mm", help="Largest displacement of the tip, with unit.")
+@click.option("--angle", metavar="1mrad", help="Largest rotation of the tip, with unit.")
+@click.option("--method", type=click.Choice(METHODS), default="newton", show_default=True)
+@json_option
+def command(
+    arm_path: Path,
+    preset: str | None,
+    lax: bool,
+    trajectory_path: Path,
+    tolerance: str,
+    angle: str | None,
+    method: str,
+    json_path: Path | None,
+) -> int:
+    """Each via-point and the path between: displacement, margin, verdict, worst first."""
+    arm = load(arm_path, preset, lax)
+    trajectory = read_trajectory(trajectory_path, arm)
+    limits = parse_quantity(tolerance, "length"), None if angle is None else parse_quantity(angle, "angle")
+    with progress("checking") as tick:
+        report = check(arm, trajectory, *limits, method=method, progress=tick)
+    console().print(f"base {arm.robot.base}, tip {arm.robot.tip}\n")
+    print_check(report)
+    show_flags(report.flags)
+    write_json(json_path, as_json(report) | {"base": arm.robot.base, "tip": arm.robot.tip})
+    return 0 if report.ok else 1
+
+
+def print_check(report: CheckReport) -> None:
+    """Print the via-points, worst first, and the worst of the path."""
+    asked = f"{report.tolerance_m * 1e3:g} mm"
+    asked += "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
+    columns = ["via-point", "time s", "payload", "moves mm", "± mm", "turns mrad", "margin mm", "verdict", "cause"]
+    rows = [_row(point, point.name) for point in report.via_points]
+    print_table(f"Via-points against {asked}, worst first", columns, rows)
+    print_table("Worst of the whole path", columns, [_row(report.path_worst, report.path_worst.name or "between")])
+    verdict = "within tolerance" if report.ok else "NOT within tolerance"
+    console().print(f"The path is {verdict} ({report.samples} configurations evaluated).")
+
+
+def _row(point: Point, name: str) -> list[str]:
+    return [
+        name,
+        f"{point.time:g}",
+        point.payload,
+        number(point.displacement_m * 1e3),
+        "-" if point.sigma_m is None else number(point.sigma_m * 1e3, 2),
+        number(point.rotation_rad * 1e3, 3),
+        number(point.margin_m * 1e3, 3),
+        point.verdict,
+        point.cause or "none",
+    ]
+
+
+def as_json(report: CheckReport) -> dict[str, Any]:
+    """Return a check for programs, SI."""
+    return {
+        "format": "armflex-check-1",
+        "ok": report.ok,
+        "tolerance_m": report.tolerance_m,
+        "angle_rad": report.angle_rad,
+        "via_points": [asdict(point) for point in report.via_points],
+        "path_worst": asdict(report.path_worst),
+        "samples": report.samples,
+        "flags": [str(flag) for flag in report.flags],
+    }

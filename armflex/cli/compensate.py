@@ -1,0 +1,109 @@
+"""armflex compensate: joint positions that cancel the sag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from armflex.cli.options import PathArgument, arm_argument, json_option, load, progress, show_flags, write_json
+from armflex.cli.tables import console, number, print_table
+from armflex.compensate import CompensatedRow, Compensation, compensate
+from armflex.conventions import parse_quantity
+from armflex.trajectory import read_trajectory, write_trajectory
+
+
+@click.command()
+@arm_argument
+@click.argument("trajectory_path", metavar="TRAJ.csv", type=PathArgument)
+@click.option("-o", "--output", required=True, type=PathArgument, help="Compensated trajectory to write.")
+@click.option("--match", type=click.Choice(["position", "pose"]), default="position", show_default=True)
+@click.option("--between", metavar="0.1mm", help="Insert rows until the error halfway between rows is below this.")
+@click.option("--best-effort", is_flag=True, help="Write the best feasible rows where others cannot be reached.")
+@json_option
+def command(
+    arm_path: Path,
+    preset: str | None,
+    lax: bool,
+    trajectory_path: Path,
+    output: Path,
+    match: str,
+    between: str | None,
+    best_effort: bool,
+    json_path: Path | None,
+) -> int:
+    """Put the loaded, deflected tip where the rigid arm would have been, and say what remains.
+
+    Nothing is written where a row cannot be reached, unless --best-effort is given.
+    """
+    arm = load(arm_path, preset, lax)
+    trajectory = read_trajectory(trajectory_path, arm)
+    gap = None if between is None else parse_quantity(between, "length")
+    with progress("compensating") as tick:
+        found = compensate(arm, trajectory, match, best_effort=True, between=gap, progress=tick)
+    console().print(f"base {arm.robot.base}, tip {arm.robot.tip}\n")
+    print_compensation(found)
+    show_flags(found.flags)
+    write_json(json_path, as_json(found) | {"base": arm.robot.base, "tip": arm.robot.tip})
+    if found.ok or best_effort:
+        write_trajectory(found.trajectory, output)
+        console().print(f"Written to {output}.")
+    return 0 if found.ok else 1
+
+
+def print_compensation(found: Compensation) -> None:
+    """Print the via-points before and after, what was not reached, and the worst of the path."""
+    shown = [row for row in found.rows if row.via or not row.reached] or list(found.rows)
+    columns = ["row", "time s", "before mm", "remains mm", "before mrad", "remains mrad", "largest change", "result"]
+    print_table(f"Tip error, matching {found.match}", columns, [_cells(row) for row in shown[:40]])
+    if len(shown) > 40:
+        console().print(f"... and {len(shown) - 40} more rows not reached")
+    before, after = (max(_length(getattr(row, name)) for row in found.rows) for name in ("before", "after"))
+    reached = sum(row.reached for row in found.rows)
+    largest = f"largest error {before * 1e3:.4g} mm before, {after * 1e3:.2g} mm after"
+    console().print(f"{reached} of {len(found.rows)} rows reached; {largest}.")
+    if found.between_m is not None:
+        console().print(f"Halfway between rows up to {found.between_m * 1e3:.3g} mm remain.")
+
+
+def _cells(row: CompensatedRow) -> list[str]:
+    return [
+        row.via or "-",
+        f"{row.time:g}",
+        number(_length(row.before) * 1e3),
+        number(_length(row.after) * 1e3, 2),
+        number(_length(row.before[3:]) * 1e3, 3),
+        number(_length(row.after[3:]) * 1e3, 3),
+        number(float(np.abs(row.change).max()), 3),
+        "reached" if row.reached else row.reason,
+    ]
+
+
+def _length(error: np.ndarray) -> float:
+    return float(np.linalg.norm(error[:3]))
+
+
+def as_json(found: Compensation) -> dict[str, Any]:
+    """Return a compensation for programs, SI."""
+    return {
+        "format": "armflex-compensate-1",
+        "ok": found.ok,
+        "match": found.match,
+        "between_m": found.between_m,
+        "rows": [
+            {
+                "time": row.time,
+                "via": row.via,
+                "reached": row.reached,
+                "reason": row.reason,
+                "before": row.before.tolist(),
+                "after": row.after.tolist(),
+                "change": row.change.tolist(),
+                "sigma_min": row.sigma_min,
+            }
+            for row in found.rows
+        ],
+        "flags": [str(flag) for flag in found.flags],
+    }

@@ -1,0 +1,122 @@
+"""armflex deflect: one configuration, everything about it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from armflex.cli.options import arm_argument, json_option, load, parse_force, parse_positions, show_flags, write_json
+from armflex.cli.tables import console, number, print_table
+from armflex.deflection import Deflection
+from armflex.equilibrium import METHODS
+from armflex.loads import Wrench
+
+
+@click.command()
+@arm_argument
+@click.option("--q", "positions", default="", metavar="A1=0.3,A4=-10deg", help="Joint positions; others are 0.")
+@click.option("--payload", default="none", show_default=True, help="Name of a payload in ARM.")
+@click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ", help="Dead load in base axes, with unit.")
+@click.option("--method", type=click.Choice(METHODS), default="newton", show_default=True)
+@click.option("--allow-large", is_flag=True, help="Go on where a flexure turns by more than 0.1 rad.")
+@json_option
+def command(
+    arm_path: Path,
+    preset: str | None,
+    lax: bool,
+    positions: str,
+    payload: str,
+    forces: tuple[str, ...],
+    method: str,
+    allow_large: bool,
+    json_path: Path | None,
+) -> None:
+    """Loads at every joint, local deflections, and the end-effector's displacement."""
+    arm = load(arm_path, preset, lax)
+    wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(parse_force, forces)]
+    q = parse_positions(positions, arm)
+    found = arm.deflection(q, payload, wrenches=wrenches, method=method, allow_large=allow_large)
+    limits = [joint.effort for joint in arm.robot.moving]
+    axes = np.array([joint.axis for joint in arm.robot.moving])
+    turning = [joint.kind != "prismatic" for joint in arm.robot.moving]
+    print_deflection(found, drive_loads(found, axes, turning), limits)
+    show_flags(found.flags)
+    write_json(json_path, {"format": "armflex-deflect-1", "payload": payload, **as_json(found)})
+
+
+def drive_loads(found: Deflection, axes: np.ndarray, turning: list[bool]) -> list[float]:
+    """Return the load about (or along) every joint's own axis [N m or N]."""
+    parts = [load[3:] if turns else load[:3] for load, turns in zip(found.joint_loads, turning, strict=True)]
+    return [float(axis @ part) for axis, part in zip(axes, parts, strict=True)]
+
+
+def print_deflection(found: Deflection, drives: list[float], limits: list[float]) -> None:
+    """Print the loads, the local deflections and the tip's displacement."""
+    names = found.names
+    console().print(f"base {names.base}, tip {names.tip}, payload {found.payload.mass:g} kg, {found.method}\n")
+    print_table(
+        "Load at every joint, on the structure, in its child frame",
+        ["joint", "q", "fx kN", "fy kN", "fz kN", "mx kNm", "my kNm", "mz kNm", "drive / limit"],
+        [
+            [name, number(q), *(number(x / 1e3) for x in load), f"{abs(drive) / limit:.0%}"]
+            for name, q, load, drive, limit in zip(
+                names.joints, found.q, found.joint_loads, drives, limits, strict=True
+            )
+        ],
+    )
+    if names.flexures:
+        _print_flexures(found)
+    _print_tip(found)
+
+
+def _print_flexures(found: Deflection) -> None:
+    shift = found.displacement[:3]
+    along = found.contributions[:, :3] @ shift / (np.linalg.norm(shift) or 1.0)
+    print_table(
+        "Local deflection of every flexure, and its share of the tip's displacement",
+        ["flexure", "dx mm", "dy mm", "dz mm", "rx mrad", "ry mrad", "rz mrad", "share mm"],
+        [
+            [name, *(number(x * 1e3) for x in twist), number(share * 1e3)]
+            for name, twist, share in zip(found.names.flexures, found.twists, along, strict=True)
+        ],
+    )
+
+
+def _print_tip(found: Deflection) -> None:
+    deviations = None if found.covariance is None else np.sqrt(np.diag(found.covariance))
+    rows = []
+    for index, (name, unit) in enumerate([(n, "mm") for n in "xyz"] + [(f"r{n}", "mrad") for n in "xyz"]):
+        sigma = "none" if deviations is None else number(deviations[index] * 1e3, 2)
+        rows.append([name, number(found.displacement[index] * 1e3, 6), sigma, unit])
+    print_table("Tip: flexed minus rigid, base axes", ["", "displacement", "std. uncertainty", "unit"], rows)
+    shift, left = np.linalg.norm(found.displacement[:3]), np.linalg.norm(found.remainder[:3])
+    console().print(
+        f"The tip moves {shift * 1e3:.4g} mm; the shares are first order and miss {left * 1e3:.2g} mm of it."
+    )
+
+
+def as_json(found: Deflection) -> dict[str, Any]:
+    """Return a deflection for programs, SI."""
+    names = found.names
+    return {
+        "base": names.base,
+        "tip": names.tip,
+        "method": found.method,
+        "joint_names": list(names.joints),
+        "flexure_names": list(names.flexures),
+        "q": found.q.tolist(),
+        "joint_loads": found.joint_loads.tolist(),
+        "wrenches": found.wrenches.tolist(),
+        "twists": found.twists.tolist(),
+        "contributions": found.contributions.tolist(),
+        "remainder": found.remainder.tolist(),
+        "displacement": found.displacement.tolist(),
+        "covariance": None if found.covariance is None else found.covariance.tolist(),
+        "compliance": found.compliance.tolist(),
+        "pose": found.pose.homogeneous.tolist(),
+        "rigid_pose": found.rigid_pose.homogeneous.tolist(),
+        "flags": [str(flag) for flag in found.flags],
+    }

@@ -1,0 +1,87 @@
+"""`armflex`: finds the command, words every failure, and sets the exit code.
+
+0: fine. 1: a checked thing failed (a tolerance, a path, an equilibrium). 2: bad input.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import warnings
+
+import click
+
+COMMANDS = {
+    "deflect": "loads, local deflections and the tip's displacement at one configuration",
+    "predict": "the tip's position for every row of a table",
+    "check": "hold a trajectory's displacement against a tolerance",
+    "compensate": "joint positions that put the deflected tip where the rigid arm would be",
+    "train": "learn a joint deformation model from loads and deflections",
+    "view": "write a page of the arm that opens in a browser",
+    "demo": "all of it on the bundled TARM-like arm",
+}
+
+
+class Commands(click.Group):
+    """Loads a command's module only when it is asked for, so that `--help` is quick."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        """Return the commands in reading order."""
+        return list(COMMANDS)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        """Return a command, or None when there is none of that name."""
+        if name not in COMMANDS:
+            return None
+        return importlib.import_module(f"armflex.cli.{name}").command
+
+    def resolve_command(self, context: click.Context, args: list[str]) -> tuple:
+        """Find the command; name the nearest one where there is none."""
+        if args[0] not in COMMANDS:
+            from armflex.errors import did_you_mean
+
+            context.fail(f"no command {args[0]!r}{did_you_mean(args[0], COMMANDS)} (known: {', '.join(COMMANDS)})")
+        return super().resolve_command(context, args)
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="armflex")
+def armflex() -> None:
+    """Manipulators that sag: joint compliance, end-effector deflection, path checks and compensation."""
+
+
+def main() -> None:
+    """Run the command line; exit with 0, 1 or 2."""
+    warnings.showwarning = _show_warning
+    try:
+        code = armflex.main(standalone_mode=False)
+    except click.exceptions.Abort:
+        _fail("interrupted", 130)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except Exception as error:
+        _explain(error)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _explain(error: Exception) -> None:
+    from armflex.errors import ArmflexError, InputError
+
+    if not isinstance(error, ArmflexError):
+        raise error
+    _fail(str(error), 2 if isinstance(error, InputError) else 1)
+
+
+def _fail(text: str, code: int) -> None:
+    click.echo(f"error: {text}", err=True)
+    sys.exit(code)
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    click.echo(f"warning: {message}", err=True)

@@ -1,0 +1,104 @@
+"""What several commands share: the arm they load, quantities with units, JSON files, progress."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.arm_file import load_arm
+from armflex.conventions import Array, parse_quantity
+from armflex.errors import Flag, InputError, UnknownNameError
+from armflex.whole_file import write_whole
+
+PathArgument = click.Path(path_type=Path)
+
+
+def arm_argument(function: Callable) -> Callable:
+    """Add the ARM argument, `--preset` and `--lax`."""
+    for decorate in (
+        click.argument("arm_path", metavar="ARM", type=PathArgument),
+        click.option("--preset", metavar="NAME", help="Use the flexures of [preset.NAME] in ARM."),
+        click.option("--lax", is_flag=True, help="Flag unknown URDF tags and impossible inertias, do not refuse."),
+    ):
+        function = decorate(function)
+    return function
+
+
+def json_option(function: Callable) -> Callable:
+    """Add `--json FILE`."""
+    return click.option("--json", "json_path", type=PathArgument, help="Write the result for programs to FILE.")(
+        function
+    )
+
+
+def load(arm_path: Path, preset: str | None, lax: bool) -> Arm:
+    """Return the arm that the shared options name."""
+    return load_arm(arm_path, preset=preset, strict=not lax)
+
+
+def write_json(path: Path | None, content: dict[str, Any]) -> None:
+    """Write a result as strict JSON, whole or not at all; nothing when no path is given."""
+    if path is not None:
+        write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def parse_positions(text: str, arm: Arm) -> Array:
+    """Return q (nq,) from 'A1=0.3,A4=-10deg'; joints not named are at zero.
+
+    Raises:
+        InputError: Not of that form; UnknownNameError, UnitError for names and units.
+    """
+    positions: dict[str, float] = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        name, equals, value = (piece.strip() for piece in part.partition("="))
+        if not equals:
+            raise InputError(f"--q: {part!r} is not of the form JOINT=POSITION")
+        if name in positions:
+            raise InputError(f"--q: joint {name!r} is given twice")
+        positions[name] = _position(arm, name, value)
+    return arm.position(**positions)
+
+
+def _position(arm: Arm, name: str, value: str) -> float:
+    if name not in arm.joint_names:
+        raise UnknownNameError("joint", name, arm.joint_names)
+    prismatic = arm.robot.moving[arm.joint_names.index(name)].kind == "prismatic"
+    has_unit = value[-1:].isalpha()
+    text = value if has_unit else value + ("m" if prismatic else "rad")
+    return parse_quantity(text, "length" if prismatic else "angle")
+
+
+def parse_force(text: str) -> tuple[str, Array]:
+    """Return link and (3,) force [N] from 'tool=0,0,-500N'; the unit holds for all three."""
+    link, equals, values = text.partition("=")
+    parts = values.split(",")
+    if not equals or len(parts) != 3:
+        raise InputError(f"--force: {text!r} is not of the form LINK=FX,FY,FZ with a unit, such as tool=0,0,-500N")
+    unit = parts[-1].strip().lstrip("+-.0123456789eE")
+    numbers = [part.strip().removesuffix(unit) for part in parts]
+    return link.strip(), np.array([parse_quantity(number + unit, "force") for number in numbers])
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function of (done, total) that draws a bar on a terminal's stderr and is silent elsewhere."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def show_flags(flags: Sequence[Flag]) -> None:
+    """Print doubts about a result on stderr."""
+    for flag in flags:
+        click.echo(f"warning: {flag}", err=True)

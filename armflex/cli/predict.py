@@ -1,0 +1,31 @@
+"""armflex predict: where the tip will be, for every row of a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from armflex.cli.options import PathArgument, arm_argument, json_option, load, progress, show_flags, write_json
+from armflex.cli.tables import console
+from armflex.predict import predict, read_rows, write_predictions
+
+
+@click.command()
+@arm_argument
+@click.argument("rows_path", metavar="ROWS.csv", type=PathArgument)
+@click.option("-o", "--output", required=True, type=PathArgument, help="Table to write.")
+@json_option
+def command(
+    arm_path: Path, preset: str | None, lax: bool, rows_path: Path, output: Path, json_path: Path | None
+) -> None:
+    """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
+    arm = load(arm_path, preset, lax)
+    rows = read_rows(rows_path, arm)
+    with progress("predicting") as tick:
+        found = predict(arm, rows, tick)
+    write_predictions(found, output)
+    show_flags(found.flags)
+    summary = {"format": "armflex-predict-1", "rows": len(rows.q), "base": arm.robot.base, "tip": arm.robot.tip}
+    write_json(json_path, summary | {"flags": [str(flag) for flag in found.flags]})
+    console().print(f"{len(rows.q)} rows written to {output} (base {arm.robot.base}, tip {arm.robot.tip}).")

@@ -1,0 +1,54 @@
+"""armflex view: a page of the arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from armflex.check import check
+from armflex.cli.options import PathArgument, arm_argument, json_option, load, parse_positions, progress, write_json
+from armflex.cli.tables import console
+from armflex.conventions import parse_quantity
+from armflex.trajectory import read_trajectory
+from armflex.view.view import view
+
+
+@click.command()
+@arm_argument
+@click.option("--traj", "trajectory_path", type=PathArgument, metavar="TRAJ.csv", help="Animate this trajectory.")
+@click.option("--tolerance", metavar="5mm", help="Colour the via-points by their verdict.")
+@click.option("--q", "positions", default="", metavar="A1=0.3", help="Joint positions where no trajectory is given.")
+@click.option("--payload", default="none", show_default=True, help="Carried at --q.")
+@click.option("--magnify", type=float, help="Factor on the deflections shown; a round one is chosen otherwise.")
+@click.option("--meshes", is_flag=True, help="Draw the URDF's mesh files where they lie beside it.")
+@click.option("-o", "--output", required=True, type=PathArgument, help="HTML page to write.")
+@json_option
+def command(
+    arm_path: Path,
+    preset: str | None,
+    lax: bool,
+    trajectory_path: Path | None,
+    tolerance: str | None,
+    positions: str,
+    payload: str,
+    magnify: float | None,
+    meshes: bool,
+    output: Path,
+    json_path: Path | None,
+) -> None:
+    """One self-contained page, made without a display, opened by any browser."""
+    arm = load(arm_path, preset, lax)
+    shown = {"magnification": magnify, "meshes": meshes, "path": output}
+    if trajectory_path is None:
+        view(arm, parse_positions(positions, arm) if positions else None, payload, **shown)
+    else:
+        trajectory = read_trajectory(trajectory_path, arm)
+        report = None
+        if tolerance is not None:
+            with progress("checking") as tick:
+                report = check(arm, trajectory, parse_quantity(tolerance, "length"), progress=tick)
+        view(arm, trajectory=trajectory, report=report, **shown)
+    written = {"format": "armflex-view-1", "page": str(output), "base": arm.robot.base, "tip": arm.robot.tip}
+    write_json(json_path, written)
+    console().print(f"Written to {output}; open it in a browser.")

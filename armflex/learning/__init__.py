@@ -1,0 +1,1 @@
+"""Joint deformation models from measured loads and deflections."""

@@ -1,0 +1,95 @@
+"""A compliance from joint data in closed form: least squares through the origin, with its uncertainty.
+
+The loads are taken as exact and every deflection column has its own noise, found from the residuals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import InputError, did_you_mean
+from armflex.laws.law import embed
+from armflex.laws.linear import LinearFit, LinearLaw
+
+STRUCTURES = ("full", "symmetric", "diagonal")
+
+
+@dataclass(frozen=True)
+class FittedCompliance:
+    """A (k, k) compliance [m/N, ...] with the (k, k, k) covariance of its rows and (k,) residual scatter."""
+
+    compliance: Array
+    row_covariance: Array
+    residual_std: Array
+
+    def law(self, loads: Array) -> LinearLaw:
+        """Return the law, remembering the (N, k) loads it was fitted on."""
+        seen = np.array([loads.min(axis=0), loads.max(axis=0)])
+        fit = LinearFit(self.row_covariance, self.residual_std, seen)
+        return LinearLaw(embed(self.compliance), fit=fit)
+
+
+def fit_compliance(loads: Array, deflections: Array, structure: str = "full") -> FittedCompliance:
+    """Return the compliance of (N, k) loads and deflections.
+
+    Args:
+        loads: (N, k) [N, N m].
+        deflections: (N, k) [m, rad].
+        structure: "full", "symmetric" (Betti) or "diagonal" (the paper's eq. (7)).
+
+    Raises:
+        InputError: The loads do not span the components, so that some entries are not determined.
+    """
+    basis = _basis(loads.shape[1], structure)
+    _check_span(loads)
+    scatter = np.ones(loads.shape[1])
+    for _ in range(3 if structure == "symmetric" else 1):  # rows share parameters: weigh them by their own scatter
+        theta, covariance, scatter = _solve(loads, deflections, basis, scatter)
+    compliance = np.tensordot(theta, basis, axes=1)
+    rows = np.einsum("pik,pq,qil->ikl", basis, covariance, basis)
+    return FittedCompliance(compliance, rows, scatter)
+
+
+def _basis(size: int, structure: str) -> Array:
+    """Return the (P, k, k) matrices that the compliance is a sum of."""
+    if structure not in STRUCTURES:
+        hint = did_you_mean(structure, STRUCTURES)
+        raise InputError(f"structure {structure!r} is not known{hint} (known: {', '.join(STRUCTURES)})")
+    pairs = [(i, j) for i in range(size) for j in range(size)]
+    if structure == "diagonal":
+        pairs = [(i, i) for i in range(size)]
+    if structure == "symmetric":
+        pairs = [(i, j) for i, j in pairs if i <= j]
+    basis = np.zeros((len(pairs), size, size))
+    for matrix, (i, j) in zip(basis, pairs, strict=True):
+        matrix[i, j] = 1.0
+        if structure == "symmetric":
+            matrix[j, i] = 1.0
+    return basis
+
+
+def _check_span(loads: Array) -> None:
+    scaled = loads / np.maximum(np.abs(loads).max(axis=0), 1e-300)
+    values = np.linalg.svd(scaled, compute_uv=False)
+    if len(loads) <= loads.shape[1] or values[-1] < 1e-6 * values[0]:
+        raise InputError(
+            f"loads do not span their {loads.shape[1]} components (singular values "
+            f"{', '.join(f'{value:.2g}' for value in values)}): some entries of the compliance are not determined"
+        )
+
+
+def _solve(loads: Array, deflections: Array, basis: Array, scatter: Array) -> tuple[Array, Array, Array]:
+    design = np.einsum("pik,nk->nip", basis, loads) / scatter[:, None]
+    flat, target = design.reshape(-1, len(basis)), (deflections / scatter).reshape(-1)
+    scale = np.linalg.norm(flat, axis=0)
+    theta = np.linalg.lstsq(flat / scale, target, rcond=None)[0] / scale
+    residual = deflections - loads @ np.tensordot(theta, basis, axes=1).T
+    freedom = len(loads) - len(basis) / loads.shape[1]
+    found = np.sqrt((residual**2).sum(axis=0) / max(freedom, 1.0))
+    weighted = np.einsum("pik,nk->nip", basis, loads) / np.maximum(found, 1e-300)[:, None]
+    normal = weighted.reshape(-1, len(basis)) / scale
+    covariance = np.linalg.inv(normal.T @ normal) / np.outer(scale, scale)
+    return theta, covariance, found
