@@ -3,7 +3,27 @@
 from armflex.arm import Arm as Arm
 from armflex.arm import Flexure as Flexure
 from armflex.arm_file import load_arm as load_arm
+from armflex.bundled import bundled_robot as bundled_robot
+from armflex.check import CheckReport as CheckReport
+from armflex.check import check as check
+from armflex.compensate import Compensation as Compensation
+from armflex.compensate import compensate as compensate
+from armflex.deflection import Deflection as Deflection
+from armflex.deflection import DeflectionBatch as DeflectionBatch
+from armflex.errors import ArmflexError as ArmflexError
+from armflex.errors import ArmflexWarning as ArmflexWarning
+from armflex.errors import InputError as InputError
+from armflex.joint_data import read_joint_data as read_joint_data
+from armflex.laws.law_file import load_law as load_law
+from armflex.laws.law_file import save_law as save_law
+from armflex.learning.train import train as train
 from armflex.loads import Payload as Payload
 from armflex.loads import Wrench as Wrench
-
-__version__ = "0.1.0"
+from armflex.predict import predict as predict
+from armflex.predict import read_rows as read_rows
+from armflex.robot import load_robot as load_robot
+from armflex.trajectory import Trajectory as Trajectory
+from armflex.trajectory import read_trajectory as read_trajectory
+from armflex.trajectory import write_trajectory as write_trajectory
+from armflex.version import __version__ as __version__
+from armflex.view import view as view

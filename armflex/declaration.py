@@ -38,13 +38,20 @@ class Declaration:
             is_here = header == self.header
             if is_here and match and not found:
                 found = number
+            if match and key and header == self.under(key):
+                return Place(self.path, number)
             if is_here and key and (match := _KEY.match(line)) and match[1] == key:
                 return Place(self.path, number)
         return Place(self.path, found)
 
     def fail(self, key: str, problem: str) -> ArmFileError:
         """Return the error that says what is wrong with a key of this table."""
-        return ArmFileError(self.place(key), f"[{self.header}] {key}: {problem}")
+        where = f"[{self.header}] {key}" if self.header else key
+        return ArmFileError(self.place(key), f"{where}: {problem}")
+
+    def under(self, key: str) -> str:
+        """Return the header of a table under this one."""
+        return f"{self.header}.{key}" if self.header else key
 
     def has(self, key: str) -> bool:
         """Return whether a key is given, marking it as known."""
@@ -106,7 +113,7 @@ class Declaration:
     def sub(self, key: str, value: Any | None = None, header: str | None = None) -> Declaration:
         """Return a sub-table as a declaration of its own."""
         table = self.raw(key) if value is None else value
-        name = header or (f"{self.header}.{key}" if self.header else key)
+        name = header or self.under(key)
         if not isinstance(table, dict):
             raise self.fail(key, f"expected a table [{name}], got {table!r}")
         return Declaration(table, name, self.path, "\n".join(self.text_lines))
@@ -125,8 +132,7 @@ class Declaration:
         tables = self.raw(key)
         if not isinstance(tables, list):
             raise self.fail(key, f"expected tables [[{key}]]")
-        name = f"{self.header}.{key}" if self.header else key
-        return [self.sub(key, table, name) for table in tables]
+        return [self.sub(key, table, self.under(key)) for table in tables]
 
     def finish(self) -> None:
         """Raise `ArmFileError` for the first key that nobody asked for."""

@@ -86,7 +86,7 @@ def one_joint(
     com: Sequence[float],
     mass: float = 2.0,
     tool: Sequence[float] = (1, 0, 0),
-    **kw,
+    **options: object,
 ) -> Arm:
     """Return one joint about y with a link of a given mass and CoM, and its tool."""
     parts = [
@@ -96,7 +96,7 @@ def one_joint(
         joint("flange", "body", "tool", tool, kind="fixed"),
         link("tool"),
     ]
-    return arm_of(folder, parts, "tool", {"j": law})
+    return arm_of(folder, parts, "tool", {"j": law}, **options)
 
 
 def three_joints(folder: Path, compliances: Sequence[Law | np.ndarray], **options: object) -> Arm:

@@ -1,4 +1,4 @@
-"""Rows 19 to 35 of the table of bad inputs: positions, poses, names, payloads, units, laws, equilibria; and arm.toml."""
+"""Rows 19 to 35 of the table of bad inputs: positions, poses, names, payloads, units, laws, equilibria, arm.toml."""
 
 from __future__ import annotations
 
@@ -250,7 +250,7 @@ def test_bad_payload(arguments, words):
 
 
 def test_row25_payload_far_from_the_tip(arm):
-    with pytest.raises(PayloadError, match="100 m from the tip.*millimetres"):
+    with pytest.raises(PayloadError, match=r"100 m from the tip.*millimetres"):
         arm.deflection(Q, payload=Payload(5.0, [100, 0, 0]))
 
 
@@ -274,7 +274,8 @@ def test_row26_beyond_rating_is_flagged(arm):
 
 @pytest.mark.parametrize(
     ("text", "kind", "value"),
-    [("5mm", "length", 0.005), ("5 mm", "length", 0.005), ("-1.5e-3m", "length", -0.0015), ("90deg", "angle", np.pi / 2),
+    [("5mm", "length", 0.005), ("5 mm", "length", 0.005), ("-1.5e-3m", "length", -0.0015),
+     ("90deg", "angle", np.pi / 2),
      ("2 kN", "force", 2000.0), ("1kgf", "force", 9.80665), ("3kNm", "moment", 3000.0), ("2min", "time", 120.0)],
 )  # fmt: skip
 def test_row27_quantities(text, kind, value):
@@ -283,8 +284,9 @@ def test_row27_quantities(text, kind, value):
 
 @pytest.mark.parametrize(
     ("text", "kind", "words"),
-    [("5", "length", "with its unit, such as 5m"), ("5kg", "length", "'kg' is no unit of length"), ("mm", "length", "5m"),
-     ("5Nm", "force", "no unit of force"), ("5mM", "length", "did you mean 'mm'"), ("1_0mm", "length", "5m"),
+    [("5", "length", "with its unit, such as 5m"), ("5kg", "length", "'kg' is no unit of length"),
+     ("mm", "length", "5m"), ("5Nm", "force", "no unit of force"), ("5mM", "length", "did you mean 'mm'"),
+     ("1_0mm", "length", "5m"),
      ("nanmm", "length", "5m"), ("5mm2", "length", "5m"), ("1,5mm", "length", "5m"), ("", "angle", "5rad")],
 )  # fmt: skip
 def test_row27_quantities_without_a_proper_unit(text, kind, words):
@@ -395,11 +397,9 @@ DECLARATIONS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
     "toml-mass-negative": ("mass = 5.0", "mass = -5.0", ("mass: payload mass is -5",), "-5.0"),
     "toml-inertia": ("[0.3, 0.3, 0.3, 0.0, 0.0, 0.0]", "[0.3, 0.3, 0.9, 0, 0, 0]", ("principal moments",), "0.9"),
     "toml-prior-negative": ("joint_offset = 1e-3", "joint_offset = -1e-3", ("cannot be negative",), "-1e-3"),
-    "toml-table-is-a-number": ('[measurement]\nframe = "unknown"\ngravity_in = "base"', "", ("",), ""),
     "toml-model-not-text": ('model = "linear"', "model = 1", ("expected a text, got 1",), "model = 1"),
     "toml-missing-law-file": (DIAGONAL, 'file = "ghost.safetensors"', ("ghost.safetensors", "cannot be read"), "ghost"),
 }
-del DECLARATIONS["toml-table-is-a-number"]
 
 
 @pytest.mark.parametrize(("old", "new", "words", "marker"), DECLARATIONS.values(), ids=DECLARATIONS)
@@ -422,12 +422,10 @@ def test_arm_file_that_cannot_be_read(tmp_path):
         load_arm(tmp_path / "a.toml")
 
 
-@pytest.mark.parametrize(
-    "text", ["robot = 5", "[robot]\nurdf = 'robot.urdf'\ntip = 'tool'\npayload.x = 5\n[payload]\nx = 5"]
-)
+@pytest.mark.parametrize("text", ["robot = 5", "[robot]\nurdf = 'robot.urdf'\ntip = 'tool'\n[payload]\nx = 5"])
 def test_a_table_must_be_a_table(tmp_path, text):
     write(tmp_path, GOOD)
-    with pytest.raises(ArmFileError, match="expected a table|unknown key"):
+    with pytest.raises(ArmFileError, match=r"expected a table|not valid TOML"):
         load_arm(write(tmp_path, text, "arm.toml"))
 
 
@@ -506,7 +504,8 @@ def test_row33_hanging_the_fixed_point_never_converges_and_newton_does(tmp_path,
 @pytest.mark.parametrize("start", [0.0, 0.02])
 def test_row34_upright_at_half_the_critical_load_stands(tmp_path, start):
     result = pendulum(tmp_path, 0.5, upright=True).deflection([start])
-    assert result.twists[0] == pytest.approx([0, 0, 0, 0, root(0.5, start, True), 0], abs=1e-13)
+    # The residual is below 1e-12 and the tangent 0.5, so the twist is right to 2e-12.
+    assert result.twists[0] == pytest.approx([0, 0, 0, 0, root(0.5, start, True), 0], abs=2e-12)
     assert np.linalg.eigvals(result.tangent).real.min() == pytest.approx(1 - 0.5 * np.cos(start + result.twists[0, 4]))
 
 
@@ -525,12 +524,15 @@ def test_row34_upright_and_leaning_beyond_the_critical_load(tmp_path, start):
         pendulum(tmp_path, 2.0, upright=True).deflection([start])
 
 
-def test_row33_a_singular_tangent_is_said(tmp_path):
-    """Exactly at the critical load, with a side load: no equilibrium near, and a step of infinite length."""
+def test_rows33_and_34_exactly_at_the_critical_load(tmp_path):
+    """Numbers that are exact in binary: the tangent is zero, so nothing holds the arm, nor is there a Newton step."""
     compliance = np.zeros((6, 6))
     compliance[4, 4] = 1.0 / 8.0
-    arm = one_joint(tmp_path, compliance, (0.0, 0, 1.0), 1.0, (0, 0, 1), gravity=np.array([0.0, 0.0, -8.0]))
-    with pytest.raises((ConvergenceError, SmallDisplacementError)):
+    arm = one_joint(tmp_path, compliance, (0, 0, 1), 1.0, (0, 0, 1), gravity=np.array([0.0, 0.0, -8.0]))
+    with pytest.raises(UnstableEquilibriumError) as caught:
+        arm.deflection([0.0])
+    assert caught.value.eigenvalue == 0.0
+    with pytest.raises(ConvergenceError, match="singular"):
         arm.deflection([0.0], wrenches=[Wrench("tool", [2.0**-30, 0, 0], [0, 0, 0])])
 
 
@@ -556,14 +558,15 @@ def test_row35_a_flexure_turning_by_over_a_tenth_radian(tmp_path):
 @pytest.mark.parametrize("method", ["fixed_point", "first_order"])
 def test_row35_for_every_method(tmp_path, method):
     with pytest.raises(SmallDisplacementError):
-        pendulum(tmp_path, 0.9, upright=False).deflection([0.3], method=method)
+        pendulum(tmp_path, 0.5, upright=False).deflection([0.5], method=method)
 
 
 def test_row35_sag_beyond_a_tenth_of_the_reach_is_flagged(tmp_path):
-    reach = 1.8 + 0.0  # about: 1.02 m from pitch to roll and 0.6 m to the tool, after the yaw joint
     soft, stiff = ([np.diag([c, c, c, 0, 0, 0])] * 3 for c in (1e-4, 1e-6))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert three_joints(tmp_path, stiff).deflection(np.zeros(3)).flags == ()
         result = three_joints(tmp_path, soft).deflection(np.zeros(3))
-    assert codes(result.flags) == ["large_sag"] and np.linalg.norm(result.displacement[:3]) > 0.1 * reach
+    assert (
+        codes(result.flags) == ["large_sag"] and np.linalg.norm(result.displacement[:3]) > 0.1 * 2.0
+    )  # m, about the length of the chain

@@ -416,6 +416,11 @@ def test_row10_a_frame_written_as_a_link_may_weigh_nothing(tmp_path):
         )
     )
     assert load_robot(write(tmp_path, text)).flags == ()
+    with_inertia = load_robot(write(tmp_path, text.replace('ixx="0"', 'ixx="1"')))
+    assert codes(with_inertia) == ["massless_inertia"]
+    assert (
+        build_model(with_inertia).model.inertias[2] == build_model(load_robot(write(tmp_path, GOOD))).model.inertias[2]
+    )
 
 
 @pytest.mark.parametrize(("mass", "inertia"), [(0.02, 1e-3), (2e4, 1e3)], ids=["row11-tonnes", "row11-grams"])

@@ -14,6 +14,7 @@ from armflex.joint_data import JointData
 from armflex.laws.law_file import TrainedLaw
 from armflex.laws.linear import LinearLaw, softness
 from armflex.learning.linear import fit_compliance
+from armflex.version import __version__
 
 MODELS = ("linear",)
 LEAVE_ONE_OUT_LIMIT = 500
@@ -94,8 +95,6 @@ def _doubts(law: LinearLaw) -> tuple[Flag, ...]:
 
 
 def _provenance(data: JointData, structure: str, train_rms: Array, held_out_rms: Array, how: str) -> dict[str, Any]:
-    from armflex import __version__
-
     return {
         "armflex": __version__,
         "data": data.path.name,

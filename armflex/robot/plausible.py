@@ -46,7 +46,8 @@ def _check_inertial(urdf: Urdf, link: Link, inertial: Inertial, strict: bool, al
     if inertial.mass < 0.0 or (inertial.mass == 0.0 and moves and not allow_massless):
         raise UrdfError(inertial.place, f"link {link.name!r}: mass is {inertial.mass:g} kg, expected more than 0")
     if inertial.mass == 0.0:  # a frame written as a link: real files fix them to others
-        return []
+        text = f"{inertial.place}: link {link.name!r} has an inertia but no mass; it is left out"
+        return [Flag("massless_inertia", text)] if inertial.inertia.any() else []
     size = _size(urdf, link, inertial)
     return [
         *_check_inertia(link.name, inertial.inertia, inertial.place, moves, strict),

@@ -22,6 +22,7 @@ PASSED_OVER = frozenset(
         *("material", "gazebo", "transmission", "ros2_control", "sensor", "hardwareInterface"),
         *("safety_controller", "calibration", "dynamics", "self_collision_checking", "contact"),
         *("verbose", "joint_properties", "loop_joint", "group", "disable_collisions"),
+        *("kinematic", "gravity", "selfCollide", "turnGravityOff", "surface"),
         *("self_filter", "collision_checking"),
     }
 )

@@ -99,6 +99,24 @@ def _refuse_mimics(chain: list[Joint]) -> None:
             )
 
 
+def deepest_leaf(urdf: Urdf, base: str) -> str:
+    """Return the end of the longest chain of moving joints from `base`, the first in file order among equals.
+
+    Chains with a mimic joint are passed by: their ends are fingers, not tools.
+    """
+    depth = {base: 0}
+    children = joints_by_parent(urdf)
+    stack = [base]
+    while stack:
+        link = stack.pop()
+        for joint in children[link]:
+            if not (joint.mimic and joint.kind in MOVING):
+                depth[joint.child] = depth[link] + (joint.kind in MOVING)
+                stack.append(joint.child)
+    leaves = [link for link in urdf.links if link in depth and not any(j.child in depth for j in children[link])]
+    return max(leaves, key=lambda link: depth[link])
+
+
 def default_tip(urdf: Urdf, base: str) -> str:
     """Return the only leaf link below `base`; raise `UrdfError` listing the leaves when there are several."""
     children = joints_by_parent(urdf)
