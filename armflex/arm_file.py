@@ -19,12 +19,13 @@ from armflex.prior import Measurement, Prior
 from armflex.robot import Robot, load_robot
 
 
-def load_arm(path: str | Path, *, preset: str | None = None, strict: bool = True) -> Arm:
+def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
     """Read an arm.toml and the URDF it names.
 
     Args:
         path: The arm.toml; a URDF is taken as an arm without flexures.
         preset: Name of a [preset.NAME] table whose flexures replace or join the declared ones.
+        tip: Link whose motion is reported, instead of the declared one; a URDF with several ends needs it.
         strict: Refuse unknown URDF tags and impossible inertias instead of flagging them.
 
     Raises:
@@ -34,7 +35,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, strict: bool = True
     """
     path = Path(path)
     is_urdf = path.suffix == ".urdf"
-    arm = _bare(load_robot(path, strict=strict)) if is_urdf else _read(read_toml(path), preset, strict)
+    arm = _bare(load_robot(path, tip, strict=strict)) if is_urdf else _read(read_toml(path), preset, tip, strict)
     warn(arm.flags)
     return arm
 
@@ -43,8 +44,8 @@ def _bare(robot: Robot) -> Arm:
     return Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so nothing gives: the arm is rigid")))
 
 
-def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
-    robot, rating, flags = _read_robot(root.sub("robot"), strict)
+def _read(root: Declaration, preset: str | None, tip: str | None, strict: bool) -> Arm:
+    robot, rating, flags = _read_robot(root.sub("robot"), tip, strict)
     payloads = {name: _read_payload(table) for name, table in root.subs("payload").items()}
     flexures = tuple(_read_flexure(name, table, robot) for name, table in _flexure_tables(root, preset).items())
     measurement = _read_measurement(root.sub("measurement")) if root.has("measurement") else Measurement()
@@ -67,9 +68,12 @@ def _flexure_tables(root: Declaration, preset: str | None) -> dict[str, Declarat
     return declared | changed
 
 
-def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:
+def _read_robot(
+    table: Declaration, other_tip: str | None, strict: bool
+) -> tuple[Robot, float | None, tuple[Flag, ...]]:
     urdf = table.path.parent / table.text("urdf")
-    tip, base = table.text("tip"), table.text("base", "-")
+    tip, base = other_tip or table.text("tip"), table.text("base", "-")
+    table.has("tip")
     flags: tuple[Flag, ...] = ()
     if table.has("gravity"):
         gravity = table.numbers("gravity", (3,))

@@ -26,6 +26,7 @@ from armflex.trajectory import read_trajectory
 def command(
     arm_path: Path,
     preset: str | None,
+    tip: str | None,
     lax: bool,
     trajectory_path: Path,
     tolerance: str,
@@ -34,7 +35,7 @@ def command(
     json_path: Path | None,
 ) -> int:
     """Each via-point and the path between: displacement, margin, verdict, worst first."""
-    arm = load(arm_path, preset, lax)
+    arm = load(arm_path, preset, tip, lax)
     trajectory = read_trajectory(trajectory_path, arm)
     limits = parse_quantity(tolerance, "length"), None if angle is None else parse_quantity(angle, "angle")
     with progress("checking") as tick:

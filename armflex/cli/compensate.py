@@ -26,6 +26,7 @@ from armflex.trajectory import read_trajectory, write_trajectory
 def command(
     arm_path: Path,
     preset: str | None,
+    tip: str | None,
     lax: bool,
     trajectory_path: Path,
     output: Path,
@@ -38,7 +39,7 @@ def command(
 
     Nothing is written where a row cannot be reached, unless --best-effort is given.
     """
-    arm = load(arm_path, preset, lax)
+    arm = load(arm_path, preset, tip, lax)
     trajectory = read_trajectory(trajectory_path, arm)
     gap = None if between is None else parse_quantity(between, "length")
     with progress("compensating") as tick:

@@ -26,6 +26,7 @@ from armflex.loads import Wrench
 def command(
     arm_path: Path,
     preset: str | None,
+    tip: str | None,
     lax: bool,
     positions: str,
     payload: str,
@@ -35,7 +36,7 @@ def command(
     json_path: Path | None,
 ) -> None:
     """Loads at every joint, local deflections, and the end-effector's displacement."""
-    arm = load(arm_path, preset, lax)
+    arm = load(arm_path, preset, tip, lax)
     wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(parse_force, forces)]
     q = parse_positions(positions, arm)
     found = arm.deflection(q, payload, wrenches=wrenches, method=method, allow_large=allow_large)
@@ -67,8 +68,10 @@ def print_deflection(found: Deflection, drives: list[float], limits: list[float]
             )
         ],
     )
-    if names.flexures:
-        _print_flexures(found)
+    if not names.flexures:
+        console().print("No flexure is declared: the arm is rigid and its tip does not move.")
+        return
+    _print_flexures(found)
     _print_tip(found)
 
 

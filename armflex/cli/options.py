@@ -21,10 +21,11 @@ PathArgument = click.Path(path_type=Path)
 
 
 def arm_argument(function: Callable) -> Callable:
-    """Add the ARM argument, `--preset` and `--lax`."""
+    """Add the ARM argument, `--preset`, `--tip` and `--lax`."""
     for decorate in (
         click.argument("arm_path", metavar="ARM", type=PathArgument),
         click.option("--preset", metavar="NAME", help="Use the flexures of [preset.NAME] in ARM."),
+        click.option("--tip", metavar="LINK", help="Report this link's motion instead of the one ARM names."),
         click.option("--lax", is_flag=True, help="Flag unknown URDF tags and impossible inertias, do not refuse."),
     ):
         function = decorate(function)
@@ -38,9 +39,9 @@ def json_option(function: Callable) -> Callable:
     )
 
 
-def load(arm_path: Path, preset: str | None, lax: bool) -> Arm:
+def load(arm_path: Path, preset: str | None, tip: str | None, lax: bool) -> Arm:
     """Return the arm that the shared options name."""
-    return load_arm(arm_path, preset=preset, strict=not lax)
+    return load_arm(arm_path, preset=preset, tip=tip, strict=not lax)
 
 
 def write_json(path: Path | None, content: dict[str, Any]) -> None:

@@ -17,10 +17,16 @@ from armflex.predict import predict, read_rows, write_predictions
 @click.option("-o", "--output", required=True, type=PathArgument, help="Table to write.")
 @json_option
 def command(
-    arm_path: Path, preset: str | None, lax: bool, rows_path: Path, output: Path, json_path: Path | None
+    arm_path: Path,
+    preset: str | None,
+    tip: str | None,
+    lax: bool,
+    rows_path: Path,
+    output: Path,
+    json_path: Path | None,
 ) -> None:
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
-    arm = load(arm_path, preset, lax)
+    arm = load(arm_path, preset, tip, lax)
     rows = read_rows(rows_path, arm)
     with progress("predicting") as tick:
         found = predict(arm, rows, tick)

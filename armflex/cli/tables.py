@@ -8,7 +8,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-NARROWEST = 110
+NARROWEST = 130
 """Columns to lay out for where the output is no terminal."""
 
 
@@ -24,7 +24,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     rows = [[str(cell) for cell in row] for row in rows]
     for index, column in enumerate(columns):
         numeric = index > 0 and all(_is_number(row[index]) for row in rows)
-        table.add_column(column, justify="right" if numeric else "left")
+        table.add_column(column, justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         table.add_row(*row, style=_style(row))
     console().print(table)
@@ -42,4 +42,4 @@ def _style(row: Sequence[str]) -> str | None:
 
 def number(value: float, digits: int = 4) -> str:
     """Return a number to so many significant digits, tiny ones as 0."""
-    return "0" if abs(value) < 1e-12 else f"{value:.{digits}g}"
+    return "0" if abs(value) < 1e-9 else f"{value:.{digits}g}"

@@ -27,6 +27,7 @@ from armflex.view.view import view
 def command(
     arm_path: Path,
     preset: str | None,
+    tip: str | None,
     lax: bool,
     trajectory_path: Path | None,
     tolerance: str | None,
@@ -38,7 +39,7 @@ def command(
     json_path: Path | None,
 ) -> None:
     """One self-contained page, made without a display, opened by any browser."""
-    arm = load(arm_path, preset, lax)
+    arm = load(arm_path, preset, tip, lax)
     shown = {"magnification": magnify, "meshes": meshes, "path": output}
     if trajectory_path is None:
         view(arm, parse_positions(positions, arm) if positions else None, payload, **shown)

@@ -1,6 +1,6 @@
 """First order, fixed point and Newton side by side at 3, 30 and 300 mm of sag, against a Pinocchio baseline.
 
-    python tests/benchmarks/equilibrium.py
+python tests/benchmarks/equilibrium.py
 """
 
 from __future__ import annotations

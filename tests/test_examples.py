@@ -1,0 +1,38 @@
+"""Every example runs and gives the number it is known for."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+def run(name: str, *arguments: str) -> object:
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.main(*arguments)
+
+
+def test_deflection():
+    assert run("01_deflection") == pytest.approx(0.1858, abs=5e-5)
+
+
+def test_check_and_compensate(tmp_path):
+    assert run("02_check_and_compensate", str(tmp_path / "path.html")) < 1e-9
+    assert (tmp_path / "path.html").stat().st_size > 500_000
+
+
+def test_own_robot(tmp_path):
+    assert run("03_own_robot", str(tmp_path)) == pytest.approx(6.3227e-3, abs=5e-7)
+
+
+def test_urdf_survey():
+    loaded, files = run("04_urdf_survey")
+    assert (loaded, files) == (53, 69)
+
+
+def test_no_example_is_forgotten():
+    source = Path(__file__).read_text()
+    assert all(f'run("{file.stem}"' in source for file in EXAMPLES.glob("*.py"))
