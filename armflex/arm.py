@@ -29,7 +29,7 @@ from armflex.laws import Law, Row
 from armflex.loads import NO_PAYLOAD, Payload, Wrench
 from armflex.mechanics import LoadCase, Mechanics
 from armflex.prior import Measurement, Prior
-from armflex.robot import Robot, Site, build_model
+from armflex.robot import Corrections, Robot, Site, build_model
 
 FORCE_BAND = 10.0
 """External forces beyond this many times the arm's weight are flagged: kN or kgf given as N?"""
@@ -58,6 +58,7 @@ class Arm:
         payload_rating: Heaviest rated payload [kg], None when not stated.
         measurement: Frame in which campaigns of this arm are measured.
         prior: What calibration may move, one standard deviation each.
+        corrections: Constant errors of the kinematics that calibration found; part of what makes the tip displaced.
         flags: Doubts about the arm as declared.
     """
 
@@ -67,6 +68,7 @@ class Arm:
     payload_rating: float | None = None
     measurement: Measurement = field(default_factory=Measurement)
     prior: Prior = field(default_factory=Prior)
+    corrections: Corrections = field(default_factory=Corrections)
     flags: tuple[Flag, ...] = ()
 
     def __post_init__(self) -> None:
@@ -186,7 +188,7 @@ class Arm:
     def _single(self, q: Array, payload: object, motion: list, wrenches: tuple, options: dict) -> Deflection:
         checked, flags = self.check_position(q, options["enforce_limits"])
         body = self.payload(payload)
-        flags = (*flags, *self._check_payload(body), *self._check_wrenches(wrenches))
+        flags = (*flags, *self._check_payload(body, motion[1] is not None), *self._check_wrenches(wrenches))
         mechanics = self._mechanics_of(body)
         case = LoadCase(checked, motion[0], motion[1], wrenches)
         row = Row(checked, self._joint_index)
@@ -236,14 +238,17 @@ class Arm:
             raise ShapeError(f"{name}: expected shape ({count}, {len(self.joint_names)}), got {array.shape}")
         return [self._checked(row, name) for row in array]
 
-    def _check_payload(self, payload: Payload) -> tuple[Flag, ...]:
+    def _check_payload(self, payload: Payload, accelerated: bool) -> tuple[Flag, ...]:
         distance = float(np.linalg.norm(payload.com))
         if payload.mass and distance > max(self.robot.reach, 1.0):
             raise PayloadError(f"payload CoM is {distance:g} m from the tip, more than the arm's reach: millimetres?")
+        flags: tuple[Flag, ...] = ()
         if self.payload_rating is not None and payload.mass > self.payload_rating:
             text = f"payload of {payload.mass:g} kg exceeds the rated {self.payload_rating:g} kg"
-            return (Flag("beyond_rating", text),)
-        return ()
+            flags = (Flag("beyond_rating", text),)
+        if accelerated and payload.mass and payload.inertia is None:
+            flags = (*flags, Flag("no_inertia", "the payload's inertia is not given, so its turning adds no load"))
+        return flags
 
     def _check_wrenches(self, wrenches: tuple[Wrench, ...]) -> tuple[Flag, ...]:
         flags = []
@@ -277,7 +282,8 @@ class Arm:
                 self._mechanics.clear()
             sites = [Site(flexure.name, flexure.joint) for flexure in self.flexures]
             body = payload.body if payload.mass else None
-            self._mechanics[key] = Mechanics(build_model(self.robot, (), body), build_model(self.robot, sites, body))
+            flex = build_model(self.robot, sites, body, self.corrections)
+            self._mechanics[key] = Mechanics(build_model(self.robot, (), body), flex)
         return self._mechanics[key]
 
 

@@ -35,6 +35,8 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
     """
     path = Path(path)
     is_urdf = path.suffix == ".urdf"
+    if is_urdf and preset is not None:
+        raise UnknownNameError("preset", preset, ())
     arm = _bare(load_robot(path, tip, strict=strict)) if is_urdf else _read(read_toml(path), preset, tip, strict)
     warn(arm.flags)
     return arm
@@ -54,7 +56,8 @@ def _read(root: Declaration, preset: str | None, tip: str | None, strict: bool) 
         raise UnsupportedError(f"{root.array_of('effect')[0].place()}: [[effect]] is not supported by this version")
     root.finish()
     soft = [flag for flexure in flexures for flag in _soft(flexure)]
-    return Arm(robot, flexures, payloads, rating, measurement, prior, (*robot.flags, *flags, *soft))
+    doubts = (*robot.flags, *flags, *soft)
+    return Arm(robot, flexures, payloads, rating, measurement, prior, flags=doubts)
 
 
 def _flexure_tables(root: Declaration, preset: str | None) -> dict[str, Declaration]:

@@ -16,7 +16,13 @@ from armflex.trajectory import Trajectory
 COVERAGE = 2.0
 """A margin inside this many standard uncertainties is neither ok nor fail."""
 
-MAX_HALVINGS = 10
+LARGEST_STEP = 0.1
+"""Joints move no further [rad or m] between the first samples of a stretch."""
+
+FEWEST_STEPS, MAX_HALVINGS = 4, 10
+CLOSEST = 1e-6
+"""Fraction of the tolerance below which a peak between samples no longer counts."""
+
 Progress = Callable[[int, int], None]
 
 
@@ -88,8 +94,8 @@ def check(
 ) -> CheckReport:
     """Hold the tip's displacement along a trajectory against a tolerance.
 
-    Between rows the path is sampled, and the step halved until it changes neither verdict nor worst displacement by
-    more than a hundredth of the tolerance (or a quarter of the margin).
+    Between rows the path is sampled, and the step halved until no peak that the samples' curvature leaves room for
+    would change the verdict, or the worst displacement by more than a hundredth.
 
     Args:
         arm: The arm.
@@ -105,7 +111,7 @@ def check(
     if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
         raise InputError(f"tolerance must be positive, got {tolerance} m and {angle} rad")
     judge = _Judge(arm, tolerance, angle, method)
-    rows = [judge.row(trajectory, i) for i in range(len(trajectory))]
+    rows = [judge.sample(trajectory, i).point for i in range(len(trajectory))]
     segments = []
     for segment in range(len(trajectory) - 1):
         segments.append(_worst_between(judge, trajectory, segment))
@@ -119,6 +125,14 @@ def check(
     return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, judge.samples, flags)
 
 
+@dataclass(frozen=True)
+class _Sample:
+    """A point with its (3,) scores: displacement, and the most and least that it may be, as fractions allowed."""
+
+    point: Point
+    scores: Array
+
+
 class _Judge:
     """Evaluates points and collects what was met on the way."""
 
@@ -127,7 +141,12 @@ class _Judge:
         self.samples = 0
         self.flags: dict[str, Flag] = {}
 
-    def row(self, trajectory: Trajectory, i: int) -> Point:
+    def samples_at(self, trajectory: Trajectory, segment: int, fractions: Array) -> list[_Sample]:
+        """Return the verdicts at fractions (M,) of the way from row `segment` to the next."""
+        points = trajectory.at(segment, fractions)
+        return [self.sample(points, i) for i in range(len(points))]
+
+    def sample(self, trajectory: Trajectory, i: int) -> _Sample:
         """Return the verdict on one row; errors are raised again with the row and its time."""
         time, via = float(trajectory.time[i]), trajectory.via[i]
         motion = {key: None if x is None else x[i] for key, x in (("v", trajectory.v), ("a", trajectory.a))}
@@ -140,9 +159,10 @@ class _Judge:
         self.samples += 1
         for flag in found.flags:
             self.flags.setdefault(flag.code, Flag(flag.code, f"at {time:g} s: {flag.text}"))
-        return self.point(found, via, time, trajectory.payload[i])
+        return self.judge(found, via, time, trajectory.payload[i])
 
-    def point(self, found: Deflection, name: str, time: float, payload: str) -> Point:
+    def judge(self, found: Deflection, name: str, time: float, payload: str) -> _Sample:
+        """Return the verdict on one configuration."""
         shift, turn = (float(np.linalg.norm(part)) for part in (found.displacement[:3], found.displacement[3:]))
         sigmas = [_sigma(found, part) for part in (slice(0, 3), slice(3, 6))]
         margin = self.tolerance - shift
@@ -151,7 +171,16 @@ class _Judge:
         if margin_rad is not None:
             verdicts.append(_verdict(margin_rad, sigmas[1]))
         verdict = next(word for word in ("fail", "uncertain", "ok") if word in verdicts)
-        return Point(name, time, shift, turn, sigmas[0], margin, margin_rad, verdict, blame(found), payload)
+        point = Point(name, time, shift, turn, sigmas[0], margin, margin_rad, verdict, blame(found), payload)
+        return _Sample(point, self.scores((shift, turn), sigmas))
+
+    def scores(self, sizes: tuple[float, float], sigmas: list[float | None]) -> Array:
+        """Return the (3,) scores of a shift and a turn with their uncertainties."""
+        limits = (self.tolerance,) if self.angle is None else (self.tolerance, self.angle)
+        doubts = [COVERAGE * (sigma or 0.0) for sigma in sigmas]
+        parts = list(zip(sizes, doubts, limits, strict=False))
+        most, least = (max((size + sign * doubt) / limit for size, doubt, limit in parts) for sign in (1.0, -1.0))
+        return np.array([sizes[0] / self.tolerance, most, least])
 
 
 def _sigma(found: Deflection, part: slice) -> float | None:
@@ -183,18 +212,29 @@ def blame(found: Deflection) -> str | None:
 
 def _worst_between(judge: _Judge, trajectory: Trajectory, segment: int) -> Point:
     """Return the worst point between two rows, the ends (with this stretch's payload) included."""
-    worst = _worst(judge, trajectory, segment, np.array([0.0, 0.5, 1.0]))
-    for halving in range(1, MAX_HALVINGS + 1):
-        steps = 2**halving
-        finer = _worst(judge, trajectory, segment, np.arange(1, 2 * steps, 2) / (2 * steps))
-        change = abs(min(worst.margin_m, finer.margin_m) - worst.margin_m)
-        before, worst = worst, min(worst, finer, key=lambda point: point.badness)
-        near = max(0.01 * judge.tolerance, 0.25 * abs(worst.margin_m))
-        if worst.verdict == before.verdict and change <= near:
-            return worst
-    return worst
+    far = np.abs(trajectory.q[segment + 1] - trajectory.q[segment]).max(initial=0.0)
+    steps = max(FEWEST_STEPS, int(np.ceil(far / LARGEST_STEP)))
+    samples = judge.samples_at(trajectory, segment, np.linspace(0.0, 1.0, steps + 1))
+    for _ in range(MAX_HALVINGS):
+        if _settled(np.array([sample.scores for sample in samples])):
+            break
+        halfway = judge.samples_at(trajectory, segment, (np.arange(steps) + 0.5) / steps)
+        samples = [sample for pair in zip(samples, halfway, strict=False) for sample in pair] + samples[-1:]
+        steps *= 2
+    return min((sample.point for sample in samples), key=lambda point: point.badness)
 
 
-def _worst(judge: _Judge, trajectory: Trajectory, segment: int, fractions: Array) -> Point:
-    points = trajectory.at(segment, fractions)
-    return min((judge.row(points, i) for i in range(len(points))), key=lambda point: point.badness)
+def _settled(scores: Array) -> bool:
+    """Return whether more samples than these (M, 3) scores would change neither verdict nor worst displacement."""
+    highest = scores.max(axis=0)
+    hidden = _hidden_peak(scores) - highest
+    same_verdict = (highest > 1.0) | (highest + hidden <= 1.0) | (hidden < CLOSEST)
+    return bool(same_verdict[1:].all() and hidden[0] <= 0.01 * max(highest[0], 1.0))
+
+
+def _hidden_peak(scores: Array) -> Array:
+    """Return (3,) how high the scores may get between (M, 3) evenly spaced samples, twice as curved as they look."""
+    bend = np.abs(np.diff(scores, n=2, axis=0))
+    bend = 2.0 * np.maximum(np.vstack([bend[:1], bend]), np.vstack([bend, bend[-1:]])) + 1e-300
+    rise = np.maximum(0.5 * bend - np.abs(np.diff(scores, axis=0)), 0.0) ** 2 / (2.0 * bend)
+    return (np.maximum(scores[1:], scores[:-1]) + rise).max(axis=0)

@@ -7,7 +7,8 @@ active set. What cannot be reached is said, with the reason.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from armflex.arm import Arm
 from armflex.conventions import Array, as_pose
 from armflex.deflection import Deflection
 from armflex.errors import (
+    ArmflexError,
     ConvergenceError,
     Flag,
     InputError,
@@ -119,6 +121,8 @@ def compensate(
     """
     if match not in ("position", "pose"):
         raise InputError(f"match is {match!r}, expected 'position' or 'pose'")
+    if between is not None and not between > 0.0:
+        raise InputError(f"between must be positive, got {between} m")
     scale = _scale(arm, weights)
     poses = _targets(arm, trajectory, targets)
     rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
@@ -131,7 +135,8 @@ def compensate(
         rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
         gaps = _gaps(arm, trajectory, moved)
     widest = None if gaps is None else float(gaps.max(initial=0.0))
-    result = Compensation(moved, rows, match, widest, _flags(arm, moved, rows))
+    flags = (*_flags(arm, moved, rows), *_too_wide(widest, between))
+    result = Compensation(moved, rows, match, widest, flags)
     if not (result.ok or best_effort):
         raise UnreachableError(_summary(result), result)
     return result
@@ -151,10 +156,25 @@ def _solve_rows(
 
 def _targets(arm: Arm, trajectory: Trajectory, targets: Sequence[object] | None) -> list[pin.SE3]:
     if targets is None:
-        return [arm.rigid_pose(q) for q in trajectory.q]
+        return [_rigid_pose(arm, trajectory, i) for i in range(len(trajectory))]
     if len(targets) != len(trajectory):
         raise InputError(f"targets: expected {len(trajectory)} poses, one per row, got {len(targets)}")
     return [as_pose(target, f"target {i}") for i, target in enumerate(targets)]
+
+
+def _rigid_pose(arm: Arm, trajectory: Trajectory, i: int) -> pin.SE3:
+    with _naming(trajectory, i):
+        return arm.rigid_pose(trajectory.q[i])
+
+
+@contextmanager
+def _naming(trajectory: Trajectory, i: int) -> Iterator[None]:
+    """Raise errors again with the row and its time."""
+    try:
+        yield
+    except ArmflexError as error:
+        error.args = (f"row {i} at {trajectory.time[i]:g} s: {error.args[0]}", *error.args[1:])
+        raise
 
 
 def _scale(arm: Arm, weights: Array | None) -> Array:
@@ -184,7 +204,8 @@ class _Solver:
     def row(self, i: int, target: pin.SE3, start: Array) -> CompensatedRow:
         """Solve one row, starting from the previous row's change."""
         t = self.trajectory
-        before = _error(self.ask(i, t.q[i]).pose, target)
+        with _naming(t, i):
+            before = _error(self.ask(i, t.q[i]).pose, target)
         change, after, jacobian, reason = self.solve(i, target, start)
         reached = bool(np.abs(after[: self.size]).max() <= TOLERANCE)
         sigma = float(np.linalg.svd(jacobian * self.scale, compute_uv=False)[min(jacobian.shape) - 1])
@@ -204,7 +225,7 @@ class _Solver:
             except (ConvergenceError, UnstableEquilibriumError, SmallDisplacementError) as error:
                 reason = f"equilibrium: {error}"
                 break
-            error, jacobian = _error(found.pose, target), found.joint_jacobian[: self.size]
+            error, jacobian = _error(found.pose, target), found.total_jacobian[: self.size]
             left = float(np.abs(error[: self.size]).max())
             if best is None or left < best[0]:
                 best = (left, change, error, jacobian)
@@ -290,6 +311,13 @@ def _flags(arm: Arm, moved: Trajectory, rows: Sequence[CompensatedRow]) -> tuple
             text = f"{change} the tip springs by {jump:.3g} m"
             flags.append(Flag("payload_change", text))
     return (*flags, *_too_fast(arm, moved))
+
+
+def _too_wide(widest: float | None, between: float | None) -> tuple[Flag, ...]:
+    if between is None or (widest is not None and widest <= between):
+        return ()
+    left = "is not looked at with targets of one's own" if widest is None else f"is still {widest:.3g} m"
+    return (Flag("between", f"the error halfway between rows {left}; at most {between:g} m was asked"),)
 
 
 def _too_fast(arm: Arm, moved: Trajectory) -> tuple[Flag, ...]:

@@ -54,7 +54,9 @@ def parse_quantity(text: str, kind: str) -> float:
     if match[2] not in known:
         hint = did_you_mean(match[2], known)
         raise UnitError(f"{text!r}: {match[2]!r} is no unit of {kind}{hint} ({', '.join(known)})")
-    return float(match[1]) * known[match[2]]
+    if not np.isfinite(value := float(match[1])):
+        raise UnitError(f"{text!r} is not a finite {kind}")
+    return value * known[match[2]]
 
 
 def real_array(values: ArrayLike, name: str) -> Array:

@@ -97,6 +97,16 @@ class Deflection:
         return jacobian[:, self._mechanics.flex.v_index]
 
     @cached_property
+    def total_jacobian(self) -> Array:
+        """(6, nq) change of the tip (origin, rotation; base axes) per joint, the flexures following their loads."""
+        flex = self._mechanics.flex
+        wrenches, row = self._equilibrium.wrenches, self._row
+        turned = self._mechanics.stiffness(self._equilibrium.configuration, self._case)[:, flex.v_index]
+        given = self._stack.tangent(wrenches, row) @ turned[flex.flexure_v]
+        following = self._stack.change_with_position(wrenches, row) - given
+        return self.joint_jacobian + self.flexure_jacobian @ np.linalg.solve(self.tangent, following)
+
+    @cached_property
     def contributions(self) -> Array:
         """(n_flexures, 6) of the displacement due to each flexure, first order; see `remainder`."""
         columns = self.flexure_jacobian.reshape(6, -1, 6)

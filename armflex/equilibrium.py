@@ -8,7 +8,7 @@ equilibrium from a buckled one, the tangent `I + C dτ/dtwist` can.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,8 @@ from armflex.mechanics import LoadCase, Mechanics
 METHODS = ("newton", "fixed_point", "first_order")
 MAX_NEWTON = 50
 MAX_FIXED_POINT = 200
+POLISHED = 0.01
+"""One more step is made where the residual is not this far below the tolerance: a lever of metres magnifies it."""
 MAX_ROTATION = 0.1
 """A flexure that turns further [rad] is outside what a compliance describes."""
 
@@ -67,6 +69,15 @@ class LawStack:
         for place, law in self.others:
             total[place, place] = law.tangent(wrenches[place], row)
         return total
+
+    def change_with_position(self, wrenches: Array, row: Row) -> Array:
+        """Return the (6 n, nq) derivative of the twists with respect to the joint positions at given loads."""
+        change = np.zeros((len(wrenches), len(row.q)))
+        if self.others:
+            for i, step in enumerate(1e-4 * np.eye(len(row.q))):
+                ends = [self.twists(wrenches, replace(row, q=row.q + side * step)) for side in (1.0, -1.0)]
+                change[:, i] = (ends[0] - ends[1]) / 2e-4
+        return change
 
     def covariance(self, wrenches: Array, row: Row) -> Array | None:
         """Return the (6 n, 6 n) covariance of the twists at given loads, None when no law carries one."""
@@ -196,9 +207,12 @@ def _newton(problem: _Problem, tolerance: float) -> Equilibrium:
     twists = np.zeros(len(problem.mechanics.flex.flexure_v))
     state = problem.residual(twists)
     history = [_largest(state[0])]
+    polished = False
     for _ in range(MAX_NEWTON):
-        if history[-1] <= tolerance:
+        within = history[-1] <= tolerance
+        if within and (polished or history[-1] <= POLISHED * tolerance):
             return problem.solved(twists, state[1], "newton", history)
+        polished = within
         try:
             step = np.linalg.solve(problem.tangent(twists, state[1], state[2]), state[0])
         except np.linalg.LinAlgError:

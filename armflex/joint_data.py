@@ -104,8 +104,9 @@ def _units(table: Table, names: tuple[str, ...], read_as: Mapping[str, str]) -> 
 def _covariates(table: Table) -> dict[str, tuple[str, ...]]:
     others = [name for name in table.columns if name not in KINDS]
     for name in others:
-        near = difflib.get_close_matches(name, KINDS, n=1, cutoff=0.66)
-        if near or name.partition("_")[0] in KINDS:
+        base, _, unit = name.rpartition("_")
+        stem = base if any(unit in units for units in UNITS.values()) else name
+        if difflib.get_close_matches(stem, KINDS, n=1, cutoff=0.66) or name.partition("_")[0] in KINDS:
             header = table.columns[name].header
-            raise TableError(Place(table.path, 1), f"unknown column {header!r}{did_you_mean(name, KINDS)}")
+            raise TableError(Place(table.path, 1), f"unknown column {header!r}{did_you_mean(stem, KINDS)}")
     return {name: table.texts(name) for name in others}

@@ -14,7 +14,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.deflection import Deflection
 from armflex.errors import ArmflexError, Flag, Place, TableError
 from armflex.table import read_table, write_table
-from armflex.trajectory import check_payloads, joint_kinds
+from armflex.trajectory import check_payloads, joint_kinds, misspelt
 
 IDENTIFYING = ("pose", "session", "time", "payload")
 Progress = Callable[[int, int], None]
@@ -62,6 +62,8 @@ def read_rows(path: str | Path, arm: Arm) -> Rows:
     table.require(names)
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
+    if "payload" not in table.columns and any(misspelt(name, ["payload"]) for name in table.columns):
+        table.require(["payload"])
     payload = table.texts("payload") if "payload" in table.columns else ("none",) * len(table)
     check_payloads(table, payload, arm)
     identity = {name: table.texts(name) for name in IDENTIFYING if name in table.columns}

@@ -6,7 +6,7 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +48,12 @@ class Table:
                 what = "is empty" if not cell.strip() else f"is {cell!r}, not a finite number"
                 raise TableError(Place(self.path, line), f"column {column.header!r} {what}")
         return np.array([float(cell) for cell in column.cells]) * column.factor
+
+    def numbers_where(self, name: str, rows: np.ndarray) -> Array:
+        """Return a column in SI at the rows of a (N,) mask, zero elsewhere; the other cells are not looked at."""
+        column = self.columns[name]
+        kept = tuple(cell if row else "0" for cell, row in zip(column.cells, rows, strict=True))
+        return replace(self, columns={name: replace(column, cells=kept)}).numbers(name)
 
     def matrix(self, names: Sequence[str]) -> Array:
         """Return several columns as (N, len(names)) in SI."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -140,11 +140,15 @@ def _covariates(table: Table, known: list[str]) -> dict[str, Array]:
     """Return the further columns; one that looks like a known name misspelt is an error."""
     others = [name for name in table.columns if name not in known]
     for name in others:
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.8)
-        if near or name.startswith("q_"):
+        if misspelt(name, known) or name.startswith("q_"):
             hint = did_you_mean(name, known)
             raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
     return {name: table.numbers(name) for name in others}
+
+
+def misspelt(name: str, known: Iterable[str]) -> bool:
+    """Return whether a column's name is so near to one with a meaning that it is taken for a mistake."""
+    return bool(difflib.get_close_matches(name.lower(), [one.lower() for one in known], n=1, cutoff=0.75))
 
 
 def check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:

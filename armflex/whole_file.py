@@ -10,15 +10,23 @@ from armflex.errors import FileError, Place
 
 
 def write_whole(path: Path, data: bytes) -> Path:
-    """Write a file through a temporary one beside it; return the path.
+    """Write a file through a temporary one beside it; return the path. A device or a pipe is written to as it is.
 
     Raises:
-        FileError: The folder does not exist or cannot be written.
+        FileError: The path is a folder, or its folder does not exist or cannot be written.
     """
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        if path.exists() and not path.is_file():
+            path.write_bytes(data)
+        else:
+            _replace(path.resolve(), data)
     except OSError as error:
-        raise FileError(Place(path), f"cannot be written: {error.strerror}") from None
+        raise FileError(Place(path), f"cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def _replace(path: Path, data: bytes) -> None:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
@@ -27,4 +35,3 @@ def write_whole(path: Path, data: bytes) -> Path:
     except BaseException:
         os.unlink(temporary)
         raise
-    return path

@@ -570,3 +570,11 @@ def test_row35_sag_beyond_a_tenth_of_the_reach_is_flagged(tmp_path):
     assert (
         codes(result.flags) == ["large_sag"] and np.linalg.norm(result.displacement[:3]) > 0.1 * 2.0
     )  # m, about the length of the chain
+
+
+def test_a_moving_payload_without_inertia_is_flagged(tarm):
+    q = np.zeros(7)
+    still, moving = tarm.deflection(q, Payload(10.0, np.zeros(3))), np.ones(7)
+    found = tarm.deflection(q, Payload(10.0, np.zeros(3)), a=moving)
+    assert "no_inertia" in [flag.code for flag in found.flags]
+    assert not still.flags and not tarm.deflection(q, "p600", a=moving).flags

@@ -15,8 +15,16 @@ from hypothesis import strategies as st
 from small_arms import joint, line_of, link, robot, write
 
 from armflex import load_arm
-from armflex.errors import ArmflexError, ArmflexWarning, NotFiniteError, UnknownNameError, UrdfError
-from armflex.robot import Robot, build_model, load_robot
+from armflex.errors import (
+    ArmflexError,
+    ArmflexWarning,
+    JointLimitError,
+    NotFiniteError,
+    UnknownNameError,
+    UnsupportedError,
+    UrdfError,
+)
+from armflex.robot import Robot, Site, build_model, load_robot
 
 GOOD = """<?xml version="1.0"?>
 <robot name="two_link">
@@ -172,7 +180,10 @@ def test_row03_more_links_than_allowed_in_a_small_file(tmp_path):
 
 
 def test_row03_the_longest_allowed_chain_is_computed(tmp_path):
-    assert pin.computeTotalMass(build_model(load_robot(write(tmp_path, chain(500)))).model) == 499.0
+    robot = load_robot(write(tmp_path, chain(500)))
+    assert pin.computeTotalMass(build_model(robot).model) == 499.0
+    with pytest.raises(UnsupportedError, match="3493 degrees of freedom"):
+        build_model(robot, [Site(name, name) for name in robot.joint_names])
 
 
 # Rows 4 to 17: one edit of the good file each. Old text, new text, words of the message, mark of its line.
@@ -577,6 +588,8 @@ def test_unknown_names_of_links_and_joints(tmp_path):
         load_robot(path, "tool", locked={"gripp": 0.0})
     with pytest.raises(NotFiniteError, match="locked grip"):
         load_robot(path, "tool", locked={"grip": np.nan})
+    with pytest.raises(JointLimitError, match="'grip' is locked at 9"):
+        load_robot(path, "tool", locked={"grip": 9.0})
 
 
 @pytest.mark.parametrize(("tip", "base", "words"), [("base", None, "no joint moves"), ("upper", "fore", "not descend")])

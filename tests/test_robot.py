@@ -38,8 +38,6 @@ REFUSED = {
     "iris_description/robots/iris_simple.urdf": "no joint moves",
     "ur_description/urdf/ur3.urdf": "<robot> has no links",
     "so_arm_description/urdf/so101.urdf": "<origin> is not known inside <link>",
-    "tiago_description/robots/tiago_dual.urdf": "<kinematic> is not known inside <link>",
-    "tiago_pro_description/robots/tiago_pro.urdf": "<kinematic> is not known inside <link>",
     # Revolute joints that the specification gives no range to move in: the files mean continuous ones.
     "centauro_description/urdf/centauro.urdf": "'j_wheel_1': a revolute joint needs lower and upper limits",
     "quadruped_description/urdf/quadruped.urdf": "'FL_KFE': a revolute joint needs lower and upper limits",
@@ -57,6 +55,7 @@ REFUSED = {
     "romeo_description/urdf/romeo.urdf": "of the chain mimics",
     "talos_data/robots/talos_full_v2.urdf": "of the chain mimics",
     "talos_data/robots/talos_full_v2_box.urdf": "of the chain mimics",
+    "tiago_pro_description/robots/tiago_pro.urdf": "of the chain mimics",
 }
 
 HANDS = {

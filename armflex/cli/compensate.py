@@ -8,7 +8,16 @@ from typing import Any
 import click
 import numpy as np
 
-from armflex.cli.options import PathArgument, arm_argument, json_option, load, progress, show_flags, write_json
+from armflex.cli.options import (
+    OutputPath,
+    PathArgument,
+    arm_argument,
+    json_option,
+    load,
+    progress,
+    show_flags,
+    write_json,
+)
 from armflex.cli.tables import console, number, print_table
 from armflex.compensate import CompensatedRow, Compensation, compensate
 from armflex.conventions import parse_quantity
@@ -18,7 +27,7 @@ from armflex.trajectory import read_trajectory, write_trajectory
 @click.command()
 @arm_argument
 @click.argument("trajectory_path", metavar="TRAJ.csv", type=PathArgument)
-@click.option("-o", "--output", required=True, type=PathArgument, help="Compensated trajectory to write.")
+@click.option("-o", "--output", required=True, type=OutputPath(), help="Compensated trajectory to write.")
 @click.option("--match", type=click.Choice(["position", "pose"]), default="position", show_default=True)
 @click.option("--between", metavar="0.1mm", help="Insert rows until the error halfway between rows is below this.")
 @click.option("--best-effort", is_flag=True, help="Write the best feasible rows where others cannot be reached.")

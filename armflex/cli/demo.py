@@ -20,7 +20,7 @@ from armflex.cli.tables import console, number, print_table
 from armflex.cli.train import print_training
 from armflex.compensate import Compensation, compensate
 from armflex.deflection import Deflection
-from armflex.errors import SmallDisplacementError
+from armflex.errors import FileError, Place, SmallDisplacementError
 from armflex.joint_data import read_joint_data
 from armflex.laws.law_file import save_law
 from armflex.learning.train import train
@@ -42,7 +42,7 @@ PRESETS = {
 def command(output: Path) -> None:
     """Load the TARM-like boom, see it sag, check a path, compensate it, look, and put the paper's joint in."""
     folder = output / "tarm_like"
-    shutil.copytree(bundled_robot("tarm_like"), folder, dirs_exist_ok=True)
+    _copy_robot(folder)
     arm = load_arm(folder / "arm.toml")
     trajectory = read_trajectory(folder / "trajectory.csv", arm)
     _sag(arm)
@@ -50,6 +50,13 @@ def command(output: Path) -> None:
     _remaining(arm, trajectory, found)
     _paper_joint(folder)
     console().print(f"\nOpen {output / 'tarm_like.html'} in a browser; everything written is in {output}.")
+
+
+def _copy_robot(folder: Path) -> None:
+    try:
+        shutil.copytree(bundled_robot("tarm_like"), folder, dirs_exist_ok=True)
+    except OSError as error:
+        raise FileError(Place(folder), f"cannot be written: {error.strerror or error}") from None
 
 
 def _heading(text: str) -> None:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import importlib
+import io
 import sys
 import warnings
 
@@ -58,6 +59,9 @@ def armflex() -> None:
 def main() -> None:
     """Run the command line; exit with 0, 1 or 2."""
     warnings.showwarning = _show_warning
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that has no ± shows ? instead of a traceback
     try:
         code = armflex.main(standalone_mode=False)
     except click.exceptions.Abort:

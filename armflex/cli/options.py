@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +21,22 @@ from armflex.whole_file import write_whole
 PathArgument = click.Path(path_type=Path)
 
 
+class OutputPath(click.Path):
+    """A file to be written; its folder is looked at before anything is computed or written."""
+
+    def __init__(self) -> None:
+        super().__init__(dir_okay=False, path_type=Path)
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Path:
+        """Return the path; fail where no file can be written there."""
+        path = super().convert(value, parameter, context)
+        if not path.parent.is_dir():
+            self.fail(f"folder {path.parent} of {path.name!r} does not exist", parameter, context)
+        if not os.access(path.parent, os.W_OK):
+            self.fail(f"folder {path.parent} cannot be written", parameter, context)
+        return path
+
+
 def arm_argument(function: Callable) -> Callable:
     """Add the ARM argument, `--preset`, `--tip` and `--lax`."""
     for decorate in (
@@ -34,7 +51,7 @@ def arm_argument(function: Callable) -> Callable:
 
 def json_option(function: Callable) -> Callable:
     """Add `--json FILE`."""
-    return click.option("--json", "json_path", type=PathArgument, help="Write the result for programs to FILE.")(
+    return click.option("--json", "json_path", type=OutputPath(), help="Write the result for programs to FILE.")(
         function
     )
 

@@ -6,7 +6,16 @@ from pathlib import Path
 
 import click
 
-from armflex.cli.options import PathArgument, arm_argument, json_option, load, progress, show_flags, write_json
+from armflex.cli.options import (
+    OutputPath,
+    PathArgument,
+    arm_argument,
+    json_option,
+    load,
+    progress,
+    show_flags,
+    write_json,
+)
 from armflex.cli.tables import console
 from armflex.predict import predict, read_rows, write_predictions
 
@@ -14,7 +23,7 @@ from armflex.predict import predict, read_rows, write_predictions
 @click.command()
 @arm_argument
 @click.argument("rows_path", metavar="ROWS.csv", type=PathArgument)
-@click.option("-o", "--output", required=True, type=PathArgument, help="Table to write.")
+@click.option("-o", "--output", required=True, type=OutputPath(), help="Table to write.")
 @json_option
 def command(
     arm_path: Path,

@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from armflex.cli.options import PathArgument, json_option, show_flags, write_json
+from armflex.cli.options import OutputPath, PathArgument, json_option, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import InputError
@@ -23,7 +23,7 @@ from armflex.learning.train import MODELS, TrainResult, train
 @click.option("--model", type=click.Choice(MODELS), default="linear", show_default=True)
 @click.option("--structure", type=click.Choice(STRUCTURES), default="full", show_default=True)
 @click.option("--read-as", multiple=True, metavar="mm=um", help="Take one unit of the header for another.")
-@click.option("-o", "--output", required=True, type=PathArgument, help="Law to write (.safetensors).")
+@click.option("-o", "--output", required=True, type=OutputPath(), help="Law to write (.safetensors).")
 @json_option
 def command(
     data_path: Path,

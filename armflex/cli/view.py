@@ -7,7 +7,16 @@ from pathlib import Path
 import click
 
 from armflex.check import check
-from armflex.cli.options import PathArgument, arm_argument, json_option, load, parse_positions, progress, write_json
+from armflex.cli.options import (
+    OutputPath,
+    PathArgument,
+    arm_argument,
+    json_option,
+    load,
+    parse_positions,
+    progress,
+    write_json,
+)
 from armflex.cli.tables import console
 from armflex.conventions import parse_quantity
 from armflex.trajectory import read_trajectory
@@ -22,7 +31,7 @@ from armflex.view.view import view
 @click.option("--payload", default="none", show_default=True, help="Carried at --q.")
 @click.option("--magnify", type=float, help="Factor on the deflections shown; a round one is chosen otherwise.")
 @click.option("--meshes", is_flag=True, help="Draw the URDF's mesh files where they lie beside it.")
-@click.option("-o", "--output", required=True, type=PathArgument, help="HTML page to write.")
+@click.option("-o", "--output", required=True, type=OutputPath(), help="HTML page to write.")
 @json_option
 def command(
     arm_path: Path,

@@ -5,6 +5,7 @@ Needs no torch to load. Arrays are SI; the units of the data they came from are 
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from armflex.laws.law import Law, embed
 from armflex.laws.linear import LinearFit, LinearLaw
 from armflex.whole_file import write_whole
 
+KEY = "armflex"
 FORMAT = "armflex-law-1"
 MAX_BYTES = 256_000_000
 
@@ -41,15 +43,17 @@ class TrainedLaw:
 
 
 def save_law(trained: TrainedLaw, path: str | Path) -> Path:
-    """Write a trained law whole or not at all; return the path.
+    """Write a trained law whole or not at all, the same bytes for the same law; return the path.
 
     Raises:
         UnknownNameError: The model has no file form.
     """
     if trained.model not in WRITERS:
         raise UnknownNameError("model with a file form", trained.model, WRITERS)
-    header = {"format": FORMAT, "model": trained.model, "metadata": json.dumps(trained.metadata, allow_nan=False)}
-    return write_whole(Path(path), save(WRITERS[trained.model](trained.law), metadata=header))
+    tensors = WRITERS[trained.model](trained.law)
+    content = {"format": FORMAT, "model": trained.model, "metadata": trained.metadata}
+    text = json.dumps(content | {"digest": _digest(tensors, content)}, allow_nan=False, sort_keys=True)
+    return write_whole(Path(path), save(tensors, metadata={KEY: text}))  # several keys would come in any order
 
 
 def load_law(path: str | Path) -> TrainedLaw:
@@ -62,16 +66,30 @@ def load_law(path: str | Path) -> TrainedLaw:
     _check_size(path)
     try:
         with safe_open(path, framework="numpy") as file:
-            header = file.metadata() or {}
-            model = _check_header(path, header)
+            content = _read_content(path, (file.metadata() or {}).get(KEY))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
-    except (SafetensorError, OSError) as error:
-        raise ModelFileError(Place(path), f"is not a safetensors file: {error}") from None
+    except (SafetensorError, OSError, TypeError, AttributeError) as error:  # the last two: a dtype numpy has not
+        raise ModelFileError(Place(path), f"is not a readable safetensors file: {error}") from None
     try:
-        metadata = json.loads(header.get("metadata", "{}"), parse_constant=_refuse_constant)
-        return TrainedLaw(READERS[model](_floats(tensors)), model, metadata)
-    except (KeyError, ValueError, LawError) as error:
-        raise ModelFileError(Place(path), f"does not hold a {model} law: {error}") from None
+        _check_digest(tensors, content)
+        return TrainedLaw(READERS[content["model"]](_floats(tensors)), content["model"], content["metadata"])
+    except (KeyError, ValueError) as error:
+        raise ModelFileError(Place(path), f"does not hold a {content['model']} law: {error}") from None
+
+
+def _digest(tensors: Mapping[str, np.ndarray], content: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of every array and of what is said about them."""
+    whole = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
+    for name in sorted(tensors):
+        tensor = tensors[name]
+        whole.update(f"{name} {tensor.dtype.str} {tensor.shape} ".encode() + tensor.tobytes())
+    return whole.hexdigest()
+
+
+def _check_digest(tensors: Mapping[str, np.ndarray], content: Mapping[str, Any]) -> None:
+    said = {name: value for name, value in content.items() if name != "digest"}
+    if content.get("digest") != _digest(tensors, said):
+        raise LawError("its SHA-256 is not that of its content: the file is damaged")
 
 
 def _check_size(path: Path) -> None:
@@ -83,13 +101,22 @@ def _check_size(path: Path) -> None:
         raise ModelFileError(Place(path), f"is {size} bytes, more than the {MAX_BYTES} allowed")
 
 
-def _check_header(path: Path, header: Mapping[str, str]) -> str:
-    if header.get("format") != FORMAT:
-        raise ModelFileError(Place(path), f"is no law of armflex: format {header.get('format')!r}, expected {FORMAT!r}")
-    model = header.get("model", "")
-    if model not in READERS:
-        raise ModelFileError(Place(path), f"holds a {model!r} law, which is not known{did_you_mean(model, READERS)}")
-    return model
+def _read_content(path: Path, text: str | None) -> dict[str, Any]:
+    if text is None:
+        raise ModelFileError(Place(path), f"is no law of armflex: no {KEY!r} in its header")
+    try:
+        content = json.loads(text, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(Place(path), f"header {KEY!r} is not strict JSON: {error}") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise ModelFileError(Place(path), f"is no law of armflex: expected format {FORMAT!r}")
+    model = content.get("model")
+    if not isinstance(model, str) or model not in READERS:
+        hint = did_you_mean(str(model), READERS)
+        raise ModelFileError(Place(path), f"holds a {model!r} law, which is not known{hint}")
+    if not isinstance(content.get("metadata"), dict):
+        raise ModelFileError(Place(path), "has no metadata")
+    return content
 
 
 def _floats(tensors: Mapping[str, np.ndarray]) -> dict[str, Array]:
@@ -111,7 +138,7 @@ def _write_linear(law: LinearLaw) -> dict[str, Array]:
 
 
 def _read_linear(tensors: Mapping[str, Array]) -> LinearLaw:
-    size = len(tensors["residual_std"])
+    size = tensors["residual_std"].size
     shapes = {"compliance": (size, size), "row_covariance": (size,) * 3, "residual_std": (size,), "loads": (2, size)}
     for name, shape in shapes.items():
         if tensors[name].shape != shape or size not in (3, 6):

@@ -67,7 +67,8 @@ class StructuralLaw:
         for name in (self.tip, *(s.node for s in self.subjoints), *(e for b in self.beams for e in (b.start, b.end))):
             if name not in self.nodes:
                 raise UnknownNameError("node", name, self.nodes)
-        system = self._system([np.eye(6) * 1e-9] * len(self.subjoints))
+        # As if sub-joints were as stiff as beams: whether it holds is a question of geometry.
+        system = self._system([np.eye(6) / self.scale] * len(self.subjoints))
         if np.linalg.matrix_rank(system, tol=1e-10) < len(system):
             raise LawError("the structure is a mechanism: some node can move with nothing giving")
 

@@ -72,9 +72,11 @@ def _basis(size: int, structure: str) -> Array:
 
 
 def _check_span(loads: Array) -> None:
+    if len(loads) <= loads.shape[1]:
+        raise InputError(f"{len(loads)} rows of loads do not determine {loads.shape[1]} components")
     scaled = loads / np.maximum(np.abs(loads).max(axis=0), 1e-300)
     values = np.linalg.svd(scaled, compute_uv=False)
-    if len(loads) <= loads.shape[1] or values[-1] < 1e-6 * values[0]:
+    if values[-1] < 1e-6 * values[0]:
         raise InputError(
             f"loads do not span their {loads.shape[1]} components (singular values "
             f"{', '.join(f'{value:.2g}' for value in values)}): some entries of the compliance are not determined"
@@ -88,8 +90,9 @@ def _solve(loads: Array, deflections: Array, basis: Array, scatter: Array) -> tu
     theta = np.linalg.lstsq(flat / scale, target, rcond=None)[0] / scale
     residual = deflections - loads @ np.tensordot(theta, basis, axes=1).T
     freedom = len(loads) - len(basis) / loads.shape[1]
-    found = np.sqrt((residual**2).sum(axis=0) / max(freedom, 1.0))
-    weighted = np.einsum("pik,nk->nip", basis, loads) / np.maximum(found, 1e-300)[:, None]
+    floor = max(1e-12 * float(np.abs(deflections).max()), 1e-30)  # a column may be followed exactly
+    found = np.maximum(np.sqrt((residual**2).sum(axis=0) / max(freedom, 1.0)), floor)
+    weighted = np.einsum("pik,nk->nip", basis, loads) / found[:, None]
     normal = weighted.reshape(-1, len(basis)) / scale
     covariance = np.linalg.inv(normal.T @ normal) / np.outer(scale, scale)
     return theta, covariance, found

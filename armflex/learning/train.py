@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import Flag, UnknownNameError
+from armflex.errors import Flag, InputError, UnknownNameError
 from armflex.joint_data import JointData
 from armflex.laws.law_file import TrainedLaw
 from armflex.laws.linear import LinearLaw, softness
-from armflex.learning.linear import fit_compliance
+from armflex.learning.linear import FittedCompliance, fit_compliance
 from armflex.version import __version__
 
 MODELS = ("linear",)
@@ -77,9 +77,17 @@ def held_out_residuals(data: JointData, structure: str) -> tuple[Array, str]:
     residual = np.empty_like(data.deflections)
     for label in np.unique(fold):
         out = fold == label
-        fitted = fit_compliance(data.loads[~out], data.deflections[~out], structure)
+        fitted = _fit_without(data, out, structure)
         residual[out] = data.deflections[out] - data.loads[out] @ fitted.compliance.T
     return residual, "leave-one-out" if single else f"{FOLDS}-fold"
+
+
+def _fit_without(data: JointData, out: Array, structure: str) -> FittedCompliance:
+    try:
+        return fit_compliance(data.loads[~out], data.deflections[~out], structure)
+    except InputError as error:
+        text = f"the held-out error needs more rows: without data row {int(out.argmax()) + 1}, {error}"
+        raise InputError(text) from None
 
 
 def _rms(residual: Array) -> Array:

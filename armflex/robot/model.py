@@ -7,24 +7,51 @@ chain's order. `tests/test_robot.py` holds the result against Pinocchio's own UR
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.errors import UnsupportedError
 from armflex.robot.elements import MOVING, Inertial, Joint
 from armflex.robot.robot import Robot
 from armflex.robot.tree import joints_by_parent
 
+MAX_FREEDOMS = 1000
+"""Joints and six times the flexures; Pinocchio's workspace grows with the cube of it (3500 take 22 s to make)."""
+
 
 @dataclass(frozen=True)
 class Site:
-    """Where something gives: outboard of a joint's motion, in its child frame; the base when `joint` is None."""
+    """Where something gives: outboard of a joint's motion, in its child frame; the base when `joint` is None.
+
+    With `before` it is the end of the link that the joint ends: inboard of the joint's motion, in its origin frame.
+    """
 
     name: str
     joint: str | None
+    before: bool = False
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """Constant errors of the kinematics, found by calibration.
+
+    Attributes:
+        joint_offset: What each joint's true position exceeds the reported one by [rad or m].
+        geometry: (6,) twist of each joint's origin frame, in its own axes [m, rad].
+    """
+
+    joint_offset: Mapping[str, float] = field(default_factory=dict)
+    geometry: Mapping[str, Array] = field(default_factory=dict)
+
+    def pose(self, joint: Joint) -> pin.SE3:
+        """Return what follows a joint's nominal origin frame."""
+        shift = pin.exp6(pin.Motion(np.asarray(self.geometry.get(joint.name, np.zeros(6)))))
+        offset = self.joint_offset.get(joint.name, 0.0)
+        return shift * _motion(joint, offset) if offset else shift
 
 
 @dataclass(frozen=True)
@@ -63,15 +90,27 @@ class FlexModel:
         return self.model.getFrameId(link, pin.FrameType.BODY)
 
 
-def build_model(robot: Robot, sites: Sequence[Site] = (), payload: pin.Inertia | None = None) -> FlexModel:
+def build_model(
+    robot: Robot,
+    sites: Sequence[Site] = (),
+    payload: pin.Inertia | None = None,
+    corrections: Corrections | None = None,
+) -> FlexModel:
     """Return the model of a robot with a flexure at every site, several at one joint in series.
 
     Args:
         robot: A validated robot.
         sites: Places of the flexures; names and joints must exist in the robot.
         payload: Inertia in the tip frame, rigidly fixed to the tip.
+        corrections: Constant errors of the kinematics; none when not given.
+
+    Raises:
+        UnsupportedError: More than `MAX_FREEDOMS` degrees of freedom.
     """
-    builder = _Builder(robot, sites)
+    freedoms = len(robot.moving) + 6 * len(sites)
+    if freedoms > MAX_FREEDOMS:
+        raise UnsupportedError(f"{robot.urdf.path}: {freedoms} degrees of freedom, more than {MAX_FREEDOMS}")
+    builder = _Builder(robot, sites, corrections or Corrections())
     builder.build()
     model = builder.model
     tip = model.getFrameId(robot.tip, pin.FrameType.BODY)
@@ -101,8 +140,9 @@ def _flexure_name(site: Site) -> str:
 class _Builder:
     """Walks the tree from the base and adds joints, flexures, inertias and frames."""
 
-    def __init__(self, robot: Robot, sites: Sequence[Site]) -> None:
+    def __init__(self, robot: Robot, sites: Sequence[Site], corrections: Corrections) -> None:
         self.robot = robot
+        self.corrections = corrections
         self.sites = sites
         self.model = pin.Model()
         self.model.name = robot.urdf.name
@@ -126,7 +166,8 @@ class _Builder:
 
     def add_joint(self, joint: Joint, parent: int, placement: pin.SE3) -> tuple[int, pin.SE3]:
         """Add a joint (and the flexures behind it); return the Pinocchio joint and the child link's place on it."""
-        here = placement * pin.SE3(joint.rotation, joint.origin)
+        here = placement * pin.SE3(joint.rotation, joint.origin) * self.corrections.pose(joint)
+        parent, here = self.add_flexures(joint.name, parent, here, before=True)
         if joint.kind not in MOVING:
             return self.add_flexures(joint.name, parent, here)
         if joint.name not in self.on_chain:
@@ -134,9 +175,11 @@ class _Builder:
         added = self.model.addJoint(parent, _joint_model(joint), here, joint.name)
         return self.add_flexures(joint.name, added, pin.SE3.Identity())
 
-    def add_flexures(self, joint: str | None, parent: int, placement: pin.SE3) -> tuple[int, pin.SE3]:
+    def add_flexures(
+        self, joint: str | None, parent: int, placement: pin.SE3, before: bool = False
+    ) -> tuple[int, pin.SE3]:
         for site in self.sites:
-            if site.joint == joint:
+            if site.joint == joint and site.before == before:
                 parent = self.model.addJoint(parent, pin.JointModelFreeFlyer(), placement, _flexure_name(site))
                 placement = pin.SE3.Identity()
         return parent, placement

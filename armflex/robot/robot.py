@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
-from armflex.errors import Flag, UnknownNameError
+from armflex.errors import Flag, JointLimitError, UnknownNameError
 from armflex.robot.elements import MOVING, Joint
 from armflex.robot.plausible import check_masses
 from armflex.robot.tree import check_tree, default_tip, find_chain
@@ -90,6 +90,7 @@ def load_robot(
     Raises:
         UrdfError: The file is no robot that can be computed with; file and line are named.
         UnknownNameError: `tip`, `base` or a locked joint does not exist.
+        JointLimitError: A joint is locked outside its limits.
     """
     document = read_urdf(Path(urdf), strict)
     root = check_tree(document)
@@ -122,7 +123,15 @@ def _lock(urdf: Urdf, chain: tuple[Joint, ...], locked: Mapping[str, float]) -> 
     for name in locked:
         if name not in side:
             raise UnknownNameError("joint off the chain", name, side)
-    return {
-        name: float(finite_array(locked.get(name, np.clip(0.0, joint.lower, joint.upper)), f"locked {name}", ()))
-        for name, joint in side.items()
-    }
+    return {name: _position(joint, locked) for name, joint in side.items()}
+
+
+def _position(joint: Joint, locked: Mapping[str, float]) -> float:
+    """Return where a joint off the chain is held: as asked, else at zero or the nearest limit."""
+    if joint.name not in locked:
+        return float(np.clip(0.0, joint.lower, joint.upper))
+    position = float(finite_array(locked[joint.name], f"locked {joint.name}", ()))
+    if not joint.lower <= position <= joint.upper:
+        limits = f"[{joint.lower:g}, {joint.upper:g}]"
+        raise JointLimitError(f"joint {joint.name!r} is locked at {position:g}, outside its limits {limits}")
+    return position

@@ -122,6 +122,8 @@ def link_shapes(arm: Arm, meshes: bool) -> dict[str, tuple[Shape, ...]]:
 
 def _shape(arm: Arm, visual: Visual, meshes: bool) -> Shape | None:
     color = visual.color or STEEL
+    if visual.kind != "mesh" and min(visual.size) <= 0.0:
+        return None
     if visual.kind != "mesh":
         return Shape(visual.kind, np.array(visual.size), visual.pose, color)
     found = read_mesh(arm.robot.urdf.path, visual.mesh or "") if meshes else None
@@ -160,7 +162,12 @@ def _link_nodes(
         color = colors.get(driven.get(link, "")) if colors is not None else GHOST
         painted = tuple(_paint(shape, color, 1.0 if colors is not None else 0.22) for shape in shapes[link])
         group = "rigid" if colors is None else "flexed"
-        yield _node(f"{group}/{link}", [pose[link] for pose in poses], painted, motion)
+        yield _node(f"{group}/{_leaf(link)}", [pose[link] for pose in poses], painted, motion)
+
+
+def _leaf(name: str) -> str:
+    """Return a name without '/', which would make it a group of the viewer's."""
+    return name.replace("/", "\N{DIVISION SLASH}")
 
 
 def _paint(shape: Shape, color: str | None, opacity: float) -> Shape:
@@ -198,7 +205,7 @@ def _flexure_nodes(arm: Arm, motion: Motion, factor: float, colors: dict[str, st
     for flexure in arm.flexures:
         link = child[flexure.joint] if flexure.joint else arm.robot.base
         ball = Shape("sphere", np.array([radius]), color=colors[flexure.name])
-        yield _node(f"flexure/{flexure.name}", [pose[link] for pose in poses], (ball,), motion)
+        yield _node(f"flexure/{_leaf(flexure.name)}", [pose[link] for pose in poses], (ball,), motion)
 
 
 def _payload_nodes(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:

@@ -14,6 +14,9 @@ from armflex.errors import InputError
 from armflex.loads import Payload
 from armflex.trajectory import Trajectory
 from armflex.view.arm_scene import MAX_FRAMES, Motion, arm_scene
+from armflex.whole_file import write_whole
+
+LARGEST_MAGNIFICATION = 1e6
 
 
 def view(
@@ -42,14 +45,15 @@ def view(
     Raises:
         InputError: Both q and a trajectory are given, or one cannot be used.
     """
-    from armflex.view.page import write_page  # meshcat is imported only when something is drawn
+    from armflex.view.page import render_page  # meshcat is imported only when something is drawn
 
     if q is not None and trajectory is not None:
         raise InputError("view takes q or a trajectory, not both")
-    if magnification is not None and not (np.isfinite(magnification) and magnification > 0.0):
-        raise InputError(f"magnification must be positive, got {magnification}")
+    if magnification is not None and not 0.0 < magnification <= LARGEST_MAGNIFICATION:
+        raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
     motion = _motion(arm, trajectory) if trajectory is not None else _still(arm, q, payload)
-    return write_page(arm_scene(arm, motion, trajectory, report, magnification, meshes), Path(path))
+    page = render_page(arm_scene(arm, motion, trajectory, report, magnification, meshes))
+    return write_whole(Path(path), page.encode())
 
 
 def _still(arm: Arm, q: ArrayLike | None, payload: str | Payload | None) -> Motion:

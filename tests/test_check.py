@@ -1,0 +1,236 @@
+"""`check`: verdicts against numbers worked out from `arm.deflection`, and nothing missed between the rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+from small_arms import one_joint
+
+from armflex import Arm, InputError, Trajectory, check
+from armflex.check import COVERAGE, Point
+from armflex.errors import JointLimitError, SmallDisplacementError
+from armflex.laws import LinearLaw
+
+RANK = {"ok": 0, "uncertain": 1, "fail": 2}
+
+
+def sizes(arm: Arm, q: np.ndarray, payload: str) -> tuple[float, float, float, float]:
+    """Return the tip's shift and turn, and the standard uncertainty of each length by differencing the length."""
+    found = arm.deflection(q, payload)
+    out = []
+    for part in (slice(0, 3), slice(3, 6)):
+        vector, covariance = found.displacement[part], found.covariance[part, part]
+        step = 1e-6 * np.linalg.norm(vector)
+        slope = [
+            (np.linalg.norm(vector + step * e) - np.linalg.norm(vector - step * e)) / (2 * step) for e in np.eye(3)
+        ]
+        out += [float(np.linalg.norm(vector)), float(np.sqrt(slope @ covariance @ slope))]
+    return out[0], out[2], out[1], out[3]
+
+
+def expected_verdict(limits: list[tuple[float, float, float]]) -> str:
+    words = []
+    for size, sigma, limit in limits:
+        doubtful = abs(limit - size) < COVERAGE * sigma
+        words.append("uncertain" if doubtful else "fail" if size > limit else "ok")
+    return max(words, key=RANK.get)
+
+
+def two_rows(arm: Arm, start: list[float], end: list[float], payload: str = "none") -> Trajectory:
+    return Trajectory(arm.joint_names, np.array([0.0, 1.0]), np.array([start, end]), (payload,) * 2, ("a", "b"))
+
+
+@pytest.mark.parametrize("tolerance", [0.02, 0.035, 0.08, 0.1, 0.2])
+@pytest.mark.parametrize("angle", [None, 0.003, 0.015, 0.05])
+def test_via_points_against_the_deflection(
+    tarm: Arm, tarm_path: Trajectory, tolerance: float, angle: float | None
+) -> None:
+    rows = [i for i, name in enumerate(tarm_path.via) if name]
+    short = some_rows(tarm_path, rows)
+    points = {point.name: point for point in check(tarm, short, tolerance, angle).via_points}
+    assert len(points) == len(rows) == 8
+    for i in rows:
+        point = points[tarm_path.via[i]]
+        shift, turn, sigma, sigma_turn = sizes(tarm, tarm_path.q[i], tarm_path.payload[i])
+        np.testing.assert_allclose([point.displacement_m, point.rotation_rad], [shift, turn], rtol=1e-12)
+        np.testing.assert_allclose(point.sigma_m, sigma, rtol=1e-6)
+        np.testing.assert_allclose(point.margin_m, tolerance - shift, atol=1e-15)
+        assert point.margin_rad == (None if angle is None else pytest.approx(angle - turn, abs=1e-15))
+        asked = [(shift, sigma, tolerance)] + ([] if angle is None else [(turn, sigma_turn, angle)])
+        assert point.verdict == expected_verdict(asked)
+        assert (point.time, point.payload) == (tarm_path.time[i], tarm_path.payload[i])
+
+
+def test_cause_is_the_largest_share(tarm: Arm, tarm_path: Trajectory, heavy: Arm, heavy_path: Trajectory) -> None:
+    causes = set()
+    for arm, path in ((tarm, tarm_path), (heavy, heavy_path)):
+        for point in check(arm, path, 0.1).via_points:
+            found = arm.deflection(path.q[list(path.time).index(point.time)], point.payload)
+            along = found.displacement[:3] / np.linalg.norm(found.displacement[:3])
+            shares = dict(zip(arm.flexure_names, found.contributions[:, :3] @ along, strict=True))
+            assert point.cause == max(shares, key=shares.get)
+            causes.add(point.cause)
+    assert len(causes) > 1
+
+
+def test_worst_comes_first_and_the_whole_path_decides(tarm: Arm, tarm_path: Trajectory) -> None:
+    report = check(tarm, tarm_path, 0.1)
+    order = [(-RANK[point.verdict], point.margin_m) for point in report.via_points]
+    assert order == sorted(order) and len({point.verdict for point in report.via_points}) == 3
+    assert not report.ok and report.path_worst.displacement_m >= report.via_points[0].displacement_m
+    assert report.path_worst.verdict == "fail" and len(report.segments) == len(tarm_path) - 1
+    assert check(tarm, tarm_path, 1.0).ok
+    doubtful = check(tarm, tarm_path, 0.17)
+    assert doubtful.path_worst.verdict == "uncertain" and not doubtful.ok
+
+
+def quick(arm: Arm, q: np.ndarray, payload: str) -> tuple[float, float, float, float]:
+    """Return shift, its uncertainty, turn, its uncertainty."""
+    found = arm.deflection(q, payload)
+    out: list[float] = []
+    for part in (slice(0, 3), slice(3, 6)):
+        vector = found.displacement[part]
+        length = float(np.linalg.norm(vector))
+        out += [length, float(np.sqrt(vector @ found.covariance[part, part] @ vector)) / length]
+    return tuple(out)
+
+
+@pytest.mark.parametrize("name", ["tarm", "heavy"])
+def test_finer_sampling_changes_no_verdict(name: str, request: pytest.FixtureRequest) -> None:
+    """Against 48 samples of every stretch, at tolerances near and far from where verdicts change."""
+    arm, path = request.getfixturevalue(name), request.getfixturevalue(f"{name}_path")
+    path = some_rows(path, range(0, len(path), 4 if name == "tarm" else 2))
+    fine = np.array(
+        [
+            [quick(arm, q, path.payload[i]) for q in path.at(i, np.linspace(0.0, 1.0, 49)).q]
+            for i in range(len(path) - 1)
+        ]
+    )
+    shift, most, least = fine[..., 0], fine[..., 0] + 2 * fine[..., 1], fine[..., 0] - 2 * fine[..., 1]
+    near = [found.max() * factor for found in (shift, most, least) for factor in (1.0 - 1e-4, 1.0 + 1e-4)]
+    seen = set()
+    for tolerance in (0.3 * shift.max(), 0.8 * shift.max(), *near):
+        for angle in (None, tolerance / 7.0):
+            report = check(arm, path, tolerance, angle)
+            for point, rows in zip(report.segments, fine, strict=True):
+                words = [
+                    expected_verdict([(*row[:2], tolerance)] + ([] if angle is None else [(*row[2:], angle)]))
+                    for row in rows
+                ]
+                assert point.verdict == max(words, key=RANK.get), (point, tolerance, angle)
+                seen.add(point.verdict)
+            highest = max(point.displacement_m for point in report.segments)
+            assert highest == pytest.approx(shift.max(), abs=0.01 * max(tolerance, shift.max()))
+    assert seen == set(RANK)
+
+
+def some_rows(path: Trajectory, rows: Sequence[int]) -> Trajectory:
+    rows = list(rows)
+    names = [tuple(getattr(path, name)[i] for i in rows) for name in ("payload", "via")]
+    return Trajectory(path.joint_names, path.time[rows], path.q[rows], *names)
+
+
+def largest_sag(arm: Arm) -> float:
+    """Return the most that a one-joint arm's tip moves near the horizontal."""
+    found = minimize_scalar(
+        lambda q: -np.linalg.norm(arm.deflection([q]).displacement[:3]), bounds=(-0.1, 0.1), options={"xatol": 1e-8}
+    )
+    return float(-found.fun)
+
+
+@pytest.mark.parametrize("above", [3e-4, 3e-5, 3e-6])
+@pytest.mark.parametrize("peak", [0.5, 0.37, 0.61803, 0.9])
+def test_tolerance_just_below_and_above_the_peak(tmp_path: Path, above: float, peak: float) -> None:
+    """One joint about y swings through the horizontal, where it sags most, at a fraction that no sample need hit."""
+    arm = one_joint(tmp_path, np.diag([0, 0, 0, 0, 1e-4, 0]), (0.8, 0.0, 0.0), 10.0)
+    path = two_rows(arm, [-0.9 * peak], [0.9 * (1.0 - peak)])
+    most = largest_sag(arm)
+    assert check(arm, path, most * (1.0 + above)).ok
+    report = check(arm, path, most * (1.0 - above))
+    assert not report.ok and report.segments[0].verdict == "fail" and report.samples < 5000
+
+
+def test_uncertain_just_inside_two_sigma(tmp_path: Path) -> None:
+    arm = one_joint(tmp_path, LinearLaw(np.diag([0, 0, 0, 0, 1e-4, 0]), 0.1), (0.8, 0.0, 0.0), 10.0)
+    shift, _, sigma, _ = sizes(arm, np.zeros(1), "none")
+    path = two_rows(arm, [-0.3], [0.7])
+    for factor, verdict in ((2.001, "ok"), (1.999, "uncertain"), (-1.999, "uncertain"), (-2.001, "fail")):
+        assert check(arm, path, shift + factor * sigma).segments[0].verdict == verdict, factor
+
+
+def test_via_points_pass_where_the_path_between_fails(tmp_path: Path) -> None:
+    arm = one_joint(tmp_path, np.diag([0, 0, 0, 0, 1e-4, 0]), (0.8, 0.0, 0.0), 10.0)
+    report = check(arm, two_rows(arm, [-1.2], [1.3]), 0.004)
+    assert [point.verdict for point in report.via_points] == ["ok", "ok"] and not report.ok
+    worst = report.path_worst
+    assert (worst.name, worst.verdict) == ("", "fail") and worst == report.segments[0]
+    assert worst.displacement_m == pytest.approx(largest_sag(arm), rel=0.01) and abs(worst.time - 1.2 / 2.5) < 0.05
+
+
+@pytest.mark.parametrize("turns", [1, 2, 4, 8])
+def test_whole_turns_between_rows_hide_nothing(tmp_path: Path, turns: int) -> None:
+    """At every row, and at many even fractions between, the link hangs or stands and hardly sags."""
+    arm = one_joint(tmp_path, np.diag([0, 0, 0, 0, 1e-4, 0]), (0.8, 0.0, 0.0), 10.0)
+    joint = replace(arm.robot.moving[0], lower=-30.0, upper=30.0)
+    chain = tuple(joint if one.name == "j" else one for one in arm.robot.chain)
+    arm = replace(arm, robot=replace(arm.robot, chain=chain))
+    report = check(arm, two_rows(arm, [-np.pi / 2.0], [(turns - 0.5) * np.pi]), 0.004)
+    assert {point.verdict for point in report.via_points} == {"ok"}
+    assert not report.ok and report.path_worst.displacement_m == pytest.approx(largest_sag(arm), rel=0.01)
+
+
+def test_payload_holds_until_the_row_that_drops_it(tarm: Arm, tarm_path: Trajectory) -> None:
+    release = next(i for i in range(1, len(tarm_path)) if tarm_path.payload[i] != tarm_path.payload[i - 1])
+    path = some_rows(tarm_path, range(release - 1, release + 1))
+    segment = check(tarm, path, 0.1).segments[0]
+    carried = [np.linalg.norm(tarm.deflection(q, path.payload[0]).displacement[:3]) for q in path.q]
+    assert segment.payload == path.payload[0] and segment.displacement_m >= max(carried) * (1 - 1e-12)
+
+
+def test_angle_alone_can_fail(heavy: Arm, heavy_path: Trajectory) -> None:
+    wide = check(heavy, heavy_path, 1.0)
+    assert wide.ok and wide.angle_rad is None and all(point.margin_rad is None for point in wide.via_points)
+    narrow = check(heavy, heavy_path, 1.0, 1e-3)
+    assert not narrow.ok and {point.verdict for point in narrow.via_points} == {"fail"}
+    assert all(point.margin_m > 0.9 and point.margin_rad < 0.0 for point in narrow.via_points)
+
+
+def test_rigid_arm_keeps_every_tolerance(tarm: Arm, tarm_path: Trajectory) -> None:
+    report = check(replace(tarm, flexures=()), some_rows(tarm_path, range(0, 5)), 1e-9)
+    assert report.ok and {point.displacement_m for point in report.segments} == {0.0}
+    assert {(point.cause, point.sigma_m) for point in report.segments} == {(None, None)}
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan])
+def test_tolerance_must_be_positive(tarm: Arm, tarm_path: Trajectory, bad: float) -> None:
+    for limits in ((bad, None), (0.1, bad)):
+        with pytest.raises(InputError, match="tolerance must be positive"):
+            check(tarm, tarm_path, *limits)
+
+
+def test_errors_name_row_and_time(tarm: Arm, tarm_path: Trajectory, tmp_path: Path) -> None:
+    q = tarm_path.q.copy()
+    q[59, 3] = 9.0
+    with pytest.raises(JointLimitError, match=r"^row 59 \(port_exit\) at 59 s: joint 'A3'"):
+        check(tarm, replace(tarm_path, q=q), 0.1)
+    soft = one_joint(tmp_path, np.diag([0, 0, 0, 0, 5e-3, 0]), (0.8, 0.0, 0.0), 10.0)
+    with pytest.raises(SmallDisplacementError, match=r"^row 1 \(b\) at 1 s: flexure 'j' turns"):
+        check(soft, two_rows(soft, [1.57], [0.0]), 0.1)
+
+
+def test_flags_carry_their_time(tarm: Arm, tarm_path: Trajectory) -> None:
+    heavy_loaded = replace(tarm, payload_rating=500.0)
+    flag = next(flag for flag in check(heavy_loaded, tarm_path, 0.1).flags if flag.code == "beyond_rating")
+    assert flag.text.startswith("at 0 s: payload of 600 kg")
+
+
+def test_progress_counts_the_stretches(heavy: Arm, heavy_path: Trajectory) -> None:
+    seen: list[tuple[int, int]] = []
+    check(heavy, some_rows(heavy_path, range(0, 4)), 0.1, progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert isinstance(check(heavy, some_rows(heavy_path, range(0, 1)), 0.1).path_worst, Point)

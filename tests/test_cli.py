@@ -1,0 +1,343 @@
+"""The command line, each call in a process of its own: exit codes, JSON files, messages, and nothing left behind."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_arms import ROBOTS
+
+from armflex import Arm, Trajectory, Wrench, compensate, load_law, read_trajectory
+from armflex.cli.main import COMMANDS
+
+Run = Callable[..., subprocess.CompletedProcess]
+TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"
+TABLE = TARM / "a4_table_1.csv"
+
+
+def strict_json(path: Path) -> dict:
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(path.read_text(), parse_constant=refuse)
+
+
+def fine(result: subprocess.CompletedProcess, code: int = 0) -> subprocess.CompletedProcess:
+    assert result.returncode == code, result.stderr
+    assert "Traceback" not in result.stderr + result.stdout
+    return result
+
+
+def few_rows(source: Path, target: Path, count: int) -> Path:
+    target.write_text("".join(source.read_text().splitlines(keepends=True)[: count + 1]))
+    return target
+
+
+def test_help_of_the_whole_names_every_command(armflex: Run) -> None:
+    text = fine(armflex("--help")).stdout
+    assert all(f"  {name} " in text for name in COMMANDS)
+    assert fine(armflex("-h")).stdout == text and "deflect" in fine(armflex(), 2).stderr
+    assert fine(armflex("--version")).stdout.strip()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command(armflex: Run, command: str) -> None:
+    text = fine(armflex(command, "--help")).stdout
+    assert text.startswith("Usage: ") and command in text.splitlines()[0]
+    assert "--json" in text or command == "demo"
+
+
+def test_deflect_json(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
+    result = fine(
+        armflex(
+            "deflect", TARM / "arm.toml", "--q", "M1=1500mm, A1=10deg,A3=0.5", "--payload", "p600", "--json", "d.json"
+        )
+    )
+    found = strict_json(tmp_path / "d.json")
+    assert set(found) == {
+        "format", "payload", "base", "tip", "method", "joint_names", "flexure_names", "q", "joint_loads", "wrenches",
+        "twists", "contributions", "remainder", "displacement", "covariance", "compliance", "pose", "rigid_pose",
+        "flags",
+    }  # fmt: skip
+    assert (found["format"], found["base"], found["tip"]) == ("armflex-deflect-1", "crane", "tool")
+    q = tarm.position(M1=1.5, A1=np.deg2rad(10.0), A3=0.5)
+    expected = tarm.deflection(q, "p600")
+    for name in ("q", "wrenches", "twists", "displacement", "covariance", "compliance", "contributions", "joint_loads"):
+        np.testing.assert_allclose(found[name], getattr(expected, name), rtol=1e-10, atol=1e-15)
+    assert f"{np.linalg.norm(expected.displacement[:3]) * 1e3:.4g} mm" in result.stdout
+
+
+@pytest.mark.parametrize(("text", "newtons"), [("0,0,-500N", 500.0), ("0,0,-0.5kN", 500.0), ("0,0,-50kgf", 490.3325)])
+def test_deflect_under_a_force_with_unit(armflex: Run, tmp_path: Path, heavy: Arm, text: str, newtons: float) -> None:
+    fine(armflex("deflect", HEAVY / "arm.toml", "--force", f"tool={text}", "--json", "d.json"))
+    load = Wrench("tool", np.array([0.0, 0.0, -newtons]), np.zeros(3))
+    expected = heavy.deflection(np.zeros(6), wrenches=[load]).displacement
+    np.testing.assert_allclose(strict_json(tmp_path / "d.json")["displacement"], expected, rtol=1e-12)
+
+
+POINT = {"name", "time", "displacement_m", "rotation_rad", "sigma_m", "margin_m", "verdict", "cause"}
+
+
+@pytest.mark.parametrize(("robot", "tolerance", "code"), [(TARM, "0.1m", 1), (HEAVY, "5mm", 1), (HEAVY, "1cm", 0)])
+def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tolerance: str, code: int) -> None:
+    result = fine(
+        armflex("check", robot / "arm.toml", robot / "trajectory.csv", "--tolerance", tolerance, "--json", "c.json"),
+        code,
+    )
+    found = strict_json(tmp_path / "c.json")
+    more = {"angle_rad", "samples", "flags", "base", "tip"}
+    assert set(found) == {"format", "ok", "tolerance_m", "via_points", "path_worst"} | more
+    assert found["format"] == "armflex-check-1" and found["ok"] == (code == 0)
+    assert all(set(point) == POINT | {"margin_rad", "payload"} for point in [*found["via_points"], found["path_worst"]])
+    assert ("NOT within" in result.stdout) == (code == 1)
+    assert all(point["name"] in result.stdout for point in found["via_points"])
+    assert found["tolerance_m"] == {"0.1m": 0.1, "5mm": 0.005, "1cm": 0.01}[tolerance]
+
+
+def test_check_angle_alone_can_fail(armflex: Run) -> None:
+    command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m", "--angle"]
+    fine(armflex(*command, "1mrad"), 1)
+    fine(armflex(*command, "10deg"), 0)
+
+
+@pytest.mark.parametrize(("robot", "match"), [(TARM, "position"), (HEAVY, "pose")])
+def test_compensate_writes_what_python_finds(
+    armflex: Run, tmp_path: Path, tarm: Arm, heavy: Arm, robot: Path, match: str
+) -> None:
+    arm = tarm if robot is TARM else heavy
+    path = few_rows(robot / "trajectory.csv", tmp_path / "t.csv", 20)
+    fine(armflex("compensate", robot / "arm.toml", path, "-o", "o.csv", "--match", match, "--json", "c.json"))
+    written: Trajectory = read_trajectory(tmp_path / "o.csv", arm)
+    expected = compensate(arm, read_trajectory(path, arm), match)
+    np.testing.assert_allclose(written.q, expected.trajectory.q, rtol=0, atol=1e-12)
+    found = strict_json(tmp_path / "c.json")
+    assert set(found) == {"format", "ok", "match", "between_m", "rows", "flags", "base", "tip"}
+    assert found["format"] == "armflex-compensate-1" and found["ok"] and len(found["rows"]) == 20
+    row = {"time", "via", "reached", "reason", "before", "after", "change", "sigma_min"}
+    assert all(set(one) == row for one in found["rows"])
+
+
+def narrowed(folder: Path) -> Path:
+    """Copy heavy_six with a J2 that cannot go back far enough to lift."""
+    shutil.copytree(HEAVY, folder / "narrow")
+    urdf = folder / "narrow" / "robot.urdf"
+    urdf.write_text(urdf.read_text().replace('lower="-1.05" upper="1.3"', 'lower="0.4433" upper="1.3"'))
+    return folder / "narrow" / "arm.toml"
+
+
+def test_compensate_out_of_reach_writes_nothing_unless_asked(armflex: Run, tmp_path: Path) -> None:
+    arm, path = narrowed(tmp_path), few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 30)
+    command = ["compensate", arm, path, "-o", "o.csv", "--match", "pose", "--json", "c.json"]
+    result = fine(armflex(*command), 1)
+    assert "limit: J2" in result.stdout and not (tmp_path / "o.csv").exists()
+    assert not strict_json(tmp_path / "c.json")["ok"]
+    fine(armflex(*command, "--best-effort"), 1)
+    assert (tmp_path / "o.csv").exists()
+
+
+def test_compensate_between(armflex: Run, tmp_path: Path) -> None:
+    path = few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 10)
+    fine(armflex("compensate", HEAVY / "arm.toml", path, "-o", "o.csv", "--between", "0.1um", "--json", "c.json"))
+    assert strict_json(tmp_path / "c.json")["between_m"] <= 1e-7
+    assert len((tmp_path / "o.csv").read_text().splitlines()) > 11
+
+
+def test_train_json_and_file(armflex: Run, tmp_path: Path) -> None:
+    fine(armflex("train", TABLE, "--model", "linear", "-o", "a.safetensors", "--json", "t.json"))
+    found = strict_json(tmp_path / "t.json")
+    contract = {
+        "format", "model", "rows", "unit", "train_rms", "held_out_rms", "held_out", "parameters", "diagnostics",
+        "compared",
+    }  # fmt: skip
+    assert set(found) == contract | {"flags"}
+    assert set(found["diagnostics"]) == {"rhat_max", "ess_min", "coverage_95"}
+    assert (found["format"], found["model"], found["rows"], found["unit"]) == ("armflex-train-1", "linear", 20, "mm")
+    np.testing.assert_array_equal(np.round(found["train_rms"], 3), [0.142, 0.099, 0.341])
+    np.testing.assert_array_equal(np.round(found["held_out_rms"], 3), [0.172, 0.121, 0.415])
+    assert found["compared"] == [{"model": "linear", "held_out_rms": found["held_out_rms"]}]
+    law = load_law(tmp_path / "a.safetensors").law
+    np.testing.assert_allclose(law.compliance[:3, :3], found["parameters"]["compliance"])
+    fine(armflex("train", TABLE, "--read-as", "mm=um", "--structure", "diagonal", "-o", "b.safetensors"))
+    assert load_law(tmp_path / "b.safetensors").metadata["units"] == ["um"] * 3
+
+
+def campaign(folder: Path) -> Path:
+    """Write a campaign as it comes from the field: measured columns, units, covariates, rows without a reading."""
+    header = "pose,session,time,payload,q_J1_deg,q_J2,q_J3,q_J4,q_J5,q_J6,approach_J1,x_mm,y_mm,z_mm,sigma_mm,weather"
+    rows = ["p1,a,0,p200,10,0.1,0.2,0,0.8,0,1,1500,2,3,0.02,fair", "p2,b,5,,-20,0.3,0,0,0.5,0.1,-1,,,,,foul"]
+    (folder / "m.csv").write_text("\n".join((header, *rows)) + "\n")
+    return folder / "m.csv"
+
+
+def test_predict_on_a_campaign(armflex: Run, tmp_path: Path, heavy: Arm) -> None:
+    result = fine(armflex("predict", HEAVY / "arm.toml", campaign(tmp_path), "-o", "o.csv", "--json", "p.json"))
+    rows = list(csv.DictReader((tmp_path / "o.csv").open()))
+    assert [(row["pose"], row["session"], row["payload"]) for row in rows] == [("p1", "a", "p200"), ("p2", "b", "")]
+    for row, q, payload in zip(
+        rows,
+        ([np.deg2rad(10), 0.1, 0.2, 0, 0.8, 0], [np.deg2rad(-20), 0.3, 0, 0, 0.5, 0.1]),
+        ("p200", "none"),
+        strict=True,
+    ):
+        found = heavy.deflection(q, payload)
+        np.testing.assert_allclose([float(row[n]) for n in "xyz"], found.pose.translation, rtol=1e-12)
+        np.testing.assert_allclose([float(row[n]) for n in ("dx", "dy", "dz", "rx", "ry", "rz")], found.displacement)
+        sigma = np.sqrt(np.diag(found.covariance)[:3])
+        np.testing.assert_allclose([float(row[f"sigma_{n}"]) for n in "xyz"], sigma, rtol=1e-12)
+    summary = strict_json(tmp_path / "p.json")
+    assert set(summary) == {"format", "rows", "base", "tip", "flags"} and summary["rows"] == 2
+    assert "base_frame" in result.stderr
+
+
+def test_view_writes_a_page_and_says_so(armflex: Run, tmp_path: Path) -> None:
+    fine(armflex("view", HEAVY / "arm.toml", "--q", "J2=0.3", "--payload", "p200", "-o", "v.html", "--json", "v.json"))
+    assert strict_json(tmp_path / "v.json") == {
+        "format": "armflex-view-1", "page": "v.html", "base": "base", "tip": "tool"
+    }  # fmt: skip
+    assert (tmp_path / "v.html").stat().st_size > 500_000
+
+
+def test_demo_runs_through(armflex: Run, tmp_path: Path) -> None:
+    result = fine(armflex("demo", "-o", "out"))
+    assert "no machine" in result.stdout and "a machine" in result.stdout
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"tarm_like", "tarm_like.html", "compensated.csv"}
+
+
+A, T = TARM / "arm.toml", TARM / "trajectory.csv"
+BAD = {
+    "no such command": (["chek"], "no command 'chek', did you mean 'check'"),
+    "no such option": (["deflect", A, "--paylod", "p600"], "Did you mean '--payload'"),
+    "missing option": (["check", A, T], "Missing option '--tolerance'"),
+    "missing argument": (["deflect"], "Missing argument 'ARM'"),
+    "missing arm": (["deflect", "none.toml"], "none.toml: cannot be read: No such file"),
+    "folder as arm": (["deflect", TARM], "tarm_like: cannot be read: Is a directory"),
+    "missing URDF": (["deflect", "none.urdf"], "none.urdf: cannot be read"),
+    "an arm that is no TOML": (["deflect", T], "trajectory.csv:1: not valid TOML"),
+    "missing trajectory": (["check", A, "none.csv", "--tolerance", "5mm"], "none.csv: cannot be read"),
+    "another arm's trajectory": (
+        ["check", A, HEAVY / "trajectory.csv", "--tolerance", "5mm"],
+        "trajectory.csv:1: has no column 'q_M1'",
+    ),
+    "unknown joint": (["deflect", A, "--q", "A9=1"], "no joint named 'A9', did you mean 'A"),
+    "joint twice": (["deflect", A, "--q", "A1=1,A1=2"], "joint 'A1' is given twice"),
+    "no position": (["deflect", A, "--q", "A1"], "'A1' is not of the form JOINT=POSITION"),
+    "empty position": (["deflect", A, "--q", "A1="], "'rad': expected a"),
+    "outside limits": (["deflect", A, "--q", "A2=1"], "joint 'A2' at 1 is outside its limits"),
+    "huge position": (["deflect", A, "--q", "A1=1e400"], "is not a finite angle"),
+    "degrees for a slide": (["deflect", A, "--q", "M1=1deg"], "'deg' is no unit of length"),
+    "unknown payload": (["deflect", A, "--payload", "p60"], "no payload named 'p60', did you mean 'p600'"),
+    "unknown preset": (["deflect", A, "--preset", "paper_A4"], "no preset named 'paper_A4', did you mean 'paper_A4_"),
+    "preset of a URDF": (["deflect", TARM / "robot.urdf", "--preset", "x"], "no preset named 'x'"),
+    "force without unit": (["deflect", A, "--force", "tool=0,0,-500"], "expected a force with its unit"),
+    "force in another unit": (["deflect", A, "--force", "tool=0,0,-5mm"], "'mm' is no unit of force"),
+    "force of two": (["deflect", A, "--force", "tool=0,-5N"], "is not of the form LINK=FX,FY,FZ"),
+    "force at no link": (["deflect", A, "--force", "tol=0,0,-5N"], "no link named 'tol', did you mean 'tool'"),
+    "unknown method": (["deflect", A, "--method", "newtn"], "'newtn' is not one of 'newton'"),
+    "tolerance without unit": (["check", A, T, "--tolerance", "5"], "'5': expected a length with its unit, such as 5m"),
+    "tolerance of angle": (["check", A, T, "--tolerance", "5mrad"], "'mrad' is no unit of length"),
+    "endless tolerance": (["check", A, T, "--tolerance", "1e400mm"], "'1e400mm' is not a finite length"),
+    "no tolerance": (["check", A, T, "--tolerance", "0mm"], "tolerance must be positive"),
+    "negative gap": (["compensate", A, T, "-o", "o", "--between", "-1mm"], "between must be positive"),
+    "match": (["compensate", A, T, "-o", "o", "--match", "both"], "'both' is not one of 'position', 'pose'"),
+    "no output": (["compensate", A, T], "Missing option '-o'"),
+    "train without unit": (["train", "nounit.csv", "-o", "o"], "column 'dx' has no unit"),
+    "train a trajectory": (["train", T, "-o", "o"], "has no column 'fx'"),
+    "train an unknown model": (["train", TABLE, "--model", "liner", "-o", "o"], "'liner' is not"),
+    "read-as": (["train", TABLE, "--read-as", "mm", "-o", "o"], "'mm' is not of the form mm=um"),
+    "predict without joints": (["predict", A, TABLE, "-o", "o"], "has no column 'q_M1'"),
+    "predict with a misspelt payload": (["predict", A, "paylod.csv", "-o", "o"], "no column 'payload', did you mean"),
+    "predict outside limits": (["predict", A, "outside.csv", "-o", "o"], "outside.csv:3: joint 'A2' at 2 is outside"),
+    "magnify nothing": (["view", A, "-o", "o", "--magnify", "0"], "magnification must be positive"),
+    "magnify out of sight": (
+        ["view", A, "-o", "o", "--magnify", "1e300"],
+        "magnification must be positive and at most",
+    ),
+    "magnify by a word": (["view", A, "-o", "o", "--magnify", "much"], "'much' is not a valid float"),
+    "demo into a file": (["demo", "-o", "paylod.csv"], "paylod.csv/tarm_like: cannot be written"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "complaint"), BAD.values(), ids=BAD)
+def test_bad_input_exits_with_2_and_says_what(armflex: Run, tmp_path: Path, arguments: list, complaint: str) -> None:
+    header = "q_M1,q_A1,q_A2,q_A3,q_A4,q_A5,q_A6"
+    (tmp_path / "nounit.csv").write_text("fx,fy,fz,dx,dy,dz\n" + "1,2,3,4,5,6\n" * 9)
+    (tmp_path / "paylod.csv").write_text(f"{header},paylod\n0,0,0,0,0,0,0,p600\n")
+    (tmp_path / "outside.csv").write_text(f"{header}\n0,0,0,0,0,0,0\n0,0,2,0,0,0,0\n")
+    before = sorted(tmp_path.rglob("*"))
+    json_file = [] if arguments[0] in ("demo", "chek") else ["--json", "j.json"]
+    result = fine(armflex(*arguments, *json_file), 2)
+    assert complaint in result.stderr
+    assert sorted(tmp_path.rglob("*")) == before, "something was left behind"
+
+
+WRITERS = {
+    "compensate": ["compensate", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "-o"],
+    "train": ["train", TABLE, "-o"],
+    "predict": ["predict", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "-o"],
+    "view": ["view", HEAVY / "arm.toml", "-o"],
+    "json": ["deflect", HEAVY / "arm.toml", "--json"],
+}
+
+
+@pytest.mark.parametrize("command", WRITERS)
+@pytest.mark.parametrize("place", ["folder", "none/o.csv", "/proc/o.csv"])
+def test_output_that_cannot_be_written(armflex: Run, tmp_path: Path, command: str, place: str) -> None:
+    if place.startswith("/proc") and not Path("/proc").is_dir():
+        pytest.skip("no /proc, where even root cannot create a file")
+    (tmp_path / "folder").mkdir()
+    result = fine(armflex(*WRITERS[command], place), 2)
+    assert Path(place).name in result.stderr
+    assert [path.name for path in tmp_path.rglob("*")] == ["folder"]
+
+
+@pytest.mark.parametrize("command", ["compensate", "train", "predict", "view"])
+def test_bad_output_is_noticed_before_the_other_file_is_written(armflex: Run, tmp_path: Path, command: str) -> None:
+    for output, other in (("none/o", "j.json"), ("o", "none/j.json")):
+        fine(armflex(*WRITERS[command], output, "--json", other), 2)
+        assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not Path("/dev/null").exists(), reason="no /dev/null")
+def test_a_device_is_written_to_and_not_replaced(armflex: Run) -> None:
+    fine(armflex(*WRITERS["json"], "/dev/null"))
+    assert Path("/dev/null").is_char_device()
+    text = fine(armflex(*WRITERS["json"], "/dev/stdout")).stdout
+    assert '"format": "armflex-deflect-1"' in text and Path("/dev/stdout").exists()
+
+
+def test_an_arm_that_gives_too_far_exits_with_1(armflex: Run, tmp_path: Path) -> None:
+    shutil.copytree(HEAVY, tmp_path / "soft")
+    arm = tmp_path / "soft" / "arm.toml"
+    arm.write_text(arm.read_text().replace("1.2e-7, 4.5e-7, 1.2e-7", "1.2e-7, 4.5e-4, 1.2e-7"))
+    assert "turns by" in fine(armflex("deflect", arm), 1).stderr
+    assert "large_sag" in fine(armflex("deflect", arm, "--allow-large")).stderr
+
+
+def test_doubts_go_to_stderr(armflex: Run) -> None:
+    result = fine(armflex("deflect", TARM / "robot.urdf"))
+    assert "warning: rigid:" in result.stderr and "rigid:" not in result.stdout
+
+
+def test_a_terminal_without_the_plus_minus_sign(armflex: Run) -> None:
+    command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m"]
+    assert "± mm" in fine(armflex(*command, PYTHONIOENCODING="utf-8")).stdout
+    assert "? mm" in fine(armflex(*command, PYTHONIOENCODING="ascii")).stdout
+
+
+def test_a_reader_that_goes_away_gets_no_traceback() -> None:
+    code = f"from armflex.cli.main import main; import sys; sys.argv = ['armflex', 'deflect', {str(A)!r}]; main()"
+    child = subprocess.Popen(
+        [sys.executable, "-c", code], cwd=ROBOTS.parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    child.stdout.close()
+    with child.stderr:
+        assert b"Traceback" not in child.stderr.read()
+    assert child.wait(timeout=60) == 1
