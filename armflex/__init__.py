@@ -4,6 +4,8 @@ from armflex.arm import Arm as Arm
 from armflex.arm import Flexure as Flexure
 from armflex.arm_file import load_arm as load_arm
 from armflex.bundled import bundled_robot as bundled_robot
+from armflex.calibrate import Calibration as Calibration
+from armflex.calibrate import calibrate as calibrate
 from armflex.check import CheckReport as CheckReport
 from armflex.check import check as check
 from armflex.compensate import Compensation as Compensation
@@ -19,8 +21,9 @@ from armflex.laws.law_file import save_law as save_law
 from armflex.learning.train import train as train
 from armflex.loads import Payload as Payload
 from armflex.loads import Wrench as Wrench
+from armflex.measurements import Measurements as Measurements
+from armflex.measurements import read_measurements as read_measurements
 from armflex.predict import predict as predict
-from armflex.predict import read_rows as read_rows
 from armflex.robot import load_robot as load_robot
 from armflex.trajectory import Trajectory as Trajectory
 from armflex.trajectory import read_trajectory as read_trajectory

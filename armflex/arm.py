@@ -25,6 +25,7 @@ from armflex.errors import (
     ShapeError,
     UnknownNameError,
 )
+from armflex.instrument import Instrument
 from armflex.laws import Law, Row
 from armflex.loads import NO_PAYLOAD, Payload, Wrench
 from armflex.mechanics import LoadCase, Mechanics
@@ -59,6 +60,7 @@ class Arm:
         measurement: Frame in which campaigns of this arm are measured.
         prior: What calibration may move, one standard deviation each.
         corrections: Constant errors of the kinematics that calibration found; part of what makes the tip displaced.
+        instrument: Where the instrument stands that measured this arm, None when it was not calibrated.
         flags: Doubts about the arm as declared.
     """
 
@@ -69,6 +71,7 @@ class Arm:
     measurement: Measurement = field(default_factory=Measurement)
     prior: Prior = field(default_factory=Prior)
     corrections: Corrections = field(default_factory=Corrections)
+    instrument: Instrument | None = None
     flags: tuple[Flag, ...] = ()
 
     def __post_init__(self) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arm import Arm, Flexure, warn
+from armflex.calibration_table import read_calibration
 from armflex.conventions import STANDARD_GRAVITY
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import Flag, LawError, PayloadError, UnknownNameError, UnsupportedError, did_you_mean, listing
@@ -54,10 +55,12 @@ def _read(root: Declaration, preset: str | None, tip: str | None, strict: bool) 
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
     if root.array_of("effect"):
         raise UnsupportedError(f"{root.array_of('effect')[0].place()}: [[effect]] is not supported by this version")
+    root.has("calibration")
     root.finish()
     soft = [flag for flexure in flexures for flag in _soft(flexure)]
     doubts = (*robot.flags, *flags, *soft)
-    return Arm(robot, flexures, payloads, rating, measurement, prior, flags=doubts)
+    arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=doubts)
+    return read_calibration(root.sub("calibration"), arm) if root.has("calibration") else arm
 
 
 def _flexure_tables(root: Declaration, preset: str | None) -> dict[str, Declaration]:

@@ -1,8 +1,8 @@
-"""The tip's pose for every row of a table of joint positions and payloads."""
+"""The tip's pose for every row of a table, as the instrument would read it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,38 +12,28 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.deflection import Deflection
-from armflex.errors import ArmflexError, Flag, Place, TableError
-from armflex.table import read_table, write_table
-from armflex.trajectory import check_payloads, joint_kinds, misspelt
+from armflex.errors import ArmflexError, Flag
+from armflex.instrument import Instrument
+from armflex.measurements import Measurements
+from armflex.table import write_table
 
-IDENTIFYING = ("pose", "session", "time", "payload")
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class Rows:
-    """Inputs of a prediction: (N, nq) joint positions, payload names, and the columns that identify the rows."""
-
-    q: Array
-    payload: tuple[str, ...]
-    identity: Mapping[str, tuple[str, ...]]
-    places: tuple[Place, ...]
-
-
-@dataclass(frozen=True)
 class Prediction:
-    """Where the tip will be, base frame.
+    """Where the tip will be: in the instrument's frame where it is known, else in the base frame.
 
     Attributes:
         rows: What was asked.
-        position: (N, 3) tip origin [m].
+        position: (N, 3) the target as it would be read [m].
         rotation: (N, 3) rotation vector of the tip's orientation [rad].
-        sigma: (N, 3) standard uncertainty of the position [m], None where no law carries one.
+        sigma: (N, 3) standard uncertainty of the position that the laws carry [m], None where none does.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
         flags: Doubts, each with the first row it concerns.
     """
 
-    rows: Rows
+    rows: Measurements
     position: Array
     rotation: Array
     sigma: Array | None
@@ -51,28 +41,13 @@ class Prediction:
     flags: tuple[Flag, ...]
 
 
-def read_rows(path: str | Path, arm: Arm) -> Rows:
-    """Read the joint positions and payloads of a campaign or any table like it; measured columns are not used.
-
-    Raises:
-        TableError: A joint's column is missing or not numeric, or a payload is unknown.
-    """
-    table = read_table(path, joint_kinds(arm, "q"))
-    names = [f"q_{joint}" for joint in arm.joint_names]
-    table.require(names)
-    if not len(table):
-        raise TableError(Place(table.path), "has a header but no rows")
-    if "payload" not in table.columns and any(misspelt(name, ["payload"]) for name in table.columns):
-        table.require(["payload"])
-    payload = table.texts("payload") if "payload" in table.columns else ("none",) * len(table)
-    check_payloads(table, payload, arm)
-    identity = {name: table.texts(name) for name in IDENTIFYING if name in table.columns}
-    places = tuple(Place(table.path, line) for line in table.lines)
-    return Rows(table.matrix(names), tuple(name or "none" for name in payload), identity, places)
-
-
-def predict(arm: Arm, rows: Rows, progress: Progress | None = None) -> Prediction:
+def predict(arm: Arm, rows: Measurements, progress: Progress | None = None) -> Prediction:
     """Return the tip's pose and displacement for every row.
+
+    Args:
+        arm: The arm; when calibrated, its instrument and session frames are used.
+        rows: Joint positions, payloads and sessions; see `read_measurements` with `inputs_only`.
+        progress: Called with (rows done, rows in all).
 
     Raises:
         ArmflexError: A row cannot be computed; its file and line are named.
@@ -85,29 +60,41 @@ def predict(arm: Arm, rows: Rows, progress: Progress | None = None) -> Predictio
             error.args = (f"{rows.places[i]}: {error.args[0]}", *error.args[1:])
             raise
         if progress:
-            progress(i + 1, len(rows.q))
-    sigma = None
-    if any(one.covariance is not None for one in found):
-        sigma = np.array([np.sqrt(np.diag(_known(one))[:3]) for one in found])
+            progress(i + 1, len(rows))
+    instrument = arm.instrument or Instrument()
+    tip = np.array([one.pose.homogeneous for one in found])
     return Prediction(
         rows,
-        np.array([one.pose.translation for one in found]),
-        np.array([pin.log3(one.pose.rotation) for one in found]),
-        sigma,
+        instrument.readings(tip, rows.session),
+        np.array([pin.log3(rotation) for rotation in instrument.rotations(tip)]),
+        _sigma(found, instrument),
         np.array([one.displacement for one in found]),
-        _flags(arm, found),
+        _flags(arm, rows, found),
     )
 
 
-def _known(one: Deflection) -> Array:
-    return np.zeros((6, 6)) if one.covariance is None else one.covariance
+def _sigma(found: list[Deflection], instrument: Instrument) -> Array | None:
+    """Return (N, 3) standard uncertainties of the target's position along the instrument's axes."""
+    if all(one.covariance is None for one in found):
+        return None
+    rows = []
+    for one in found:
+        lever = pin.skew(one.pose.rotation @ instrument.target)
+        seen = instrument.pose.rotation @ np.hstack([np.eye(3), -lever])
+        covariance = np.zeros((6, 6)) if one.covariance is None else one.covariance
+        rows.append(np.sqrt(np.diag(seen @ covariance @ seen.T)))
+    return np.array(rows)
 
 
-def _flags(arm: Arm, found: list[Deflection]) -> tuple[Flag, ...]:
+def _flags(arm: Arm, rows: Measurements, found: list[Deflection]) -> tuple[Flag, ...]:
     flags: dict[str, Flag] = {}
-    if arm.measurement.frame == "unknown":
+    if arm.instrument is None and arm.measurement.frame == "unknown":
         text = f"the instrument's place is not known, so positions are in the base frame {arm.robot.base!r}"
         flags["base_frame"] = Flag("base_frame", text)
+    strange = set(rows.session) - set(arm.instrument.sessions) if arm.instrument and arm.instrument.sessions else set()
+    if strange:
+        text = f"{', '.join(sorted(strange))}: not among the calibrated sessions, so taken without a shift of their own"
+        flags["new_session"] = Flag("new_session", text)
     for number, one in enumerate(found):
         for flag in one.flags:
             flags.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
@@ -116,11 +103,12 @@ def _flags(arm: Arm, found: list[Deflection]) -> tuple[Flag, ...]:
 
 def write_predictions(prediction: Prediction, path: str | Path) -> Path:
     """Write x y z, sigma_*, the orientation pose_r*, and the displacement dx to rz; whole or not at all."""
-    columns: dict[str, list] = {name: list(cells) for name, cells in prediction.rows.identity.items()}
+    rows, sigma = prediction.rows, prediction.sigma
+    columns: dict[str, list] = {"pose": list(rows.pose), "session": list(rows.session)}
+    columns |= {"time": rows.time.tolist(), "payload": list(rows.payload)}
     columns |= {axis: prediction.position[:, i].tolist() for i, axis in enumerate("xyz")}
     columns |= {f"pose_r{axis}": prediction.rotation[:, i].tolist() for i, axis in enumerate("xyz")}
-    blank = [""] * len(prediction.position)
-    sigma = prediction.sigma
+    blank = [""] * len(rows)
     columns |= {f"sigma_{axis}": blank if sigma is None else sigma[:, i].tolist() for i, axis in enumerate("xyz")}
     columns |= {name: prediction.displacement[:, i].tolist() for i, name in enumerate(TWIST_NAMES)}
     return write_table(path, columns)

@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 from small_arms import one_joint
 
 from armflex import Arm, InputError, Trajectory, check
-from armflex.check import COVERAGE, Point
+from armflex.check import Point
 from armflex.errors import JointLimitError, SmallDisplacementError
 from armflex.laws import LinearLaw
 
@@ -36,7 +36,7 @@ def sizes(arm: Arm, q: np.ndarray, payload: str) -> tuple[float, float, float, f
 def expected_verdict(limits: list[tuple[float, float, float]]) -> str:
     words = []
     for size, sigma, limit in limits:
-        doubtful = abs(limit - size) < COVERAGE * sigma
+        doubtful = abs(limit - size) < 2.0 * sigma
         words.append("uncertain" if doubtful else "fail" if size > limit else "ok")
     return max(words, key=RANK.get)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -179,7 +180,7 @@ def campaign(folder: Path) -> Path:
 def test_predict_on_a_campaign(armflex: Run, tmp_path: Path, heavy: Arm) -> None:
     result = fine(armflex("predict", HEAVY / "arm.toml", campaign(tmp_path), "-o", "o.csv", "--json", "p.json"))
     rows = list(csv.DictReader((tmp_path / "o.csv").open()))
-    assert [(row["pose"], row["session"], row["payload"]) for row in rows] == [("p1", "a", "p200"), ("p2", "b", "")]
+    assert [(row["pose"], row["session"], row["payload"]) for row in rows] == [("p1", "a", "p200"), ("p2", "b", "none")]
     for row, q, payload in zip(
         rows,
         ([np.deg2rad(10), 0.1, 0.2, 0, 0.8, 0], [np.deg2rad(-20), 0.3, 0, 0, 0.5, 0.1]),
@@ -253,7 +254,10 @@ BAD = {
     "train an unknown model": (["train", TABLE, "--model", "liner", "-o", "o"], "'liner' is not"),
     "read-as": (["train", TABLE, "--read-as", "mm", "-o", "o"], "'mm' is not of the form mm=um"),
     "predict without joints": (["predict", A, TABLE, "-o", "o"], "has no column 'q_M1'"),
-    "predict with a misspelt payload": (["predict", A, "paylod.csv", "-o", "o"], "no column 'payload', did you mean"),
+    "predict with a misspelt payload": (
+        ["predict", A, "paylod.csv", "-o", "o"],
+        "'paylod', did you mean 'payload'",
+    ),
     "predict outside limits": (["predict", A, "outside.csv", "-o", "o"], "outside.csv:3: joint 'A2' at 2 is outside"),
     "magnify nothing": (["view", A, "-o", "o", "--magnify", "0"], "magnification must be positive"),
     "magnify out of sight": (
@@ -305,12 +309,25 @@ def test_bad_output_is_noticed_before_the_other_file_is_written(armflex: Run, tm
         assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(not Path("/dev/null").exists(), reason="no /dev/null")
-def test_a_device_is_written_to_and_not_replaced(armflex: Run) -> None:
-    fine(armflex(*WRITERS["json"], "/dev/null"))
-    assert Path("/dev/null").is_char_device()
-    text = fine(armflex(*WRITERS["json"], "/dev/stdout")).stdout
-    assert '"format": "armflex-deflect-1"' in text and Path("/dev/stdout").exists()
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+def test_a_pipe_is_written_to_and_not_replaced(armflex: Run, tmp_path: Path) -> None:
+    """As a device such as /dev/null must be, which a test had better leave alone."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        fine(armflex(*WRITERS["json"], pipe))
+        assert b'"format": "armflex-deflect-1"' in os.read(reader, 65536)
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo() and list(tmp_path.iterdir()) == [pipe]
+
+
+def test_a_link_is_followed_and_not_replaced(armflex: Run, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link.json").symlink_to(tmp_path / "folder" / "real.json")
+    fine(armflex(*WRITERS["json"], "link.json"))
+    assert (tmp_path / "link.json").is_symlink() and strict_json(tmp_path / "folder" / "real.json")
 
 
 def test_an_arm_that_gives_too_far_exits_with_1(armflex: Run, tmp_path: Path) -> None:

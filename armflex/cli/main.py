@@ -17,6 +17,7 @@ COMMANDS = {
     "predict": "the tip's position for every row of a table",
     "check": "hold a trajectory's displacement against a tolerance",
     "compensate": "joint positions that put the deflected tip where the rigid arm would be",
+    "calibrate": "fit what [prior] frees to a measured campaign",
     "train": "learn a joint deformation model from loads and deflections",
     "view": "write a page of the arm that opens in a browser",
     "demo": "all of it on the bundled TARM-like arm",

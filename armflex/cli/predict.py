@@ -17,7 +17,8 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import console
-from armflex.predict import predict, read_rows, write_predictions
+from armflex.measurements import read_measurements
+from armflex.predict import predict, write_predictions
 
 
 @click.command()
@@ -36,7 +37,7 @@ def command(
 ) -> None:
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
     arm = load(arm_path, preset, tip, lax)
-    rows = read_rows(rows_path, arm)
+    rows = read_measurements(rows_path, arm, inputs_only=True)
     with progress("predicting") as tick:
         found = predict(arm, rows, tick)
     write_predictions(found, output)

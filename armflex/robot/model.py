@@ -47,11 +47,13 @@ class Corrections:
     joint_offset: Mapping[str, float] = field(default_factory=dict)
     geometry: Mapping[str, Array] = field(default_factory=dict)
 
-    def pose(self, joint: Joint) -> pin.SE3:
-        """Return what follows a joint's nominal origin frame."""
-        shift = pin.exp6(pin.Motion(np.asarray(self.geometry.get(joint.name, np.zeros(6)))))
-        offset = self.joint_offset.get(joint.name, 0.0)
-        return shift * _motion(joint, offset) if offset else shift
+    def frame(self, joint: Joint) -> pin.SE3:
+        """Return the true origin frame of a joint in its nominal one."""
+        return pin.exp6(pin.Motion(np.asarray(self.geometry.get(joint.name, np.zeros(6)))))
+
+    def zero(self, joint: Joint) -> pin.SE3:
+        """Return the true zero of a moving joint in its origin frame."""
+        return _motion(joint, self.joint_offset.get(joint.name, 0.0))
 
 
 @dataclass(frozen=True)
@@ -166,12 +168,13 @@ class _Builder:
 
     def add_joint(self, joint: Joint, parent: int, placement: pin.SE3) -> tuple[int, pin.SE3]:
         """Add a joint (and the flexures behind it); return the Pinocchio joint and the child link's place on it."""
-        here = placement * pin.SE3(joint.rotation, joint.origin) * self.corrections.pose(joint)
+        here = placement * pin.SE3(joint.rotation, joint.origin) * self.corrections.frame(joint)
         parent, here = self.add_flexures(joint.name, parent, here, before=True)
         if joint.kind not in MOVING:
             return self.add_flexures(joint.name, parent, here)
         if joint.name not in self.on_chain:
             return parent, here * _motion(joint, self.robot.locked[joint.name])
+        here = here * self.corrections.zero(joint)
         added = self.model.addJoint(parent, _joint_model(joint), here, joint.name)
         return self.add_flexures(joint.name, added, pin.SE3.Identity())
 

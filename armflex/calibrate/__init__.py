@@ -1,0 +1,4 @@
+"""From a measured campaign to a calibrated arm: MAP least squares through the deflected equilibrium."""
+
+from armflex.calibrate.calibrate import Calibration as Calibration
+from armflex.calibrate.calibrate import calibrate as calibrate

@@ -1,0 +1,127 @@
+"""`calibrate`: everything that [prior] frees, fitted to a campaign through the deflected arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate.blocks import declared_blocks
+from armflex.calibrate.fit import Fit, fit
+from armflex.calibrate.identify import Parameter, parameters
+from armflex.calibrate.view import Progress, Setup, look
+from armflex.errors import InputError, Place
+from armflex.instrument import Instrument, fit_frame
+from armflex.linearise import Linearizer
+from armflex.measurements import Measurements
+
+OUTLIER = 0.5
+"""Robust weight below which a row is listed as an outlier."""
+
+FEWEST_ROWS = 4
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A row that the fit does not believe: its place and error [m]."""
+
+    row: int
+    place: Place | None
+    error_m: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibrated arm and an account of it.
+
+    Attributes:
+        arm: The arm with its fitted compliances and corrections, and the instrument that saw it.
+        fit: The fit itself: values, covariance, residuals.
+        declared_rms: RMS of the 3-D position error with only the instrument's frame fitted [m].
+        noise_rms: What the stated standard deviations alone would give [m].
+    """
+
+    arm: Arm
+    fit: Fit
+    declared_rms: float
+    noise_rms: float
+    measurements: Measurements
+
+    @property
+    def rms(self) -> float:
+        """RMS of the 3-D position error after calibration [m]."""
+        return self.fit.rms
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every fitted parameter."""
+        return parameters(self.fit)
+
+    @property
+    def findings(self) -> tuple[Parameter, ...]:
+        """Parameters that moved by more than their prior allows."""
+        return tuple(parameter for parameter in self.parameters if parameter.surprising)
+
+    @property
+    def undetermined(self) -> tuple[Parameter, ...]:
+        """Parameters that these data say nothing about."""
+        return tuple(parameter for parameter in self.parameters if not parameter.determined)
+
+    @property
+    def outliers(self) -> tuple[Outlier, ...]:
+        """Rows with little weight, the worst first."""
+        view = self.fit.view
+        error = np.linalg.norm(view.residual[:, :3], axis=1)
+        far = np.flatnonzero(self.fit.weights < OUTLIER)
+        places = self.measurements.places
+        ordered = far[np.argsort(-error[far])]
+        return tuple(
+            Outlier(int(view.rows[i]), places[view.rows[i]] if places else None, float(error[i])) for i in ordered
+        )
+
+
+def calibrate(
+    arm: Arm, measurements: Measurements, rows: np.ndarray | None = None, progress: Progress | None = None
+) -> Calibration:
+    """Return the arm with everything that its [prior] frees fitted to a campaign.
+
+    Args:
+        arm: The arm as declared; its prior says what may move and how far.
+        measurements: Where the tip was seen.
+        rows: Row numbers to use; every measured row when not given.
+        progress: Called with (steps done, steps at most).
+
+    Raises:
+        InputError: Too few rows were measured.
+        ConvergenceError: The fit did not settle.
+    """
+    used = np.flatnonzero(measurements.measured) if rows is None else rows
+    if len(used) < FEWEST_ROWS:
+        raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
+    declared = first_guess(arm, measurements, used)
+    blocks = declared_blocks(declared, measurements)
+    frame = [block for block in blocks if block.name == "instrument"]
+    before = fit(declared, frame, measurements, used) if frame else None
+    seen = before.view if before else look(declared, measurements, used)
+    found = fit(declared, blocks, measurements, used, progress=progress)
+    fitted = found.setup
+    return Calibration(
+        replace(fitted.arm, instrument=fitted.instrument),
+        found,
+        float(np.sqrt((seen.residual[:, :3] ** 2).sum(axis=1).mean())),
+        float(np.sqrt((seen.sigma[:, :3] ** 2).sum(axis=1).mean())),
+        measurements,
+    )
+
+
+def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup:
+    """Return the arm with its instrument, placed by a best rigid fit where its frame is unknown."""
+    instrument = arm.instrument or Instrument()
+    if arm.measurement.frame == "base":
+        return Setup(arm, instrument)
+    line = Linearizer(arm).rows(measurements.q[rows], [measurements.payload[row] for row in rows])
+    points = line.tip[:, :3, 3] + line.tip[:, :3, :3] @ instrument.target
+    pose = fit_frame(points, measurements.position[rows])
+    return Setup(arm, Instrument(pose, instrument.sessions, instrument.target))

@@ -1,0 +1,223 @@
+"""MAP least squares: Gauss-Newton on whitened residuals with physical priors, robust to lost-beam outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armflex.calibrate.blocks import Block
+from armflex.calibrate.view import Progress, Setup, View, look
+from armflex.conventions import Array
+from armflex.errors import ArmflexError, ConvergenceError
+from armflex.measurements import Measurements
+
+HUBER = 4.0
+"""Whitened length of a 3-D residual beyond which it counts less: one in a thousand exceeds it by chance."""
+
+MEDIAN_LENGTH = {3: 1.538, 6: 2.313}
+"""Median length of so many standard normal numbers."""
+
+MAX_ITERATIONS = 30
+SETTLED = 1e-3
+"""Steps below this many posterior standard deviations end the iteration."""
+
+FLAT = 1e-8
+"""Relative fall of the cost below which there is nothing left to gain."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted setup.
+
+    Attributes:
+        declared: The setup before any value is applied.
+        blocks: What was free.
+        values: (P,) deviations from the declared values, all blocks in order.
+        view: The campaign's fitted rows at the solution.
+        weights: (M,) robust weight of each row, 1 for most.
+        history: Objective after each step.
+    """
+
+    declared: Setup
+    blocks: tuple[Block, ...]
+    values: Array
+    view: View
+    weights: Array
+    history: tuple[float, ...]
+
+    @property
+    def setup(self) -> Setup:
+        """The fitted arm and instrument."""
+        return self.view.setup
+
+    @cached_property
+    def labels(self) -> tuple[tuple[str, str], ...]:
+        """(block, label) of every parameter."""
+        return tuple((block.name, label) for block in self.blocks for label in block.labels)
+
+    @cached_property
+    def prior(self) -> Array:
+        """(P,) prior standard deviations."""
+        return prior_of(self.blocks)
+
+    @cached_property
+    def columns(self) -> Array:
+        """(M d, P) whitened and weighted change of the readings per parameter."""
+        return whitened_columns(self.blocks, self.view, self.weights)
+
+    @cached_property
+    def residual(self) -> Array:
+        """(M d,) whitened and weighted residual."""
+        return whitened_residual(self.view, self.weights)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(P, P) posterior covariance."""
+        normal = self.columns.T @ self.columns + np.diag(self.prior**-2.0)
+        scale = 1.0 / np.sqrt(np.diag(normal))
+        return np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+
+    @property
+    def rms(self) -> float:
+        """RMS of the 3-D position error over the fitted rows [m]."""
+        return float(np.sqrt((self.view.residual[:, :3] ** 2).sum(axis=1).mean()))
+
+    def value(self, block: str) -> Array:
+        """Return one block's values."""
+        start = 0
+        for candidate in self.blocks:
+            if candidate.name == block:
+                return self.values[start : start + len(candidate.labels)]
+            start += len(candidate.labels)
+        raise KeyError(block)
+
+
+def prior_of(blocks: Sequence[Block]) -> Array:
+    """Return the (P,) prior standard deviations of all blocks."""
+    return np.concatenate([np.zeros(0), *(block.prior for block in blocks)])
+
+
+def realise(declared: Setup, blocks: Sequence[Block], values: Array) -> Setup:
+    """Return the declared setup with all (P,) values applied."""
+    setup, start = declared, 0
+    for block in blocks:
+        count = len(block.labels)
+        setup = block.apply(setup, values[start : start + count])
+        start += count
+    return setup
+
+
+def whitened_columns(blocks: Sequence[Block], view: View, weights: Array) -> Array:
+    """Return (M d, P) columns of all blocks, whitened and weighted."""
+    size = view.residual.size
+    scale = (np.sqrt(weights)[:, None] / view.sigma)[:, :, None]
+    parts = [(block.columns(view) * scale).reshape(size, -1) for block in blocks]
+    return np.hstack([np.zeros((size, 0)), *parts])
+
+
+def whitened_residual(view: View, weights: Array) -> Array:
+    """Return (M d,) residuals, whitened and weighted."""
+    return (np.sqrt(weights)[:, None] * view.whitened).ravel()
+
+
+def robust_limit(view: View) -> float:
+    """Return the whitened length beyond which a row counts less.
+
+    While the model is wrong all residuals are long; what is far is then judged by their median, not by the noise.
+    """
+    length = np.linalg.norm(view.whitened, axis=1)
+    expected = MEDIAN_LENGTH[view.residual.shape[1]]
+    return HUBER * max(1.0, float(np.median(length)) / expected)
+
+
+def huber_weights(view: View, limit: float | None = None) -> Array:
+    """Return the (M,) weights of the rows."""
+    length = np.linalg.norm(view.whitened, axis=1)
+    return np.minimum(1.0, (limit or robust_limit(view)) / np.maximum(length, 1e-300))
+
+
+def fit(
+    declared: Setup,
+    blocks: Sequence[Block],
+    measurements: Measurements,
+    rows: np.ndarray | None = None,
+    start: Array | None = None,
+    progress: Progress | None = None,
+) -> Fit:
+    """Return the most probable values of all blocks.
+
+    Args:
+        declared: Arm and instrument before the fit.
+        blocks: What is free.
+        measurements: The campaign.
+        rows: Row numbers to use; all measured rows when not given.
+        start: (P,) values to start from; zero when not given.
+        progress: Called with (steps done, steps at most).
+
+    Raises:
+        ConvergenceError: The steps did not settle.
+        ArmflexError: The arm has no equilibrium at the first guess.
+    """
+    blocks = tuple(blocks)
+    used = np.flatnonzero(measurements.measured) if rows is None else rows
+    prior = prior_of(blocks)
+    values = np.zeros(len(prior)) if start is None else start
+    view = look(realise(declared, blocks, values), measurements, used)
+    history: list[float] = []
+    for iteration in range(MAX_ITERATIONS):
+        limit = robust_limit(view)
+        before = _objective(view, values, prior, limit)
+        step, size = _step(blocks, view, huber_weights(view, limit), values, prior)
+        values, view, cost = _descend(declared, blocks, measurements, used, values, step, before, limit)
+        history.append(cost)
+        if progress:
+            progress(iteration + 1, MAX_ITERATIONS)
+        if size < SETTLED or before - cost < FLAT * max(cost, 1.0):
+            return Fit(declared, blocks, values, view, huber_weights(view), tuple(history))
+    raise ConvergenceError("calibration did not settle", history)
+
+
+def _objective(view: View, values: Array, prior: Array, limit: float) -> float:
+    """Return the Huber cost plus the prior's, both as -2 log density."""
+    length = np.linalg.norm(view.whitened, axis=1)
+    cost = np.where(length > limit, 2.0 * limit * length - limit**2, length**2).sum()
+    return float(cost + ((values / prior) ** 2).sum())
+
+
+def _step(blocks: Sequence[Block], view: View, weights: Array, values: Array, prior: Array) -> tuple[Array, float]:
+    """Return the Gauss-Newton step and its length in posterior standard deviations."""
+    columns, residual = whitened_columns(blocks, view, weights), whitened_residual(view, weights)
+    precision = prior**-2.0
+    normal = columns.T @ columns + np.diag(precision)
+    # Scaled by the parameters' own information, so that metres, radians and relative numbers weigh alike.
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    gradient = columns.T @ residual - precision * np.where(np.isfinite(prior), values, 0.0)
+    step = scale * np.linalg.lstsq(normal * np.outer(scale, scale), scale * gradient, rcond=1e-13)[0]
+    return step, float(np.sqrt(max(step @ normal @ step, 0.0) / max(len(step), 1)))
+
+
+def _descend(
+    declared: Setup,
+    blocks: Sequence[Block],
+    measurements: Measurements,
+    rows: np.ndarray,
+    values: Array,
+    step: Array,
+    before: float,
+    limit: float,
+) -> tuple[Array, View, float]:
+    """Return values, view and cost after the step, halved until the cost falls (or is flat to rounding)."""
+    prior = prior_of(blocks)
+    for halving in range(12):
+        trial = values + 0.5**halving * step
+        try:
+            view = look(realise(declared, blocks, trial), measurements, rows)
+        except ArmflexError:
+            continue
+        cost = _objective(view, trial, prior, limit)
+        if cost <= before + 1e-9 * abs(before):
+            return trial, view, cost
+    raise ConvergenceError("calibration finds no better values along its step", [before])

@@ -1,0 +1,101 @@
+"""What the data could tell about each parameter, and what it could not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.calibrate.fit import Fit
+from armflex.conventions import Array
+
+UNDETERMINED = 0.9
+"""Posterior over prior standard deviation above which the data has said nothing about a parameter."""
+
+SURPRISING = 3.0
+"""Prior standard deviations beyond which a fitted value is a finding."""
+
+PARTNER = 0.25
+"""Share of a parameter's effect that another must be able to take over to be named."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One fitted number.
+
+    Attributes:
+        block, label, unit: Which it is; compliance is the logarithm of a factor.
+        value, std: Deviation from the declared value and its posterior standard uncertainty.
+        prior: Its prior standard deviation, infinite where nothing was known.
+        determined: Whether the data said anything about it.
+        trades_against: Parameters that it can be exchanged for without the readings noticing.
+    """
+
+    block: str
+    label: str
+    unit: str
+    value: float
+    std: float
+    prior: float
+    determined: bool
+    trades_against: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Block and label."""
+        return f"{self.block} {self.label}"
+
+    @property
+    def pull(self) -> float:
+        """Value in prior standard deviations."""
+        return self.value / self.prior
+
+    @property
+    def surprising(self) -> bool:
+        """Whether the declared value was wrong by more than its prior allows."""
+        return abs(self.pull) > SURPRISING
+
+
+def parameters(fit: Fit) -> tuple[Parameter, ...]:
+    """Return every parameter of a fit with what is known about it."""
+    std = np.sqrt(np.diag(fit.covariance))
+    units = [unit for block in fit.blocks for unit in block.units]
+    partners = _trades(fit)
+    return tuple(
+        Parameter(
+            block,
+            label,
+            units[i],
+            float(fit.values[i]),
+            float(std[i]),
+            float(fit.prior[i]),
+            bool(std[i] < UNDETERMINED * fit.prior[i]),
+            partners[i],
+        )
+        for i, (block, label) in enumerate(fit.labels)
+    )
+
+
+def _trades(fit: Fit) -> list[tuple[str, ...]]:
+    """Return for each parameter the others that can take over its effect on the readings, if any can.
+
+    Its column, moved by one prior deviation, is fitted by the others within their priors.
+    """
+    names = [f"{block} {label}" for block, label in fit.labels]
+    normal = fit.columns.T @ fit.columns
+    regular = normal + np.diag(fit.prior**-2.0)
+    std = np.sqrt(np.diag(fit.covariance))
+    return [
+        _partners(normal, regular, i, names) if std[i] > UNDETERMINED * fit.prior[i] else () for i in range(len(names))
+    ]
+
+
+def _partners(normal: Array, regular: Array, index: int, names: list[str]) -> tuple[str, ...]:
+    others = np.delete(np.arange(len(names)), index)
+    own = np.sqrt(normal[index, index])
+    scale = 1.0 / np.sqrt(np.diag(regular)[others])
+    matrix = regular[np.ix_(others, others)] * np.outer(scale, scale)
+    amount = scale * np.linalg.lstsq(matrix, scale * normal[others, index], rcond=1e-12)[0]
+    effect = np.abs(amount) * np.sqrt(np.diag(normal)[others])
+    strong = [i for i in np.argsort(-effect) if effect[i] > PARTNER * own]
+    return tuple(names[others[i]] for i in strong[:4])

@@ -1,0 +1,97 @@
+"""What a fit sees of a campaign at one state of the arm: readings, residuals, and how readings answer to tip motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.instrument import Instrument
+from armflex.linearise import Linearisation, Linearizer
+from armflex.measurements import Measurements
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """An arm and the instrument that looks at it: everything a fit may move."""
+
+    arm: Arm
+    instrument: Instrument
+
+
+@dataclass(frozen=True)
+class View:
+    """A campaign at one setup, measured rows only, whitened rows first.
+
+    Attributes:
+        setup: The state it was computed at.
+        rows: (M,) numbers of the measured rows.
+        line: The linearised arm at those rows.
+        points: (M, 3) target in the instrument frame, sessions left out.
+        residual: (M, d) measured minus predicted, d = 3, or 6 with rotations [m, rad].
+        sigma: (M, d) one standard deviation of each.
+        seen: (M, d, 6) change of a reading per motion of the tip (origin, base axes).
+    """
+
+    setup: Setup
+    rows: np.ndarray
+    line: Linearisation
+    points: Array
+    residual: Array
+    sigma: Array
+    seen: Array
+
+    @property
+    def whitened(self) -> Array:
+        """(M, d) residual in standard deviations."""
+        return self.residual / self.sigma
+
+    def answer(self, motion: Array) -> Array:
+        """Return (M, d, k) changes of the readings for (M, 6, k) motions of the tip."""
+        return self.seen @ motion
+
+
+def look(setup: Setup, measurements: Measurements, rows: np.ndarray, progress: Progress | None = None) -> View:
+    """Return the view of some rows of a campaign at one setup."""
+    payloads = [measurements.payload[row] for row in rows]
+    line = Linearizer(setup.arm).rows(measurements.q[rows], payloads, progress)
+    sessions = [measurements.session[row] for row in rows]
+    instrument = setup.instrument
+    residual = measurements.position[rows] - instrument.readings(line.tip, sessions)
+    sigma = measurements.sigma[rows]
+    seen = _seen_position(instrument, line.tip)
+    if measurements.rotation is not None and measurements.sigma_r is not None:
+        residual = np.hstack([residual, _rotation_residual(instrument, line.tip, measurements.rotation[rows])])
+        sigma = np.hstack([sigma, np.repeat(measurements.sigma_r[rows, None], 3, axis=1)])
+        seen = np.concatenate([seen, _seen_rotation(instrument, len(rows))], axis=1)
+    return View(setup, rows, line, instrument.points(line.tip), residual, sigma, seen)
+
+
+def cross_matrices(vectors: Array) -> Array:
+    """Return the (N, 3, 3) matrices of v x for (N, 3) vectors."""
+    x, y, z = vectors.T
+    zero = np.zeros(len(vectors))
+    return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+
+
+def _seen_position(instrument: Instrument, tip: Array) -> Array:
+    lever = tip[:, :3, :3] @ instrument.target
+    there = np.broadcast_to(np.eye(3), (len(tip), 3, 3))
+    return instrument.pose.rotation @ np.concatenate([there, -cross_matrices(lever)], axis=2)
+
+
+def _seen_rotation(instrument: Instrument, count: int) -> Array:
+    turned = np.hstack([np.zeros((3, 3)), instrument.pose.rotation])
+    return np.broadcast_to(turned, (count, 3, 6))
+
+
+def _rotation_residual(instrument: Instrument, tip: Array, measured: Array) -> Array:
+    predicted = instrument.rotations(tip)
+    turns = [pin.log3(pin.exp3(vector) @ rotation.T) for vector, rotation in zip(measured, predicted, strict=True)]
+    return np.array(turns)

@@ -1,0 +1,62 @@
+"""[calibration] in an arm.toml, read: what a fit found is applied to what was declared."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm, Flexure
+from armflex.declaration import Declaration
+from armflex.errors import did_you_mean
+from armflex.instrument import Instrument
+from armflex.laws.scaled import scaled
+from armflex.robot import Corrections
+
+
+def read_calibration(table: Declaration, arm: Arm) -> Arm:
+    """Return an arm with its [calibration] table applied.
+
+    Raises:
+        ArmFileError: A value is of the wrong shape, or names a joint or flexure that the arm does not have.
+    """
+    pose = table.numbers("instrument", (6,))
+    sessions = table.sub("sessions")
+    offset, geometry, compliance = (table.sub(name) for name in ("joint_offset", "geometry", "compliance"))
+    for part, known in ((offset, arm.joint_names), (geometry, arm.joint_names), (compliance, arm.flexure_names)):
+        _check_names(part, known)
+    instrument = Instrument(
+        pin.SE3(pin.exp3(pose[3:]), pose[:3]),
+        {name: sessions.numbers(name, (6,)) for name in sessions.table},
+        table.numbers("target", (3,)),
+    )
+    corrections = Corrections(
+        {name: offset.number(name) for name in offset.table},
+        {name: geometry.numbers(name, (6,)) for name in geometry.table},
+    )
+    for key in ("measurements_sha256", "rows", "rms_m", "parameters", "covariance"):
+        table.has(key)
+    table.finish()
+    flexures = tuple(_scale(flexure, compliance) for flexure in arm.flexures)
+    fitted = replace(arm, flexures=flexures, corrections=corrections, instrument=instrument)
+    return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
+
+
+def _check_names(table: Declaration, known: tuple[str, ...]) -> None:
+    for name in table.table:
+        if name not in known:
+            raise table.fail(name, f"the arm has no {name!r}{did_you_mean(name, known)}")
+
+
+def _scale(flexure: Flexure, compliance: Declaration) -> Flexure:
+    if flexure.name not in compliance.table:
+        return flexure
+    return replace(flexure, law=scaled(flexure.law, np.exp(0.5 * compliance.numbers(flexure.name, (6,)))))
+
+
+def _level(arm: Arm) -> Arm:
+    """Return the arm with gravity, known in the level instrument's frame, turned into its base."""
+    assert arm.instrument is not None
+    down = arm.instrument.pose.rotation.T @ arm.robot.gravity
+    return replace(arm, robot=replace(arm.robot, gravity=down))

@@ -1,0 +1,102 @@
+"""armflex calibrate: fit what [prior] frees to a campaign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from armflex.calibrate import Calibration, calibrate
+from armflex.calibrate.file import write_calibrated
+from armflex.calibrate.identify import Parameter
+from armflex.cli.options import OutputPath, PathArgument, json_option, progress, show_flags, write_json
+from armflex.cli.tables import console, number, print_table
+from armflex.errors import InputError
+from armflex.measurements import read_measurements
+
+
+@click.command()
+@click.argument("arm_path", metavar="ARM", type=PathArgument)
+@click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
+@click.option("-o", "--output", required=True, type=OutputPath(), help="Calibrated arm.toml to write.")
+@click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
+@json_option
+def command(arm_path: Path, measurements_path: Path, output: Path, show_all: bool, json_path: Path | None) -> None:
+    """Fit what [prior] frees, on the deflected arm, and say what the data cannot tell."""
+    from armflex.arm_file import load_arm
+
+    if arm_path.suffix != ".toml":
+        raise InputError(f"{arm_path}: calibrate needs an arm.toml, whose [prior] says what may move")
+    arm = load_arm(arm_path)
+    measurements = read_measurements(measurements_path, arm)
+    with progress("calibrating") as tick:
+        found = calibrate(arm, measurements, progress=tick)
+    print_calibration(found, show_all)
+    show_flags(measurements.flags)
+    write_json(json_path, as_json(found))
+    write_calibrated(arm_path, found, output)
+    console().print(f"Written to {output}.")
+
+
+def print_calibration(found: Calibration, show_all: bool = False) -> None:
+    """Print the error before and after, what was found, and what the data cannot tell."""
+    rows = len(found.fit.view.rows)
+    columns = ["", "RMS mm"]
+    figures = [
+        ["declared, instrument placed", found.declared_rms],
+        ["calibrated", found.rms],
+        ["stated noise", found.noise_rms],
+    ]
+    print_table(f"3-D position error over {rows} rows", columns, [[name, number(rms * 1e3)] for name, rms in figures])
+    chosen = found.parameters if show_all else _remarkable(found)
+    if chosen:
+        columns = ["parameter", "value", "± std", "unit", "prior deviations", "the data say"]
+        print_table("Parameters" if show_all else "Moved most, against their priors", columns, map(_cells, chosen))
+    blind = found.undetermined
+    if blind:
+        columns = ["left at its prior", "can be exchanged for"]
+        cells = [[p.name, ", ".join(p.trades_against) or "moves the readings too little"] for p in blind[:12]]
+        more = f" (12 of {len(blind)})" if len(blind) > 12 else ""
+        print_table(f"What these data cannot determine{more}", columns, cells)
+    for outlier in found.outliers[:5]:
+        console().print(f"outlier: {outlier.place}, {outlier.error_m * 1e3:.3g} mm off")
+
+
+def _remarkable(found: Calibration) -> list[Parameter]:
+    known = [parameter for parameter in found.parameters if np.isfinite(parameter.prior)]
+    return sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
+
+
+def _cells(parameter: Parameter) -> list[str]:
+    pull = number(parameter.pull, 2) if np.isfinite(parameter.prior) else "-"
+    says = "wrong as declared" if parameter.surprising else "this" if parameter.determined else "nothing"
+    value, std = number(parameter.value, 4), number(parameter.std, 2)
+    return [parameter.name, value, std, parameter.unit, pull, says]
+
+
+def as_json(found: Calibration) -> dict[str, Any]:
+    """Return a calibration for programs; RMS in mm like that of trace."""
+    return {
+        "format": "armflex-calibrate-1",
+        "rows": len(found.fit.view.rows),
+        "noise_rms_mm": found.noise_rms * 1e3,
+        "rms_mm": {"declared": found.declared_rms * 1e3, "calibrated": found.rms * 1e3},
+        "parameters": [
+            {
+                "name": p.name,
+                "value": p.value,
+                "std": p.std,
+                "unit": p.unit,
+                "prior": p.prior if np.isfinite(p.prior) else None,
+                "determined": p.determined,
+            }
+            for p in found.parameters
+        ],
+        "findings": [p.name for p in found.findings],
+        "not_identifiable": [
+            {"parameter": p.name, "trades_against": list(p.trades_against)} for p in found.undetermined
+        ],
+        "outliers": [{"row": o.row, "place": str(o.place), "error_mm": o.error_m * 1e3} for o in found.outliers],
+    }

@@ -1,0 +1,55 @@
+"""The instrument that measures the tip: where it stands, how each session set it up, and what it looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """Frame and target of a measurement.
+
+    Attributes:
+        pose: T_instrument_base.
+        sessions: (6,) shift [m] and rotation vector [rad] of the frame in each session, about its own origin; a
+            session that is not named has none.
+        target: (3,) measured point in the tip frame [m].
+    """
+
+    pose: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    sessions: Mapping[str, Array] = field(default_factory=dict)
+    target: Array = field(default_factory=lambda: np.zeros(3))
+
+    def points(self, tip: Array) -> Array:
+        """Return the (N, 3) target in the instrument frame, sessions left out, for (N, 4, 4) tip poses."""
+        in_base = tip[:, :3, 3] + tip[:, :3, :3] @ self.target
+        return in_base @ self.pose.rotation.T + self.pose.translation
+
+    def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
+        """Return the (N, 3) positions that the instrument would read."""
+        points = self.points(tip)
+        shift = self.session_shifts(sessions)
+        return points + shift[:, :3] + np.cross(shift[:, 3:], points)
+
+    def rotations(self, tip: Array) -> Array:
+        """Return the (N, 3, 3) orientations of the tip in the instrument frame."""
+        return self.pose.rotation @ tip[:, :3, :3]
+
+    def session_shifts(self, sessions: Sequence[str]) -> Array:
+        """Return the (N, 6) shift of each row's session."""
+        return np.array([self.sessions.get(name, np.zeros(6)) for name in sessions]).reshape(-1, 6)
+
+
+def fit_frame(points: Array, measured: Array) -> pin.SE3:
+    """Return the T_instrument_base that takes (N, 3) points in the base to measured positions best (Kabsch 1976)."""
+    centre, seen = points.mean(axis=0), measured.mean(axis=0)
+    left, _, right = np.linalg.svd((measured - seen).T @ (points - centre))
+    proper = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
+    rotation = left @ proper @ right
+    return pin.SE3(rotation, seen - rotation @ centre)

@@ -1,0 +1,27 @@
+"""A linear law made softer or stiffer along its axes, as calibration does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import LawError
+from armflex.laws.law import Law
+from armflex.laws.linear import LinearLaw
+from armflex.laws.position_dependent import PositionDependentLaw
+
+
+def scaled(law: Law, factor: Array) -> Law:
+    """Return a linear law with C replaced by S C S, S = diag of (6,) factors.
+
+    Raises:
+        LawError: The law has no compliance to scale.
+    """
+    square = np.outer(factor, factor)
+    if isinstance(law, LinearLaw):
+        return replace(law, compliance=law.compliance * square)
+    if isinstance(law, PositionDependentLaw):
+        return replace(law, coefficients=law.coefficients * square)
+    raise LawError(f"a {type(law).__name__} has no compliance to scale")

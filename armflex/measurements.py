@@ -1,0 +1,192 @@
+"""A campaign: where the tip was measured, over configurations, payloads and sessions.
+
+Units are converted once, row order is kept because some effects have a memory, and no row is dropped: rows where the
+arm went but nothing was read stay, masked. Every column without a meaning of its own is a suspect covariate.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import Flag, Place, TableError, did_you_mean
+from armflex.table import Table, read_table
+from armflex.trajectory import check_payloads, joint_kinds
+
+POSITION, ROTATION = ("x", "y", "z"), ("rx", "ry", "rz")
+KINDS = {
+    **dict.fromkeys(POSITION, "length"),
+    **dict.fromkeys(ROTATION, "angle"),
+    **dict.fromkeys(("sigma", "sigma_x", "sigma_y", "sigma_z"), "length"),
+    "sigma_r": "angle",
+    "time": "time",
+    "hold": "time",
+}
+TEXTS = ("pose", "session", "payload")
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """One row per reading, in the order taken.
+
+    Attributes:
+        joint_names: Order of the columns of q.
+        pose, session, payload: Names of each row; a missing column is one session, and every row a pose of its own.
+        time: (N,) [s], the row number where none is given.
+        q: (N, nq) controller's joint positions [rad or m].
+        approach: (N, nq) direction each joint last moved in, -1, 0 or +1.
+        measured: (N,) True where a position was read.
+        position: (N, 3) measured target position [m]; zero where not measured.
+        rotation: (N, 3) measured rotation vector [rad], None when the file has none.
+        sigma: (N, 3) one standard deviation of the position [m].
+        sigma_r: (N,) one standard deviation of the rotation [rad], None when the file has none.
+        hold: (N,) time the load has stood [s], None when not recorded.
+        covariates: Every other column: (N,) numbers, or text per row.
+        places: File and line of each row.
+        sha256: Of the file.
+        flags: Doubts about the table.
+    """
+
+    joint_names: tuple[str, ...]
+    pose: tuple[str, ...]
+    session: tuple[str, ...]
+    payload: tuple[str, ...]
+    time: Array
+    q: Array
+    approach: Array
+    measured: np.ndarray
+    position: Array
+    rotation: Array | None
+    sigma: Array
+    sigma_r: Array | None
+    hold: Array | None
+    covariates: Mapping[str, Array | tuple[str, ...]]
+    places: tuple[Place, ...]
+    sha256: str = ""
+    flags: tuple[Flag, ...] = field(default=())
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def read_measurements(path: str | Path, arm: Arm, inputs_only: bool = False) -> Measurements:
+    """Read a measurements.csv for an arm.
+
+    Args:
+        path: The campaign; see the column table of the file format.
+        arm: The arm it was taken on.
+        inputs_only: Accept a table without measured positions, such as rows to be predicted.
+
+    Raises:
+        TableError: A column is missing, misspelt or of the wrong unit; a cell is not a number; a position is read in
+            part; a payload is unknown.
+    """
+    kinds = KINDS | joint_kinds(arm, "q")
+    table = read_table(path, kinds)
+    known = [*kinds, *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
+    q_names = [f"q_{joint}" for joint in arm.joint_names]
+    table.require([*q_names, *(() if inputs_only else POSITION)])
+    _refuse_misspelt(table, known)
+    if not len(table):
+        raise TableError(Place(table.path), "has a header but no rows")
+    q = table.matrix(q_names)
+    measured, position = _optional_vectors(table, POSITION)
+    turned, rotation = _optional_vectors(table, ROTATION)
+    payload = _names(table, "payload", "none")
+    check_payloads(table, payload, arm)
+    return Measurements(
+        joint_names=arm.joint_names,
+        pose=_names(table, "pose", None),
+        session=_names(table, "session", "session"),
+        payload=payload,
+        time=table.numbers("time") if "time" in table.columns else np.arange(len(table), dtype=float),
+        q=q,
+        approach=_approach(table, arm, q),
+        measured=measured,
+        position=position,
+        rotation=rotation if turned.any() else None,
+        sigma=_sigma(table, measured),
+        sigma_r=table.numbers("sigma_r") if "sigma_r" in table.columns else None,
+        hold=table.numbers("hold") if "hold" in table.columns else None,
+        covariates={name: _covariate(table, name) for name in table.columns if name not in known},
+        places=tuple(Place(table.path, line) for line in table.lines),
+        sha256=hashlib.sha256(table.path.read_bytes()).hexdigest(),
+    )
+
+
+def _refuse_misspelt(table: Table, known: list[str]) -> None:
+    for name in table.columns:
+        if name in known:
+            continue
+        near = difflib.get_close_matches(name, [word for word in known if len(word) > 3], n=1, cutoff=0.85)
+        if near or name.startswith(("q_", "approach_")):
+            hint = did_you_mean(name, known)
+            raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
+
+
+def _names(table: Table, column: str, default: str | None) -> tuple[str, ...]:
+    if column not in table.columns:
+        return tuple(str(i) if default is None else default for i in range(len(table)))
+    return tuple(cell or (default or str(i)) for i, cell in enumerate(table.texts(column)))
+
+
+def _optional_vectors(table: Table, names: tuple[str, str, str]) -> tuple[np.ndarray, Array]:
+    """Return which rows have all three numbers, and the numbers with zeros elsewhere."""
+    count = len(table)
+    if not any(name in table.columns for name in names):
+        return np.zeros(count, dtype=bool), np.zeros((count, 3))
+    table.require(names)
+    given = np.array([[bool(cell) for cell in table.texts(name)] for name in names]).T
+    partly = given.any(axis=1) & ~given.all(axis=1)
+    if partly.any():
+        line = table.lines[int(partly.argmax())]
+        raise TableError(Place(table.path, line), f"only some of {', '.join(names)} are given")
+    there = given.all(axis=1)
+    return there, np.column_stack([table.numbers_where(name, there) for name in names])
+
+
+def _approach(table: Table, arm: Arm, q: Array) -> Array:
+    """Return the recorded directions; where a joint has none, that of its last change of position."""
+    derived = np.sign(np.diff(q, axis=0, prepend=q[:1]))
+    for row in range(1, len(derived)):
+        derived[row] = np.where(derived[row] == 0.0, derived[row - 1], derived[row])
+    for index, joint in enumerate(arm.joint_names):
+        name = f"approach_{joint}"
+        if name in table.columns:
+            derived[:, index] = table.numbers(name)
+            bad = ~np.isin(derived[:, index], (-1.0, 0.0, 1.0))
+            if bad.any():
+                line = table.lines[int(bad.argmax())]
+                raise TableError(Place(table.path, line), f"{name} is {derived[bad.argmax(), index]:g}, not -1, 0 or 1")
+    return derived
+
+
+def _sigma(table: Table, measured: np.ndarray) -> Array:
+    """Return (N, 3) standard deviations; NaN-free: rows without one must not be measured."""
+    single = "sigma" in table.columns
+    names = ("sigma",) * 3 if single else ("sigma_x", "sigma_y", "sigma_z")
+    if not single and not any(name in table.columns for name in names):
+        if measured.any():
+            raise TableError(Place(table.path, 1), "has no column 'sigma': how well are the positions known?")
+        return np.ones((len(table), 3))
+    table.require(names)
+    sigma = np.column_stack([table.numbers_where(name, measured) for name in names])
+    bad = measured & ~(sigma > 0.0).all(axis=1)
+    if bad.any():
+        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), "sigma must be positive")
+    return np.where(measured[:, None], sigma, 1.0)
+
+
+def _covariate(table: Table, name: str) -> Array | tuple[str, ...]:
+    """Return a column as numbers where every cell is one, else as text."""
+    try:
+        return table.numbers(name)
+    except TableError:
+        return table.texts(name)

@@ -1,0 +1,152 @@
+"""Calibration recovers what an unrelated plant was given, within its own uncertainties."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plant import Campaign, Plant
+from small_arms import ROBOTS
+
+from armflex import calibrate, load_arm, predict, read_measurements
+from armflex.calibrate.blocks import declared_blocks
+from armflex.calibrate.calibrate import first_guess
+from armflex.calibrate.file import write_calibrated
+from armflex.calibrate.fit import prior_of, realise
+from armflex.calibrate.view import look
+
+PAYLOADS = (("empty", 0.0, (0, 0, 0)), ("p100", 100.0, (0.1, 0.0, 0.0)), ("p200", 200.0, (0.1, 0.0, 0.0)))
+
+
+def declared(folder: Path, prior: str) -> Path:
+    """Write heavy_six with payloads and a prior of our own; J2's full matrix becomes its diagonal."""
+    text = (ROBOTS / "heavy_six" / "arm.toml").read_text()
+    head, flexures = text.partition("[flexure.J1]")[0].partition("[payload")[0], []
+    for name in ("J1", "J2", "J3", "J4", "J5", "J6"):
+        part = text.partition(f"[flexure.{name}]")[2].partition("\n[")[0]
+        law = load_arm(ROBOTS / "heavy_six" / "arm.toml").flexures[int(name[1]) - 1].law
+        diagonal = [float(x) for x in np.diag(law.compliance)]
+        assert part
+        flexures.append(f'[flexure.{name}]\njoint = "{name}"\nmodel = "linear"\ncompliance = {diagonal}\n')
+    loads = "".join(f"[payload.{n}]\nmass = {m}\ncom = {list(map(float, c))}\n" for n, m, c in PAYLOADS)
+    head = head.replace('"robot.urdf"', f'"{(ROBOTS / "heavy_six" / "robot.urdf").as_posix()}"')
+    file = folder / "arm.toml"
+    file.write_text(f'{head}\n{loads}\n{"".join(flexures)}\n[measurement]\nframe = "unknown"\n[prior]\n{prior}\n')
+    return file
+
+
+PRIOR = """joint_offset = 1e-3
+compliance = 0.2
+tool = 5e-3
+session_translation = 5e-4
+session_rotation = 5e-5"""
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """An arm whose truth differs from its declaration in everything that [prior] frees."""
+    folder = tmp_path_factory.mktemp("campaign")
+    file = declared(folder, PRIOR)
+    plant = Plant.read(file)
+    rng = np.random.default_rng(7)
+    factors = {name: np.exp(rng.normal(0.0, 0.2, 6)) for name in plant.compliance}
+    plant.compliance = {name: c * factors[name] for name, c in plant.compliance.items()}
+    plant.offset = {joint.name: rng.normal(0.0, 1e-3) for joint in plant.joints}
+    plant.target = rng.normal(0.0, 5e-3, 3)
+    truth = Campaign(3, poses=70, payloads=PAYLOADS).write(plant, folder / "measurements.csv")
+    arm = load_arm(file)
+    return file, arm, read_measurements(folder / "measurements.csv", arm), plant, factors, truth
+
+
+@pytest.fixture(scope="module")
+def found(measured):
+    return calibrate(measured[1], measured[2])
+
+
+def test_the_plant_and_the_library_agree_on_the_declared_arm(measured):
+    file, arm = measured[:2]
+    plant = Plant.read(file)
+    for q in np.random.default_rng(0).uniform(-1.0, 1.0, (5, 6)):
+        tip = plant.settle(q, 200.0, np.array([0.1, 0.0, 0.0]))[-1]
+        np.testing.assert_allclose(arm.deflection(q, "p200").pose.homogeneous, tip, atol=1e-12)
+
+
+def test_residual_falls_to_the_noise(found):
+    assert found.declared_rms > 4.0 * found.noise_rms
+    freedom = 1.0 - len(found.fit.values) / (3 * len(found.fit.view.rows))
+    assert found.rms == pytest.approx(found.noise_rms * np.sqrt(freedom), rel=0.1)
+    assert not found.outliers
+
+
+def test_values_lie_within_their_own_uncertainties(measured, found):
+    plant, factors = measured[3], measured[4]
+    truth = {f"joint_offset {name}": value for name, value in plant.offset.items()}
+    truth |= {f"tool {axis}": value for axis, value in zip(("dx", "dy", "dz"), plant.target, strict=True)}
+    axes = ("dx", "dy", "dz", "rx", "ry", "rz")
+    truth |= {
+        f"compliance {name} {a}": np.log(f) for name, fs in factors.items() for a, f in zip(axes, fs, strict=True)
+    }
+    pulls = np.array([(p.value - truth[p.name]) / p.std for p in found.parameters if p.name in truth])
+    assert len(pulls) == 6 + 3 + 36
+    assert np.abs(pulls).max() < 4.0 and 0.6 < np.sqrt((pulls**2).mean()) < 1.3
+
+
+def test_predictions_of_clean_positions_beat_the_noise(measured, found):
+    rows, truth = measured[2], measured[5]
+    error = predict(found.arm, rows).position - truth["clean"]
+    assert np.sqrt((error**2).sum(axis=1).mean()) < 0.6 * found.noise_rms
+
+
+def test_what_cannot_be_told_is_named_with_its_rival(found):
+    blind = {parameter.name: parameter.trades_against for parameter in found.undetermined}
+    assert "instrument rz" in blind["joint_offset J1"]
+    assert all(np.isfinite(parameter.prior) for parameter in found.undetermined)
+
+
+@pytest.mark.parametrize("gravity_in", ["base", "measurement"])
+def test_columns_against_finite_differences(measured, gravity_in):
+    arm, rows = measured[1], measured[2]
+    prior = dataclasses.replace(arm.prior, geometry=1e-3)
+    arm = dataclasses.replace(arm, prior=prior, measurement=dataclasses.replace(arm.measurement, gravity_in=gravity_in))
+    some = np.arange(0, 40, 9)
+    setup = first_guess(arm, rows, np.arange(len(rows)))
+    blocks = declared_blocks(setup, rows)
+    scale = np.where(np.isfinite(prior_of(blocks)), prior_of(blocks), 1e-3)
+    # Frames and twists are taken about their start: their columns are exact at zero only.
+    frames = np.concatenate([[b.name in ("instrument", "session_frame", "geometry")] * len(b.labels) for b in blocks])
+    values = np.random.default_rng(1).normal(0.0, 0.3, len(scale)) * scale * np.where(frames, 1e-3, 1.0)
+    view = look(realise(setup, blocks, values), rows, some)
+    columns = np.concatenate([block.columns(view) for block in blocks], axis=2)
+    for k, size in enumerate(scale):
+        step = np.zeros(len(values))
+        step[k] = 1e-3 * size
+        ends = [look(realise(setup, blocks, values + side * step), rows, some).residual for side in (1.0, -1.0)]
+        numeric = (ends[1] - ends[0]) / (2e-3 * size)
+        assert np.abs(columns[:, :, k] - numeric).max() <= 1e-4 * np.abs(numeric).max() + 1e-9, k
+
+
+def test_written_and_read_again_it_predicts_the_same(measured, found, tmp_path):
+    file, rows = measured[0], measured[2]
+    (tmp_path / "sub").mkdir()
+    again = load_arm(write_calibrated(file, found, tmp_path / "sub" / "arm.toml"))
+    np.testing.assert_allclose(predict(again, rows).position, predict(found.arm, rows).position, atol=1e-12)
+    assert file.read_text().splitlines()[0] in (tmp_path / "sub" / "arm.toml").read_text()
+
+
+def test_a_lost_beam_is_listed_and_does_no_harm(measured, found):
+    rows = measured[2]
+    position = rows.position.copy()
+    position[17] += [0.3, -0.2, 0.1]
+    robust = calibrate(measured[1], dataclasses.replace(rows, position=position))
+    assert [outlier.row for outlier in robust.outliers] == [17]
+    shift = predict(robust.arm, rows).position - predict(found.arm, rows).position
+    assert np.abs(shift).max() < 0.5 * rows.sigma[0, 0]
+
+
+def test_a_wrong_declaration_is_a_finding(measured):
+    arm, rows = measured[1], measured[2]
+    wrong = arm.position(J3=5e-3)
+    moved = dataclasses.replace(rows, q=rows.q + wrong)
+    assert "joint_offset J3" in [parameter.name for parameter in calibrate(arm, moved).findings]
