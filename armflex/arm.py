@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -39,6 +39,10 @@ SAG_BAND = 0.1
 """Displacements beyond this fraction of the reach are flagged."""
 
 
+MAX_PAYLOADS = 64
+"""Payloads whose models are kept; objects made in a loop must not fill the memory."""
+
+
 @dataclass(frozen=True)
 class Flexure:
     """A place where the arm gives: outboard of `joint`'s motion, or at the base when `joint` is None."""
@@ -48,7 +52,7 @@ class Flexure:
     law: Law
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class Arm:
     """A manipulator with joint compliance. Immutable: safe to share between threads.
 
@@ -81,6 +85,24 @@ class Arm:
                 raise UnknownNameError("joint between base and tip", flexure.joint, known)
             if sum(other.name == flexure.name for other in self.flexures) > 1:
                 raise InputError(f"two flexures are named {flexure.name!r}")
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return what is declared; models are made again where the arm is sent."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def __repr__(self) -> str:
+        """One line: an arm is too much to print."""
+        joints, places = len(self.joint_names), len(self.flexures)
+        ends = f"{self.robot.base} to {self.robot.tip}"
+        return f"<Arm {self.robot.urdf.name!r}: {joints} joints, {places} flexures, {ends}>"
+
+    def drive_shares(self, found: Deflection) -> Array:
+        """Return the (nq,) load on every drive as a share of its effort limit, 0 where none is given."""
+        shares = []
+        for joint, load in zip(self.robot.moving, found.joint_loads, strict=True):
+            part = load[:3] if joint.kind == "prismatic" else load[3:]
+            shares.append(abs(float(joint.axis @ part)) / joint.effort)
+        return np.array(shares)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -132,7 +154,7 @@ class Arm:
             if name not in self.joint_names:
                 raise UnknownNameError("joint", name, self.joint_names)
             q[self.joint_names.index(name)] = value
-        return q
+        return self._checked(q, "q")
 
     def rigid_pose(self, q: ArrayLike, enforce_limits: bool = True) -> pin.SE3:
         """Return the tip pose of the rigid arm at q (nq,) in the base frame."""
@@ -169,7 +191,7 @@ class Arm:
             ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: See `find_equilibrium`.
         """
         options = {"method": method, "enforce_limits": enforce_limits, "allow_large": allow_large}
-        positions = real_array(q, "q")
+        positions = real_array(q, "q").copy()
         if positions.ndim == 2:
             return self._batch(positions, payload, v, a, tuple(wrenches), options)
         motion = [None if values is None else self._checked(values, name) for values, name in ((v, "v"), (a, "a"))]
@@ -183,15 +205,16 @@ class Arm:
         if len(payloads) != count:
             raise ShapeError(f"payload: expected one name or {count}, got {len(payloads)}")
         motions = [[None] * count if x is None else self._rows(x, name, count) for x, name in ((v, "v"), (a, "a"))]
-        rows = [
+        rows = (
             self._single(q[i], payloads[i], [motions[0][i], motions[1][i]], wrenches, options) for i in range(count)
-        ]
+        )
         return stack_rows(q, rows, self.names)
 
     def _single(self, q: Array, payload: object, motion: list, wrenches: tuple, options: dict) -> Deflection:
         checked, flags = self.check_position(q, options["enforce_limits"])
         body = self.payload(payload)
-        flags = (*flags, *self._check_payload(body, motion[1] is not None), *self._check_wrenches(wrenches))
+        flags = (*self.flags, *flags, *self._check_payload(body, motion[1] is not None))
+        flags = (*flags, *self._check_wrenches(wrenches))
         mechanics = self._mechanics_of(body)
         case = LoadCase(checked, motion[0], motion[1], wrenches)
         row = Row(checked, self._joint_index)
@@ -200,7 +223,8 @@ class Arm:
         )
         pose, rigid = mechanics.tip_pose(found.configuration), mechanics.rigid_tip_pose(checked)
         displacement = displacement_between(rigid, pose)
-        flags = (*flags, *self._check_sag(displacement))
+        displacement.flags.writeable = False
+        flags = (*flags, *self._check_sag(displacement), *self.stack.doubts(found.wrenches, row))
         return Deflection(
             checked, pose, rigid, displacement, self.names, body, flags, mechanics, self.stack, case, row, found
         )
@@ -233,7 +257,7 @@ class Arm:
         if bad.any():
             joint = self.joint_names[int(bad.argmax())]
             raise NotFiniteError(f"{name} of joint {joint!r} is {array[int(bad.argmax())]:g}, not a usable number")
-        return array
+        return array.copy()  # results are lazy; a caller's buffer must not change them
 
     def _rows(self, values: object, name: str, count: int) -> list[Array]:
         array = real_array(values, name)
@@ -258,6 +282,9 @@ class Arm:
         for wrench in wrenches:
             if wrench.frame not in self.robot.urdf.links or not self._mechanics_of(NO_PAYLOAD).flex.has(wrench.frame):
                 raise UnknownNameError("link", wrench.frame, self._mechanics_of(NO_PAYLOAD).flex.links)
+            if wrench.axes == "frame":
+                text = f"the load at {wrench.frame!r} turns with its link; buckling is checked, flutter is not"
+                flags.append(Flag("follower_load", text))
             size = float(np.linalg.norm(wrench.force))
             if 0.0 < FORCE_BAND * self.weight < size:
                 text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
@@ -280,14 +307,16 @@ class Arm:
 
     def _mechanics_of(self, payload: Payload) -> Mechanics:
         key = (payload.mass, tuple(payload.com), None if payload.inertia is None else tuple(payload.inertia))
-        if key not in self._mechanics:
-            if len(self._mechanics) >= 64:  # payload objects made in a loop must not fill the memory
-                self._mechanics.clear()
+        known = self._mechanics.get(key)
+        if known is None:
             sites = [Site(flexure.name, flexure.joint) for flexure in self.flexures]
             body = payload.body if payload.mass else None
             flex = build_model(self.robot, sites, body, self.corrections)
-            self._mechanics[key] = Mechanics(build_model(self.robot, (), body), flex)
-        return self._mechanics[key]
+            known = Mechanics(build_model(self.robot, (), body), flex)
+            if len(self._mechanics) >= MAX_PAYLOADS:
+                self._mechanics.clear()
+            self._mechanics[key] = known
+        return known
 
 
 def displacement_between(rigid: pin.SE3, flexed: pin.SE3) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,18 @@ from armflex.arm import Arm, Flexure, warn
 from armflex.calibration_table import read_calibration
 from armflex.conventions import STANDARD_GRAVITY
 from armflex.declaration import Declaration, read_toml
-from armflex.errors import Flag, LawError, PayloadError, UnknownNameError, UnsupportedError, did_you_mean, listing
-from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, read_law
+from armflex.errors import (
+    ArmFileError,
+    Flag,
+    InputError,
+    PayloadError,
+    UnknownNameError,
+    UnsupportedError,
+    did_you_mean,
+    listing,
+)
+from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, StructuralLaw, read_law
 from armflex.laws.linear import softness
-from armflex.laws.position_dependent import check_range
 from armflex.loads import Payload
 from armflex.prior import Measurement, Prior
 from armflex.robot import Robot, load_robot
@@ -26,7 +34,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
     Args:
         path: The arm.toml; a URDF is taken as an arm without flexures.
         preset: Name of a [preset.NAME] table whose flexures replace or join the declared ones.
-        tip: Link whose motion is reported, instead of the declared one; a URDF with several ends needs it.
+        tip: Link whose motion is reported, for a bare URDF with several ends; an arm.toml names its own.
         strict: Refuse unknown URDF tags and impossible inertias instead of flagging them.
 
     Raises:
@@ -35,10 +43,12 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
         UnknownNameError: There is no such preset.
     """
     path = Path(path)
-    is_urdf = path.suffix == ".urdf"
+    is_urdf = path.suffix.lower() == ".urdf"
+    if not is_urdf and tip is not None:
+        raise InputError(f"{path} names its own tip, to which its payloads are fixed; tip is for a bare URDF")
     if is_urdf and preset is not None:
         raise UnknownNameError("preset", preset, ())
-    arm = _bare(load_robot(path, tip, strict=strict)) if is_urdf else _read(read_toml(path), preset, tip, strict)
+    arm = _bare(load_robot(path, tip, strict=strict)) if is_urdf else _read(read_toml(path), preset, strict)
     warn(arm.flags)
     return arm
 
@@ -47,9 +57,9 @@ def _bare(robot: Robot) -> Arm:
     return Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so nothing gives: the arm is rigid")))
 
 
-def _read(root: Declaration, preset: str | None, tip: str | None, strict: bool) -> Arm:
-    robot, rating, flags = _read_robot(root.sub("robot"), tip, strict)
-    payloads = {name: _read_payload(table) for name, table in root.subs("payload").items()}
+def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
+    robot, rating, flags = _read_robot(root.sub("robot"), strict)
+    payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
     flexures = tuple(_read_flexure(name, table, robot) for name, table in _flexure_tables(root, preset).items())
     measurement = _read_measurement(root.sub("measurement")) if root.has("measurement") else Measurement()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
@@ -58,9 +68,19 @@ def _read(root: Declaration, preset: str | None, tip: str | None, strict: bool) 
     root.has("calibration")
     root.finish()
     soft = [flag for flexure in flexures for flag in _soft(flexure)]
-    doubts = (*robot.flags, *flags, *soft)
+    doubts = (*robot.flags, *flags, *soft, *_partly_certain(flexures))
     arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=doubts)
-    return read_calibration(root.sub("calibration"), arm) if root.has("calibration") else arm
+    if root.has("calibration"):
+        return read_calibration(root.sub("calibration"), arm)
+    return _say_level(arm)
+
+
+def _say_level(arm: Arm) -> Arm:
+    """Return the arm with a flag where its gravity is known in a frame that is not placed yet."""
+    if arm.measurement.gravity_in == "base":
+        return arm
+    text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
+    return replace(arm, flags=(*arm.flags, Flag("gravity_in", f"gravity {text}")))
 
 
 def _flexure_tables(root: Declaration, preset: str | None) -> dict[str, Declaration]:
@@ -74,12 +94,9 @@ def _flexure_tables(root: Declaration, preset: str | None) -> dict[str, Declarat
     return declared | changed
 
 
-def _read_robot(
-    table: Declaration, other_tip: str | None, strict: bool
-) -> tuple[Robot, float | None, tuple[Flag, ...]]:
+def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:
     urdf = table.path.parent / table.text("urdf")
-    tip, base = other_tip or table.text("tip"), table.text("base", "-")
-    table.has("tip")
+    tip, base = table.text("tip"), table.text("base", "-")
     flags: tuple[Flag, ...] = ()
     if table.has("gravity"):
         gravity = table.numbers("gravity", (3,))
@@ -104,7 +121,9 @@ def _key_of(error: UnknownNameError, tip: str, base: str) -> str:
     return {tip: "tip", base: "base"}.get(error.name, "locked")
 
 
-def _read_payload(table: Declaration) -> Payload:
+def _read_payload(name: str, table: Declaration) -> Payload:
+    if name == "none":
+        raise ArmFileError(table.place(), "[payload.none]: 'none' means that nothing is carried, choose another name")
     mass, com = table.number("mass"), table.numbers("com", (3,))
     inertia = table.numbers("inertia", (6,)) if table.has("inertia") else None
     table.finish()
@@ -120,26 +139,22 @@ def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
     if joint not in chain:
         hint = did_you_mean(joint, chain)
         raise table.fail("joint", f"no joint {joint!r} between base and tip{hint} (known: {listing(chain)})")
-    law = read_law(table, joint)
-    _check_position_law(table, law, robot)
+    law = read_law(table, joint, _ranges(robot))
     if table.flag("learn"):
         raise UnsupportedError(f"{table.place('learn')}: learn = true is not supported by this version")
     table.finish()
     return Flexure(name, joint, law)
 
 
-def _check_position_law(table: Declaration, law: Law, robot: Robot) -> None:
-    inner = law.law if isinstance(law, AtNode) else law
-    if not isinstance(inner, PositionDependentLaw):
-        return
-    if inner.joint not in robot.joint_names:
-        hint = did_you_mean(inner.joint, robot.joint_names)
-        raise table.fail("depends_on", f"{inner.joint!r} is no moving joint of the chain{hint}")
-    joint = robot.moving[robot.joint_names.index(inner.joint)]
-    try:
-        check_range(inner, max(joint.lower, -2.0 * np.pi), min(joint.upper, 2.0 * np.pi))
-    except LawError as error:
-        raise table.fail("compliance", str(error)) from None
+def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:
+    """Return every moving joint's limits; a continuous joint is looked at over a turn either way."""
+    turn = 2.0 * np.pi
+    return {
+        joint.name: (max(joint.lower, -turn), min(joint.upper, turn))
+        if np.isinf([joint.lower, joint.upper]).any()
+        else (joint.lower, joint.upper)
+        for joint in robot.moving
+    }
 
 
 def _soft(flexure: Flexure) -> list[Flag]:
@@ -163,3 +178,33 @@ def _read_prior(table: Declaration) -> Prior:
         if value < 0.0:
             raise table.fail(name, f"a standard deviation cannot be negative, got {value:g}")
     return Prior(**values)
+
+
+def _partly_certain(flexures: tuple[Flexure, ...]) -> list[Flag]:
+    """Return a flag where some flexures carry an uncertainty and others do not: the sum would look too sure."""
+    laws = {flexure.name: _leaves(flexure.law) for flexure in flexures}
+    exact = [name for name, parts in laws.items() if not any(map(_is_uncertain, parts)) and any(map(_gives, parts))]
+    if not exact or not any(_is_uncertain(part) for parts in laws.values() for part in parts):
+        return []
+    text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"
+    return [Flag("partly_certain", text)]
+
+
+def _leaves(law: Law) -> list[Law]:
+    if isinstance(law, AtNode):
+        return _leaves(law.law)
+    if isinstance(law, StructuralLaw):
+        return [leaf for sub in law.subjoints for leaf in _leaves(sub.law)]
+    return [law]
+
+
+def _is_uncertain(law: Law) -> bool:
+    if isinstance(law, LinearLaw):
+        return law.fit is not None or law.relative_std > 0.0
+    return isinstance(law, PositionDependentLaw) and law.relative_std > 0.0
+
+
+def _gives(law: Law) -> bool:
+    if isinstance(law, LinearLaw):
+        return bool(law.compliance.any())
+    return isinstance(law, PositionDependentLaw) and bool(law.coefficients.any())

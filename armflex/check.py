@@ -10,7 +10,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.deflection import Deflection
-from armflex.errors import ArmflexError, Flag, InputError
+from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError
 from armflex.trajectory import Trajectory
 
 COVERAGE = 2.0
@@ -41,6 +41,7 @@ class Point:
         verdict: "ok", "fail" or "uncertain".
         cause: The flexure that contributes most, None for a rigid arm.
         payload: What is carried.
+        reason: Why it fails whatever the tolerance: a joint limit, or a flexure turning too far; '' otherwise.
     """
 
     name: str
@@ -53,11 +54,15 @@ class Point:
     verdict: str
     cause: str | None
     payload: str
+    reason: str = ""
 
     @property
     def badness(self) -> tuple[int, float]:
-        """Sorts worst first: verdict, then margin."""
-        return (-["ok", "uncertain", "fail"].index(self.verdict), self.margin_m)
+        """Sorts worst first: verdict, then the margin of the worse of displacement and rotation, relative."""
+        margins = [self.margin_m / (self.margin_m + self.displacement_m)]
+        if self.margin_rad is not None:
+            margins.append(self.margin_rad / (self.margin_rad + self.rotation_rad))
+        return (-["ok", "uncertain", "fail"].index(self.verdict), min(margins))
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,8 @@ def check(
         InputError: A tolerance is not positive, or a row cannot be used; the row and time are named.
     """
     if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
-        raise InputError(f"tolerance must be positive, got {tolerance} m and {angle} rad")
+        raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
+    trajectory = trajectory.for_arm(arm)
     judge = _Judge(arm, tolerance, angle, method)
     rows = [judge.sample(trajectory, i).point for i in range(len(trajectory))]
     segments = []
@@ -149,19 +155,29 @@ class _Judge:
     def sample(self, trajectory: Trajectory, i: int) -> _Sample:
         """Return the verdict on one row; errors are raised again with the row and its time."""
         time, via = float(trajectory.time[i]), trajectory.via[i]
-        motion = {key: None if x is None else x[i] for key, x in (("v", trajectory.v), ("a", trajectory.a))}
         try:
-            found = self.arm.deflection(trajectory.q[i], trajectory.payload[i], method=self.method, **motion)
+            found, reason = self.ask(trajectory, i)
         except ArmflexError as error:
             where = f"row {i}" + (f" ({via})" if via else "") + f" at {time:g} s"
             error.args = (f"{where}: {error.args[0]}", *error.args[1:])
             raise
         self.samples += 1
-        for flag in found.flags:
-            self.flags.setdefault(flag.code, Flag(flag.code, f"at {time:g} s: {flag.text}"))
-        return self.judge(found, via, time, trajectory.payload[i])
+        for flag in (*found.flags, *overload(self.arm, found)):
+            said = flag if flag in self.arm.flags else Flag(flag.code, f"at {time:g} s: {flag.text}")
+            self.flags.setdefault(flag.code, said)
+        return self.judge(found, via, time, trajectory.payload[i], reason)
 
-    def judge(self, found: Deflection, name: str, time: float, payload: str) -> _Sample:
+    def ask(self, trajectory: Trajectory, i: int) -> tuple[Deflection, str]:
+        """Return row i's deflection and why it cannot be allowed, if so: one bad row must not hide the others."""
+        asked = {"method": self.method, **trajectory.motion(i)}
+        q, payload = trajectory.q[i], trajectory.payload[i]
+        try:
+            return self.arm.deflection(q, payload, **asked), ""
+        except (JointLimitError, SmallDisplacementError) as error:
+            found = self.arm.deflection(q, payload, enforce_limits=False, allow_large=True, **asked)
+            return found, str(error)
+
+    def judge(self, found: Deflection, name: str, time: float, payload: str, reason: str) -> _Sample:
         """Return the verdict on one configuration."""
         shift, turn = (float(np.linalg.norm(part)) for part in (found.displacement[:3], found.displacement[3:]))
         sigmas = [_sigma(found, part) for part in (slice(0, 3), slice(3, 6))]
@@ -170,9 +186,12 @@ class _Judge:
         verdicts = [_verdict(margin, sigmas[0])]
         if margin_rad is not None:
             verdicts.append(_verdict(margin_rad, sigmas[1]))
-        verdict = next(word for word in ("fail", "uncertain", "ok") if word in verdicts)
-        point = Point(name, time, shift, turn, sigmas[0], margin, margin_rad, verdict, blame(found), payload)
-        return _Sample(point, self.scores((shift, turn), sigmas))
+        verdict = next(word for word in ("fail", "uncertain", "ok") if word in verdicts or (reason and word == "fail"))
+        turns_worse = margin_rad is not None and margin_rad / self.angle < margin / self.tolerance
+        cause = blame(found, slice(3, 6) if turns_worse else slice(0, 3))
+        point = Point(name, time, shift, turn, sigmas[0], margin, margin_rad, verdict, cause, payload, reason)
+        scores = self.scores((shift, turn), sigmas)
+        return _Sample(point, np.maximum(scores, [0.0, 2.0, 2.0]) if reason else scores)
 
     def scores(self, sizes: tuple[float, float], sigmas: list[float | None]) -> Array:
         """Return the (3,) scores of a shift and a turn with their uncertainties."""
@@ -181,6 +200,15 @@ class _Judge:
         parts = list(zip(sizes, doubts, limits, strict=False))
         most, least = (max((size + sign * doubt) / limit for size, doubt, limit in parts) for sign in (1.0, -1.0))
         return np.array([sizes[0] / self.tolerance, most, least])
+
+
+def overload(arm: Arm, found: Deflection) -> tuple[Flag, ...]:
+    """Return a flag where a drive carries more than its effort limit."""
+    shares = arm.drive_shares(found)
+    worst = int(np.argmax(shares))
+    if shares[worst] <= 1.0:
+        return ()
+    return (Flag("beyond_effort", f"drive of {arm.joint_names[worst]!r} carries {shares[worst]:.0%} of its limit"),)
 
 
 def _sigma(found: Deflection, part: slice) -> float | None:
@@ -202,11 +230,11 @@ def _verdict(margin: float, sigma: float | None) -> str:
     return "ok" if margin >= 0.0 else "fail"
 
 
-def blame(found: Deflection) -> str | None:
-    """Return the flexure that moves the tip furthest along its displacement, None for a rigid arm."""
+def blame(found: Deflection, part: slice) -> str | None:
+    """Return the flexure that contributes most along the tip's shift (0:3) or turn (3:6), None for a rigid arm."""
     if not found.names.flexures:
         return None
-    along = found.contributions[:, :3] @ found.displacement[:3]
+    along = found.contributions[:, part] @ found.displacement[part]
     return found.names.flexures[int(np.argmax(along))]
 
 

@@ -1,8 +1,7 @@
 """Joint positions that put the loaded, deflected tip where the rigid arm would have been.
 
-For each row the smallest change of the joints is found (in the norm given by `weights`) that cancels the tip's error,
-inside the limits: Newton's method with the Jacobian of the deflected arm and, where joints meet their limits, an
-active set. What cannot be reached is said, with the reason.
+For each row the smallest change of the joints is found (in the norm given by `weights`) that cancels the tip's error
+inside the limits, with the Jacobian of the deflected arm. What cannot be reached is said, with the reason.
 """
 
 from __future__ import annotations
@@ -16,29 +15,17 @@ import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import Array, as_pose
+from armflex.correction import NEAR_SINGULAR, TOLERANCE, Corrector, Point
 from armflex.deflection import Deflection
-from armflex.errors import (
-    ArmflexError,
-    ConvergenceError,
-    Flag,
-    InputError,
-    SmallDisplacementError,
-    UnreachableError,
-    UnstableEquilibriumError,
-)
+from armflex.errors import ArmflexError, Flag, InputError, UnreachableError
 from armflex.trajectory import Trajectory
 
-MAX_ITERATIONS = 60
 MAX_INSERTIONS = 8
-TOLERANCE = 1e-10
-"""Remaining error [m, rad] at which a row counts as reached."""
-
-NEAR_SINGULAR = 0.02
-"""Smallest singular value of the tip's Jacobian [m per m or rad] below which it is flagged."""
-
-SINGULAR = 1e-6
 LARGEST_CHANGE = 0.5
 """A correction of more than this [rad or m] is no correction of a deflection."""
+
+TO_BLAME = 1e-3
+"""Joints are blamed whose way out of their limits has at least this part in the way the error would have to go."""
 
 Progress = Callable[[int, int], None]
 
@@ -54,8 +41,10 @@ class CompensatedRow:
         after: (6,) error that remains in the same form.
         change: (nq,) change of the joint positions [rad or m].
         reached: Whether the matched components are within `TOLERANCE`.
-        reason: Why not: "limit", "singular", "equilibrium" or "tolerance", and what exactly; '' when reached.
-        sigma_min: Smallest singular value of the matched Jacobian.
+        reason: Why not: "limit", "too far", "singular", "joints", "equilibrium" or "tolerance", and what exactly; ''
+            when reached.
+        sigma_min: Smallest singular value of the matched Jacobian [m per m or rad].
+        smallest: Whether no smaller change near by reaches it, as far as could be shown; False where not reached.
     """
 
     time: float
@@ -66,6 +55,7 @@ class CompensatedRow:
     reached: bool
     reason: str
     sigma_min: float
+    smallest: bool = True
 
 
 @dataclass(frozen=True)
@@ -78,7 +68,8 @@ class Compensation:
         match: "position" or "pose".
         between_m: Largest error of the tip halfway between rows of one payload, the path being straight in joint
             space there [m]; None with targets of one's own.
-        flags: Doubts: near singular rows, joints asked to move faster than their limit, payloads that change.
+        flags: Doubts: near singular rows, joints asked to move faster than their limit, payloads that change,
+            changes that may not be the smallest.
     """
 
     trajectory: Trajectory
@@ -123,6 +114,7 @@ def compensate(
         raise InputError(f"match is {match!r}, expected 'position' or 'pose'")
     if between is not None and not between > 0.0:
         raise InputError(f"between must be positive, got {between} m")
+    trajectory = trajectory.for_arm(arm)
     scale = _scale(arm, weights)
     poses = _targets(arm, trajectory, targets)
     rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
@@ -135,7 +127,7 @@ def compensate(
         rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
         gaps = _gaps(arm, trajectory, moved)
     widest = None if gaps is None else float(gaps.max(initial=0.0))
-    flags = (*_flags(arm, moved, rows), *_too_wide(widest, between))
+    flags = (*_flags(moved, rows), *_too_fast(arm, trajectory, moved), *_too_wide(widest, between))
     result = Compensation(moved, rows, match, widest, flags)
     if not (result.ok or best_effort):
         raise UnreachableError(_summary(result), result)
@@ -150,8 +142,8 @@ def _solve_rows(
         rows.append(solver.row(i, pose, rows[-1].change if rows else np.zeros_like(solver.scale)))
         if progress:
             progress(i + 1, len(poses))
-    changes = np.array([row.change for row in rows])
-    return tuple(rows), replace(solver.trajectory, q=solver.trajectory.q + changes)
+    moved = np.array([solver.inside(i, row.change) for i, row in enumerate(rows)])
+    return tuple(rows), replace(solver.trajectory, q=moved)
 
 
 def _targets(arm: Arm, trajectory: Trajectory, targets: Sequence[object] | None) -> list[pin.SE3]:
@@ -181,7 +173,7 @@ def _scale(arm: Arm, weights: Array | None) -> Array:
     scale = np.ones(len(arm.joint_names)) if weights is None else np.asarray(weights, dtype=float)
     if scale.shape != (len(arm.joint_names),) or not (scale > 0.0).all() or not np.isfinite(scale).all():
         raise InputError(f"weights: expected {len(arm.joint_names)} positive numbers")
-    return 1.0 / np.sqrt(scale)
+    return np.sqrt(scale.min() / scale)
 
 
 @dataclass(frozen=True)
@@ -197,92 +189,82 @@ class _Solver:
 
     def ask(self, i: int, q: Array) -> Deflection:
         """Return the deflection of row i's load at joint positions q."""
-        t = self.trajectory
-        motion = {key: None if x is None else x[i] for key, x in (("v", t.v), ("a", t.a))}
-        return self.arm.deflection(q, t.payload[i], enforce_limits=False, **motion)
+        return self.arm.deflection(q, self.trajectory.payload[i], enforce_limits=False, **self.trajectory.motion(i))
 
     def row(self, i: int, target: pin.SE3, start: Array) -> CompensatedRow:
         """Solve one row, starting from the previous row's change."""
         t = self.trajectory
         with _naming(t, i):
             before = _error(self.ask(i, t.q[i]).pose, target)
-        change, after, jacobian, reason = self.solve(i, target, start)
-        reached = bool(np.abs(after[: self.size]).max() <= TOLERANCE)
-        sigma = float(np.linalg.svd(jacobian * self.scale, compute_uv=False)[min(jacobian.shape) - 1])
-        if not reached and not reason:
-            reason = self.explain(i, change, sigma)
+        point, smallest, trouble = self.solve(i, target, start)
+        reached = point.left <= TOLERANCE
+        reason = "" if reached else trouble or self.explain(i, point)
         time, via = float(t.time[i]), t.via[i]
-        return CompensatedRow(time, via, before, after, change, reached, "" if reached else reason, sigma)
+        return CompensatedRow(time, via, before, point.error, point.change, reached, reason, point.sigma_min, smallest)
 
-    def solve(self, i: int, target: pin.SE3, start: Array) -> tuple[Array, Array, Array, str]:
-        """Return the change, the (6,) remaining error, the matched Jacobian and why it stopped early."""
-        q, change = self.trajectory.q[i], self.inside(i, start)
-        best: tuple[float, Array, Array, Array] | None = None
-        reason = ""
-        for _ in range(MAX_ITERATIONS):
-            try:
-                found = self.ask(i, q + change)
-            except (ConvergenceError, UnstableEquilibriumError, SmallDisplacementError) as error:
-                reason = f"equilibrium: {error}"
-                break
-            error, jacobian = _error(found.pose, target), found.total_jacobian[: self.size]
-            left = float(np.abs(error[: self.size]).max())
-            if best is None or left < best[0]:
-                best = (left, change, error, jacobian)
-            step = self.smallest(i, jacobian, jacobian @ change - error[: self.size])
-            if left <= 0.01 * TOLERANCE and np.abs(step - change).max() < 1e-9:
-                break
-            change = step
-        if best is None:
-            raise InputError(f"row {i} at {self.trajectory.time[i]:g} s: {reason}")
-        return (*best[1:], reason)
+    def solve(self, i: int, target: pin.SE3, start: Array) -> tuple[Point, bool, str]:
+        """Return the best point, whether its change is shown to be the smallest, and what equilibrium was missed."""
+
+        def ask(change: Array) -> tuple[Array, Array]:
+            found = self.ask(i, self.trajectory.q[i] + change)
+            return _error(found.pose, target), found.total_jacobian[: self.size]
+
+        def find(start: Array) -> tuple[Point | None, bool, str]:
+            corrector = Corrector(ask, *self.box(i), self.scale)
+            return (*corrector.find(start), corrector.trouble)
+
+        found = find(start)
+        if start.any() and (found[0] is None or found[0].left > TOLERANCE):
+            # The previous row's change may lead astray where that row was not reached or the payload changes.
+            again = find(np.zeros_like(start))
+            if found[0] is None or (again[0] is not None and again[0].left < found[0].left):
+                found = again
+        if found[0] is None:
+            raise InputError(f"row {i} at {self.trajectory.time[i]:g} s: {found[2]}")
+        return found
+
+    def box(self, i: int) -> tuple[Array, Array]:
+        """Return the smallest and largest change of row i: inside the limits, and no more than `LARGEST_CHANGE`."""
+        low, high = (limit - self.trajectory.q[i] for limit in (self.arm.robot.lower, self.arm.robot.upper))
+        return np.clip(-LARGEST_CHANGE, low, high), np.clip(LARGEST_CHANGE, low, high)
 
     def inside(self, i: int, change: Array) -> Array:
-        """Return a change cut so that row i stays inside the limits."""
-        q, robot = self.trajectory.q[i], self.arm.robot
-        return np.clip(q + change, robot.lower, robot.upper) - q
+        """Return row i's joint positions after a change; rounding takes none past its limit."""
+        return np.clip(self.trajectory.q[i] + change, self.arm.robot.lower, self.arm.robot.upper)
 
-    def smallest(self, i: int, jacobian: Array, wanted: Array) -> Array:
-        """Return the smallest change with `jacobian @ change = wanted` inside the limits, damped where singular.
-
-        Joints that would leave their limits are held there one by one, the furthest out first.
-        """
-        free = np.ones(len(self.scale), dtype=bool)
-        change = np.zeros(len(self.scale))
-        while free.any():
-            rest = wanted - jacobian[:, ~free] @ change[~free]
-            change[free] = self.scale[free] * _damped(jacobian[:, free] * self.scale[free], rest)
-            change = np.clip(change, -LARGEST_CHANGE, LARGEST_CHANGE)
-            overshoot = np.where(free, np.abs(change - self.inside(i, change)), 0.0)
-            if overshoot.max() <= 1e-12:
-                break
-            out = int(overshoot.argmax())
-            change[out] = self.inside(i, change)[out]
-            free[out] = False
-        return self.inside(i, change)
-
-    def explain(self, i: int, change: Array, sigma: float) -> str:
+    def explain(self, i: int, point: Point) -> str:
         """Return why row i was not reached."""
-        robot, q = self.arm.robot, self.trajectory.q[i] + change
-        stuck = (q <= robot.lower + 1e-9) | (q >= robot.upper - 1e-9)
-        if stuck.any():
-            names = [name for name, at_limit in zip(robot.joint_names, stuck, strict=True) if at_limit]
-            return f"limit: {', '.join(names)}"
+        count, sigma = len(point.change), point.sigma_min
+        if count < self.size == 6:
+            return f"joints: a pose takes six, this arm has {count}"
+        if blamed := self.blocked(i, point):
+            return blamed
         if sigma < NEAR_SINGULAR:
             return f"singular: smallest singular value {sigma:.1e}"
+        if count < self.size:
+            return f"joints: a position takes three, this arm has {count}"
         return "tolerance: the iteration stalled"
+
+    def blocked(self, i: int, point: Point) -> str:
+        """Return which joints could lower the error if they were let further, and what holds them; '' if none."""
+        (low, high), change = self.box(i), point.change
+        pull = point.jacobian.T @ point.matched
+        size = np.linalg.norm(point.jacobian, axis=0) * np.linalg.norm(point.matched)
+        down, up = (sign * pull > TO_BLAME * size for sign in (1.0, -1.0))
+        stuck = ((change <= low + 1e-9) & down) | ((change >= high - 1e-9) & up)
+        far = np.abs(change) >= LARGEST_CHANGE - 1e-9
+        names = np.array(self.arm.joint_names)
+        parts = []
+        if (stuck & ~far).any():
+            parts.append(f"limit: {', '.join(names[stuck & ~far])}")
+        if (stuck & far).any():
+            parts.append(f"too far: {', '.join(names[stuck & far])} by more than {LARGEST_CHANGE:g} rad or m")
+        return "; ".join(parts)
 
 
 def _error(pose: pin.SE3, target: pin.SE3) -> Array:
     turn = pin.log3(pose.rotation @ target.rotation.T)
     return np.concatenate([pose.translation - target.translation, turn])
-
-
-def _damped(jacobian: Array, wanted: Array) -> Array:
-    """Return the least-norm solution, damped only in directions that are all but lost."""
-    left, values, right = np.linalg.svd(jacobian, full_matrices=False)
-    gains = values / np.maximum(values**2, SINGULAR**2)
-    return right.T @ (np.where(values > SINGULAR, gains, 0.0) * (left.T @ wanted))
 
 
 def _gaps(arm: Arm, commanded: Trajectory, moved: Trajectory) -> Array:
@@ -292,25 +274,29 @@ def _gaps(arm: Arm, commanded: Trajectory, moved: Trajectory) -> Array:
         if commanded.payload[segment] == commanded.payload[segment + 1]:
             target = arm.rigid_pose(commanded.at(segment, np.array([0.5])).q[0])
             middle = moved.at(segment, np.array([0.5]))
-            motion = {key: None if x is None else x[0] for key, x in (("v", middle.v), ("a", middle.a))}
-            pose = arm.deflection(middle.q[0], middle.payload[0], **motion).pose
+            pose = arm.deflection(middle.q[0], middle.payload[0], **middle.motion(0)).pose
             gaps[segment] = np.linalg.norm(pose.translation - target.translation)
     return gaps
 
 
-def _flags(arm: Arm, moved: Trajectory, rows: Sequence[CompensatedRow]) -> tuple[Flag, ...]:
+def _flags(moved: Trajectory, rows: Sequence[CompensatedRow]) -> tuple[Flag, ...]:
     flags = []
     near = min(rows, key=lambda row: row.sigma_min)
     if near.sigma_min < NEAR_SINGULAR:
         text = f"at {near.time:g} s the smallest singular value is {near.sigma_min:.2g}: joints move far for little"
         flags.append(Flag("near_singular", text))
+    doubtful = [row for row in rows if row.reached and not row.smallest]
+    if doubtful:
+        text = f"{len(doubtful)} rows, the first at {doubtful[0].time:g} s, are reached; smaller changes may do as well"
+        flags.append(Flag("not_smallest", text))
     for i in range(1, len(moved)):
         if moved.payload[i] != moved.payload[i - 1]:
-            jump = np.linalg.norm(rows[i].before[:3] - rows[i - 1].before[:3])
+            jump = float(np.linalg.norm(rows[i].before[:3] - rows[i - 1].before[:3]))
             change = f"from {moved.payload[i - 1]} to {moved.payload[i]} at {moved.time[i]:g} s"
-            text = f"{change} the tip springs by {jump:.3g} m"
-            flags.append(Flag("payload_change", text))
-    return (*flags, *_too_fast(arm, moved))
+            between = f"between the rows at {moved.time[i - 1]:g} s and {moved.time[i]:g} s"
+            text = f"{change} the tip springs by {jump * 1e3:.3g} mm; {between} it is off by up to as much"
+            flags.append(Flag("payload_change", f"{text}, which the error halfway between rows leaves out"))
+    return tuple(flags)
 
 
 def _too_wide(widest: float | None, between: float | None) -> tuple[Flag, ...]:
@@ -320,16 +306,19 @@ def _too_wide(widest: float | None, between: float | None) -> tuple[Flag, ...]:
     return (Flag("between", f"the error halfway between rows {left}; at most {between:g} m was asked"),)
 
 
-def _too_fast(arm: Arm, moved: Trajectory) -> tuple[Flag, ...]:
+def _too_fast(arm: Arm, commanded: Trajectory, moved: Trajectory) -> tuple[Flag, ...]:
     if len(moved) < 2:
         return ()
-    speed = np.abs(np.diff(moved.q, axis=0)) / np.diff(moved.time)[:, None]
-    share = speed / np.array([joint.velocity for joint in arm.robot.moving])
-    segment, joint = np.unravel_index(int(np.argmax(share)), share.shape)
-    if share[segment, joint] <= 1.0:
+    limits = np.array([joint.velocity for joint in arm.robot.moving])
+    given, share = (np.abs(np.diff(t.q, axis=0)) / np.diff(t.time)[:, None] / limits for t in (commanded, moved))
+    # A path that was too fast before is not held against the compensation.
+    worse = np.where(share > 1.001 * np.maximum(given, 1.0), share, 0.0)
+    segment, joint = np.unravel_index(int(np.argmax(worse)), worse.shape)
+    if not worse.any():
         return ()
-    name, time = arm.joint_names[joint], moved.time[segment]
-    return (Flag("too_fast", f"{name} would move at {share[segment, joint]:.2g} of its limit at {time:g} s"),)
+    where = f"{arm.joint_names[joint]} would move at {share[segment, joint]:.2g} times its speed limit"
+    times = f"at {moved.time[segment]:g} s (commanded path: {given[segment, joint]:.2g} times)"
+    return (Flag("too_fast", f"{where} {times}"),)
 
 
 def _summary(result: Compensation) -> str:

@@ -50,7 +50,8 @@ def parse_quantity(text: str, kind: str) -> float:
     known = UNITS[kind]
     if match is None or not match[2]:
         example = f"5{next(iter(known))}"
-        raise UnitError(f"{text!r}: expected a {kind} with its unit, such as {example} ({', '.join(known)})")
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise UnitError(f"{text!r}: expected {article} {kind} with its unit, such as {example} ({', '.join(known)})")
     if match[2] not in known:
         hint = did_you_mean(match[2], known)
         raise UnitError(f"{text!r}: {match[2]!r} is no unit of {kind}{hint} ({', '.join(known)})")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,37 +14,107 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ArmFileError, Place, did_you_mean, listing
 
-_HEADER = re.compile(r"\s*\[{1,2}\s*([^\]]+?)\s*\]{1,2}")
-_KEY = re.compile(r"\s*\"?([A-Za-z0-9_\-]+)\"?\s*=")
+_TOKEN = re.compile(
+    r'"""(?:\\.|[^\\])*?"""|"(?:\\.|[^"\\\n])*"|'
+    r"'''.*?'''|'[^'\n]*'|"
+    r"#[^\n]*|\n|[\[\]{}=,]|[^\s\"'#\[\]{}=,]+",
+    re.DOTALL,
+)
+"""Strings and comments whole, so that no bracket or sign in them counts; then line ends, marks, and words."""
+
+Keys = tuple[str | int, ...]
+"""Way from a file's root to a value: names of tables and keys, places in arrays of tables."""
+
+
+class Source:
+    """A TOML file's text. `tomllib` keeps no line numbers, so they are found here, once an error needs one."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self.path = path
+        self.text = text
+
+    def place(self, keys: Keys) -> Place:
+        """Return the line of a value or of the nearest table around it; the file when there is none."""
+        while keys and keys not in self.lines:
+            keys = keys[:-1]
+        return Place(self.path, self.lines.get(keys, 0))
+
+    @cached_property
+    def lines(self) -> dict[Keys, int]:
+        """Line of every table header and key."""
+        found: dict[Keys, int] = {}
+        counts: dict[Keys, int] = {}
+        table: Keys = ()
+        for words, line in _statements(self.text):
+            if words[0] == "[":
+                is_array = words[1] == "["
+                table = _opened(_names(words), is_array, counts)
+                found.setdefault(table, line)
+            elif "=" in words:
+                found.setdefault((*table, *_names(words[: words.index("=")])), line)
+        return found
+
+
+def _statements(text: str) -> Iterator[tuple[list[str], int]]:
+    """Yield the words of every header and of every key with its value, and the line where it starts."""
+    words: list[str] = []
+    line, start, depth = 1, 1, 0
+    for match in _TOKEN.finditer(text + "\n"):
+        word = match[0]
+        if word == "\n" and depth == 0 and words:
+            yield words, start
+            words = []
+        elif word != "\n" and word[0] != "#":
+            start = start if words else line
+            words.append(word)
+            depth += (word in ("[", "{")) - (word in ("]", "}"))
+        line += word.count("\n")
+
+
+def _names(words: list[str]) -> list[str]:
+    names: list[str] = []
+    for word in words:
+        if word[0] in "\"'":
+            names.append(word[1:-1])
+        elif word not in ("[", "]"):
+            names.extend(name for name in word.split(".") if name)
+    return names
+
+
+def _opened(names: list[str], is_array: bool, counts: dict[Keys, int]) -> Keys:
+    """Return the way to the table that a header opens; a name of an array means its last table."""
+    keys: Keys = ()
+    for i, name in enumerate(names):
+        keys = (*keys, name)
+        if is_array and i == len(names) - 1:
+            counts[keys] = counts.get(keys, 0) + 1
+        if keys in counts:
+            keys = (*keys, counts[keys] - 1)
+    return keys
 
 
 class Declaration:
-    """A table under a dotted header such as 'flexure.A4'; every access marks its key as known.
+    """A table such as [flexure.A4]; every access marks its key as known."""
 
-    `tomllib` keeps no line numbers, so the line of a key is looked up in the text when an error needs it.
-    """
-
-    def __init__(self, table: dict[str, Any], header: str, path: Path, text: str) -> None:
+    def __init__(self, table: dict[str, Any], keys: Keys, source: Source) -> None:
         self.table = table
-        self.header = header
-        self.path = path
-        self.text_lines = text.splitlines()
+        self.keys = keys
+        self.source = source
         self.known: set[str] = set()
 
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.source.path
+
+    @property
+    def header(self) -> str:
+        """The dotted header, empty for the file's root."""
+        return ".".join(key for key in self.keys if isinstance(key, str))
+
     def place(self, key: str = "") -> Place:
-        """Return the line of a key, or of the table's header, or the file when neither is found."""
-        header, found = "", 0
-        for number, line in enumerate(self.text_lines, 1):
-            if match := _HEADER.match(line):
-                header = match[1].replace('"', "").replace(" ", "")
-            is_here = header == self.header
-            if is_here and match and not found:
-                found = number
-            if match and key and header == self.under(key):
-                return Place(self.path, number)
-            if is_here and key and (match := _KEY.match(line)) and match[1] == key:
-                return Place(self.path, number)
-        return Place(self.path, found)
+        """Return the line of a key, or of the table's header where the key is not given, or the file."""
+        return self.source.place((*self.keys, key) if key else self.keys)
 
     def fail(self, key: str, problem: str) -> ArmFileError:
         """Return the error that says what is wrong with a key of this table."""
@@ -61,7 +133,8 @@ class Declaration:
     def raw(self, key: str) -> Any:
         """Return a required value as TOML gives it."""
         if not self.has(key):
-            raise ArmFileError(self.place(), f"[{self.header}] needs {key!r}")
+            problem = f"[{self.header}] needs {key!r}" if self.keys else f"needs a table [{key}]"
+            raise ArmFileError(self.place(), problem)
         return self.table[key]
 
     def text(self, key: str, default: str | None = None) -> str:
@@ -72,6 +145,13 @@ class Declaration:
         if not isinstance(value, str) or not value.strip():
             raise self.fail(key, f"expected a text, got {value!r}")
         return value
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of texts."""
+        value = self.raw(key)
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise self.fail(key, f"expected texts in a list, got {value!r}")
+        return tuple(value)
 
     def choice(self, key: str, options: tuple[str, ...], default: str | None = None) -> str:
         """Return one of `options`."""
@@ -110,13 +190,12 @@ class Declaration:
             raise self.fail(key, f"not finite: {value!r}")
         return array.astype(float)
 
-    def sub(self, key: str, value: Any | None = None, header: str | None = None) -> Declaration:
+    def sub(self, key: str) -> Declaration:
         """Return a sub-table as a declaration of its own."""
-        table = self.raw(key) if value is None else value
-        name = header or self.under(key)
+        table = self.raw(key)
         if not isinstance(table, dict):
-            raise self.fail(key, f"expected a table [{name}], got {table!r}")
-        return Declaration(table, name, self.path, "\n".join(self.text_lines))
+            raise self.fail(key, f"expected a table [{self.under(key)}], got {table!r}")
+        return Declaration(table, (*self.keys, key), self.source)
 
     def subs(self, key: str) -> dict[str, Declaration]:
         """Return the tables [key.NAME] by name; empty when there are none."""
@@ -130,9 +209,9 @@ class Declaration:
         if not self.has(key):
             return []
         tables = self.raw(key)
-        if not isinstance(tables, list):
-            raise self.fail(key, f"expected tables [[{key}]]")
-        return [self.sub(key, table, self.under(key)) for table in tables]
+        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+            raise self.fail(key, f"expected tables [[{self.under(key)}]]")
+        return [Declaration(table, (*self.keys, key, i), self.source) for i, table in enumerate(tables)]
 
     def finish(self) -> None:
         """Raise `ArmFileError` for the first key that nobody asked for."""
@@ -151,7 +230,7 @@ def read_toml(path: Path) -> Declaration:
     except UnicodeDecodeError:
         raise ArmFileError(Place(path), "is not UTF-8 text") from None
     try:
-        return Declaration(tomllib.loads(text), "", path, text)
+        return Declaration(tomllib.loads(text), (), Source(path, text))
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"line (\d+)", str(error))
         raise ArmFileError(Place(path, int(line[1]) if line else 0), f"not valid TOML: {error}") from None

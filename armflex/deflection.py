@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,9 +27,12 @@ class Names:
     tip: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class Deflection:
     """The arm at one configuration under one load.
+
+    Derivatives and covariance of the rotation are those of a further small rotation in base axes, which differ from
+    those of the rotation vector itself by half its length (1 % at 22 mrad).
 
     Attributes:
         q: (nq,) joint positions [rad or m].
@@ -52,6 +56,13 @@ class Deflection:
     _case: LoadCase
     _row: Row
     _equilibrium: Equilibrium
+
+    def __repr__(self) -> str:
+        """Two lines: how far the tip moves, and what is doubtful."""
+        shift, turn = (float(np.linalg.norm(part)) for part in (self.displacement[:3], self.displacement[3:]))
+        doubts = ", ".join(flag.code for flag in self.flags) or "none"
+        moves = f"{self.names.tip} moves {shift * 1e3:.4g} mm and turns {turn * 1e3:.3g} mrad"
+        return f"<Deflection: {moves} under {self.payload.mass:g} kg ({self.method}); doubts: {doubts}>"
 
     @property
     def wrenches(self) -> Array:
@@ -139,7 +150,7 @@ class Deflection:
         return self._mechanics.link_poses(self._mechanics.bent(self._equilibrium.straight, twists))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class DeflectionBatch:
     """The arm at N configurations; the arrays of `Deflection` with a leading N.
 
@@ -165,35 +176,36 @@ class DeflectionBatch:
     names: Names
     flags: tuple[Flag, ...]
 
-
-def stack_rows(q: Array, rows: list[Deflection], names: Names) -> DeflectionBatch:
-    """Return many single results as one batch."""
-    covariances = [row.covariance for row in rows]
-    uncertain = any(covariance is not None for covariance in covariances)
-    n = len(names.flexures)
-    return DeflectionBatch(
-        q=q,
-        pose=_stack([row.pose.homogeneous for row in rows], (4, 4)),
-        rigid_pose=_stack([row.rigid_pose.homogeneous for row in rows], (4, 4)),
-        displacement=_stack([row.displacement for row in rows], (6,)),
-        wrenches=_stack([row.wrenches for row in rows], (n, 6)),
-        twists=_stack([row.twists for row in rows], (n, 6)),
-        contributions=_stack([row.contributions for row in rows], (n, 6)),
-        covariance=_stack([c if c is not None else np.zeros((6, 6)) for c in covariances], (6, 6))
-        if uncertain
-        else None,
-        names=names,
-        flags=_first_flags(rows),
-    )
+    def __repr__(self) -> str:
+        """One line: how many rows and the largest shift."""
+        most = float(np.linalg.norm(self.displacement[:, :3], axis=1).max(initial=0.0))
+        return f"<DeflectionBatch: {len(self.q)} rows, {self.names.tip} moves up to {most * 1e3:.4g} mm>"
 
 
-def _stack(arrays: list[Array], shape: tuple[int, ...]) -> Array:
-    return np.array(arrays).reshape(len(arrays), *shape)
+def stack_rows(q: Array, rows: Iterable[Deflection], names: Names) -> DeflectionBatch:
+    """Return many single results as one batch; each is let go once its numbers are taken."""
+    flags: dict[str, Flag] = {}
+    taken = [_take(number, row, flags) for number, row in enumerate(rows)]
+    shapes = {"pose": (4, 4), "rigid_pose": (4, 4), "displacement": (6,), "covariance": (6, 6)}
+    shapes |= dict.fromkeys(("wrenches", "twists", "contributions"), (len(names.flexures), 6))
+    arrays = {name: np.array([part[name] for part in taken]).reshape(-1, *shape) for name, shape in shapes.items()}
+    certain = not taken or all(part["certain"] for part in taken)
+    if certain:
+        arrays["covariance"] = None
+    return DeflectionBatch(q=q, names=names, flags=tuple(flags.values()), **arrays)
 
 
-def _first_flags(rows: list[Deflection]) -> tuple[Flag, ...]:
-    found: dict[str, Flag] = {}
-    for number, row in enumerate(rows):
-        for flag in row.flags:
-            found.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
-    return tuple(found.values())
+def _take(number: int, row: Deflection, flags: dict[str, Flag]) -> dict[str, Array | bool]:
+    for flag in row.flags:
+        flags.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
+    covariance = row.covariance
+    return {
+        "pose": row.pose.homogeneous,
+        "rigid_pose": row.rigid_pose.homogeneous,
+        "displacement": row.displacement,
+        "wrenches": row.wrenches,
+        "twists": row.twists,
+        "contributions": row.contributions,
+        "covariance": np.zeros((6, 6)) if covariance is None else covariance,
+        "certain": covariance is None,
+    }

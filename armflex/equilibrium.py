@@ -14,7 +14,14 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import ConvergenceError, InputError, SmallDisplacementError, UnstableEquilibriumError, did_you_mean
+from armflex.errors import (
+    ConvergenceError,
+    Flag,
+    InputError,
+    SmallDisplacementError,
+    UnstableEquilibriumError,
+    did_you_mean,
+)
 from armflex.laws import Law, LinearLaw, Row, StructuralLaw
 from armflex.mechanics import LoadCase, Mechanics
 
@@ -90,6 +97,17 @@ class LawStack:
                 total[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = part
         return total
 
+    @cached_property
+    def trained(self) -> tuple[tuple[str, slice, Law], ...]:
+        """Names, places and laws of the flexures whose law was trained."""
+        named = enumerate(zip(self.names, self.laws, strict=True))
+        return tuple((name, slice(6 * i, 6 * i + 6), law) for i, (name, law) in named if law.trained)
+
+    def doubts(self, wrenches: Array, row: Row) -> tuple[Flag, ...]:
+        """Return where (6 n,) wrenches are beyond what a law was trained on."""
+        asked = [(name, law.doubts(wrenches[place], row)) for name, place, law in self.trained]
+        return tuple(Flag(flag.code, f"flexure {name!r}: {flag.text}") for name, flags in asked for flag in flags)
+
 
 def _constant_compliance(law: Law) -> Array | None:
     if isinstance(law, LinearLaw):
@@ -134,7 +152,7 @@ def find_equilibrium(
         stack: Laws of its flexures.
         case: Joint positions, motion and external wrenches.
         row: What the laws may know.
-        method: "newton" (exact, stability proven), "fixed_point" (exact where it converges, stability proven), or
+        method: "newton" (exact), "fixed_point" (exact where it converges), both with the tangent checked, or
             "first_order" (loads of the undeflected arm).
         tolerance: Largest residual of any flexure coordinate [m, rad].
         allow_large: Go on where a flexure turns by more than `MAX_ROTATION`.

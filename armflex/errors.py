@@ -14,7 +14,18 @@ from pathlib import Path
 
 
 class ArmflexError(Exception):
-    """Base of every error that armflex raises on purpose."""
+    """Base of every error that armflex raises on purpose; each survives being sent between processes."""
+
+    def __reduce__(self) -> tuple:
+        """Return the error whole: a class with arguments of its own is not made again from its message."""
+        return _again, (type(self), self.args, self.__dict__)
+
+
+def _again(kind: type[ArmflexError], args: tuple, state: dict) -> ArmflexError:
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(state)
+    return error
 
 
 class InputError(ArmflexError, ValueError):

@@ -104,9 +104,23 @@ def _units(table: Table, names: tuple[str, ...], read_as: Mapping[str, str]) -> 
 def _covariates(table: Table) -> dict[str, tuple[str, ...]]:
     others = [name for name in table.columns if name not in KINDS]
     for name in others:
-        base, _, unit = name.rpartition("_")
-        stem = base if any(unit in units for units in UNITS.values()) else name
-        if difflib.get_close_matches(stem, KINDS, n=1, cutoff=0.66) or name.partition("_")[0] in KINDS:
+        if (meant := _meant(name)) is not None:
             header = table.columns[name].header
-            raise TableError(Place(table.path, 1), f"unknown column {header!r}{did_you_mean(stem, KINDS)}")
+            raise TableError(Place(table.path, 1), f"unknown column {header!r}, did you mean {meant!r}?")
     return {name: table.texts(name) for name in others}
+
+
+def _meant(name: str) -> str | None:
+    """Return the load or deflection that a column misspells, None for a covariate.
+
+    The names have two letters, so most short words are near one: `day` is not `dy`. A slip is believed where the unit
+    fits, as in `mxx_Nm`, or where the letters are the same, as in `xd`.
+    """
+    base, _, unit = name.rpartition("_")
+    has_unit = any(unit in units for units in UNITS.values())
+    stem = (base if has_unit else name).lower()
+    if stem.partition("_")[0] in KINDS:
+        return stem.partition("_")[0]
+    near = difflib.get_close_matches(stem, KINDS, n=6, cutoff=0.5 if set(stem) in map(set, KINDS) else 0.66)
+    fitting = (known for known in near if unit in UNITS[KINDS[known]] or set(known) == set(stem))
+    return next(fitting, None)

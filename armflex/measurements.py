@@ -32,7 +32,7 @@ KINDS = {
 TEXTS = ("pose", "session", "payload")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Measurements:
     """One row per reading, in the order taken.
 

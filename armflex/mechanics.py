@@ -35,6 +35,10 @@ class Mechanics:
     flex: FlexModel
     _local: threading.local = field(default_factory=threading.local, repr=False)
 
+    def __reduce__(self) -> tuple:
+        """Return the models; a workspace belongs to its thread and is made again."""
+        return Mechanics, (self.rigid, self.flex)
+
     @property
     def data(self) -> pin.Data:
         """This thread's workspace for the flexible model."""

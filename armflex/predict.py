@@ -97,7 +97,8 @@ def _flags(arm: Arm, rows: Measurements, found: list[Deflection]) -> tuple[Flag,
         flags["new_session"] = Flag("new_session", text)
     for number, one in enumerate(found):
         for flag in one.flags:
-            flags.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
+            said = flag if flag in arm.flags else Flag(flag.code, f"row {number}: {flag.text}")
+            flags.setdefault(flag.code, said)
     return tuple(flags.values())
 
 

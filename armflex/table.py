@@ -120,6 +120,8 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
 def _check_header(path: Path, header: list[str]) -> None:
     if len(header) == 1 and ";" in header[0]:
         raise TableError(Place(path, 1), "is separated by semicolons, expected commas and decimal points")
+    if len(header) == 1 and "\t" in header[0]:
+        raise TableError(Place(path, 1), "is separated by tabs, expected commas and decimal points")
     if all(_NUMBER.fullmatch(cell) for cell in header):
         raise TableError(Place(path, 1), "has no header row: the first row is all numbers")
     blank = [str(index + 1) for index, cell in enumerate(header) if not cell.strip()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from armflex.errors import InputError, Place, ShapeError, TableError, UnknownNam
 from armflex.table import Table, read_table, write_table
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """A path through joint space; between rows it is straight.
 
@@ -69,6 +69,26 @@ class Trajectory:
             None if self.a is None else between(self.a),
             {name: between(values) for name, values in self.covariates.items()},
         )
+
+    def motion(self, i: int) -> dict[str, Array | None]:
+        """Return row i's velocities and accelerations as `Arm.deflection` takes them."""
+        return {"v": None if self.v is None else self.v[i], "a": None if self.a is None else self.a[i]}
+
+    def for_arm(self, arm: Arm) -> Trajectory:
+        """Return the trajectory with its columns in the arm's order of joints.
+
+        Raises:
+            InputError: The joints are not the arm's.
+        """
+        if self.joint_names == arm.joint_names:
+            return self
+        if sorted(self.joint_names) != sorted(arm.joint_names):
+            raise InputError(
+                f"trajectory of joints {', '.join(self.joint_names)}, the arm has {', '.join(arm.joint_names)}"
+            )
+        order = [self.joint_names.index(name) for name in arm.joint_names]
+        moved = {name: None if x is None else x[:, order] for name, x in (("v", self.v), ("a", self.a))}
+        return replace(self, joint_names=arm.joint_names, q=self.q[:, order], **moved)
 
     def with_midpoints(self, segments: Array) -> Trajectory:
         """Return the trajectory with a row inserted halfway along each segment marked in a (N - 1,) mask."""

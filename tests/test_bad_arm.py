@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 import warnings
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from test_bad_urdf import GOOD
 
 from armflex import Arm, Flexure, Payload, Wrench, load_arm
 from armflex.conventions import as_pose, parse_quantity
+from armflex.declaration import Source
 from armflex.errors import (
     ArmFileError,
     ArmflexWarning,
@@ -26,12 +28,14 @@ from armflex.errors import (
     PoseError,
     ShapeError,
     SmallDisplacementError,
+    TableError,
     UnitError,
     UnknownNameError,
     UnstableEquilibriumError,
     UnsupportedError,
     UrdfError,
 )
+from armflex.joint_data import read_joint_data
 from armflex.laws import LinearLaw
 
 ARM = """[robot]
@@ -60,6 +64,7 @@ compliance = [1e-9, 1e-9, 6e-10, 4e-8, 4.5e-8, 2e-7]
 joint = "elbow"
 model = "position_dependent"
 depends_on = "elbow"
+relative_std = 0.2
 compliance = [1e-9, 1e-9, 6e-10, 4e-8, 4e-8, 3e-7]
 compliance_q1 = [0.0, 0.0, 0.0, 0.0, 0.0, 1e-8]
 
@@ -324,7 +329,7 @@ def test_row28_gravity_not_given_is_flagged(tmp_path):
 def test_row28_without_weight_a_force_is_not_called_large(tmp_path):
     with pytest.warns(ArmflexWarning, match="gravity"):
         loaded = load_arm(declared(tmp_path, ("[0.0, 0.0, -9.81]", "[0.0, 0.0, 0.0]")))
-    assert loaded.deflection(Q, wrenches=[Wrench("tool", [0, 0, -10], [0, 0, 0])]).flags == ()
+    assert loaded.deflection(Q, wrenches=[Wrench("tool", [0, 0, -10], [0, 0, 0])]).flags == loaded.flags
 
 
 # Rows 29 to 32 as far as an arm.toml declares a compliance, and everything else that it may get wrong.
@@ -351,6 +356,7 @@ DECLARATIONS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
     "row29-ragged": (DIAGONAL, "compliance = [[1], [1, 2]]", ("rows of different length",), "[[1]"),
     "row29-text": (DIAGONAL, 'compliance = "stiff"', ("6 numbers",), '"stiff"'),
     "row29-negative-std": ("relative_std = 0.1", "relative_std = -0.1", ("negative", "-0.1"), "-0.1"),
+    "row29-std-in-percent": ("relative_std = 0.1", "relative_std = 10", ("a fraction, 0.2 means 20 %",), "_std = 10"),
     "row29-range": (
         "[0.0, 0.0, 0.0, 0.0, 0.0, 1e-8]",
         "[0.0, 0.0, 0.0, 0.0, 0.0, 1e-6]",
@@ -384,6 +390,20 @@ DECLARATIONS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
     "toml-unknown-base": ('base = "base"', 'base = "bas"', ("[robot] base", "did you mean 'base'"), '"bas"'),
     "toml-unknown-locked": ("[payload.p5]", "[robot.locked]\nelbw = 0.1\n[payload.p5]", ("'elbw'",), ""),
     "toml-unknown-frame": ('frame = "unknown"', 'frame = "unknwn"', ("'unknwn'", "did you mean 'unknown'"), "unknwn"),
+    "toml-no-robot": ("[robot]", "[rob0t]", ("arm.toml: needs a table [robot]",), ""),
+    "toml-payload-none": ("[payload.p5]", "[payload.none]", ("nothing is carried",), "[payload.none]"),
+    "toml-after-a-matrix": (
+        DIAGONAL,
+        f"compliance = [\n{''.join(f'  {row},{chr(10)}' for row in FULL.tolist())}]\nnode = [0, 0]",
+        ("[flexure.S] node", "3 numbers"),
+        "node =",
+    ),
+    "toml-after-a-text-like-a-header": (
+        JOINT,
+        f'{JOINT} # [x]\nmodle = """\n[payload.p5]\nmass = 1"""',
+        ("[flexure.S] modle",),
+        "modle",
+    ),
     "toml-missing-urdf": ('urdf = "robot.urdf"\n', "", ("[robot] needs 'urdf'",), "[robot]"),
     "toml-missing-tip": ('tip = "tool"\n', "", ("[robot] needs 'tip'",), "[robot]"),
     "toml-missing-mass": ("mass = 5.0\n", "", ("[payload.p5] needs 'mass'",), "[payload.p5]"),
@@ -400,6 +420,42 @@ DECLARATIONS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
     "toml-model-not-text": ('model = "linear"', "model = 1", ("expected a text, got 1",), "model = 1"),
     "toml-missing-law-file": (DIAGONAL, 'file = "ghost.safetensors"', ("ghost.safetensors", "cannot be read"), "ghost"),
 }
+
+
+PLACES = """a.b = 1
+"x y" = { c = 1 }
+[t."u.v"] # [no]
+m = [
+  [1, 2],   # k = 3
+  [3, 4],
+]
+k = "[[t.w]]"
+[[t.w]]
+n = '''
+[t.w]
+n = 1'''
+at = 1
+[[t.w.sub]]
+at = 2
+[[t.w.sub]]
+at = 3
+[[t.w]]
+at = 4
+[t.w.sub2]
+at = 5
+"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [(("a", "b"), 1), (("x y",), 2), (("x y", "c"), 2), (("t", "u.v"), 3), (("t", "u.v", "m"), 4),
+     (("t", "u.v", "k"), 8), (("t", "w", 0), 9), (("t", "w", 0, "at"), 13), (("t", "w", 0, "sub", 0, "at"), 15),
+     (("t", "w", 0, "sub", 1), 16), (("t", "w", 0, "sub", 1, "at"), 17), (("t", "w", 0, "sub", 1, "none"), 16),
+     (("t", "w", 1, "at"), 19), (("t", "w", 1, "sub2", "at"), 21), (("ghost",), 0)],
+)  # fmt: skip
+def test_every_key_has_its_line(keys, line):
+    tomllib.loads(PLACES)
+    assert Source(Path("a.toml"), PLACES).place(keys).line == line
 
 
 @pytest.mark.parametrize(("old", "new", "words", "marker"), DECLARATIONS.values(), ids=DECLARATIONS)
@@ -578,3 +634,55 @@ def test_a_moving_payload_without_inertia_is_flagged(tarm):
     found = tarm.deflection(q, Payload(10.0, np.zeros(3)), a=moving)
     assert "no_inertia" in [flag.code for flag in found.flags]
     assert not still.flags and not tarm.deflection(q, "p600", a=moving).flags
+
+
+def test_flexures_without_an_uncertainty_beside_others_are_flagged(tmp_path):
+    with pytest.warns(ArmflexWarning, match="taken as exactly known: E"):
+        assert codes(load_arm(declared(tmp_path, ("relative_std = 0.2\n", ""))).flags) == ["partly_certain"]
+    none = (("relative_std = 0.2\n", ""), ("relative_std = 0.1\n", ""))
+    rigid = (("relative_std = 0.1\n", ""), (DIAGONAL, "compliance = [0, 0, 0, 0, 0, 0]"))
+    for edits in (none, rigid):
+        assert load_arm(declared(tmp_path, *edits)).flags == ()
+
+
+@pytest.mark.parametrize(("upper", "good"), [(7.0, False), (2.0, True)])
+def test_a_law_is_looked_at_over_the_whole_travel(tmp_path, upper, good):
+    """A prismatic joint may go further than a turn's 6.28."""
+    path = declared(tmp_path, ("[0.0, 0.0, 0.0, 0.0, 0.0, 1e-8]", "[0.0, 0.0, 0.0, 0.0, 0.0, -4.5e-8]"))
+    limits = f'lower="-2" upper="{upper}"'
+    write(tmp_path, GOOD.replace('"elbow" type="revolute"', '"elbow" type="prismatic"').replace(ELBOW_RANGE, limits))
+    if good:
+        assert load_arm(path).flags == ()
+        return
+    with pytest.raises(ArmFileError, match=r"at elbow = 6\.\d+: .*negative"):
+        load_arm(path)
+
+
+ELBOW_RANGE = 'lower="-2" upper="2.1"'
+
+
+def test_a_urdf_in_capitals_is_one(tmp_path):
+    with pytest.warns(ArmflexWarning, match="rigid"):
+        assert load_arm(write(tmp_path, GOOD, "ROBOT.URDF")).joint_names == ("shoulder", "elbow")
+
+
+def test_tables_separated_by_tabs(tmp_path):
+    table = write(tmp_path, "fx_N\tdx_mm\n1,5\t2\n", "a.csv")
+    with pytest.raises(TableError, match="separated by tabs"):
+        read_joint_data(table)
+
+
+JOINT_HEADER = "fx_N,fy_N,fz_N,dx_mm,dy_mm,dz_mm"
+
+
+@pytest.mark.parametrize("name", ["day", "day_s", "dry", "max", "mixer", "force", "temperature", "fan", "tray"])
+def test_covariates_near_a_column_are_welcome(tmp_path, name):
+    rows = "".join(f"{i},{i * i},{i % 3},1,2,3,x\n" for i in range(6))
+    assert list(read_joint_data(write(tmp_path, f"{JOINT_HEADER},{name}\n{rows}", "a.csv")).covariates) == [name]
+
+
+@pytest.mark.parametrize("name", ["mxx_Nm", "xd", "dyy", "Fx", "fxx_kN", "rzz_mrad", "mx_rep"])
+def test_misspelt_columns_are_not(tmp_path, name):
+    rows = "".join(f"{i},{i * i},{i % 3},1,2,3,4\n" for i in range(6))
+    with pytest.raises(TableError, match=f"{name}.*(did you mean|is no unit)"):
+        read_joint_data(write(tmp_path, f"{JOINT_HEADER},{name}\n{rows}", "a.csv"))

@@ -254,6 +254,9 @@ EDITS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
         ("more than one <inertial>",),
         '<mass value="1"/>',
     ),
+    "row07-two-masses": (MASS, f'{MASS}\n<mass value="7"/>', ("more than one <mass>",), '"7"'),
+    "row07-two-inertias": (INERTIA, f'{INERTIA}\n<inertia ixx="9"/>', ("more than one <inertia>",), 'ixx="9"'),
+    "row05-loop-joint": ("</robot>", '\n<loop_joint name="l"/></robot>', ("closed loops are not",), "<loop_joint"),
     "row07-inertial-without-mass": (
         MASS,
         "",
@@ -492,6 +495,20 @@ def test_row14_non_unit_axis_is_normalised_and_flagged(tmp_path):
     np.testing.assert_array_equal(loaded.moving[1].axis, good.moving[1].axis)
 
 
+DOUBTS = {
+    "row14-no-axis": (ELBOW_AXIS, "", "axis_missing", ELBOW),
+    "row15-degrees": (ELBOW_LIMIT, ELBOW_LIMIT.replace("2.1", "120"), "limit_in_degrees", 'upper="120"'),
+    "row16-millimetres": (ELBOW_ORIGIN, '<origin xyz="1000 0 0"/>', "origin_in_millimetres", ELBOW),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "code", "marker"), DOUBTS.values(), ids=DOUBTS)
+def test_doubtful_joints_are_flagged(tmp_path, old, new, code, marker):
+    text = changed((old, new))
+    loaded = load_robot(write(tmp_path, text))
+    assert codes(loaded) == [code] and f":{line_of(text, marker)}: joint 'elbow'" in str(loaded.flags[0])
+
+
 def test_row16_rpy_in_degrees_is_flagged(tmp_path):
     text = changed((ELBOW_ORIGIN, '<origin xyz="1.0 0 0" rpy="0 90 0"/>'))
     loaded = load_robot(write(tmp_path, text))
@@ -526,7 +543,6 @@ EXTRAS = {
     "comment": ("</robot>", "<!-- <link/> --><?pi x?></robot>"),
     "extra-limit-attributes": (ELBOW_LIMIT, ELBOW_LIMIT.replace("/>", ' acceleration="3" jerk="9"/>')),
     "limit-without-effort": (ELBOW_LIMIT, '<limit lower="-2" upper="2.1"/>'),
-    "no-axis": (ELBOW_AXIS, ""),
     "massless-frame": (
         "</robot>",
         '<link name="camera"/><joint name="c" type="fixed"><parent link="tool"/><child link="camera"/></joint></robot>',
@@ -567,7 +583,7 @@ GRIPPER = (
 
 def test_side_branches_are_locked_and_weigh(tmp_path):
     path = write(tmp_path, changed(GRIPPER))
-    assert_refused(path, ("name the tip link", "tool", "finger"))
+    assert_refused(path, ("name the tip link with tip= or --tip", "tool", "finger"))
     loaded = load_robot(path, "tool", locked={"grip": 0.25})
     assert loaded.joint_names == ("shoulder", "elbow") and loaded.locked == {"grip": 0.25}
     assert pin.computeTotalMass(build_model(loaded).model) == 32.5
@@ -576,6 +592,34 @@ def test_side_branches_are_locked_and_weigh(tmp_path):
     model = build_model(loaded).model
     got = pin.computeGeneralizedGravity(model, model.createData(), np.array([0.2, 0.3]))
     np.testing.assert_allclose(got, expected, rtol=1e-12)
+
+
+def side(name: str, mimic: str) -> str:
+    """Return a side joint of the fore arm that mimics another, and its link."""
+    return link(f"{name}_body", 0.5, moment=0.01) + joint(name, "fore", f"{name}_body", inside=mimic)
+
+
+MIMICS = {
+    "of-the-chain": ({}, {"a": 0.0, "b": 0.0}, ["a", "b"]),
+    "named": ({"a": 0.4}, {"a": 0.4, "b": -0.7}, []),
+    "out-of-reach": ({"a": 2.0}, {"a": 2.0, "b": -3.0}, ["b"]),
+}
+
+
+@pytest.mark.parametrize(("locked", "held", "doubted"), MIMICS.values(), ids=MIMICS)
+def test_side_joints_that_mimic(tmp_path, locked, held, doubted):
+    """A counterweight follows the chain, which it cannot here; what follows the counterweight can."""
+    parts = side("a", '<mimic joint="elbow"/>') + side("b", '<mimic joint="a" multiplier="-2" offset="0.1"/>')
+    loaded = load_robot(write(tmp_path, changed(("</robot>", f"{parts}</robot>"))), "tool", locked=locked)
+    assert loaded.locked == pytest.approx(held)
+    assert codes(loaded) == ["locked_mimic"] * len(doubted)
+    assert all(f"joint {name!r}" in str(flag) for name, flag in zip(doubted, loaded.flags, strict=True))
+
+
+def test_side_joints_that_mimic_each_other(tmp_path):
+    parts = side("a", '<mimic joint="b"/>') + side("b", '<mimic joint="a"/>')
+    loaded = load_robot(write(tmp_path, changed(("</robot>", f"{parts}</robot>"))), "tool")
+    assert codes(loaded) == ["locked_mimic"] * 2
 
 
 def test_unknown_names_of_links_and_joints(tmp_path):

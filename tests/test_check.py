@@ -11,9 +11,9 @@ import pytest
 from scipy.optimize import minimize_scalar
 from small_arms import one_joint
 
-from armflex import Arm, InputError, Trajectory, check
+from armflex import Arm, InputError, Payload, Trajectory, check
 from armflex.check import Point
-from armflex.errors import JointLimitError, SmallDisplacementError
+from armflex.errors import NotFiniteError
 from armflex.laws import LinearLaw
 
 RANK = {"ok": 0, "uncertain": 1, "fail": 2}
@@ -213,14 +213,21 @@ def test_tolerance_must_be_positive(tarm: Arm, tarm_path: Trajectory, bad: float
             check(tarm, tarm_path, *limits)
 
 
-def test_errors_name_row_and_time(tarm: Arm, tarm_path: Trajectory, tmp_path: Path) -> None:
+def test_errors_name_row_and_time(tarm: Arm, tarm_path: Trajectory) -> None:
+    q = tarm_path.q.copy()
+    q[59, 3] = np.nan
+    with pytest.raises(NotFiniteError, match=r"^row 59 \(port_exit\) at 59 s: q of joint 'A3'"):
+        check(tarm, replace(tarm_path, q=q), 0.1)
+
+
+def test_what_no_tolerance_allows_fails_with_its_reason(tarm: Arm, tarm_path: Trajectory, tmp_path: Path) -> None:
     q = tarm_path.q.copy()
     q[59, 3] = 9.0
-    with pytest.raises(JointLimitError, match=r"^row 59 \(port_exit\) at 59 s: joint 'A3'"):
-        check(tarm, replace(tarm_path, q=q), 0.1)
+    point = next(p for p in check(tarm, replace(tarm_path, q=q), 10.0).via_points if p.name == "port_exit")
+    assert point.verdict == "fail" and point.reason.startswith("joint 'A3' at 9 is outside")
     soft = one_joint(tmp_path, np.diag([0, 0, 0, 0, 5e-3, 0]), (0.8, 0.0, 0.0), 10.0)
-    with pytest.raises(SmallDisplacementError, match=r"^row 1 \(b\) at 1 s: flexure 'j' turns"):
-        check(soft, two_rows(soft, [1.57], [0.0]), 0.1)
+    worst = check(soft, two_rows(soft, [1.57], [0.0]), 10.0).path_worst
+    assert worst.verdict == "fail" and worst.reason.startswith("flexure 'j' turns")
 
 
 def test_flags_carry_their_time(tarm: Arm, tarm_path: Trajectory) -> None:
@@ -234,3 +241,39 @@ def test_progress_counts_the_stretches(heavy: Arm, heavy_path: Trajectory) -> No
     check(heavy, some_rows(heavy_path, range(0, 4)), 0.1, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(1, 3), (2, 3), (3, 3)]
     assert isinstance(check(heavy, some_rows(heavy_path, range(0, 1)), 0.1).path_worst, Point)
+
+
+def test_columns_in_another_order_mean_the_same(tarm, tarm_path):
+    order = [6, 2, 0, 5, 1, 3, 4]
+    names = tuple(tarm_path.joint_names[i] for i in order)
+    shuffled = replace(tarm_path, joint_names=names, q=tarm_path.q[:, order])
+    assert check(tarm, shuffled, 0.1) == check(tarm, tarm_path, 0.1)
+    strange = replace(tarm_path, joint_names=("B1", *tarm_path.joint_names[1:]))
+    with pytest.raises(InputError, match="B1"):
+        check(tarm, strange, 0.1)
+
+
+def test_one_bad_row_does_not_hide_the_others(tarm, tarm_path):
+    q = tarm_path.q.copy()
+    q[5, 2], q[70, 3] = 0.4, 1.8
+    report = check(tarm, replace(tarm_path, q=q), 1.0)
+    reasons = {point.reason for point in report.segments if point.reason}
+    assert not report.ok and report.path_worst.verdict == "fail"
+    assert any("'A2'" in reason for reason in reasons) and any("'A3'" in reason for reason in reasons)
+
+
+def test_a_drive_beyond_its_limit_is_flagged(tarm, tarm_path):
+    heavier = replace(tarm, payloads=dict(tarm.payloads, p600=Payload(2500.0, np.zeros(3))))
+    flags = {flag.code: flag.text for flag in check(heavier, tarm_path, 1.0).flags}
+    assert "'A2' carries" in flags["beyond_effort"]
+    assert "beyond_effort" not in {flag.code for flag in check(tarm, tarm_path, 1.0).flags}
+
+
+def test_rotation_is_ranked_and_blamed_where_it_is_worse(tarm, tarm_path):
+    report = check(tarm, tarm_path, 10.0, angle=0.01)
+    margins = [point.margin_rad for point in report.via_points]
+    assert margins == sorted(margins)
+    worst = report.path_worst
+    found = tarm.deflection(tarm_path.q[list(tarm_path.time).index(worst.time)], worst.payload)
+    along = found.contributions[:, 3:] @ found.displacement[3:]
+    assert worst.cause == tarm.flexure_names[int(np.argmax(along))]

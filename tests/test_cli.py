@@ -96,7 +96,8 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
     more = {"angle_rad", "samples", "flags", "base", "tip"}
     assert set(found) == {"format", "ok", "tolerance_m", "via_points", "path_worst"} | more
     assert found["format"] == "armflex-check-1" and found["ok"] == (code == 0)
-    assert all(set(point) == POINT | {"margin_rad", "payload"} for point in [*found["via_points"], found["path_worst"]])
+    more = POINT | {"margin_rad", "payload", "reason"}
+    assert all(set(point) == more for point in [*found["via_points"], found["path_worst"]])
     assert ("NOT within" in result.stdout) == (code == 1)
     assert all(point["name"] in result.stdout for point in found["via_points"])
     assert found["tolerance_m"] == {"0.1m": 0.1, "5mm": 0.005, "1cm": 0.01}[tolerance]
@@ -121,7 +122,7 @@ def test_compensate_writes_what_python_finds(
     found = strict_json(tmp_path / "c.json")
     assert set(found) == {"format", "ok", "match", "between_m", "rows", "flags", "base", "tip"}
     assert found["format"] == "armflex-compensate-1" and found["ok"] and len(found["rows"]) == 20
-    row = {"time", "via", "reached", "reason", "before", "after", "change", "sigma_min"}
+    row = {"time", "via", "reached", "smallest", "reason", "before", "after", "change", "sigma_min"}
     assert all(set(one) == row for one in found["rows"])
 
 
@@ -358,3 +359,28 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
     with child.stderr:
         assert b"Traceback" not in child.stderr.read()
     assert child.wait(timeout=60) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["compensate", TARM / "arm.toml", "in.csv", "-o", "in.csv"],
+        ["predict", TARM / "arm.toml", "in.csv", "-o", "./in.csv"],
+        ["train", "in.csv", "-o", "in.csv"],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_an_input_is_never_replaced(armflex: Run, tmp_path: Path, arguments: list) -> None:
+    source = TABLE if arguments[0] == "train" else TARM / "trajectory.csv"
+    (tmp_path / "in.csv").write_bytes(source.read_bytes())
+    assert "is an input of this command" in fine(armflex(*arguments), 2).stderr
+    assert (tmp_path / "in.csv").read_bytes() == source.read_bytes()
+
+
+def test_a_demo_leaves_an_edited_arm_alone(armflex: Run, tmp_path: Path) -> None:
+    (tmp_path / "d" / "tarm_like").mkdir(parents=True)
+    edited = (TARM / "arm.toml").read_text().replace("payload_rating = 600.0", "payload_rating = 500.0")
+    (tmp_path / "d" / "tarm_like" / "arm.toml").write_text(edited)
+    result = fine(armflex("demo", "-o", "d"))
+    assert (tmp_path / "d" / "tarm_like" / "arm.toml").read_text() == edited
+    assert "exceeds the rated 500 kg" in result.stderr

@@ -26,7 +26,7 @@ from small_arms import (
 )
 
 from armflex import Arm, Flexure, Payload, Wrench, load_arm
-from armflex.laws import LinearLaw
+from armflex.laws import Law, LinearFit, LinearLaw
 from armflex.mechanics import LoadCase, Mechanics
 from armflex.robot import Site, build_model, load_robot
 
@@ -37,7 +37,7 @@ SOFT = 6.0  # times `random_compliance`: about 20 mm of sag, so that geometry co
 
 
 @dataclass(frozen=True)
-class Prescribed:
+class Prescribed(Law):
     """A law that gives the same twist whatever the load."""
 
     value: np.ndarray
@@ -390,19 +390,34 @@ def crooked_robot(crooked):
 
 
 def test_covariance_against_monte_carlo(crooked):
-    """Every entry of every compliance off by its own 5 %."""
+    """Every entry of every compliance off by its own 5 %, but that C_ij = C_ji."""
     std, draws, random = 0.05, 3000, np.random.default_rng(8)
     sure = softer(crooked, 0.1)
     arm = with_laws(sure, [LinearLaw(flexure.law.compliance, std) for flexure in sure.flexures])
     seen = []
     for _ in range(draws):
-        laws = [LinearLaw(f.law.compliance * (1 + std * random.normal(size=(6, 6)))) for f in sure.flexures]
+        errors = std * random.normal(size=(3, 6, 6))
+        errors = np.triu(errors) + np.triu(errors, 1).transpose(0, 2, 1)
+        laws = [LinearLaw(f.law.compliance * (1 + error)) for f, error in zip(sure.flexures, errors, strict=True)]
         seen.append(with_laws(sure, laws).deflection(POSE, payload=PAYLOAD).displacement)
     sampled, stated = np.cov(np.array(seen).T), arm.deflection(POSE, payload=PAYLOAD).covariance
     size = np.sqrt(np.diag(stated))
     # Standard errors of a sampled variance and correlation: sqrt(2 / n), 1 / sqrt(n); four of them.
     np.testing.assert_allclose(np.diag(sampled) / size**2, np.ones(6), atol=4 * np.sqrt(2 / draws))
     np.testing.assert_allclose((sampled - stated) / np.outer(size, size), np.zeros((6, 6)), atol=4 * np.sqrt(2 / draws))
+
+
+def test_an_entry_and_its_mirror_image_are_one_number():
+    """C_15 = C_51 moves both components it couples, so these are correlated."""
+    compliance, draws = np.diag([2.0, 1, 1, 1, 3, 1]), 40000
+    compliance[0, 4] = compliance[4, 0] = -1.5
+    wrench = np.array([1.0, 0.5, 0, 0, 2.0, 0])
+    errors = 0.2 * np.random.default_rng(9).normal(size=(draws, 6, 6))
+    errors = np.triu(errors) + np.triu(errors, 1).transpose(0, 2, 1)
+    sampled = np.cov(((compliance * (1 + errors)) @ wrench).T)
+    stated = LinearLaw(compliance, 0.2).covariance(wrench, None)
+    assert stated[0, 4] == pytest.approx(0.2**2 * 1.5**2 * 2.0, rel=1e-12)
+    np.testing.assert_allclose(stated, sampled, atol=4 * np.sqrt(2 / draws) * stated.max())
 
 
 def test_no_covariance_where_no_law_has_one(crooked):
@@ -415,6 +430,20 @@ def test_covariance_of_one_uncertain_drive(tmp_path):
     result = one_joint(tmp_path, law, (1, 0, 0), 2.0, (1, 0, 0)).deflection([0.0])
     expected = (0.2 * 1e-8 * 2 * G) ** 2
     assert np.diag(result.covariance) == pytest.approx([0, 0, expected, 0, expected, 0], rel=1e-6, abs=1e-24)
+
+
+def test_loads_beyond_those_trained_on_are_doubted(tmp_path):
+    seen = np.array([[-100.0, -200.0, -10.0], [100.0, 200.0, 10.0]])
+    fitted = LinearLaw(np.diag([1e-9] * 3 + [0] * 3), fit=LinearFit(np.zeros((3, 3, 3)), np.zeros(3), seen))
+    arm = one_joint(tmp_path, fitted, com=(1, 0, 0))
+    mild, strong = np.array([100.0, 0, 10, 9e9, 0, 0]), np.array([0, 250.0, -16300, 0, 0, 0])
+    assert arm.stack.doubts(mild, None) == ()
+    flags = arm.stack.doubts(strong, None)
+    assert [flag.code for flag in flags] == ["extrapolating"] * 2
+    assert flags[0].text.endswith("load fy = 250 N is outside the -200 to 200 N it was trained on")
+    assert flags[1].text == "flexure 'j': load fz = -16300 N is outside the -10 to 10 N it was trained on"
+    certain = with_laws(arm, [LinearLaw(np.eye(6) * 1e-9, 0.1)])
+    assert certain.stack.trained == () and certain.stack.doubts(strong, None) == ()
 
 
 # (g) Methods.

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from small_arms import ROBOTS, skew_parts
 
-from armflex import Arm, Flexure, load_arm
+from armflex import Arm, Flexure, compensate, load_arm, read_trajectory
 from armflex.laws import LinearLaw
 
 
@@ -127,6 +127,15 @@ class Referee:
             found.append(np.concatenate([rotation.reshape(3, 3).T @ force, moment]))
         return np.array(found)
 
+    def rigid_tip(self, q: dict[str, float], payload: str) -> np.ndarray:
+        """Return the tip's pose (4, 4) with every flexure straight."""
+        model = self.model(payload)
+        data = mujoco.MjData(model)
+        for name, value in q.items():
+            data.qpos[model.joint(name).qposadr[0]] = value
+        mujoco.mj_kinematics(model, data)
+        return self.tip(model, data)
+
     def tip(self, model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         body = data.body(self.toml["robot"]["tip"])
         return np.block([[body.xmat.reshape(3, 3), body.xpos[:, None]], [np.zeros(3), np.ones(1)]])
@@ -171,6 +180,21 @@ def test_the_straight_arm_under_full_load(both):
     arm, referee = both
     sag = assert_agree(arm, referee, np.clip(0.0, arm.robot.lower, arm.robot.upper), list(referee.toml["payload"])[-1])
     assert sag > (0.15 if arm.robot.urdf.name == "tarm_like" else 0.005)
+
+
+def test_compensated_via_points_are_where_the_rigid_arm_would_be(both):
+    arm, referee = both
+    path = read_trajectory(ROBOTS / arm.robot.urdf.name / "trajectory.csv", arm)
+    moved = compensate(arm, path).trajectory
+    rows = [i for i, via in enumerate(path.via) if via]
+    assert len(rows) >= 6
+    sags = []
+    for i in rows:
+        commanded, compensated = (dict(zip(arm.joint_names, q, strict=True)) for q in (path.q[i], moved.q[i]))
+        wanted = referee.rigid_tip(commanded, path.payload[i])[:3, 3]
+        sags.append(np.linalg.norm(referee.solve(commanded, path.payload[i])[2][:3, 3] - wanted))
+        assert np.linalg.norm(referee.solve(compensated, path.payload[i])[2][:3, 3] - wanted) < 1e-9, path.via[i]
+    assert max(sags) > 0.003
 
 
 # MuJoCo's own springs as a solver.

@@ -8,12 +8,23 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import root
-from small_arms import ROBOTS, central_difference, one_joint, random_compliance, skew_parts, write
+from small_arms import ROBOTS, central_difference, line_of, one_joint, random_compliance, skew_parts, write
 from test_bad_urdf import GOOD
 
 from armflex import load_arm
 from armflex.errors import ArmFileError, LawError, UnknownNameError
-from armflex.laws import AtNode, Beam, LinearLaw, PositionDependentLaw, Row, Section, StructuralLaw, SubJoint
+from armflex.laws import (
+    AtNode,
+    Beam,
+    Law,
+    LinearFit,
+    LinearLaw,
+    PositionDependentLaw,
+    Row,
+    Section,
+    StructuralLaw,
+    SubJoint,
+)
 
 ROW = Row(np.zeros(1), {"j": 0})
 STEEL = Section(E=210e9, G=81e9, A=3.3e-3, Iy=2.6e-6, Iz=1.7e-6, J=3.9e-6)
@@ -192,7 +203,7 @@ def test_nodes_and_beams_must_make_sense():
 
 
 @dataclass(frozen=True)
-class Stiffening:
+class Stiffening(Law):
     """w = K x + B x^3 component by component, so the twist is the real root of a cubic."""
 
     stiffness: np.ndarray
@@ -306,6 +317,20 @@ def test_transport_of_tangent_and_covariance():
     assert AtNode(RIGID, node).covariance(LOAD, ROW) is None
 
 
+def test_doubts_are_about_the_loads_on_the_trained_law():
+    """A force with a lever is a moment at the node, and a sub-joint carries what the beam brings it."""
+    seen = np.array([[-1e3] * 3 + [-1.0] * 3, [1e3] * 3 + [1.0] * 3])
+    fitted = LinearLaw(random_compliance(3), fit=LinearFit(np.zeros((6, 6, 6)), np.zeros(6), seen))
+    force = np.array([0, 0, 500.0, 0, 0, 0])
+    assert fitted.trained and fitted.doubts(force, ROW) == ()
+    at_node = AtNode(fitted, np.array([0.1, 0, 0])).doubts(force, ROW)
+    assert [flag.text[:17] for flag in at_node] == ["load my = 50 Nm i"]
+    beyond = cantilever(np.array([1.0, 0, 0]), UP, root_law=fitted).doubts(3 * force, ROW)
+    assert [flag.text[:38] for flag in beyond] == ["sub-joint at '0': load fz = 1500 N is "]
+    certain = cantilever(np.array([1.0, 0, 0]), UP)
+    assert not certain.trained and certain.doubts(force, ROW) == () and not AtNode(RIGID, np.zeros(3)).trained
+
+
 # The bundled mast: guide rollers and a cantilever that lengthens.
 
 
@@ -404,6 +429,21 @@ def test_two_bearings_and_a_drive_as_declared(tmp_path):
         ('at = "up"', 'at = "upp"', r"no node named 'upp', did you mean 'up'"),
         ('["down", "flange"]', '["down", "flang"]', r"no node named 'flang', did you mean 'flange'"),
         ('["down", "flange"]', '["down"]', "two node names"),
+        ('["down", "flange"]', "[1, 3]", "expected texts"),
+        ('["down", "flange"]', '["down", "down"]', r"beam\] between: .* has no length"),
+        ('holds = ["ry"]', 'holds = ["ry", ["dx"]]', "expected texts"),
+        ('tip = "flange"', 'tip = "flang"', r"S\] tip: no node named 'flang'"),
+        ('tip = "flange"', 'tip = "flange"\ncomponents = 3.7', "expected 3 or 6, got 3.7"),
+        (
+            'at = "flange"',
+            'at = "flange"\nmodel = "position_dependent"\ndepends_on = "elbo"',
+            "depends_on: 'elbo' is no moving joint of the chain, did you mean 'elbow'",
+        ),
+        (
+            'at = "flange"',
+            'at = "flange"\nmodel = "position_dependent"\ncompliance_q1 = [0.0, 0.0, 0.0, 0.0, -1e-6, 0.0]',
+            "subjoint.*negative",
+        ),
         ('holds = ["ry"]', 'holds = ["rx"]', "mechanism"),
         ('tip = "flange"', 'tip = "flange"\ncomponents = 4', "expected 3 or 6"),
         ('at = "flange"', 'at = "flange"\nhold = 1', "unknown key, did you mean 'holds'"),
@@ -414,3 +454,26 @@ def test_declared_structures_that_cannot_be(tmp_path, old, new, words):
     write(tmp_path, GOOD)
     with pytest.raises(ArmFileError, match=words):
         load_arm(write(tmp_path, DECLARED.replace(old, new), "arm.toml"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [('at = "down"', 'at = "ghost"'), ('holds = ["ry"]', 'holds = ["up"]'), ('at = "flange"', 'att = "flange"'),
+     ('["flange", "up"]', '["flange", "u"]'), ('["flange", "up"]', '["flange", "up"]\nup = [0, 1, 0]')],
+)  # fmt: skip
+def test_the_right_one_of_several_tables_is_blamed(tmp_path, old, new):
+    write(tmp_path, GOOD)
+    text = DECLARED.replace(old, new)
+    with pytest.raises(ArmFileError) as caught:
+        load_arm(write(tmp_path, text, "arm.toml"))
+    marker = {"att": "[[flexure.S.subjoint]]\natt"}.get(new[:3], new.splitlines()[-1])
+    assert caught.value.place.line == line_of(text, marker)
+
+
+def test_a_number_of_the_second_beam_is_blamed_where_it_stands(tmp_path):
+    write(tmp_path, GOOD)
+    head, tail = DECLARED.rsplit("Iy = 2.6e-6", 1)
+    text = f"{head}Iy = -1.0{tail}"
+    with pytest.raises(ArmFileError, match="Iy: expected more than 0, got -1") as caught:
+        load_arm(write(tmp_path, text, "arm.toml"))
+    assert caught.value.place.line == line_of(text, "Iy = -1.0")

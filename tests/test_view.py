@@ -314,3 +314,14 @@ def test_browser_plays_the_trajectory(heavy: Arm, tmp_path: Path) -> None:
     # The player at the bottom is left out: its clock alone would make the pictures differ.
     moved = (np.mean(np.abs(early - picture(page, late))[:700].max(axis=-1) > 40.0) for late in (1500, 3000, 5000))
     assert any(share > 0.005 for share in moved)
+
+
+def test_the_worst_row_of_a_long_path_is_shown(tmp_path: Path, tarm: Arm) -> None:
+    count = 1500
+    q = np.zeros((count, 7))
+    q[:, 2], q[:, 3], q[:, 4] = 0.1, 1.7, 1.7  # folded in
+    q[733] = 0.0
+    path = Trajectory(tarm.joint_names, np.arange(count) / 10.0, q, ("p600",) * count, ("",) * count)
+    page = view(tarm, trajectory=path, path=tmp_path / "v.html").read_text()
+    sag = np.linalg.norm(tarm.deflection(q[733], "p600").displacement[:3]) * 1e3
+    assert f"Tip moves {sag:.4g}" in page and "at 73.3 s" in page and "of 1500 rows are drawn" in page

@@ -32,7 +32,7 @@ class Outlier:
     error_m: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Calibration:
     """A calibrated arm and an account of it.
 

@@ -28,7 +28,7 @@ FLAT = 1e-8
 """Relative fall of the cost below which there is nothing left to gain."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """A fitted setup.
 

@@ -11,7 +11,7 @@ import numpy as np
 from armflex.calibrate import Calibration, calibrate
 from armflex.calibrate.file import write_calibrated
 from armflex.calibrate.identify import Parameter
-from armflex.cli.options import OutputPath, PathArgument, json_option, progress, show_flags, write_json
+from armflex.cli.options import OutputPath, PathArgument, json_option, keep_inputs, progress, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.errors import InputError
 from armflex.measurements import read_measurements
@@ -29,6 +29,7 @@ def command(arm_path: Path, measurements_path: Path, output: Path, show_all: boo
 
     if arm_path.suffix != ".toml":
         raise InputError(f"{arm_path}: calibrate needs an arm.toml, whose [prior] says what may move")
+    keep_inputs(output, arm_path, measurements_path)
     arm = load_arm(arm_path)
     measurements = read_measurements(measurements_path, arm)
     with progress("calibrating") as tick:

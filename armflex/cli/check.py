@@ -51,10 +51,15 @@ def print_check(report: CheckReport) -> None:
     """Print the via-points, worst first, and the worst of the path."""
     asked = f"{report.tolerance_m * 1e3:g} mm"
     asked += "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
-    columns = ["via-point", "time s", "payload", "moves mm", "± mm", "turns mrad", "margin mm", "verdict", "cause"]
+    columns = ["via-point", "time s", "payload", "moves mm", "± mm", "margin mm", "turns mrad", "verdict", "cause"]
+    if report.angle_rad is not None:
+        columns.insert(7, "margin mrad")
     rows = [_row(point, point.name) for point in report.via_points]
     print_table(f"Via-points against {asked}, worst first", columns, rows)
     print_table("Worst of the whole path", columns, [_row(report.path_worst, report.path_worst.name or "between")])
+    for point in [*report.via_points, report.path_worst]:
+        if point.reason:
+            console().print(f"{point.name or 'between'} at {point.time:g} s: {point.reason}")
     verdict = "within tolerance" if report.ok else "NOT within tolerance"
     console().print(f"The path is {verdict} ({report.samples} configurations evaluated).")
 
@@ -66,8 +71,9 @@ def _row(point: Point, name: str) -> list[str]:
         point.payload,
         number(point.displacement_m * 1e3),
         "-" if point.sigma_m is None else number(point.sigma_m * 1e3, 2),
-        number(point.rotation_rad * 1e3, 3),
         number(point.margin_m * 1e3, 3),
+        number(point.rotation_rad * 1e3, 3),
+        *([] if point.margin_rad is None else [number(point.margin_rad * 1e3, 3)]),
         point.verdict,
         point.cause or "none",
     ]

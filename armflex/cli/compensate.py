@@ -13,6 +13,7 @@ from armflex.cli.options import (
     PathArgument,
     arm_argument,
     json_option,
+    keep_inputs,
     load,
     progress,
     show_flags,
@@ -48,6 +49,7 @@ def command(
 
     Nothing is written where a row cannot be reached, unless --best-effort is given.
     """
+    keep_inputs(output, trajectory_path, arm_path)
     arm = load(arm_path, preset, tip, lax)
     trajectory = read_trajectory(trajectory_path, arm)
     gap = None if between is None else parse_quantity(between, "length")
@@ -60,13 +62,15 @@ def command(
     if found.ok or best_effort:
         write_trajectory(found.trajectory, output)
         console().print(f"Written to {output}.")
+    else:
+        console().print("Nothing is written; --best-effort writes the feasible rows.")
     return 0 if found.ok else 1
 
 
 def print_compensation(found: Compensation) -> None:
     """Print the via-points before and after, what was not reached, and the worst of the path."""
     shown = [row for row in found.rows if row.via or not row.reached] or list(found.rows)
-    columns = ["row", "time s", "before mm", "remains mm", "before mrad", "remains mrad", "largest change", "result"]
+    columns = ["row", "time s", "before mm", "remains mm", "before mrad", "remains mrad", "most rad or m", "result"]
     print_table(f"Tip error, matching {found.match}", columns, [_cells(row) for row in shown[:40]])
     if len(shown) > 40:
         console().print(f"... and {len(shown) - 40} more rows not reached")
@@ -75,7 +79,7 @@ def print_compensation(found: Compensation) -> None:
     largest = f"largest error {before * 1e3:.4g} mm before, {after * 1e3:.2g} mm after"
     console().print(f"{reached} of {len(found.rows)} rows reached; {largest}.")
     if found.between_m is not None:
-        console().print(f"Halfway between rows up to {found.between_m * 1e3:.3g} mm remain.")
+        console().print(f"Halfway between rows of one payload up to {found.between_m * 1e3:.3g} mm remain.")
 
 
 def _cells(row: CompensatedRow) -> list[str]:
@@ -107,6 +111,7 @@ def as_json(found: Compensation) -> dict[str, Any]:
                 "time": row.time,
                 "via": row.via,
                 "reached": row.reached,
+                "smallest": row.smallest,
                 "reason": row.reason,
                 "before": row.before.tolist(),
                 "after": row.after.tolist(),

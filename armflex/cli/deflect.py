@@ -8,6 +8,8 @@ from typing import Any
 import click
 import numpy as np
 
+from armflex.arm import Arm
+from armflex.check import overload
 from armflex.cli.options import arm_argument, json_option, load, parse_force, parse_positions, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.deflection import Deflection
@@ -40,21 +42,12 @@ def command(
     wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(parse_force, forces)]
     q = parse_positions(positions, arm)
     found = arm.deflection(q, payload, wrenches=wrenches, method=method, allow_large=allow_large)
-    limits = [joint.effort for joint in arm.robot.moving]
-    axes = np.array([joint.axis for joint in arm.robot.moving])
-    turning = [joint.kind != "prismatic" for joint in arm.robot.moving]
-    print_deflection(found, drive_loads(found, axes, turning), limits)
-    show_flags(found.flags)
+    print_deflection(arm, found)
+    show_flags((*found.flags, *overload(arm, found)))
     write_json(json_path, {"format": "armflex-deflect-1", "payload": payload, **as_json(found)})
 
 
-def drive_loads(found: Deflection, axes: np.ndarray, turning: list[bool]) -> list[float]:
-    """Return the load about (or along) every joint's own axis [N m or N]."""
-    parts = [load[3:] if turns else load[:3] for load, turns in zip(found.joint_loads, turning, strict=True)]
-    return [float(axis @ part) for axis, part in zip(axes, parts, strict=True)]
-
-
-def print_deflection(found: Deflection, drives: list[float], limits: list[float]) -> None:
+def print_deflection(arm: Arm, found: Deflection) -> None:
     """Print the loads, the local deflections and the tip's displacement."""
     names = found.names
     console().print(f"base {names.base}, tip {names.tip}, payload {found.payload.mass:g} kg, {found.method}\n")
@@ -62,9 +55,9 @@ def print_deflection(found: Deflection, drives: list[float], limits: list[float]
         "Load at every joint, on the structure, in its child frame",
         ["joint", "q", "fx kN", "fy kN", "fz kN", "mx kNm", "my kNm", "mz kNm", "drive / limit"],
         [
-            [name, number(q), *(number(x / 1e3) for x in load), f"{abs(drive) / limit:.0%}"]
-            for name, q, load, drive, limit in zip(
-                names.joints, found.q, found.joint_loads, drives, limits, strict=True
+            [joint.name, number(q), *(number(x / 1e3) for x in load), "-" if np.isinf(joint.effort) else f"{share:.0%}"]
+            for joint, q, load, share in zip(
+                arm.robot.moving, found.q, found.joint_loads, arm.drive_shares(found), strict=True
             )
         ],
     )

@@ -14,7 +14,7 @@ from armflex.bundled import bundled_robot
 from armflex.check import check
 from armflex.cli.check import print_check
 from armflex.cli.compensate import print_compensation
-from armflex.cli.deflect import drive_loads, print_deflection
+from armflex.cli.deflect import print_deflection
 from armflex.cli.options import PathArgument, progress, show_flags
 from armflex.cli.tables import console, number, print_table
 from armflex.cli.train import print_training
@@ -53,8 +53,12 @@ def command(output: Path) -> None:
 
 
 def _copy_robot(folder: Path) -> None:
+    """Copy the robot's files, leaving those that are there: an edited arm.toml is what the next run is about."""
     try:
-        shutil.copytree(bundled_robot("tarm_like"), folder, dirs_exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        for file in bundled_robot("tarm_like").iterdir():
+            if not (folder / file.name).exists():
+                shutil.copy(file, folder / file.name)
     except OSError as error:
         raise FileError(Place(folder), f"cannot be written: {error.strerror or error}") from None
 
@@ -66,9 +70,7 @@ def _heading(text: str) -> None:
 def _sag(arm: Arm) -> None:
     _heading(f"1. Straight out, carrying {PAYLOAD}: armflex deflect robots/tarm_like/arm.toml --payload {PAYLOAD}")
     found = _straight(arm)
-    axes = np.array([joint.axis for joint in arm.robot.moving])
-    turning = [joint.kind != "prismatic" for joint in arm.robot.moving]
-    print_deflection(found, drive_loads(found, axes, turning), [joint.effort for joint in arm.robot.moving])
+    print_deflection(arm, found)
     show_flags(found.flags)
 
 

@@ -78,6 +78,8 @@ def main() -> None:
 def _explain(error: Exception) -> None:
     from armflex.errors import ArmflexError, InputError
 
+    if isinstance(error, OSError):
+        _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
     if not isinstance(error, ArmflexError):
         raise error
     _fail(str(error), 2 if isinstance(error, InputError) else 1)
@@ -89,4 +91,6 @@ def _fail(text: str, code: int) -> None:
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    click.echo(f"warning: {message}", err=True)
+    from armflex.cli.options import say_warning
+
+    say_warning(str(message))

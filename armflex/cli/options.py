@@ -42,7 +42,7 @@ def arm_argument(function: Callable) -> Callable:
     for decorate in (
         click.argument("arm_path", metavar="ARM", type=PathArgument),
         click.option("--preset", metavar="NAME", help="Use the flexures of [preset.NAME] in ARM."),
-        click.option("--tip", metavar="LINK", help="Report this link's motion instead of the one ARM names."),
+        click.option("--tip", metavar="LINK", help="Link whose motion is reported, where ARM is a bare URDF."),
         click.option("--lax", is_flag=True, help="Flag unknown URDF tags and impossible inertias, do not refuse."),
     ):
         function = decorate(function)
@@ -116,7 +116,24 @@ def progress(title: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
+_said: set[str] = set()
+
+
 def show_flags(flags: Sequence[Flag]) -> None:
     """Print doubts about a result on stderr."""
     for flag in flags:
-        click.echo(f"warning: {flag}", err=True)
+        say_warning(str(flag))
+
+
+def say_warning(text: str) -> None:
+    """Print a warning on stderr, once: an arm's doubts come with every result."""
+    if text not in _said:
+        _said.add(text)
+        click.echo(f"warning: {text}", err=True)
+
+
+def keep_inputs(output: Path, *inputs: Path | None) -> None:
+    """Raise `InputError` where an output would replace one of the files it is made from."""
+    for path in inputs:
+        if path is not None and output.resolve() == path.resolve():
+            raise InputError(f"{output} is an input of this command; name another file with -o")

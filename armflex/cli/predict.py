@@ -11,6 +11,7 @@ from armflex.cli.options import (
     PathArgument,
     arm_argument,
     json_option,
+    keep_inputs,
     load,
     progress,
     show_flags,
@@ -36,6 +37,7 @@ def command(
     json_path: Path | None,
 ) -> None:
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
+    keep_inputs(output, rows_path, arm_path)
     arm = load(arm_path, preset, tip, lax)
     rows = read_measurements(rows_path, arm, inputs_only=True)
     with progress("predicting") as tick:

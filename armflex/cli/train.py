@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from armflex.cli.options import OutputPath, PathArgument, json_option, show_flags, write_json
+from armflex.cli.options import OutputPath, PathArgument, json_option, keep_inputs, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import InputError
@@ -34,7 +34,10 @@ def command(
     json_path: Path | None,
 ) -> None:
     """A joint deformation model, with its error on rows it has not seen."""
+    keep_inputs(output, data_path)
     data = read_joint_data(data_path, dict(_pair(text) for text in read_as))
+    if output.suffix != ".safetensors":
+        raise InputError(f"{output}: a law is a .safetensors file; name it so")
     result = train(data, model, structure)
     print_training(result)
     show_flags(result.flags)
@@ -60,7 +63,7 @@ def print_training(result: TrainResult) -> None:
     print_table(
         "Compliance [m/N, rad/Nm and mixed]",
         ["", *(f"per {name}" for name in ("fx", "fy", "fz", "mx", "my", "mz")[: len(compliance)])],
-        [[name, *(number(x) for x in row)] for name, row in zip(TWIST_NAMES, compliance, strict=False)],
+        [[name, *(f"{x:.4g}" for x in row)] for name, row in zip(TWIST_NAMES, compliance, strict=False)],
     )
 
 

@@ -19,6 +19,7 @@ from armflex.cli.options import (
 )
 from armflex.cli.tables import console
 from armflex.conventions import parse_quantity
+from armflex.errors import InputError
 from armflex.trajectory import read_trajectory
 from armflex.view.view import view
 
@@ -48,6 +49,10 @@ def command(
     json_path: Path | None,
 ) -> None:
     """One self-contained page, made without a display, opened by any browser."""
+    if trajectory_path is None and tolerance is not None:
+        raise InputError("--tolerance goes with --traj")
+    if trajectory_path is not None and (positions or payload != "none"):
+        raise InputError("--traj brings its own positions and payloads: leave --q and --payload out")
     arm = load(arm_path, preset, tip, lax)
     shown = {"magnification": magnify, "meshes": meshes, "path": output}
     if trajectory_path is None:

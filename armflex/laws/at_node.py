@@ -11,11 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.errors import Flag
 from armflex.laws.law import Law, Row
 
 
 @dataclass(frozen=True)
-class AtNode:
+class AtNode(Law):
     """`law` acts in a frame at `node`, (3,) in the flexure's frame [m], axes parallel to it."""
 
     law: Law
@@ -38,3 +39,12 @@ class AtNode:
         """Return the transported covariance."""
         at_node = self.law.covariance(wrench @ self.action, row)
         return None if at_node is None else self.action @ at_node @ self.action.T
+
+    @property
+    def trained(self) -> bool:
+        """Whether the law at the node was trained."""
+        return self.law.trained
+
+    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return the doubts about the load at the node."""
+        return self.law.doubts(wrench @ self.action, row)

@@ -9,6 +9,10 @@ from typing import Protocol
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.errors import Flag
+
+Ranges = Mapping[str, tuple[float, float]]
+"""Moving joints of a chain: lowest and highest position [rad or m]."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,8 @@ class Row:
 
 class Law(Protocol):
     """A joint deformation model. Wrench [N, Nm] is the load on the structure and twist [m, rad] the motion it gives,
-    both linear first and in the flexure's own axes."""
+    both linear first and in the flexure's own axes. To inherit from this class gives the answers of a law that was not
+    trained."""
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) twist under a (..., 6) wrench."""
@@ -45,6 +50,15 @@ class Law(Protocol):
     def covariance(self, wrench: Array, row: Row) -> Array | None:
         """Return the (6, 6) covariance of the twist, or None when the law carries no uncertainty."""
         ...
+
+    @property
+    def trained(self) -> bool:
+        """Whether the law knows the loads that it was trained on, so that `doubts` is worth asking."""
+        return False
+
+    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return what is doubtful about the answer to a (6,) wrench: loads beyond those trained on."""
+        return ()
 
 
 def embed(block: Array) -> Array:

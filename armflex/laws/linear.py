@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, LawError
-from armflex.laws.law import Row
+from armflex.laws.law import Law, Ranges, Row
 
 SYMMETRY = 1e-9
 SOFTEST = (1e-5, 1e-3)
@@ -32,12 +32,13 @@ class LinearFit:
 
 
 @dataclass(frozen=True)
-class LinearLaw:
+class LinearLaw(Law):
     """Constant compliance.
 
     Attributes:
         compliance: (6, 6) [m/N, rad/Nm and mixed].
-        relative_std: Relative standard uncertainty of every entry, independent of each other; 0 for none.
+        relative_std: Relative standard uncertainty of every entry, independent of the others but that the compliance
+            stays symmetric; 0 for none.
         fit: Uncertainty of a compliance fitted to data, None for a declared one.
     """
 
@@ -61,10 +62,34 @@ class LinearLaw:
             return None
         return entry_covariance(self.compliance, wrench, self.relative_std)
 
+    @property
+    def trained(self) -> bool:
+        """Whether the compliance was fitted."""
+        return self.fit is not None
+
+    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return a flag for every component of the load that the fit has not seen."""
+        return () if self.fit is None else _beyond(self.fit.loads, wrench)
+
 
 def entry_covariance(compliance: Array, wrench: Array, relative_std: float) -> Array:
-    """Return the (6, 6) covariance of C w when every entry of C has its own relative error."""
-    return np.diag(relative_std**2 * ((compliance * wrench) ** 2).sum(axis=1))
+    """Return the (6, 6) covariance of C w when every entry of C has its own relative error, but C_ij = C_ji."""
+    squares = compliance**2
+    shared = squares * np.outer(wrench, wrench)  # C_ij times w_j moves component i, times w_i component j
+    np.fill_diagonal(shared, squares @ wrench**2)
+    return relative_std**2 * shared
+
+
+def _beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
+    flags = []
+    for name, low, high, load in zip(WRENCH_NAMES, *seen, wrench, strict=False):  # a fit may be of forces only
+        slack = 1e-9 * max(abs(low), abs(high))
+        if not low - slack <= load <= high + slack:
+            unit = "N" if name[0] == "f" else "Nm"
+            here, start, end = (f"{float(f'{value:.3g}'):g}" for value in (load, low, high))
+            text = f"load {name} = {here} {unit} is outside the {start} to {end} {unit} it was trained on"
+            flags.append(Flag("extrapolating", text))
+    return tuple(flags)
 
 
 def _fit_covariance(fit: LinearFit, wrench: Array) -> Array:
@@ -117,7 +142,7 @@ def declared_matrix(table: Declaration, key: str) -> Array:
     return np.diag(values) if values.ndim == 1 else values
 
 
-def read_linear(table: Declaration, joint: str) -> LinearLaw:
+def read_linear(table: Declaration, joint: str, ranges: Ranges) -> LinearLaw:
     """Return the linear law that an arm.toml declares: `compliance`, and optionally `relative_std`."""
     compliance = declared_matrix(table, "compliance")
     try:
@@ -132,4 +157,6 @@ def declared_std(table: Declaration) -> float:
     value = table.number("relative_std", 0.0)
     if value < 0.0:
         raise table.fail("relative_std", f"a standard deviation cannot be negative, got {value:g}")
+    if value > 1.0:
+        raise table.fail("relative_std", f"a fraction, 0.2 means 20 %, got {value:g}")
     return value

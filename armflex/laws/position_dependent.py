@@ -11,15 +11,15 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.declaration import Declaration
-from armflex.errors import LawError
-from armflex.laws.law import Row
+from armflex.errors import LawError, did_you_mean
+from armflex.laws.law import Law, Ranges, Row
 from armflex.laws.linear import check_compliance, declared_matrix, declared_std, entry_covariance
 
 COEFFICIENTS = ("compliance", "compliance_q1", "compliance_q2", "compliance_q3")
 
 
 @dataclass(frozen=True)
-class PositionDependentLaw:
+class PositionDependentLaw(Law):
     """Compliance polynomial in the position of `joint`.
 
     Attributes:
@@ -53,13 +53,22 @@ class PositionDependentLaw:
         return entry_covariance(self.compliance(row), wrench, self.relative_std)
 
 
-def read_position_dependent(table: Declaration, joint: str) -> PositionDependentLaw:
+def read_position_dependent(table: Declaration, joint: str, ranges: Ranges) -> PositionDependentLaw:
     """Return the law that an arm.toml declares: `compliance` at zero, `compliance_q1` to `_q3`, `depends_on`."""
     given = [key for key in COEFFICIENTS if table.has(key)]
     coefficients = np.zeros((4, 6, 6))
     for key in given or ["compliance"]:
         coefficients[COEFFICIENTS.index(key)] = declared_matrix(table, key)
-    return PositionDependentLaw(table.text("depends_on", joint), coefficients, declared_std(table))
+    law = PositionDependentLaw(table.text("depends_on", joint), coefficients, declared_std(table))
+    if law.joint not in ranges:
+        raise table.fail(
+            "depends_on", f"{law.joint!r} is no moving joint of the chain{did_you_mean(law.joint, ranges)}"
+        )
+    try:
+        check_range(law, *ranges[law.joint])
+    except LawError as error:
+        raise table.fail("compliance", str(error)) from None
+    return law
 
 
 def check_range(law: PositionDependentLaw, lower: float, upper: float) -> None:

@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import ConvergenceError, LawError, UnknownNameError
+from armflex.errors import ConvergenceError, Flag, LawError, UnknownNameError
 from armflex.laws.beam import Beam, stiffness
 from armflex.laws.law import Law, Row
 from armflex.laws.linear import LinearLaw
@@ -46,7 +46,7 @@ class SubJoint:
 
 
 @dataclass(frozen=True)
-class StructuralLaw:
+class StructuralLaw(Law):
     """Sub-joints and beams seen from the tip node.
 
     Attributes:
@@ -129,6 +129,19 @@ class StructuralLaw:
                 gain = self._seen @ inverse[: self._size, start : start + len(own)]
                 total += gain @ covariance[np.ix_(own, own)] @ gain.T
         return total
+
+    @cached_property
+    def trained(self) -> bool:
+        """Whether any sub-joint was trained."""
+        return any(sub.law.trained for sub in self.subjoints)
+
+    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return the doubts about the loads on the sub-joints."""
+        if not self.trained:
+            return ()
+        asked = zip(self.subjoints, self._solve(wrench, row)[2], strict=True)
+        doubts = [(sub.node, flag) for sub, load in asked for flag in sub.law.doubts(load, row)]
+        return tuple(Flag(flag.code, f"sub-joint at {node!r}: {flag.text}") for node, flag in doubts)
 
     def _dofs(self, node: str) -> np.ndarray:
         return self.components * list(self.nodes).index(node) + np.arange(self.components)

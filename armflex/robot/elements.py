@@ -18,6 +18,12 @@ JOINT_TYPES = (*MOVING, *UNSUPPORTED, "fixed")
 RESERVED = re.compile("universe|flexure:.*")
 """Names of joints that the mechanics' own model has."""
 
+FARTHEST = 100.0
+"""A joint further from its parent link's frame [m] is doubted."""
+
+WIDEST = 4.0 * np.pi
+"""A revolute joint with wider limits [rad] is doubted."""
+
 SHAPE_SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1)}
 
 
@@ -86,13 +92,18 @@ def read_link(reader: Reader, element: etree._Element, materials: dict[str, str]
 
 def read_inertial(reader: Reader, element: etree._Element) -> Inertial:
     """Read one <inertial>; mass and inertia are required."""
-    tags = {child.tag: child for child in reader.children(element)}
-    for needed in ("mass", "inertia"):
-        if needed not in tags:
-            raise reader.fail(element, f"<inertial> needs <{needed}>")
+    reader.children(element)
+    mass, inertia = (_needed(reader, element, tag) for tag in ("mass", "inertia"))
     origin, rotation = reader.pose(element)
-    mass = reader.number(tags["mass"], "value")
-    return Inertial(mass, origin, rotation, _inertia(reader, tags["inertia"]), reader.place(element))
+    value = reader.number(mass, "value")
+    return Inertial(value, origin, rotation, _inertia(reader, inertia), reader.place(element))
+
+
+def _needed(reader: Reader, element: etree._Element, tag: str) -> etree._Element:
+    found = reader.only(element, tag)
+    if found is None:
+        raise reader.fail(element, f"<{element.tag}> needs <{tag}>")
+    return found
 
 
 def _inertia(reader: Reader, element: etree._Element) -> Array:
@@ -155,6 +166,9 @@ def read_joint(reader: Reader, element: etree._Element) -> Joint:
     if kind in UNSUPPORTED:
         raise reader.fail(element, f"joint {name!r}: type {kind!r} is not supported; {', '.join(MOVING)}, fixed are")
     origin, rotation = reader.pose(element)
+    if np.linalg.norm(origin) > FARTHEST:
+        text = f"joint {name!r}: origin is {np.linalg.norm(origin):g} m from its parent link: millimetres?"
+        reader.doubt(element, "origin_in_millimetres", text)
     axis = _axis(reader, element, name) if kind in MOVING else np.array([1.0, 0.0, 0.0])
     parent, child = (_end(reader, element, name, tag) for tag in ("parent", "child"))
     limits = _limits(reader, element, name, kind)
@@ -173,7 +187,8 @@ def _end(reader: Reader, element: etree._Element, name: str, tag: str) -> str:
 def _axis(reader: Reader, element: etree._Element, name: str) -> Array:
     axis = reader.only(element, "axis")
     if axis is None:
-        return np.array([1.0, 0.0, 0.0])  # the URDF specification's default
+        reader.doubt(element, "axis_missing", f"joint {name!r} has no <axis>: x is taken, the specification's default")
+        return np.array([1.0, 0.0, 0.0])
     vector = reader.numbers(axis, "xyz", 3)
     norm = float(np.linalg.norm(vector))
     if norm < 1e-6:
@@ -203,6 +218,9 @@ def _range(reader: Reader, limit: etree._Element, name: str, kind: str) -> tuple
     lower, upper = reader.number(limit, "lower", "0"), reader.number(limit, "upper", "0")
     if lower > upper:
         raise reader.fail(limit, f"joint {name!r}: lower limit {lower:g} exceeds upper limit {upper:g}")
+    if kind == "revolute" and max(abs(lower), abs(upper)) > WIDEST:
+        text = f"joint {name!r}: limits {lower:g} to {upper:g} rad exceed two turns: degrees?"
+        reader.doubt(limit, "limit_in_degrees", text)
     return lower, upper
 
 

@@ -21,7 +21,7 @@ PASSED_OVER = frozenset(
     {
         *("material", "gazebo", "transmission", "ros2_control", "sensor", "hardwareInterface"),
         *("safety_controller", "calibration", "dynamics", "self_collision_checking", "contact"),
-        *("verbose", "joint_properties", "loop_joint", "group", "disable_collisions"),
+        *("verbose", "joint_properties", "group", "disable_collisions"),
         *("kinematic", "gravity", "selfCollide", "turnGravityOff", "surface"),
         *("self_filter", "collision_checking"),
     }
@@ -97,6 +97,9 @@ class Reader:
         """Return the children that mean something here; an unknown tag is an error, or a flag when lax."""
         allowed = CHILDREN[element.tag]
         kept = [child for child in element if isinstance(child.tag, str)]
+        loop = next((child for child in kept if child.tag == "loop_joint"), None)
+        if loop is not None:
+            raise self.fail(loop, "<loop_joint> closes a chain of joints; closed loops are not supported")
         for child in [child for child in kept if child.tag not in allowed | PASSED_OVER]:
             self.refuse_tag(element, child, allowed)
         return [child for child in kept if child.tag in allowed]

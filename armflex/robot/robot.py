@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
-from armflex.errors import Flag, JointLimitError, UnknownNameError
+from armflex.errors import Flag, UnknownNameError
 from armflex.robot.elements import MOVING, Joint
+from armflex.robot.locking import lock_side_joints
 from armflex.robot.plausible import check_masses
 from armflex.robot.tree import check_tree, default_tip, find_chain
 from armflex.robot.urdf import Urdf, read_urdf
@@ -85,7 +86,7 @@ def load_robot(
         gravity: (3,) in base axes [m/s^2]; standard gravity along -z when not given.
         strict: Refuse unknown tags and impossible inertias instead of flagging them.
         allow_massless: Accept moving links without mass, with a flag.
-        locked: Positions of moving joints off the chain [rad or m]; 0 or the nearest limit when not given.
+        locked: Positions of moving joints off the chain [rad or m]; see `lock_side_joints` for those not given.
 
     Raises:
         UrdfError: The file is no robot that can be computed with; file and line are named.
@@ -99,12 +100,9 @@ def load_robot(
         raise UnknownNameError("link", base, document.links)
     chain = find_chain(document, base, tip or default_tip(document, base))
     down = np.array([0.0, 0.0, -STANDARD_GRAVITY]) if gravity is None else finite_array(gravity, "gravity", (3,))
-    flags = (
-        *document.flags,
-        *check_masses(document, strict, allow_massless),
-        *check_gravity(down),
-    )
-    return Robot(document, base, chain[-1].child, chain, down, _lock(document, chain, locked or {}), flags)
+    held, doubts = lock_side_joints(document, base, chain, locked or {})
+    flags = (*document.flags, *check_masses(document, strict, allow_massless), *check_gravity(down), *doubts)
+    return Robot(document, base, chain[-1].child, chain, down, held, flags)
 
 
 def check_gravity(gravity: Array) -> tuple[Flag, ...]:
@@ -115,23 +113,3 @@ def check_gravity(gravity: Array) -> tuple[Flag, ...]:
     if gravity[2] > 0.5 * size:
         return (Flag("gravity", f"gravity {gravity.tolist()} points along +z of the base: upside down on purpose?"),)
     return ()
-
-
-def _lock(urdf: Urdf, chain: tuple[Joint, ...], locked: Mapping[str, float]) -> dict[str, float]:
-    on_chain = {joint.name for joint in chain}
-    side = {joint.name: joint for joint in urdf.joints.values() if joint.kind in MOVING and joint.name not in on_chain}
-    for name in locked:
-        if name not in side:
-            raise UnknownNameError("joint off the chain", name, side)
-    return {name: _position(joint, locked) for name, joint in side.items()}
-
-
-def _position(joint: Joint, locked: Mapping[str, float]) -> float:
-    """Return where a joint off the chain is held: as asked, else at zero or the nearest limit."""
-    if joint.name not in locked:
-        return float(np.clip(0.0, joint.lower, joint.upper))
-    position = float(finite_array(locked[joint.name], f"locked {joint.name}", ()))
-    if not joint.lower <= position <= joint.upper:
-        limits = f"[{joint.lower:g}, {joint.upper:g}]"
-        raise JointLimitError(f"joint {joint.name!r} is locked at {position:g}, outside its limits {limits}")
-    return position

@@ -128,5 +128,7 @@ def default_tip(urdf: Urdf, base: str) -> str:
         if not below:
             leaves.append(link)
     if len(leaves) > 1:
-        raise UrdfError(Place(urdf.path), f"name the tip link, there are {len(leaves)} ends: {listing(leaves)}")
+        raise UrdfError(
+            Place(urdf.path), f"name the tip link with tip= or --tip, there are {len(leaves)} ends: {listing(leaves)}"
+        )
     return leaves[0]

@@ -20,6 +20,7 @@ from armflex.view.scene import LegendRow, Marker, Node, Polyline, Scene, Shape, 
 GHOST, STEEL, LOAD = "#9fb4c8", "#c9ced6", "#7a4a21"
 RIGID_PATH, FLEXED_PATH = "#6c8ebf", "#e4572e"
 VERDICTS = {"ok": "#2e9e4f", "uncertain": "#f0a202", "fail": "#d7263d"}
+MARKER_SIZES = {"ok": 1.0, "uncertain": 1.2, "fail": 1.4}
 SCALE = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")
 """Five stops of the viridis colour map: least to most contribution."""
 
@@ -30,11 +31,12 @@ PLAY_SECONDS = 14.0
 
 @dataclass(frozen=True)
 class Motion:
-    """Configurations to be shown in turn, and which of them the legend speaks of."""
+    """Configurations to be shown in turn, which of them the legend speaks of, and how many rows there were."""
 
     times: Array
     frames: tuple[Deflection, ...]
     worst: int
+    rows: int = 1
 
 
 def arm_scene(
@@ -73,7 +75,7 @@ def arm_scene(
         markers=tuple(_markers(arm, trajectory, report)),
         legend_title="Share of each flexure in the tip's displacement" if arm.flexures else "",
         legend=tuple(_legend(shown, colors, trajectory, report, factor)),
-        notes=tuple(_notes(arm, shown, factor)),
+        notes=tuple(_notes(arm, shown, motion, factor)),
         times=motion.times if len(motion.times) > 1 else None,
         speed=_speed(motion.times),
     )
@@ -243,9 +245,11 @@ def _markers(arm: Arm, trajectory: Trajectory | None, report: CheckReport | None
     verdicts = {point.time: point.verdict for point in report.via_points} if report else {}
     for i, name in enumerate(trajectory.via):
         if name:
-            color = VERDICTS.get(verdicts.get(float(trajectory.time[i]), ""), RIGID_PATH)
-            position = arm.rigid_pose(trajectory.q[i]).translation
-            yield Marker(f"{i} {name}", position, color, 0.012 * arm.robot.reach, name)
+            verdict = verdicts.get(float(trajectory.time[i]), "")
+            position = arm.rigid_pose(trajectory.q[i], enforce_limits=False).translation
+            # A worse verdict is a larger ball: of two via-points at one place the worse one is seen.
+            radius = 0.012 * arm.robot.reach * MARKER_SIZES.get(verdict, 1.0)
+            yield Marker(f"{i} {name}", position, VERDICTS.get(verdict, RIGID_PATH), radius, name)
 
 
 def _legend(
@@ -287,12 +291,14 @@ def _sigma(found: Deflection) -> float:
     return float(np.sqrt(along @ found.covariance[:3, :3] @ along))
 
 
-def _notes(arm: Arm, shown: Deflection, factor: float) -> Iterator[str]:
+def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterator[str]:
     yield f"Base {arm.robot.base}, tip {arm.robot.tip}; grid lines are 0.5 m apart."
     if arm.flexures:
         left = float(np.linalg.norm(shown.remainder[:3]) * 1e3)
         yield f"Deflections are drawn {factor:g} times as large as they are; the rigid arm is to scale."
         yield f"Shares are first order; together they miss the displacement by {left:.2g} mm."
+    if len(motion.frames) < motion.rows:
+        yield f"{len(motion.frames)} of {motion.rows} rows are drawn; the figures are of the worst of all rows."
     if shown.covariance is not None:
         yield "± is one standard uncertainty."
 

@@ -51,6 +51,7 @@ def view(
         raise InputError("view takes q or a trajectory, not both")
     if magnification is not None and not 0.0 < magnification <= LARGEST_MAGNIFICATION:
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
+    trajectory = trajectory.for_arm(arm) if trajectory is not None else None
     motion = _motion(arm, trajectory) if trajectory is not None else _still(arm, q, payload)
     page = render_page(arm_scene(arm, motion, trajectory, report, magnification, meshes))
     return write_whole(Path(path), page.encode())
@@ -58,18 +59,18 @@ def view(
 
 def _still(arm: Arm, q: ArrayLike | None, payload: str | Payload | None) -> Motion:
     here = np.clip(np.zeros(len(arm.joint_names)), arm.robot.lower, arm.robot.upper) if q is None else q
-    return Motion(np.zeros(1), (arm.deflection(here, payload),), 0)
+    return Motion(np.zeros(1), (arm.deflection(here, payload),), 0, 1)
 
 
 def _motion(arm: Arm, trajectory: Trajectory) -> Motion:
-    """Return every row, or every second, third ... of a long trajectory, its via-points kept."""
-    stride = -(-len(trajectory) // MAX_FRAMES)
-    kept = [i for i in range(len(trajectory)) if i % stride == 0 or trajectory.via[i] or i == len(trajectory) - 1]
+    """Return every row, or every second, third ... of a long trajectory, its via-points and worst row kept."""
+    rows = range(len(trajectory))
+    sizes = [float(np.linalg.norm(_frame(arm, trajectory, i).displacement[:3])) for i in rows]
+    stride, worst = -(-len(rows) // MAX_FRAMES), int(np.argmax(sizes))
+    kept = [i for i in rows if i % stride == 0 or trajectory.via[i] or i in (worst, len(rows) - 1)]
     frames = tuple(_frame(arm, trajectory, i) for i in kept)
-    sizes = [float(np.linalg.norm(frame.displacement[:3])) for frame in frames]
-    return Motion(trajectory.time[kept], frames, int(np.argmax(sizes)))
+    return Motion(trajectory.time[kept], frames, kept.index(worst), len(rows))
 
 
 def _frame(arm: Arm, trajectory: Trajectory, i: int) -> Deflection:
-    motion = {key: None if x is None else x[i] for key, x in (("v", trajectory.v), ("a", trajectory.a))}
-    return arm.deflection(trajectory.q[i], trajectory.payload[i], **motion)
+    return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.motion(i))

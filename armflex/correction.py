@@ -1,0 +1,243 @@
+"""The smallest change of the joints that cancels an error of the tip: the solver behind one row of `compensate`.
+
+The tip's error is a smooth function of the joints, nearly linear over a correction. The solver jumps to the smallest
+change that solves the linearised problem inside the limits, again and again; this settles in a few jumps almost
+always. Where it does not, it first brings the error down and then walks to smaller changes without giving it up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import ConvergenceError, SmallDisplacementError, UnstableEquilibriumError
+
+TOLERANCE = 1e-10
+"""Remaining error [m, rad] at which a row counts as reached."""
+
+NEAR_SINGULAR = 0.02
+"""Smallest singular value of the tip's Jacobian [m per m or rad] below which steps are damped and rows flagged."""
+
+AIMED_AT = 0.01 * TOLERANCE
+SETTLED = 1e-9
+STUCK = 1e-13
+PROVEN = 1e-7
+LARGE_ERROR = 0.01
+MAX_JUMPS = 12
+MAX_STEPS = 40
+MAX_CALLS = 300
+LEAST_DAMPING = 1e-7
+REGULARISATION = 1e-4
+NO_EQUILIBRIUM = (ConvergenceError, UnstableEquilibriumError, SmallDisplacementError)
+
+
+@dataclass(frozen=True)
+class Point:
+    """A change (nq,) of the joints, the (6,) error it leaves and the Jacobian (3 or 6, nq) of the part that counts."""
+
+    change: Array
+    error: Array
+    jacobian: Array
+
+    @property
+    def matched(self) -> Array:
+        """The part of the error that counts."""
+        return self.error[: len(self.jacobian)]
+
+    @property
+    def left(self) -> float:
+        """Largest component of it."""
+        return float(np.abs(self.matched).max())
+
+    @property
+    def sigma_min(self) -> float:
+        """Smallest singular value of the Jacobian."""
+        return float(np.linalg.svd(self.jacobian, compute_uv=False)[-1])
+
+
+@dataclass
+class Corrector:
+    """Finds the smallest change inside a box.
+
+    Attributes:
+        ask: Returns the error (6,) and the matched Jacobian at a change; may find no equilibrium.
+        low, high: (nq,) box of the change.
+        scale: (nq,) the change's size is that of change / scale.
+        calls: How often `ask` was used.
+        trouble: The equilibrium that was not found at the last change looked at, '' if it was.
+    """
+
+    ask: Callable[[Array], tuple[Array, Array]]
+    low: Array
+    high: Array
+    scale: Array
+    calls: int = 0
+    trouble: str = ""
+
+    def find(self, start: Array) -> tuple[Point | None, bool]:
+        """Return the best change found and whether it is shown to be the smallest near by; None without equilibrium."""
+        first = self.at(start) or self.at(np.zeros_like(start))
+        if first is None:
+            return None, False
+        point, settled = self.jump(first)
+        if not settled:
+            point = self.restore(point, MAX_STEPS)
+            if point.left <= AIMED_AT:
+                point, settled = self.shrink(point)
+        return point, settled and point.left <= TOLERANCE
+
+    def at(self, change: Array) -> Point | None:
+        """Return what a change leaves, None where the arm finds no equilibrium."""
+        change = np.clip(change, self.low, self.high)
+        self.calls += 1
+        try:
+            found = Point(change, *self.ask(change))
+        except NO_EQUILIBRIUM as error:
+            self.trouble = f"equilibrium: {error}"
+            return None
+        self.trouble = ""
+        return found
+
+    def jump(self, point: Point) -> tuple[Point, bool]:
+        """Jump from linearised solution to linearised solution while errors or jumps keep shrinking."""
+        best, last = point, np.inf
+        for _ in range(MAX_JUMPS):
+            aim = self.aim(point)
+            length = float(np.abs(aim - point.change).max())
+            if length < (SETTLED if point.left <= AIMED_AT else STUCK):
+                return point, True
+            landed = self.at(aim)
+            if landed is None or (landed.left > max(0.5 * point.left, AIMED_AT) and length > 0.5 * last):
+                break
+            point, last = landed, length
+            best = min(best, point, key=lambda one: one.left)
+        return best, False
+
+    def restore(self, point: Point, most: int) -> Point:
+        """Bring the error down with the shortest steps that do, until it is gone or no step helps."""
+        for _ in range(most):
+            if point.left <= AIMED_AT:
+                break
+            lower = self.descend(point, self.step(point))
+            if lower is None:
+                break
+            stalled = np.linalg.norm(lower.matched) > (1.0 - 1e-6) * np.linalg.norm(point.matched)
+            point = lower
+            if stalled:
+                break
+        return point
+
+    def descend(self, point: Point, step: Array) -> Point | None:
+        """Return the first of ever shorter steps that lowers the error."""
+        size, share = np.linalg.norm(point.matched), 1.0
+        while share > 1e-3 and self.calls < MAX_CALLS:
+            found = self.at(point.change + share * step)
+            if found is not None and np.linalg.norm(found.matched) < (1.0 - 1e-4 * share) * size:
+                return found
+            share *= 0.5
+        return None
+
+    def shrink(self, point: Point) -> tuple[Point, bool]:
+        """Walk to smaller changes that leave no error either; True once none is near."""
+        share = 1.0
+        while self.calls < MAX_CALLS and share > 1e-4:
+            move = self.aim(point) - point.change
+            if np.abs(move).max() < PROVEN:
+                return point, True
+            landed = self.at(point.change + share * move)
+            found = None if landed is None else self.restore(landed, 8)
+            # The aim is the point nearest to no change at all, so along the move the cost falls by its square at least.
+            enough = self.cost(point) - 0.1 * share * self.size(move)
+            if found is not None and found.left <= AIMED_AT and self.cost(found) < enough:
+                point, share = found, min(1.0, 2.0 * share)
+            else:
+                share *= 0.5
+        return point, False
+
+    def size(self, change: Array) -> float:
+        """Return the squared size of a change."""
+        return float(np.sum((change / self.scale) ** 2))
+
+    def cost(self, point: Point) -> float:
+        """Return the squared size of a change once the last of its error is gone; that last would drown the gain."""
+        return self.size(point.change + self.step(point))
+
+    def aim(self, point: Point) -> Array:
+        """Return the smallest change that solves the linearised problem as well as can be."""
+        return self.smallest(point.jacobian, point.change + self.step(point))
+
+    def step(self, point: Point) -> Array:
+        """Return the bounded least-squares step against the error, damped where near singular.
+
+        The damping fades with the error: Newton's fast end is kept while large errors make no huge steps.
+        """
+        near = max(0.0, 1.0 - (point.sigma_min / NEAR_SINGULAR) ** 2)
+        damping = NEAR_SINGULAR * np.sqrt(near * min(1.0, point.left / LARGE_ERROR))
+        return _damped(
+            point.jacobian,
+            -point.matched,
+            max(damping, LEAST_DAMPING),
+            self.low - point.change,
+            self.high - point.change,
+        )
+
+    def smallest(self, jacobian: Array, change: Array) -> Array:
+        """Return the smallest change inside the box that moves the linearised tip as much as `change` does."""
+        scaled, start = jacobian * self.scale, change / self.scale
+        _, values, right = np.linalg.svd(scaled, full_matrices=False)
+        rows = right[values > 1e-12 * values[0]]
+        short = self.scale * (rows.T @ (rows @ start))
+        if ((short >= self.low) & (short <= self.high)).all():
+            return short
+        low, high, wanted = self.low / self.scale, self.high / self.scale, scaled @ start
+        # A little regularisation tells which joints belong at their limits; those known, the rest is solved exactly.
+        short = _damped(scaled, wanted, REGULARISATION, low, high)
+        free = (short > low) & (short < high)
+        rest = wanted - scaled[:, ~free] @ short[~free]
+        short[free] = np.linalg.lstsq(scaled[:, free], rest, rcond=1e-9)[0]
+        return np.clip(self.scale * short, self.low, self.high)
+
+
+def _damped(matrix: Array, wanted: Array, damping: float, low: Array, high: Array) -> Array:
+    """Return the x in a box with the least `|matrix x - wanted|^2 + damping^2 |x|^2`."""
+    count = matrix.shape[1]
+    stacked = np.vstack([matrix, damping * np.eye(count)])
+    return bounded_least_squares(stacked, np.concatenate([wanted, np.zeros(count)]), low, high)
+
+
+def bounded_least_squares(matrix: Array, wanted: Array, low: Array, high: Array) -> Array:
+    """Return the x in [low, high] with the least `|matrix x - wanted|`; the columns are independent.
+
+    Active set: entries are held where they meet the box and released where the slope would take them back inside.
+    """
+    x = np.clip(np.zeros(len(low)), low, high)
+    held = np.zeros(len(low), dtype=bool)
+    for _ in range(20 * len(low)):
+        best = x.copy()
+        rest = wanted - matrix[:, held] @ x[held]
+        best[~held] = np.linalg.lstsq(matrix[:, ~held], rest, rcond=None)[0]
+        blocked, share = _first_block(x, best, low, high)
+        x = np.clip(x + share * (best - x), low, high)
+        if share < 1.0:
+            x[blocked] = low[blocked] if best[blocked] < x[blocked] else high[blocked]
+            held[blocked] = True
+            continue
+        slope = matrix.T @ (matrix @ x - wanted)
+        inward = np.where(held & (low < high), np.where(x <= low, -slope, slope), 0.0)
+        if inward.max() <= 1e-14:
+            break
+        held[int(inward.argmax())] = False
+    return x
+
+
+def _first_block(x: Array, aim: Array, low: Array, high: Array) -> tuple[int, float]:
+    """Return the entry that first meets the box on the way to the aim, and the share of the way, at most 1."""
+    step = aim - x
+    room = np.where(step > 0.0, high - x, low - x)
+    share = np.divide(room, step, out=np.full(len(x), np.inf), where=np.abs(step) > 1e-300)
+    share[~((aim < low) | (aim > high))] = np.inf
+    blocked = int(share.argmin())
+    return blocked, float(np.clip(share[blocked], 0.0, 1.0))
