@@ -29,7 +29,7 @@ def command(arm_path: Path, measurements_path: Path, output: Path, show_all: boo
 
     if arm_path.suffix != ".toml":
         raise InputError(f"{arm_path}: calibrate needs an arm.toml, whose [prior] says what may move")
-    keep_inputs(output, arm_path, measurements_path)
+    keep_inputs(output)
     arm = load_arm(arm_path)
     measurements = read_measurements(measurements_path, arm)
     with progress("calibrating") as tick:

@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
+from armflex.arm import Arm
 from armflex.check import CheckReport, Point, check
-from armflex.cli.options import PathArgument, arm_argument, json_option, load, progress, show_flags, write_json
+from armflex.cli.options import PathArgument, arm_argument, json_option, progress, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import parse_quantity
 from armflex.equilibrium import METHODS
@@ -24,10 +25,7 @@ from armflex.trajectory import read_trajectory
 @click.option("--method", type=click.Choice(METHODS), default="newton", show_default=True)
 @json_option
 def command(
-    arm_path: Path,
-    preset: str | None,
-    tip: str | None,
-    lax: bool,
+    arm: Arm,
     trajectory_path: Path,
     tolerance: str,
     angle: str | None,
@@ -35,7 +33,6 @@ def command(
     json_path: Path | None,
 ) -> int:
     """Each via-point and the path between: displacement, margin, verdict, worst first."""
-    arm = load(arm_path, preset, tip, lax)
     trajectory = read_trajectory(trajectory_path, arm)
     limits = parse_quantity(tolerance, "length"), None if angle is None else parse_quantity(angle, "angle")
     with progress("checking") as tick:

@@ -8,13 +8,13 @@ from typing import Any
 import click
 import numpy as np
 
+from armflex.arm import Arm
 from armflex.cli.options import (
     OutputPath,
     PathArgument,
     arm_argument,
     json_option,
     keep_inputs,
-    load,
     progress,
     show_flags,
     write_json,
@@ -34,10 +34,7 @@ from armflex.trajectory import read_trajectory, write_trajectory
 @click.option("--best-effort", is_flag=True, help="Write the best feasible rows where others cannot be reached.")
 @json_option
 def command(
-    arm_path: Path,
-    preset: str | None,
-    tip: str | None,
-    lax: bool,
+    arm: Arm,
     trajectory_path: Path,
     output: Path,
     match: str,
@@ -49,8 +46,7 @@ def command(
 
     Nothing is written where a row cannot be reached, unless --best-effort is given.
     """
-    keep_inputs(output, trajectory_path, arm_path)
-    arm = load(arm_path, preset, tip, lax)
+    keep_inputs(output)
     trajectory = read_trajectory(trajectory_path, arm)
     gap = None if between is None else parse_quantity(between, "length")
     with progress("compensating") as tick:

@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.check import overload
-from armflex.cli.options import arm_argument, json_option, load, parse_force, parse_positions, show_flags, write_json
+from armflex.cli.options import arm_argument, json_option, parse_force, parse_positions, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.deflection import Deflection
 from armflex.equilibrium import METHODS
@@ -26,10 +26,7 @@ from armflex.loads import Wrench
 @click.option("--allow-large", is_flag=True, help="Go on where a flexure turns by more than 0.1 rad.")
 @json_option
 def command(
-    arm_path: Path,
-    preset: str | None,
-    tip: str | None,
-    lax: bool,
+    arm: Arm,
     positions: str,
     payload: str,
     forces: tuple[str, ...],
@@ -38,7 +35,6 @@ def command(
     json_path: Path | None,
 ) -> None:
     """Loads at every joint, local deflections, and the end-effector's displacement."""
-    arm = load(arm_path, preset, tip, lax)
     wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(parse_force, forces)]
     q = parse_positions(positions, arm)
     found = arm.deflection(q, payload, wrenches=wrenches, method=method, allow_large=allow_large)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 from pathlib import Path
 
 import click
@@ -20,7 +21,8 @@ from armflex.cli.tables import console, number, print_table
 from armflex.cli.train import print_training
 from armflex.compensate import Compensation, compensate
 from armflex.deflection import Deflection
-from armflex.errors import FileError, Place, SmallDisplacementError
+from armflex.equilibrium import MAX_ROTATION
+from armflex.errors import FileError, Place
 from armflex.joint_data import read_joint_data
 from armflex.laws.law_file import save_law
 from armflex.learning.train import train
@@ -109,28 +111,32 @@ def _paper_joint(folder: Path) -> None:
         if unit == "mm":
             print_training(result)
         save_law(result.trained, folder / f"paper_A4_{unit}.safetensors")
-    rows = [_preset_row(folder, preset, text) for preset, text in PRESETS.items()]
+    found = [_with_preset(folder, preset) for preset in PRESETS]
+    rows = [_preset_row(one, text) for one, text in zip(found, PRESETS.values(), strict=True)]
     columns = ["A4", "A4 gives mm", "A4 turns mrad", "tip moves mm", "verdict"]
     print_table(f"What each does to the tip, straight out with {PAYLOAD}", columns, rows)
+    for text in dict.fromkeys(flag.text for one in found for flag in one.flags if flag.code == "extrapolating"):
+        console().print(text)
     console().print(
         "As printed, A4 alone gives way by most of a metre: at 1 kN a steel member of its size would be strained far "
         "past yield.\nRead as um/kN it is an ordinary steel hinge. The arm's own A4 does not come from the table."
     )
 
 
-def _preset_row(folder: Path, preset: str | None, text: str) -> list[str]:
-    import warnings
-
+def _with_preset(folder: Path, preset: str | None) -> Deflection:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the doubts are what this table is about
         arm = load_arm(folder / "arm.toml", preset=preset)
-    try:
-        found, verdict = _straight(arm), "a machine"
-    except SmallDisplacementError:
-        found, verdict = _straight(arm, allow_large=True), "refused: turns too far"
-    if any(flag.code == "large_sag" for flag in found.flags):
-        verdict = "no machine: sag over 10 % of reach"
-    own = [i for i, flexure in enumerate(arm.flexures) if flexure.joint == "A4"]
+    return _straight(arm, allow_large=True)
+
+
+def _preset_row(found: Deflection, text: str) -> list[str]:
+    own = [i for i, name in enumerate(found.names.flexures) if name.startswith("A4")]
     gives, turns = (np.linalg.norm(found.twists[own][:, part], axis=1).max() for part in (slice(0, 3), slice(3, 6)))
     moves = np.linalg.norm(found.displacement[:3])
+    verdict = "a machine"
+    if any(flag.code == "large_sag" for flag in found.flags):
+        verdict = "no machine: sag over 10 % of reach"
+    if turns > MAX_ROTATION:
+        verdict = "no machine: turns too far"
     return [text, number(gives * 1e3), number(turns * 1e3), number(moves * 1e3), verdict]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -38,15 +39,20 @@ class OutputPath(click.Path):
 
 
 def arm_argument(function: Callable) -> Callable:
-    """Add the ARM argument, `--preset`, `--tip` and `--lax`."""
+    """Add the ARM argument, `--preset`, `--tip` and `--lax`; the command is called with the loaded arm first."""
+
+    @functools.wraps(function)
+    def with_arm(arm_path: Path, preset: str | None, tip: str | None, lax: bool, **rest: Any) -> Any:
+        return function(load_arm(arm_path, preset=preset, tip=tip, strict=not lax), **rest)
+
     for decorate in (
         click.argument("arm_path", metavar="ARM", type=PathArgument),
         click.option("--preset", metavar="NAME", help="Use the flexures of [preset.NAME] in ARM."),
         click.option("--tip", metavar="LINK", help="Link whose motion is reported, where ARM is a bare URDF."),
         click.option("--lax", is_flag=True, help="Flag unknown URDF tags and impossible inertias, do not refuse."),
     ):
-        function = decorate(function)
-    return function
+        with_arm = decorate(with_arm)
+    return with_arm
 
 
 def json_option(function: Callable) -> Callable:
@@ -54,11 +60,6 @@ def json_option(function: Callable) -> Callable:
     return click.option("--json", "json_path", type=OutputPath(), help="Write the result for programs to FILE.")(
         function
     )
-
-
-def load(arm_path: Path, preset: str | None, tip: str | None, lax: bool) -> Arm:
-    """Return the arm that the shared options name."""
-    return load_arm(arm_path, preset=preset, tip=tip, strict=not lax)
 
 
 def write_json(path: Path | None, content: dict[str, Any]) -> None:
@@ -132,8 +133,9 @@ def say_warning(text: str) -> None:
         click.echo(f"warning: {text}", err=True)
 
 
-def keep_inputs(output: Path, *inputs: Path | None) -> None:
-    """Raise `InputError` where an output would replace one of the files it is made from."""
-    for path in inputs:
-        if path is not None and output.resolve() == path.resolve():
+def keep_inputs(output: Path) -> None:
+    """Raise `InputError` where a command's output would replace one of the files it is made from."""
+    for parameter, value in click.get_current_context().params.items():
+        is_input = isinstance(value, Path) and parameter not in ("output", "json_path")
+        if is_input and output.resolve() == value.resolve():
             raise InputError(f"{output} is an input of this command; name another file with -o")

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
+from armflex.arm import Arm
 from armflex.cli.options import (
     OutputPath,
     PathArgument,
     arm_argument,
     json_option,
     keep_inputs,
-    load,
     progress,
     show_flags,
     write_json,
@@ -28,17 +28,13 @@ from armflex.predict import predict, write_predictions
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Table to write.")
 @json_option
 def command(
-    arm_path: Path,
-    preset: str | None,
-    tip: str | None,
-    lax: bool,
+    arm: Arm,
     rows_path: Path,
     output: Path,
     json_path: Path | None,
 ) -> None:
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
-    keep_inputs(output, rows_path, arm_path)
-    arm = load(arm_path, preset, tip, lax)
+    keep_inputs(output)
     rows = read_measurements(rows_path, arm, inputs_only=True)
     with progress("predicting") as tick:
         found = predict(arm, rows, tick)

@@ -34,7 +34,7 @@ def command(
     json_path: Path | None,
 ) -> None:
     """A joint deformation model, with its error on rows it has not seen."""
-    keep_inputs(output, data_path)
+    keep_inputs(output)
     data = read_joint_data(data_path, dict(_pair(text) for text in read_as))
     if output.suffix != ".safetensors":
         raise InputError(f"{output}: a law is a .safetensors file; name it so")

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
+from armflex.arm import Arm
 from armflex.check import check
 from armflex.cli.options import (
     OutputPath,
     PathArgument,
     arm_argument,
     json_option,
-    load,
     parse_positions,
     progress,
     write_json,
@@ -35,10 +35,7 @@ from armflex.view.view import view
 @click.option("-o", "--output", required=True, type=OutputPath(), help="HTML page to write.")
 @json_option
 def command(
-    arm_path: Path,
-    preset: str | None,
-    tip: str | None,
-    lax: bool,
+    arm: Arm,
     trajectory_path: Path | None,
     tolerance: str | None,
     positions: str,
@@ -53,7 +50,6 @@ def command(
         raise InputError("--tolerance goes with --traj")
     if trajectory_path is not None and (positions or payload != "none"):
         raise InputError("--traj brings its own positions and payloads: leave --q and --payload out")
-    arm = load(arm_path, preset, tip, lax)
     shown = {"magnification": magnify, "meshes": meshes, "path": output}
     if trajectory_path is None:
         view(arm, parse_positions(positions, arm) if positions else None, payload, **shown)
