@@ -60,7 +60,7 @@ def arm_scene(
     factor = nice_magnification(arm, motion) if magnification is None else magnification
     shown = motion.frames[motion.worst]
     colors = contribution_colors(shown)
-    shapes = link_shapes(arm, meshes)
+    shapes = link_shapes(arm, meshes, _travels(arm, motion))
     nodes = [
         *_link_nodes(arm, motion, shapes, 0.0, None),
         *_link_nodes(arm, motion, shapes, factor, colors),
@@ -110,15 +110,26 @@ def color_at(fraction: float) -> str:
     return "#" + "".join(f"{round(channel):02x}" for channel in channels)
 
 
-def link_shapes(arm: Arm, meshes: bool) -> dict[str, tuple[Shape, ...]]:
-    """Return what to draw for each link: its primitives, its meshes on request, else rods to its joints."""
+def _travels(arm: Arm, motion: Motion) -> dict[str, Array]:
+    """Return, for each link behind a slide, the way back to where it slides out of, at its longest [m]."""
+    furthest = np.abs([frame.q for frame in motion.frames]).max(axis=0)
+    pairs = zip(arm.robot.moving, furthest, strict=True)
+    return {joint.child: -joint.axis * far for joint, far in pairs if joint.kind == "prismatic"}
+
+
+def link_shapes(arm: Arm, meshes: bool, travels: dict[str, Array]) -> dict[str, tuple[Shape, ...]]:
+    """Return what to draw for each link: its primitives, its meshes on request, else rods to its joints.
+
+    A link that slides gets a rod back along its slide, too, so that the arm does not fall apart.
+    """
     drawn = {}
     children = joints_by_parent(arm.robot.urdf)
     thick = 0.025 * max(arm.robot.reach, 0.1)
     for name, link in arm.robot.urdf.links.items():
         shapes = [_shape(arm, visual, meshes) for visual in link.visuals]
         kept = tuple(shape for shape in shapes if shape is not None)
-        drawn[name] = kept or tuple(_rods(link, [joint.origin for joint in children[name]], thick))
+        ends = [*(joint.origin for joint in children[name]), *([travels[name]] if name in travels else [])]
+        drawn[name] = kept or tuple(_rods(link, ends, thick))
     return drawn
 
 
