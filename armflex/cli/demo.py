@@ -16,7 +16,7 @@ from armflex.check import check
 from armflex.cli.check import print_check
 from armflex.cli.compensate import print_compensation
 from armflex.cli.deflect import print_deflection
-from armflex.cli.options import PathArgument, progress, show_flags
+from armflex.cli.options import PathArgument, json_option, progress, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.cli.train import print_training
 from armflex.compensate import Compensation, compensate
@@ -41,7 +41,8 @@ PRESETS = {
 
 @click.command()
 @click.option("-o", "--output", type=PathArgument, default="armflex_demo", show_default=True, help="Folder to write.")
-def command(output: Path) -> None:
+@json_option
+def command(output: Path, json_path: Path | None) -> None:
     """Load the TARM-like boom, see it sag, check a path, compensate it, look, and put the paper's joint in."""
     folder = output / "tarm_like"
     _copy_robot(folder)
@@ -50,7 +51,9 @@ def command(output: Path) -> None:
     _sag(arm)
     found = _path(arm, trajectory, output)
     _remaining(arm, trajectory, found)
-    _paper_joint(folder)
+    presets = _paper_joint(folder)
+    page = str(output / "tarm_like.html")
+    write_json(json_path, {"format": "armflex-demo-1", "page": page, "compensated": found.ok, "tip_moves_m": presets})
     console().print(f"\nOpen {output / 'tarm_like.html'} in a browser; everything written is in {output}.")
 
 
@@ -104,7 +107,8 @@ def _remaining(arm: Arm, trajectory: Trajectory, found: Compensation) -> None:
     console().print(f"Asked again by fixed-point iteration instead of Newton: {worst:.1e} m remain at most.\n")
 
 
-def _paper_joint(folder: Path) -> None:
+def _paper_joint(folder: Path) -> dict[str, float]:
+    """Train the paper's joint, put it in, and return how far the tip moves with each A4 [m]."""
     _heading("4. A4 as in Table I of the source paper, in two readings of its unit")
     for unit in ("mm", "um"):
         result = train(read_joint_data(folder / "a4_table_1.csv", {"mm": unit}), "linear")
@@ -121,6 +125,8 @@ def _paper_joint(folder: Path) -> None:
         "As printed, A4 alone gives way by most of a metre: at 1 kN a steel member of its size would be strained far "
         "past yield.\nRead as um/kN it is an ordinary steel hinge. The arm's own A4 does not come from the table."
     )
+    shifts = (float(np.linalg.norm(one.displacement[:3])) for one in found)
+    return dict(zip((preset or "assumed" for preset in PRESETS), shifts, strict=True))
 
 
 def _with_preset(folder: Path, preset: str | None) -> Deflection:
