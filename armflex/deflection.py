@@ -92,6 +92,9 @@ class Deflection:
     @cached_property
     def tangent(self) -> Array:
         """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution."""
+        known = self._equilibrium.tangent
+        if known is not None:
+            return known
         return tangent_of(self._mechanics, self._stack, self._case, self._row, self._equilibrium)
 
     @cached_property

@@ -126,6 +126,7 @@ class Equilibrium:
         configuration: Configuration at the solution.
         method: How it was found.
         history: Largest residual before each step [m or rad].
+        tangent: (6 n, 6 n) tangent at the solution, where stability was checked with it.
     """
 
     twists: Array
@@ -134,6 +135,7 @@ class Equilibrium:
     configuration: Array
     method: str
     history: tuple[float, ...]
+    tangent: Array | None = None
 
 
 def find_equilibrium(
@@ -169,7 +171,9 @@ def find_equilibrium(
         solved = _first_order(problem)
     else:
         solved = (_newton if method == "newton" else _fixed_point)(problem, tolerance)
-        check_stable(tangent_of(mechanics, stack, case, row, solved))
+        tangent = tangent_of(mechanics, stack, case, row, solved)
+        check_stable(tangent)
+        solved = replace(solved, tangent=tangent)
     if not allow_large:
         check_small(solved.twists, stack.names)
     return solved

@@ -149,15 +149,9 @@ def _build(arm: Arm, sites: Sites, payload: Payload) -> _Models:
 
 def _answers(models: _Models, stack: LawStack, row: Row, q: Array, twists: Array, wrenches: Array) -> dict[str, Array]:
     large, model, data = models.large, models.large.model, models.data
-    straight = large.neutral.copy()
-    straight[large.q_index] = q
-    velocity = np.zeros(model.nv)
-    velocity[models.flexures] = twists
-    bent = pin.integrate(model, straight, velocity)
+    bent, exponential = _bend(models, q, twists)
     torque = np.array(pin.computeGeneralizedGravity(model, data, bent))
     geometric = np.array(pin.computeGeneralizedGravityDerivatives(model, data, bent))[models.flexures]
-    whole = pin.dIntegrate(model, straight, velocity, pin.ArgumentPosition.ARG1)
-    exponential = whole[np.ix_(models.flexures, models.flexures)]
     tip = pin.computeFrameJacobian(model, data, bent, large.tip, pin.LOCAL_WORLD_ALIGNED)
     law = stack.tangent(wrenches, row)
     tangent = np.eye(len(twists)) + law @ geometric[:, models.flexures] @ exponential
@@ -180,6 +174,17 @@ def _answers(models: _Models, stack: LawStack, row: Row, q: Array, twists: Array
         "link_loads": link_loads,
         "gravity": _gravity(models, bent, per_load),
     }
+
+
+def _bend(models: _Models, q: Array, twists: Array) -> tuple[Array, Array]:
+    """Return the large model's configuration and the (6 n, 6 n) right Jacobian of the flexures' exponential."""
+    model = models.large.model
+    straight = models.large.neutral.copy()
+    straight[models.large.q_index] = q
+    velocity = np.zeros(model.nv)
+    velocity[models.flexures] = twists
+    whole = pin.dIntegrate(model, straight, velocity, pin.ArgumentPosition.ARG1)
+    return pin.integrate(model, straight, velocity), whole[np.ix_(models.flexures, models.flexures)]
 
 
 def _links(models: _Models, bent: Array, per_load: Array) -> tuple[Array, Array]:

@@ -88,15 +88,8 @@ def read_measurements(path: str | Path, arm: Arm, inputs_only: bool = False) -> 
         TableError: A column is missing, misspelt or of the wrong unit; a cell is not a number; a position is read in
             part; a payload is unknown.
     """
-    kinds = KINDS | joint_kinds(arm, "q")
-    table = read_table(path, kinds)
-    known = [*kinds, *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
-    q_names = [f"q_{joint}" for joint in arm.joint_names]
-    table.require([*q_names, *(() if inputs_only else POSITION)])
-    _refuse_misspelt(table, known)
-    if not len(table):
-        raise TableError(Place(table.path), "has a header but no rows")
-    q = table.matrix(q_names)
+    table, known = _open(path, arm, inputs_only)
+    q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
     measured, position = _optional_vectors(table, POSITION)
     turned, rotation = _optional_vectors(table, ROTATION)
     payload = _names(table, "payload", "none")
@@ -119,6 +112,18 @@ def read_measurements(path: str | Path, arm: Arm, inputs_only: bool = False) -> 
         places=tuple(Place(table.path, line) for line in table.lines),
         sha256=hashlib.sha256(table.path.read_bytes()).hexdigest(),
     )
+
+
+def _open(path: str | Path, arm: Arm, inputs_only: bool) -> tuple[Table, list[str]]:
+    """Return the table and the columns that have a meaning, after checking that all needed are there."""
+    kinds = KINDS | joint_kinds(arm, "q")
+    table = read_table(path, kinds)
+    known = [*kinds, *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
+    table.require([*(f"q_{joint}" for joint in arm.joint_names), *(() if inputs_only else POSITION)])
+    _refuse_misspelt(table, known)
+    if not len(table):
+        raise TableError(Place(table.path), "has a header but no rows")
+    return table, known
 
 
 def _refuse_misspelt(table: Table, known: list[str]) -> None:

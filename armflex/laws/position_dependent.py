@@ -34,9 +34,11 @@ class PositionDependentLaw(Law):
 
     def compliance(self, row: Row) -> Array:
         """Return the (..., 6, 6) compliance at the row's joint position."""
-        position = row.position(self.joint)
-        powers = np.power.outer(position, np.arange(len(self.coefficients)))
-        return np.tensordot(powers, self.coefficients, axes=1)
+        position = np.asarray(row.position(self.joint))[..., None, None]
+        total = self.coefficients[-1]
+        for coefficient in self.coefficients[-2::-1]:
+            total = total * position + coefficient
+        return total
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return C(q) w."""
