@@ -10,7 +10,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.deflection import Deflection
-from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError
+from armflex.errors import Flag, InputError, JointLimitError, SmallDisplacementError, naming
 from armflex.trajectory import Trajectory
 
 COVERAGE = 2.0
@@ -155,12 +155,8 @@ class _Judge:
     def sample(self, trajectory: Trajectory, i: int) -> _Sample:
         """Return the verdict on one row; errors are raised again with the row and its time."""
         time, via = float(trajectory.time[i]), trajectory.via[i]
-        try:
+        with naming(f"row {i}" + (f" ({via})" if via else "") + f" at {time:g} s"):
             found, reason = self.ask(trajectory, i)
-        except ArmflexError as error:
-            where = f"row {i}" + (f" ({via})" if via else "") + f" at {time:g} s"
-            error.args = (f"{where}: {error.args[0]}", *error.args[1:])
-            raise
         self.samples += 1
         for flag in (*found.flags, *overload(self.arm, found)):
             said = flag if flag in self.arm.flags else Flag(flag.code, f"at {time:g} s: {flag.text}")
@@ -180,7 +176,7 @@ class _Judge:
     def judge(self, found: Deflection, name: str, time: float, payload: str, reason: str) -> _Sample:
         """Return the verdict on one configuration."""
         shift, turn = (float(np.linalg.norm(part)) for part in (found.displacement[:3], found.displacement[3:]))
-        sigmas = [_sigma(found, part) for part in (slice(0, 3), slice(3, 6))]
+        sigmas = [found.sigma(part) for part in (slice(0, 3), slice(3, 6))]
         margin = self.tolerance - shift
         margin_rad = None if self.angle is None else self.angle - turn
         verdicts = [_verdict(margin, sigmas[0])]
@@ -211,18 +207,6 @@ def overload(arm: Arm, found: Deflection) -> tuple[Flag, ...]:
     return (Flag("beyond_effort", f"drive of {arm.joint_names[worst]!r} carries {shares[worst]:.0%} of its limit"),)
 
 
-def _sigma(found: Deflection, part: slice) -> float | None:
-    """Return the standard uncertainty of the length of a part of the displacement."""
-    if found.covariance is None:
-        return None
-    vector = found.displacement[part]
-    length = float(np.linalg.norm(vector))
-    covariance = found.covariance[part, part]
-    if length == 0.0:
-        return float(np.sqrt(np.trace(covariance)))
-    return float(np.sqrt(vector @ covariance @ vector)) / length
-
-
 def _verdict(margin: float, sigma: float | None) -> str:
     doubt = COVERAGE * (sigma or 0.0)
     if abs(margin) < doubt:
@@ -234,8 +218,7 @@ def blame(found: Deflection, part: slice) -> str | None:
     """Return the flexure that contributes most along the tip's shift (0:3) or turn (3:6), None for a rigid arm."""
     if not found.names.flexures:
         return None
-    along = found.contributions[:, part] @ found.displacement[part]
-    return found.names.flexures[int(np.argmax(along))]
+    return found.names.flexures[int(np.argmax(found.shares(part)))]
 
 
 def _worst_between(judge: _Judge, trajectory: Trajectory, segment: int) -> Point:

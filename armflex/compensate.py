@@ -6,8 +6,7 @@ inside the limits, with the Jacobian of the deflected arm. What cannot be reache
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +16,7 @@ from armflex.arm import Arm
 from armflex.conventions import Array, as_pose
 from armflex.correction import NEAR_SINGULAR, TOLERANCE, Corrector, Point
 from armflex.deflection import Deflection
-from armflex.errors import ArmflexError, Flag, InputError, UnreachableError
+from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.trajectory import Trajectory
 
 MAX_INSERTIONS = 8
@@ -155,18 +154,12 @@ def _targets(arm: Arm, trajectory: Trajectory, targets: Sequence[object] | None)
 
 
 def _rigid_pose(arm: Arm, trajectory: Trajectory, i: int) -> pin.SE3:
-    with _naming(trajectory, i):
+    with naming(_where(trajectory, i)):
         return arm.rigid_pose(trajectory.q[i])
 
 
-@contextmanager
-def _naming(trajectory: Trajectory, i: int) -> Iterator[None]:
-    """Raise errors again with the row and its time."""
-    try:
-        yield
-    except ArmflexError as error:
-        error.args = (f"row {i} at {trajectory.time[i]:g} s: {error.args[0]}", *error.args[1:])
-        raise
+def _where(trajectory: Trajectory, i: int) -> str:
+    return f"row {i} at {trajectory.time[i]:g} s"
 
 
 def _scale(arm: Arm, weights: Array | None) -> Array:
@@ -194,7 +187,7 @@ class _Solver:
     def row(self, i: int, target: pin.SE3, start: Array) -> CompensatedRow:
         """Solve one row, starting from the previous row's change."""
         t = self.trajectory
-        with _naming(t, i):
+        with naming(_where(t, i)):
             before = _error(self.ask(i, t.q[i]).pose, target)
         point, smallest, trouble = self.solve(i, target, start)
         reached = point.left <= TOLERANCE

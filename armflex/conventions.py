@@ -41,6 +41,9 @@ UNITS: dict[str, dict[str, float]] = {
 }
 """Kind of quantity -> unit -> factor to SI."""
 
+NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+"""A plain decimal number; `float()` would also take '1_000', 'nan' and full-width digits."""
+
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ]*)\s*")
 
 

@@ -126,6 +126,21 @@ class Deflection:
         columns = self.flexure_jacobian.reshape(6, -1, 6)
         return np.einsum("ink,nk->ni", columns, self.twists)
 
+    def shares(self, part: slice = slice(0, 3)) -> Array:
+        """Return (n_flexures,) of each flexure along the tip's shift (0:3) [m] or turn (3:6) [rad]."""
+        along = self.displacement[part]
+        return self.contributions[:, part] @ along / (np.linalg.norm(along) or 1.0)
+
+    def sigma(self, part: slice = slice(0, 3)) -> float | None:
+        """Return the standard uncertainty of the length of the tip's shift or turn, None where no law carries one."""
+        if self.covariance is None:
+            return None
+        along, covariance = self.displacement[part], self.covariance[part, part]
+        length = float(np.linalg.norm(along))
+        if length == 0.0:
+            return float(np.sqrt(np.trace(covariance)))
+        return float(np.sqrt(along @ covariance @ along)) / length
+
     @property
     def remainder(self) -> Array:
         """(6,) displacement minus the sum of `contributions`: what first order leaves out [m, rad]."""

@@ -8,7 +8,8 @@ from `InputError`, which the command line turns into exit code 2.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -163,6 +164,16 @@ class Flag:
 
     def __str__(self) -> str:
         return f"{self.code}: {self.text}"
+
+
+@contextmanager
+def naming(where: object) -> Iterator[None]:
+    """Raise the errors met inside again, saying first which row they are about."""
+    try:
+        yield
+    except ArmflexError as error:
+        error.args = (f"{where}: {error.args[0]}", *error.args[1:])
+        raise
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

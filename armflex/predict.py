@@ -12,7 +12,7 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.deflection import Deflection
-from armflex.errors import ArmflexError, Flag
+from armflex.errors import Flag, naming
 from armflex.instrument import Instrument
 from armflex.measurements import Measurements
 from armflex.table import write_table
@@ -54,11 +54,8 @@ def predict(arm: Arm, rows: Measurements, progress: Progress | None = None) -> P
     """
     found: list[Deflection] = []
     for i, q in enumerate(rows.q):
-        try:
+        with naming(rows.places[i]):
             found.append(arm.deflection(q, rows.payload[i]))
-        except ArmflexError as error:
-            error.args = (f"{rows.places[i]}: {error.args[0]}", *error.args[1:])
-            raise
         if progress:
             progress(i + 1, len(rows))
     instrument = arm.instrument or Instrument()

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from armflex.conventions import UNITS, Array
+from armflex.conventions import NUMBER, UNITS, Array
 from armflex.errors import Place, TableError, did_you_mean, listing
 from armflex.whole_file import write_whole
 
 MAX_BYTES = 200_000_000
-_NUMBER = re.compile(r"\s*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\s*")
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class Table:
         """Return a column in SI; raise `TableError` naming the first cell that is no finite number."""
         column = self.columns[name]
         for line, cell in zip(self.lines, column.cells, strict=True):
-            if not _NUMBER.fullmatch(cell) or not np.isfinite(float(cell)):
+            if not NUMBER.fullmatch(cell.strip()) or not np.isfinite(float(cell)):
                 what = "is empty" if not cell.strip() else f"is {cell!r}, not a finite number"
                 raise TableError(Place(self.path, line), f"column {column.header!r} {what}")
         return np.array([float(cell) for cell in column.cells]) * column.factor
@@ -122,7 +120,7 @@ def _check_header(path: Path, header: list[str]) -> None:
         raise TableError(Place(path, 1), "is separated by semicolons, expected commas and decimal points")
     if len(header) == 1 and "\t" in header[0]:
         raise TableError(Place(path, 1), "is separated by tabs, expected commas and decimal points")
-    if all(_NUMBER.fullmatch(cell) for cell in header):
+    if all(NUMBER.fullmatch(cell.strip()) for cell in header):
         raise TableError(Place(path, 1), "has no header row: the first row is all numbers")
     blank = [str(index + 1) for index, cell in enumerate(header) if not cell.strip()]
     if blank:

@@ -65,14 +65,12 @@ def print_deflection(arm: Arm, found: Deflection) -> None:
 
 
 def _print_flexures(found: Deflection) -> None:
-    shift = found.displacement[:3]
-    along = found.contributions[:, :3] @ shift / (np.linalg.norm(shift) or 1.0)
     print_table(
         "Local deflection of every flexure, and its share of the tip's displacement",
         ["flexure", "dx mm", "dy mm", "dz mm", "rx mrad", "ry mrad", "rz mrad", "share mm"],
         [
             [name, *(number(x * 1e3) for x in twist), number(share * 1e3)]
-            for name, twist, share in zip(found.names.flexures, found.twists, along, strict=True)
+            for name, twist, share in zip(found.names.flexures, found.twists, found.shares(), strict=True)
         ],
     )
 

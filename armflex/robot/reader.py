@@ -6,16 +6,13 @@ URDF readers agree on such files, so they are refused.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 from lxml import etree
 
-from armflex.conventions import Array
+from armflex.conventions import NUMBER, Array
 from armflex.errors import Flag, Place, UrdfError, did_you_mean
-
-_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 PASSED_OVER = frozenset(
     {
@@ -73,7 +70,7 @@ class Reader:
         """Return `count` finite numbers of an attribute separated by blanks."""
         text = self.given(element, key, default)
         words = text.split()
-        bad = [word for word in words if not _NUMBER.fullmatch(word) or not np.isfinite(float(word))]
+        bad = [word for word in words if not NUMBER.fullmatch(word) or not np.isfinite(float(word))]
         if bad:
             raise self.fail(element, f"<{element.tag} {key}={text!r}>: {bad[0]!r} is not a finite decimal number")
         if len(words) != count:

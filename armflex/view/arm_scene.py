@@ -98,9 +98,7 @@ def contribution_colors(found: Deflection) -> dict[str, str]:
 
 def contribution_shares(found: Deflection) -> dict[str, float]:
     """Return each flexure's shift of the tip along the tip's displacement [m]."""
-    shift = found.displacement[:3]
-    along = shift / (np.linalg.norm(shift) or 1.0)
-    return dict(zip(found.names.flexures, (found.contributions[:, :3] @ along).tolist(), strict=True))
+    return dict(zip(found.names.flexures, found.shares().tolist(), strict=True))
 
 
 def color_at(fraction: float) -> str:
@@ -291,15 +289,9 @@ def _subtitle(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> str
         return "No flexure is declared: this arm is rigid."
     moved, turned = (float(np.linalg.norm(part)) * 1e3 for part in (shown.displacement[:3], shown.displacement[3:]))
     when = f" at {motion.times[motion.worst]:g} s" if len(motion.frames) > 1 else ""
-    sigma = "" if shown.covariance is None else f" ± {_sigma(shown) * 1e3:.2g}"
+    doubt = shown.sigma()
+    sigma = "" if doubt is None else f" ± {doubt * 1e3:.2g}"
     return f"Tip moves {moved:.4g}{sigma} mm and turns {turned:.3g} mrad{when}. Shown × {factor:g}."
-
-
-def _sigma(found: Deflection) -> float:
-    shift = found.displacement[:3]
-    along = shift / (np.linalg.norm(shift) or 1.0)
-    assert found.covariance is not None
-    return float(np.sqrt(along @ found.covariance[:3, :3] @ along))
 
 
 def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterator[str]:
