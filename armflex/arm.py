@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import LARGEST_POSITION, Array, real_array
 from armflex.deflection import Deflection, DeflectionBatch, Names, stack_rows
+from armflex.effects.in_arm import Pulling, pulling, with_twists
+from armflex.effects.law import Effect
 from armflex.equilibrium import LawStack, find_equilibrium
 from armflex.errors import (
     ArmflexWarning,
@@ -25,12 +27,13 @@ from armflex.errors import (
     ShapeError,
     UnknownNameError,
 )
+from armflex.flexure import Flexure as Flexure
 from armflex.instrument import Instrument
-from armflex.laws import Law, Row
+from armflex.laws import Row
 from armflex.loads import NO_PAYLOAD, Payload, Wrench
 from armflex.mechanics import LoadCase, Mechanics
 from armflex.prior import Measurement, Prior
-from armflex.robot import Corrections, Robot, Site, build_model
+from armflex.robot import Corrections, Robot, build_model
 
 FORCE_BAND = 10.0
 """External forces beyond this many times the arm's weight are flagged: kN or kgf given as N?"""
@@ -41,15 +44,6 @@ SAG_BAND = 0.1
 
 MAX_PAYLOADS = 64
 """Payloads whose models are kept; objects made in a loop must not fill the memory."""
-
-
-@dataclass(frozen=True)
-class Flexure:
-    """A place where the arm gives: outboard of `joint`'s motion, or at the base when `joint` is None."""
-
-    name: str
-    joint: str | None
-    law: Law
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -65,6 +59,7 @@ class Arm:
         prior: What calibration may move, one standard deviation each.
         corrections: Constant errors of the kinematics that calibration found; part of what makes the tip displaced.
         instrument: Where the instrument stands that measured this arm, None when it was not calibrated.
+        effects: What it does beyond its flexures, as measurements showed.
         flags: Doubts about the arm as declared.
     """
 
@@ -76,6 +71,7 @@ class Arm:
     prior: Prior = field(default_factory=Prior)
     corrections: Corrections = field(default_factory=Corrections)
     instrument: Instrument | None = None
+    effects: tuple[Effect, ...] = ()
     flags: tuple[Flag, ...] = ()
 
     def __post_init__(self) -> None:
@@ -111,8 +107,18 @@ class Arm:
 
     @cached_property
     def flexure_names(self) -> tuple[str, ...]:
-        """Names of the flexures: the order of wrenches and twists."""
-        return tuple(flexure.name for flexure in self.flexures)
+        """Names of the flexures, those that only effects make last: the order of wrenches and twists."""
+        return tuple(flexure.name for flexure in self.modelled)
+
+    @cached_property
+    def modelled(self) -> tuple[Flexure, ...]:
+        """The flexures with what effects add to their laws, and those that only effects make."""
+        return with_twists(self.flexures, self.effects, self.robot)
+
+    @cached_property
+    def pulls(self) -> tuple[Pulling, ...]:
+        """Loads that effects put on links."""
+        return pulling(self.effects, self.robot)
 
     @cached_property
     def names(self) -> Names:
@@ -122,7 +128,7 @@ class Arm:
     @cached_property
     def stack(self) -> LawStack:
         """All laws as one map."""
-        return LawStack(self.flexure_names, tuple(flexure.law for flexure in self.flexures))
+        return LawStack(self.flexure_names, tuple(flexure.law for flexure in self.modelled))
 
     @cached_property
     def weight(self) -> float:
@@ -168,6 +174,7 @@ class Arm:
         *,
         v: ArrayLike | None = None,
         a: ArrayLike | None = None,
+        covariates: Mapping[str, ArrayLike] | None = None,
         wrenches: Sequence[Wrench] = (),
         method: str = "newton",
         enforce_limits: bool = True,
@@ -180,6 +187,7 @@ class Arm:
             payload: Name or object; for a batch also one name per row.
             v: Joint velocities like q, if inertial loads count [rad/s or m/s].
             a: Joint accelerations like q [rad/s^2 or m/s^2].
+            covariates: What the arm's effects depend on, by name: a number, or one per row of a batch.
             wrenches: Loads from outside at named links.
             method: "newton", "fixed_point" or "first_order"; see `find_equilibrium`.
             enforce_limits: Refuse positions outside the joint limits instead of flagging them.
@@ -188,17 +196,20 @@ class Arm:
         Raises:
             ShapeError, ArrayTypeError, NotFiniteError, JointLimitError: q, v or a cannot be used.
             UnknownNameError: No such payload or link.
+            MissingCovariateError: An effect depends on something that was not given.
             ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: See `find_equilibrium`.
         """
         options = {"method": method, "enforce_limits": enforce_limits, "allow_large": allow_large}
         positions = real_array(q, "q").copy()
+        count = len(positions) if positions.ndim == 2 else 0
+        known = {name: _covariate(values, name, count) for name, values in (covariates or {}).items()}
         if positions.ndim == 2:
-            return self._batch(positions, payload, v, a, tuple(wrenches), options)
+            return self._batch(positions, payload, v, a, known, tuple(wrenches), options)
         motion = [None if values is None else self._checked(values, name) for values, name in ((v, "v"), (a, "a"))]
-        return self._single(positions, payload, motion, tuple(wrenches), options)
+        return self._single(positions, payload, motion, known, tuple(wrenches), options)
 
     def _batch(
-        self, q: Array, payload: object, v: object, a: object, wrenches: tuple, options: dict
+        self, q: Array, payload: object, v: object, a: object, known: dict[str, Array], wrenches: tuple, options: dict
     ) -> DeflectionBatch:
         count = len(q)
         payloads = [payload] * count if payload is None or isinstance(payload, (str, Payload)) else list(payload)
@@ -206,18 +217,28 @@ class Arm:
             raise ShapeError(f"payload: expected one name or {count}, got {len(payloads)}")
         motions = [[None] * count if x is None else self._rows(x, name, count) for x, name in ((v, "v"), (a, "a"))]
         rows = (
-            self._single(q[i], payloads[i], [motions[0][i], motions[1][i]], wrenches, options) for i in range(count)
+            self._single(
+                q[i],
+                payloads[i],
+                [motions[0][i], motions[1][i]],
+                {name: values[i] if values.ndim else values for name, values in known.items()},
+                wrenches,
+                options,
+            )
+            for i in range(count)
         )
         return stack_rows(q, rows, self.names)
 
-    def _single(self, q: Array, payload: object, motion: list, wrenches: tuple, options: dict) -> Deflection:
+    def _single(
+        self, q: Array, payload: object, motion: list, known: dict[str, Array], wrenches: tuple, options: dict
+    ) -> Deflection:
         checked, flags = self.check_position(q, options["enforce_limits"])
         body = self.payload(payload)
         flags = (*self.flags, *flags, *self._check_payload(body, motion[1] is not None))
         flags = (*flags, *self._check_wrenches(wrenches))
         mechanics = self._mechanics_of(body)
-        case = LoadCase(checked, motion[0], motion[1], wrenches)
-        row = Row(checked, self._joint_index)
+        case = LoadCase(checked, motion[0], motion[1], (*wrenches, *self.pulls))
+        row = Row(checked, self._joint_index, {"payload_mass": np.asarray(body.mass), **known})
         found = find_equilibrium(
             mechanics, self.stack, case, row, options["method"], allow_large=options["allow_large"]
         )
@@ -309,7 +330,7 @@ class Arm:
         key = (payload.mass, tuple(payload.com), None if payload.inertia is None else tuple(payload.inertia))
         known = self._mechanics.get(key)
         if known is None:
-            sites = [Site(flexure.name, flexure.joint) for flexure in self.flexures]
+            sites = [flexure.site for flexure in self.modelled]
             body = payload.body if payload.mass else None
             flex = build_model(self.robot, sites, body, self.corrections)
             known = Mechanics(build_model(self.robot, (), body), flex)
@@ -317,6 +338,16 @@ class Arm:
                 self._mechanics.clear()
             self._mechanics[key] = known
         return known
+
+
+def _covariate(values: ArrayLike, name: str, count: int) -> Array:
+    """Return a covariate as a number or one per row of a batch of `count` (0 for a single query)."""
+    array = real_array(values, f"covariate {name!r}")
+    if array.shape not in ((), (count,)) or (array.ndim and not count):
+        raise ShapeError(f"covariate {name!r}: expected a number{f' or {count}' if count else ''}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise NotFiniteError(f"covariate {name!r} is not finite")
+    return array
 
 
 def displacement_between(rigid: pin.SE3, flexed: pin.SE3) -> Array:

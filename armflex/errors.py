@@ -105,6 +105,20 @@ class UnsupportedError(InputError):
     """The input is valid but asks for something this version does not do."""
 
 
+class AxesError(InputError):
+    """Measured positions are those of a mirrored or turned arm: axes are swapped or point the other way."""
+
+
+class IdentifiabilityError(InputError):
+    """Measurements cannot tell what a fit needs; `rank`, `condition` and the `names` of what they leave free."""
+
+    def __init__(self, problem: str, rank: int, condition: float, names: Sequence[str]) -> None:
+        super().__init__(f"{problem} (rank {rank}, condition {condition:.1e}; left free: {listing(names)})")
+        self.rank = rank
+        self.condition = condition
+        self.names = tuple(names)
+
+
 class UnknownNameError(InputError, KeyError):
     """A joint, frame, payload or flexure of this name does not exist."""
 
@@ -116,6 +130,16 @@ class UnknownNameError(InputError, KeyError):
 
     def __str__(self) -> str:  # KeyError would show the repr
         return str(self.args[0])
+
+
+class MissingCovariateError(InputError):
+    """An effect depends on something that was not given: `name`; `given` lists what was."""
+
+    def __init__(self, name: str, given: Iterable[str], asker: str = "") -> None:
+        self.name, self.given = name, tuple(given)
+        who = f"effect {asker!r}" if asker else "the arm"
+        hint = did_you_mean(name, self.given)
+        super().__init__(f"{who} needs the covariate {name!r}, which is not given{hint} (given: {listing(self.given)})")
 
 
 class ConvergenceError(ArmflexError):

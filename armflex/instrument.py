@@ -20,16 +20,18 @@ class Instrument:
         sessions: (6,) shift [m] and rotation vector [rad] of the frame in each session, about its own origin; a
             session that is not named has none.
         target: (3,) measured point in the tip frame [m].
+        scale: Share by which its distances are too long.
     """
 
     pose: pin.SE3 = field(default_factory=pin.SE3.Identity)
     sessions: Mapping[str, Array] = field(default_factory=dict)
     target: Array = field(default_factory=lambda: np.zeros(3))
+    scale: float = 0.0
 
     def points(self, tip: Array) -> Array:
         """Return the (N, 3) target in the instrument frame, sessions left out, for (N, 4, 4) tip poses."""
         in_base = tip[:, :3, 3] + tip[:, :3, :3] @ self.target
-        return in_base @ self.pose.rotation.T + self.pose.translation
+        return (1.0 + self.scale) * (in_base @ self.pose.rotation.T + self.pose.translation)
 
     def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) positions that the instrument would read."""

@@ -11,19 +11,20 @@ tangent, G the geometric stiffness and M = I + C G J_exp the equilibrium's tange
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.equilibrium import LawStack, find_equilibrium
+from armflex.equilibrium import Equilibrium, LawStack, find_equilibrium
 from armflex.laws import Row
 from armflex.loads import Payload
 from armflex.mechanics import LoadCase, Mechanics
-from armflex.robot import FlexModel, Site, build_model
+from armflex.robot import Site, build_model
 
 Progress = Callable[[int, int], None]
 
@@ -99,17 +100,25 @@ class Linearizer:
     def __init__(self, arm: Arm, sites: Sites | None = None) -> None:
         self.arm = arm
         self.sites = sites or all_sites(arm)
+        self._joint_index = {name: i for i, name in enumerate(arm.joint_names)}
         self._models: dict[tuple, _Models] = {}
 
-    def rows(self, q: Array, payloads: Sequence[str], progress: Progress | None = None) -> Linearisation:
-        """Return the linearisation at (N, nq) joint positions with a payload each."""
+    def rows(
+        self,
+        q: Array,
+        payloads: Sequence[str],
+        covariates: Mapping[str, Array] | None = None,
+        progress: Progress | None = None,
+    ) -> Linearisation:
+        """Return the linearisation at (N, nq) joint positions with a payload each, and (N,) covariates by name."""
         parts = []
         for i, (position, payload) in enumerate(zip(q, payloads, strict=True)):
-            parts.append(self._row(position, self.arm.payload(payload)))
+            known = {name: values[i] for name, values in (covariates or {}).items()}
+            parts.append(self._row(position, self.arm.payload(payload), known))
             if progress:
                 progress(i + 1, len(q))
         names = self.sites.names
-        links = self._model(self.arm.payload(payloads[0])).large.links
+        links = self._model(self.arm.payload(payloads[0])).sited.flex.links
         stacked = {key: np.array([part[key] for part in parts]) for key in parts[0]}
         return Linearisation(sites=names, link_names=links, **stacked)
 
@@ -119,40 +128,49 @@ class Linearizer:
             self._models[key] = _build(self.arm, self.sites, payload)
         return self._models[key]
 
-    def _row(self, q: Array, payload: Payload) -> dict[str, Array]:
+    def _row(self, q: Array, payload: Payload, known: Mapping[str, Array]) -> dict[str, Array]:
         models = self._model(payload)
-        row = Row(q, {name: i for i, name in enumerate(self.arm.joint_names)})
-        case = LoadCase(q)
-        stack = self.arm.stack
-        found = find_equilibrium(models.mechanics, stack, case, row)
-        return _answers(models, stack, row, q, found.twists, found.wrenches)
+        row = Row(q, self._joint_index, {"payload_mass": np.asarray(payload.mass), **known})
+        case = LoadCase(q, wrenches=self.arm.pulls)
+        found = find_equilibrium(models.mechanics, self.arm.stack, case, row)
+        return _answers(models, self.arm.stack, row, case, found)
 
 
 @dataclass(frozen=True)
 class _Models:
     mechanics: Mechanics
-    large: FlexModel
-    data: pin.Data
+    sited: Mechanics
     flexures: np.ndarray
     sites: np.ndarray
+
+    @cached_property
+    def weighing(self) -> tuple[pin.Model, ...]:
+        """The same model under 1 m/s^2 along each axis."""
+        models = []
+        for axis in np.eye(3):
+            model = pin.Model(self.sited.flex.model)
+            model.gravity.linear = axis
+            models.append(model)
+        return tuple(models)
 
 
 def _build(arm: Arm, sites: Sites, payload: Payload) -> _Models:
     body = payload.body if payload.mass else None
-    flexures = [Site(f"flexure {flexure.name}", flexure.joint) for flexure in arm.flexures]
-    small = Mechanics(build_model(arm.robot, (), body), build_model(arm.robot, flexures, body, arm.corrections))
+    flexures = [replace(flexure.site, name=f"flexure {flexure.name}") for flexure in arm.modelled]
+    rigid = build_model(arm.robot, (), body)
+    small = Mechanics(rigid, build_model(arm.robot, flexures, body, arm.corrections))
     large = build_model(arm.robot, [*flexures, *sites.sites], body, arm.corrections)
     split = 6 * len(flexures)
     places = large.flexure_v
-    return _Models(small, large, large.model.createData(), places[:split], places[split:])
+    return _Models(small, Mechanics(rigid, large), places[:split], places[split:])
 
 
-def _answers(models: _Models, stack: LawStack, row: Row, q: Array, twists: Array, wrenches: Array) -> dict[str, Array]:
-    large, model, data = models.large, models.large.model, models.data
-    bent, exponential = _bend(models, q, twists)
-    torque = np.array(pin.computeGeneralizedGravity(model, data, bent))
-    geometric = np.array(pin.computeGeneralizedGravityDerivatives(model, data, bent))[models.flexures]
-    tip = pin.computeFrameJacobian(model, data, bent, large.tip, pin.LOCAL_WORLD_ALIGNED)
+def _answers(models: _Models, stack: LawStack, row: Row, case: LoadCase, found: Equilibrium) -> dict[str, Array]:
+    sited, large, twists, wrenches = models.sited, models.sited.flex, found.twists, found.wrenches
+    bent, exponential = _bend(models, case.q, twists)
+    torque = np.array(sited.torque(bent, case))
+    geometric = sited.stiffness(bent, case)[models.flexures]
+    tip = sited.tip_jacobian(bent)
     law = stack.tangent(wrenches, row)
     tangent = np.eye(len(twists)) + law @ geometric[:, models.flexures] @ exponential
     per_law = np.linalg.solve(tangent.T, (tip[:, models.flexures] @ exponential).T).T
@@ -161,7 +179,7 @@ def _answers(models: _Models, stack: LawStack, row: Row, q: Array, twists: Array
     links, link_loads = _links(models, bent, per_load)
     n, s = len(models.flexures) // 6, len(models.sites) // 6
     return {
-        "tip": data.oMf[large.tip].homogeneous,
+        "tip": sited.data.oMf[large.tip].homogeneous,
         "joints": answer[:, large.v_index],
         "twists": answer[:, models.sites].reshape(6, s, 6),
         "laws": per_law.reshape(6, n, 6),
@@ -178,9 +196,9 @@ def _answers(models: _Models, stack: LawStack, row: Row, q: Array, twists: Array
 
 def _bend(models: _Models, q: Array, twists: Array) -> tuple[Array, Array]:
     """Return the large model's configuration and the (6 n, 6 n) right Jacobian of the flexures' exponential."""
-    model = models.large.model
-    straight = models.large.neutral.copy()
-    straight[models.large.q_index] = q
+    large, model = models.sited.flex, models.sited.flex.model
+    straight = large.neutral.copy()
+    straight[large.q_index] = q
     velocity = np.zeros(model.nv)
     velocity[models.flexures] = twists
     whole = pin.dIntegrate(model, straight, velocity, pin.ArgumentPosition.ARG1)
@@ -189,10 +207,10 @@ def _bend(models: _Models, q: Array, twists: Array) -> tuple[Array, Array]:
 
 def _links(models: _Models, bent: Array, per_load: Array) -> tuple[Array, Array]:
     """Return every link's (4, 4) pose and the (6, 6) tip motion per wrench at its origin in base axes."""
-    model, data = models.large.model, models.data
+    large, model, data = models.sited.flex, models.sited.flex.model, models.sited.data
     pin.computeJointJacobians(model, data, bent)
     pin.updateFramePlacements(model, data)
-    frames = [models.large.frame(link) for link in models.large.links]
+    frames = [large.frame(link) for link in large.links]
     poses = np.array([data.oMf[frame].homogeneous for frame in frames])
     jacobians = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in frames]
     return poses, np.array([per_load @ jacobian[:, models.flexures].T for jacobian in jacobians])
@@ -200,9 +218,7 @@ def _links(models: _Models, bent: Array, per_load: Array) -> tuple[Array, Array]
 
 def _gravity(models: _Models, bent: Array, per_load: Array) -> Array:
     """Return the (6, 3) tip motion per change of gravity; loads are linear in gravity, so three weighings do."""
-    model = pin.Model(models.large.model)
     columns = []
-    for axis in np.eye(3):
-        model.gravity.linear = axis
-        columns.append(-pin.computeGeneralizedGravity(model, models.data, bent)[models.flexures])
+    for model in models.weighing:
+        columns.append(-pin.computeGeneralizedGravity(model, models.sited.data, bent)[models.flexures])
     return per_load @ np.array(columns).T

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -52,9 +53,26 @@ class Payload:
         return pin.Inertia(self.mass, self.com, self.inertia_matrix)
 
 
+class Load(Protocol):
+    """A load from outside on one link, which may depend on where the link is."""
+
+    @property
+    def frame(self) -> str:
+        """The link."""
+        ...
+
+    def at(self, pose: pin.SE3) -> Array:
+        """Return the (6,) wrench on the structure at the link's origin, base axes, for a pose of the link."""
+        ...
+
+    def change(self, pose: pin.SE3) -> Array:
+        """Return the (6, 6) change of that wrench per shift and small rotation of the link, base axes."""
+        ...
+
+
 @dataclass(frozen=True)
 class Wrench:
-    """A load from outside, on the structure.
+    """A constant load from outside, on the structure.
 
     Attributes:
         frame: Link at whose origin it acts.
@@ -73,6 +91,19 @@ class Wrench:
         object.__setattr__(self, "moment", finite_array(self.moment, "moment", (3,)))
         if self.axes not in ("base", "frame"):
             raise InputError(f"wrench at {self.frame!r}: axes is {self.axes!r}, expected 'base' or 'frame'")
+
+    def at(self, pose: pin.SE3) -> Array:
+        """Return the (6,) wrench at the link's origin in base axes."""
+        parts = (self.force, self.moment)
+        return np.concatenate([part if self.axes == "base" else pose.rotation @ part for part in parts])
+
+    def change(self, pose: pin.SE3) -> Array:
+        """Return the (6, 6) change per motion of the link: only a load that turns with it has one."""
+        change = np.zeros((6, 6))
+        if self.axes == "frame":
+            load = self.at(pose)
+            change[:3, 3:], change[3:, 3:] = -pin.skew(load[:3]), -pin.skew(load[3:])
+        return change
 
 
 def _vector(values: ArrayLike, name: str, *shape: int) -> Array:

@@ -9,14 +9,17 @@ from __future__ import annotations
 import difflib
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
+from armflex.doubts import check_joint_units, check_no_nan, check_one_unit, table_flags
 from armflex.errors import Flag, Place, TableError, did_you_mean
+from armflex.point_export import PointExport, read_points
+from armflex.point_match import with_points
 from armflex.table import Table, read_table
 from armflex.trajectory import check_payloads, joint_kinds
 
@@ -50,8 +53,9 @@ class Measurements:
         hold: (N,) time the load has stood [s], None when not recorded.
         covariates: Every other column: (N,) numbers, or text per row.
         places: File and line of each row.
-        sha256: Of the file.
+        sha256: Of the file, and of the points' file where there is one.
         flags: Doubts about the table.
+        frame: Name of the frame that the positions are in, '' where the files do not say.
     """
 
     joint_names: tuple[str, ...]
@@ -71,24 +75,41 @@ class Measurements:
     places: tuple[Place, ...]
     sha256: str = ""
     flags: tuple[Flag, ...] = field(default=())
+    frame: str = ""
 
     def __len__(self) -> int:
         return len(self.time)
 
 
-def read_measurements(path: str | Path, arm: Arm, inputs_only: bool = False) -> Measurements:
-    """Read a measurements.csv for an arm.
+def read_measurements(
+    path: str | Path, arm: Arm, inputs_only: bool = False, points: str | Path | PointExport | None = None
+) -> Measurements:
+    """Read a campaign for an arm, from CSV or Parquet.
 
     Args:
-        path: The campaign; see the column table of the file format.
+        path: The rows; see the column table of the file format.
         arm: The arm it was taken on.
         inputs_only: Accept a table without measured positions, such as rows to be predicted.
+        points: The positions, where the instrument's program exported them apart: the file, or what `read_points`
+            made of it. A row's point is named by its column `point`, else by its `pose`.
 
     Raises:
         TableError: A column is missing, misspelt or of the wrong unit; a cell is not a number; a position is read in
-            part; a payload is unknown.
+            part; some rows are in another unit; a payload is unknown; points do not match the rows.
     """
-    table, known = _open(path, arm, inputs_only)
+    export = points if isinstance(points, PointExport) or points is None else read_points(points)
+    table, known, flags = _open(path, arm, inputs_only, export)
+    found = _measurements(table, known, arm)
+    check_joint_units(found.q, arm, found.places)
+    check_one_unit(found.position, np.flatnonzero(found.measured), found.places)
+    flags += table_flags(table, "time" in table.columns, found)
+    if export is None:
+        return replace(found, flags=flags)
+    both = hashlib.sha256((found.sha256 + export.sha256).encode()).hexdigest()
+    return replace(found, flags=flags + _frame_flags(export, arm), sha256=both, frame=export.frame)
+
+
+def _measurements(table: Table, known: list[str], arm: Arm) -> Measurements:
     q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
     measured, position = _optional_vectors(table, POSITION)
     turned, rotation = _optional_vectors(table, ROTATION)
@@ -114,24 +135,38 @@ def read_measurements(path: str | Path, arm: Arm, inputs_only: bool = False) -> 
     )
 
 
-def _open(path: str | Path, arm: Arm, inputs_only: bool) -> tuple[Table, list[str]]:
-    """Return the table and the columns that have a meaning, after checking that all needed are there."""
+def _open(
+    path: str | Path, arm: Arm, inputs_only: bool, points: PointExport | None
+) -> tuple[Table, list[str], tuple[Flag, ...]]:
+    """Return the table, the columns that have a meaning, and doubts, after checking that all needed are there."""
     kinds = KINDS | joint_kinds(arm, "q")
-    table = read_table(path, kinds)
+    table, flags = read_table(path, kinds), ()
     known = [*kinds, *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
-    table.require([*(f"q_{joint}" for joint in arm.joint_names), *(() if inputs_only else POSITION)])
-    _refuse_misspelt(table, known)
+    joints = [f"q_{joint}" for joint in arm.joint_names]
+    table.require([*joints, *(() if inputs_only or points else POSITION)])
+    _refuse_misspelt(table, [*known, *(("point",) if points else ())])
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
-    return table, known
+    if points:
+        table, flags = with_points(table, points)
+    return table, known, flags
+
+
+def _frame_flags(points: PointExport, arm: Arm) -> tuple[Flag, ...]:
+    base = arm.robot.base
+    if arm.measurement.frame != "base" or points.frame.split("::")[-1].lower() in (base.lower(), "base"):
+        return ()
+    text = f"points are in frame {points.frame!r}; the arm file says that measurements are in its base {base!r}"
+    return (Flag("points_frame", text),)
 
 
 def _refuse_misspelt(table: Table, known: list[str]) -> None:
     for name in table.columns:
         if name in known:
             continue
-        near = difflib.get_close_matches(name, [word for word in known if len(word) > 3], n=1, cutoff=0.85)
-        if near or name.startswith(("q_", "approach_")):
+        lowered = [word.lower() for word in known]
+        near = difflib.get_close_matches(name.lower(), [word for word in lowered if len(word) > 3], n=1, cutoff=0.85)
+        if near or name.lower() in lowered or name.startswith(("q_", "approach_")):
             hint = did_you_mean(name, known)
             raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
 
@@ -190,7 +225,8 @@ def _sigma(table: Table, measured: np.ndarray) -> Array:
 
 
 def _covariate(table: Table, name: str) -> Array | tuple[str, ...]:
-    """Return a column as numbers where every cell is one, else as text."""
+    """Return a column as numbers where every cell is one, else as text; nan among numbers is an error."""
+    check_no_nan(table, name)
     try:
         return table.numbers(name)
     except TableError:

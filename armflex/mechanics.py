@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.loads import Wrench
+from armflex.loads import Load
 from armflex.robot import FlexModel
 
 
@@ -24,7 +24,7 @@ class LoadCase:
     q: Array
     v: Array | None = None
     a: Array | None = None
-    wrenches: tuple[Wrench, ...] = ()
+    wrenches: tuple[Load, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,8 @@ class Mechanics:
             return np.array(pin.computeGeneralizedGravityDerivatives(model, data, configuration))
         forces = self._forces(configuration, case)
         total = np.array(pin.computeRNEADerivatives(model, data, configuration, *self._motion(case), forces)[0])
-        for wrench in case.wrenches:
-            if wrench.axes == "base":
-                total += self._turning(configuration, wrench)
+        for load in case.wrenches:
+            total += self._turning(configuration, load)
         return total
 
     def _motion(self, case: LoadCase) -> tuple[Array, Array]:
@@ -99,30 +98,32 @@ class Mechanics:
             full.append(vector)
         return full[0], full[1]
 
-    def _turning(self, configuration: Array, wrench: Wrench) -> Array:
-        """Return what a dead load adds to the stiffness: in the frame's axes it turns back by -omega x w."""
-        model, data, frame = self.flex.model, self.data, self.flex.frame(wrench.frame)
+    def _turning(self, configuration: Array, load: Load) -> Array:
+        """Return what a load adds to the stiffness by changing in its link's axes when the link moves."""
+        model, data, frame = self.flex.model, self.data, self.flex.frame(load.frame)
         jacobian = pin.computeFrameJacobian(model, data, configuration, frame, pin.LOCAL)
-        load = self._local_load(configuration, wrench)
-        turned = np.vstack([pin.skew(load.linear), pin.skew(load.angular)]) @ jacobian[3:]
-        return -jacobian.T @ turned
+        pose = self.frame_pose(configuration, frame)
+        local = self._local_load(pose, load)
+        turn = np.kron(np.eye(2), pose.rotation)
+        change = turn.T @ load.change(pose) @ turn
+        change[:, 3:] += np.vstack([pin.skew(local.linear), pin.skew(local.angular)])
+        return -jacobian.T @ change @ jacobian
 
-    def _local_load(self, configuration: Array, wrench: Wrench) -> pin.Force:
-        """Return a wrench in the axes of its frame."""
-        load = pin.Force(wrench.force, wrench.moment)
-        if wrench.axes == "frame":
-            return load
-        rotation = self.frame_pose(configuration, self.flex.frame(wrench.frame)).rotation
-        return pin.Force(rotation.T @ wrench.force, rotation.T @ wrench.moment)
+    @staticmethod
+    def _local_load(pose: pin.SE3, load: Load) -> pin.Force:
+        """Return a load in the axes of its link."""
+        wrench = load.at(pose)
+        return pin.Force(pose.rotation.T @ wrench[:3], pose.rotation.T @ wrench[3:])
 
     def _forces(self, configuration: Array, case: LoadCase) -> pin.StdVec_Force:
         """Return the external force on every Pinocchio joint, in its local frame."""
         forces = pin.StdVec_Force()
         forces.extend([pin.Force.Zero()] * self.flex.model.njoints)
-        for wrench in case.wrenches:
-            owner = self.flex.model.frames[self.flex.frame(wrench.frame)]
-            load = self._local_load(configuration, wrench)
-            forces[owner.parentJoint] = forces[owner.parentJoint] + owner.placement.act(load)
+        for load in case.wrenches:
+            frame = self.flex.frame(load.frame)
+            owner = self.flex.model.frames[frame]
+            local = self._local_load(self.frame_pose(configuration, frame), load)
+            forces[owner.parentJoint] = forces[owner.parentJoint] + owner.placement.act(local)
         return forces
 
     def frame_pose(self, configuration: Array, frame: int) -> pin.SE3:

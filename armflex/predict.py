@@ -12,6 +12,7 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.deflection import Deflection
+from armflex.effects.remember import known_rows
 from armflex.errors import Flag, naming
 from armflex.instrument import Instrument
 from armflex.measurements import Measurements
@@ -53,9 +54,11 @@ def predict(arm: Arm, rows: Measurements, progress: Progress | None = None) -> P
         ArmflexError: A row cannot be computed; its file and line are named.
     """
     found: list[Deflection] = []
+    known = known_rows(arm, rows)
     for i, q in enumerate(rows.q):
         with naming(rows.places[i]):
-            found.append(arm.deflection(q, rows.payload[i]))
+            given = {name: values[i] for name, values in known.items()}
+            found.append(arm.deflection(q, rows.payload[i], covariates=given))
         if progress:
             progress(i + 1, len(rows))
     instrument = arm.instrument or Instrument()

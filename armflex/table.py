@@ -1,4 +1,4 @@
-"""CSV tables: read whole or refused with file, line and column; units in the header are converted once."""
+"""Tables from CSV or Parquet: read whole or refused with file, line and column; units are converted once."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from armflex.conventions import NUMBER, UNITS, Array
 from armflex.errors import Place, TableError, did_you_mean, listing
+from armflex.parquet import is_parquet, parquet_rows
 from armflex.whole_file import write_whole
 
 MAX_BYTES = 200_000_000
@@ -29,7 +30,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A CSV file: columns by name without unit suffix, and the line of each row."""
+    """A table: columns by name without unit suffix, and the line of each row (of a Parquet file: as if it were CSV)."""
 
     path: Path
     columns: Mapping[str, Column]
@@ -62,31 +63,32 @@ class Table:
         return tuple(cell.strip() for cell in self.columns[name].cells)
 
     def require(self, names: Iterable[str]) -> None:
-        """Raise `TableError` listing what is missing, what the file has, and the nearest name."""
-        for name in names:
-            if name not in self.columns:
-                hint = did_you_mean(name, self.columns)
-                problem = f"has no column {name!r}{hint} (found: {listing(self.columns)})"
-                raise TableError(Place(self.path, 1), problem)
+        """Raise `TableError` listing what is missing, what was expected and found, and the nearest name."""
+        expected = list(names)
+        missing = [name for name in expected if name not in self.columns]
+        if missing:
+            hint = did_you_mean(missing[0], self.columns)
+            seen = f"expected: {listing(expected)}; found: {listing(self.columns)}"
+            raise TableError(Place(self.path, 1), f"has no column {listing(map(repr, missing))}{hint} ({seen})")
 
 
 def read_table(path: str | Path, kinds: Mapping[str, str]) -> Table:
-    """Read a CSV file with a header row.
+    """Read a CSV file with a header row, or a Parquet file (`.parquet`), whose nulls are empty cells.
 
     Args:
-        path: The file, UTF-8, comma separated.
+        path: The file; CSV is UTF-8, comma separated.
         kinds: Kind of quantity ('length', 'angle', ...; see `UNITS`) of each column that may carry a unit suffix.
 
     Raises:
-        TableError: Missing, empty, too large, not UTF-8, not comma separated, a duplicate column, a row of the wrong
-            length, or a unit of the wrong kind.
+        TableError: Missing, empty, too large, not UTF-8, not comma separated, without header, a duplicate column, a
+            row of the wrong length, a unit of the wrong kind, or Parquet where pyarrow is not installed.
     """
     path = Path(path)
-    rows = _rows(path)
+    rows = parquet_rows(path) if is_parquet(path) else _rows(path)
     if not rows:
-        raise TableError(Place(path), "is empty, expected a header row")
+        raise TableError(Place(path), f"is empty, expected a header row with columns such as {listing(kinds)}")
     (_, header), body = rows[0], rows[1:]
-    _check_header(path, header)
+    _check_header(path, header, kinds)
     for line, cells in body:
         if len(cells) != len(header):
             raise TableError(Place(path, line), f"has {len(cells)} cells, the header has {len(header)}")
@@ -115,13 +117,14 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         raise TableError(Place(path, reader.line_num), f"is not CSV: {error}") from None
 
 
-def _check_header(path: Path, header: list[str]) -> None:
-    if len(header) == 1 and ";" in header[0]:
-        raise TableError(Place(path, 1), "is separated by semicolons, expected commas and decimal points")
-    if len(header) == 1 and "\t" in header[0]:
-        raise TableError(Place(path, 1), "is separated by tabs, expected commas and decimal points")
-    if all(NUMBER.fullmatch(cell.strip()) for cell in header):
-        raise TableError(Place(path, 1), "has no header row: the first row is all numbers")
+def _check_header(path: Path, header: list[str], expected: Iterable[str]) -> None:
+    wanted = f"expected columns such as {listing(expected)}; found: {listing(header)}"
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and mark in header[0]:
+            raise TableError(Place(path, 1), f"is separated by {name}, not by commas ({wanted})")
+    numbers = sum(bool(NUMBER.fullmatch(cell.strip())) for cell in header)
+    if 2 * numbers >= len(header):
+        raise TableError(Place(path, 1), f"has no header row: {numbers} cells of the first row are numbers ({wanted})")
     blank = [str(index + 1) for index, cell in enumerate(header) if not cell.strip()]
     if blank:
         raise TableError(Place(path, 1), f"column {', '.join(blank)} has no name")

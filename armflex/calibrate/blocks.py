@@ -12,8 +12,9 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
-from armflex.calibrate.view import Setup, View, cross_matrices
+from armflex.calibrate.view import Setup, View
 from armflex.conventions import TWIST_NAMES, Array
+from armflex.effects.rigid import rigid_motion
 from armflex.laws import LinearLaw, PositionDependentLaw
 from armflex.laws.scaled import scaled
 from armflex.measurements import Measurements
@@ -268,16 +269,6 @@ class ComplianceBlock:
             for flexure in setup.arm.flexures
         )
         return replace(setup, arm=replace(setup.arm, flexures=changed))
-
-
-def rigid_motion(points: Array, size: int) -> Array:
-    """Return (M, d, 6) changes of the readings per shift and rotation vector of the instrument frame."""
-    columns = np.zeros((len(points), size, 6))
-    columns[:, :3, :3] = np.eye(3)
-    columns[:, :3, 3:] = -cross_matrices(points)
-    if size == 6:
-        columns[:, 3:, 3:] = np.eye(3)
-    return columns
 
 
 def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ...]:

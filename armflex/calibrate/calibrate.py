@@ -9,6 +9,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.blocks import declared_blocks
+from armflex.calibrate.enough import check_readings
 from armflex.calibrate.fit import Fit, fit
 from armflex.calibrate.identify import Parameter, parameters
 from armflex.calibrate.view import Progress, Setup, look
@@ -94,7 +95,7 @@ def calibrate(
         progress: Called with (steps done, steps at most).
 
     Raises:
-        InputError: Too few rows were measured.
+        InputError: Too few rows were measured, or see `check_readings`.
         ConvergenceError: The fit did not settle.
     """
     used = np.flatnonzero(measurements.measured) if rows is None else rows
@@ -119,9 +120,10 @@ def calibrate(
 def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup:
     """Return the arm with its instrument, placed by a best rigid fit where its frame is unknown."""
     instrument = arm.instrument or Instrument()
-    if arm.measurement.frame == "base":
-        return Setup(arm, instrument)
     line = Linearizer(arm).rows(measurements.q[rows], [measurements.payload[row] for row in rows])
     points = line.tip[:, :3, 3] + line.tip[:, :3, :3] @ instrument.target
+    check_readings(arm, points, measurements, rows)
+    if arm.measurement.frame == "base":
+        return Setup(arm, instrument)
     pose = fit_frame(points, measurements.position[rows])
     return Setup(arm, Instrument(pose, instrument.sessions, instrument.target))

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import Array
+from armflex.effects.law import Effect
+from armflex.effects.remember import known_rows
+from armflex.effects.rigid import cross_matrices
+from armflex.effects.spot import same_site, site_of
 from armflex.instrument import Instrument
 from armflex.linearise import Linearisation, Linearizer
 from armflex.measurements import Measurements
@@ -23,6 +28,10 @@ class Setup:
 
     arm: Arm
     instrument: Instrument
+
+    def with_effect(self, effect: Effect) -> Setup:
+        """Return the setup with an effect added to its arm's list."""
+        return replace(self, arm=replace(self.arm, effects=(*self.arm.effects, effect)))
 
 
 @dataclass(frozen=True)
@@ -56,11 +65,25 @@ class View:
         """Return (M, d, k) changes of the readings for (M, 6, k) motions of the tip."""
         return self.seen @ motion
 
+    def to_twist(self, site: str) -> Array:
+        """Return (M, d, 6) changes of the readings per twist added to what a site gives."""
+        if site not in self._to_twist:
+            place = site_of(site, self.setup.arm.robot)
+            known = [i for i, flexure in enumerate(self.setup.arm.modelled) if same_site(flexure.site, place)]
+            motion = self.line.laws[:, :, known[-1]] if known else self.line.site(site)
+            self._to_twist[site] = self.answer(motion)
+        return self._to_twist[site]
+
+    @cached_property
+    def _to_twist(self) -> dict[str, Array]:
+        return {}
+
 
 def look(setup: Setup, measurements: Measurements, rows: np.ndarray, progress: Progress | None = None) -> View:
     """Return the view of some rows of a campaign at one setup."""
     payloads = [measurements.payload[row] for row in rows]
-    line = Linearizer(setup.arm).rows(measurements.q[rows], payloads, progress)
+    known = {name: values[rows] for name, values in known_rows(setup.arm, measurements).items()}
+    line = Linearizer(setup.arm).rows(measurements.q[rows], payloads, known, progress)
     sessions = [measurements.session[row] for row in rows]
     instrument = setup.instrument
     residual = measurements.position[rows] - instrument.readings(line.tip, sessions)
@@ -71,13 +94,6 @@ def look(setup: Setup, measurements: Measurements, rows: np.ndarray, progress: P
         sigma = np.hstack([sigma, np.repeat(measurements.sigma_r[rows, None], 3, axis=1)])
         seen = np.concatenate([seen, _seen_rotation(instrument, len(rows))], axis=1)
     return View(setup, rows, line, instrument.points(line.tip), residual, sigma, seen)
-
-
-def cross_matrices(vectors: Array) -> Array:
-    """Return the (N, 3, 3) matrices of v x for (N, 3) vectors."""
-    x, y, z = vectors.T
-    zero = np.zeros(len(vectors))
-    return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
 
 
 def _seen_position(instrument: Instrument, tip: Array) -> Array:

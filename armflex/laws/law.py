@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import Flag
+from armflex.errors import Flag, MissingCovariateError
 
 Ranges = Mapping[str, tuple[float, float]]
 """Moving joints of a chain: lowest and highest position [rad or m]."""
@@ -32,6 +32,12 @@ class Row:
     def position(self, joint: str) -> Array:
         """Return the (...,) position of a joint [rad or m]."""
         return self.q[..., self.joint_index[joint]]
+
+    def covariate(self, name: str) -> Array:
+        """Return what was given by a name; raise `MissingCovariateError` where it was not."""
+        if name not in self.covariates:
+            raise MissingCovariateError(name, self.covariates)
+        return self.covariates[name]
 
 
 class Law(Protocol):

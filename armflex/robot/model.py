@@ -42,10 +42,21 @@ class Corrections:
     Attributes:
         joint_offset: What each joint's true position exceeds the reported one by [rad or m].
         geometry: (6,) twist of each joint's origin frame, in its own axes [m, rad].
+        bodies: (4,) extra mass of a link [kg], and how far its centre of mass is from the declared one [m].
     """
 
     joint_offset: Mapping[str, float] = field(default_factory=dict)
     geometry: Mapping[str, Array] = field(default_factory=dict)
+    bodies: Mapping[str, Array] = field(default_factory=dict)
+
+    def body(self, link: str, inertial: Inertial | None) -> pin.Inertia | None:
+        """Return the true body of a link, None for one without mass."""
+        extra = self.bodies.get(link, np.zeros(4))
+        nominal = pin.Inertia.Zero() if inertial is None else _inertia(inertial)
+        mass = nominal.mass + float(extra[0])
+        if mass <= 0.0:
+            return None
+        return pin.Inertia(mass, nominal.lever + extra[1:], nominal.inertia)
 
     def frame(self, joint: Joint) -> pin.SE3:
         """Return the true origin frame of a joint in its nominal one."""
@@ -161,9 +172,9 @@ class _Builder:
             stack.extend((joint.child, *self.add_joint(joint, parent, placement)) for joint in self.children[link])
 
     def add_link(self, link: str, parent: int, placement: pin.SE3) -> None:
-        inertial = self.robot.urdf.links[link].inertial
-        if inertial is not None and inertial.mass > 0.0:
-            self.model.appendBodyToJoint(parent, _inertia(inertial), placement)
+        body = self.corrections.body(link, self.robot.urdf.links[link].inertial)
+        if body is not None:
+            self.model.appendBodyToJoint(parent, body, placement)
         self.model.addFrame(pin.Frame(link, parent, 0, placement, pin.FrameType.BODY))
 
     def add_joint(self, joint: Joint, parent: int, placement: pin.SE3) -> tuple[int, pin.SE3]:

@@ -1,0 +1,112 @@
+"""An effect as a block of a fit: its amplitudes, and those of its inner parameters that the law is smooth in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armflex.calibrate.view import Setup, View
+from armflex.conventions import Array
+from armflex.effects.law import Effect, Inner
+from armflex.effects.scene import Scene
+
+STEP = 1e-4
+"""Step of numerical derivatives by inner parameters: relative for positive ones, of their size for others."""
+
+
+@dataclass(frozen=True, eq=False)
+class EffectBlock:
+    """Free values of one effect.
+
+    Attributes:
+        effect: Where it starts; its fixed inner parameters stay as they are here.
+        free: Which inner parameters move; positive ones do so on a logarithmic scale.
+        scene: The campaign.
+        ordinal: Place of the effect among the arm's.
+    """
+
+    effect: Effect
+    free: tuple[int, ...]
+    scene: Scene
+    ordinal: int
+
+    @property
+    def name(self) -> str:
+        """Law, site and axis."""
+        return f"effect {self.effect.name}"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Acting amplitudes, then free inner parameters."""
+        law = self.effect.law
+        return tuple(law.amplitudes[i].name for i in self.effect.spot.terms) + tuple(
+            law.inner[i].name for i in self.free
+        )
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their units; '1' for a logarithm."""
+        named = dict(zip(self.effect.named, self.effect.units, strict=True))
+        logs = {self.effect.law.inner[i].name for i in self.free if self.effect.law.inner[i].positive}
+        return tuple("1" if label in logs else named[label] for label in self.labels)
+
+    @property
+    def prior(self) -> Array:
+        """Nothing is known."""
+        return np.full(len(self.labels), np.inf)
+
+    @property
+    def start(self) -> Array:
+        """The values that give the effect as it is."""
+        amplitudes = [self.effect.amplitudes[i] for i in self.effect.spot.terms]
+        return np.array(amplitudes + [_raw(self.effect.law.inner[i], self.effect.inner[i]) for i in self.free])
+
+    def columns(self, view: View) -> Array:
+        """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
+        now = view.setup.arm.effects[self.ordinal]
+        spot, law = now.spot, now.law
+        columns = [law.columns(spot, now.inner, view, self.scene)]
+        amplitudes = np.array([now.amplitudes[i] for i in spot.terms])
+        for i in self.free:
+            raw = _raw(law.inner[i], now.inner[i])
+            step = STEP if law.inner[i].positive else STEP * max(abs(raw), 1e-2)
+            ends = []
+            for side in (1.0, -1.0):
+                moved = list(now.inner)
+                moved[i] = _value(law.inner[i], raw + side * step)
+                ends.append(law.columns(spot, tuple(moved), view, self.scene) @ amplitudes)
+            columns.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
+        return np.concatenate(columns, axis=2)
+
+    def at(self, values: Array) -> Effect:
+        """Return the effect at (k,) values of the block."""
+        law, spot = self.effect.law, self.effect.spot
+        amplitudes = np.zeros(len(law.amplitudes))
+        amplitudes[list(spot.terms)] = values[: len(spot.terms)]
+        inner = list(self.effect.inner)
+        for place, i in enumerate(self.free):
+            inner[i] = _value(law.inner[i], float(values[len(spot.terms) + place]))
+        return replace(self.effect, values=(*amplitudes.tolist(), *inner))
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with the effect."""
+        effect = self.at(values)
+        return effect.law.apply(effect, setup)
+
+    def std(self, values: Array, std: Array) -> dict[str, float]:
+        """Return the standard uncertainty of each free value by name, logarithms turned back."""
+        effect, found = self.at(values), {}
+        for label, deviation in zip(self.labels, std, strict=True):
+            inner = {inner.name: inner for inner in effect.law.inner}.get(label)
+            scale = abs(effect.named[label]) if inner is not None and inner.positive else 1.0
+            found[label] = float(deviation) * scale
+        return found
+
+
+def _raw(inner: Inner, value: float) -> float:
+    return float(np.log(value)) if inner.positive else value
+
+
+def _value(inner: Inner, raw: float) -> float:
+    return float(np.exp(raw)) if inner.positive else raw

@@ -1,0 +1,70 @@
+"""Whether readings are those of this arm, and enough to place the instrument: the one thing without a prior."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.axes import check_axes
+from armflex.calibrate.blocks import rigid_motion
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.errors import IdentifiabilityError
+from armflex.instrument import Instrument, fit_frame
+from armflex.measurements import Measurements
+
+COARSEST = 0.05
+"""Standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""
+
+
+def check_readings(arm: Arm, points: Array, measurements: Measurements, rows: np.ndarray) -> None:
+    """Raise where readings cannot be those of an arm, or cannot tell where the instrument stands.
+
+    Args:
+        arm: The arm as declared.
+        points: (M, 3) its nominal target in the base frame [m] at each of the rows.
+        measurements: The campaign.
+        rows: (M,) numbers of the rows used.
+
+    Raises:
+        AxesError: Axes of the measured positions are swapped or reversed.
+        UnitError: All positions are in another unit.
+        IdentifiabilityError: The instrument's frame is unknown, and poses are alike or on one line.
+    """
+    unknown = arm.measurement.frame != "base"
+    pose = None if unknown else (arm.instrument or Instrument()).pose
+    places = [measurements.places[row] for row in rows] if measurements.places else ()
+    up = -arm.robot.gravity if np.any(arm.robot.gravity) else None
+    check_axes(points, measurements.position[rows], places, pose, up)
+    if unknown:
+        turned = measurements.rotation is not None and measurements.sigma_r is not None
+        frame = fit_frame(points, measurements.position[rows])
+        seen = points @ frame.rotation.T + frame.translation
+        check_enough(seen, measurements.sigma[rows], measurements.sigma_r[rows] if turned else None)
+
+
+def check_enough(points: Array, sigma: Array, sigma_r: Array | None = None) -> None:
+    """Raise where poses all alike, or on one line, leave the instrument's orientation open.
+
+    Everything else that a calibration frees has a prior; what data say nothing about stays there and is named.
+
+    Args:
+        points: (N, 3) nominal target in instrument axes [m].
+        sigma: (N, 3) standard deviations of the readings [m].
+        sigma_r: (N,) those of measured orientations [rad], None where none were.
+
+    Raises:
+        IdentifiabilityError: With rank, condition and names of what is left free.
+    """
+    size = 3 if sigma_r is None else 6
+    spread = sigma if sigma_r is None else np.hstack([sigma, np.repeat(sigma_r[:, None], 3, axis=1)])
+    columns = rigid_motion(points - points.mean(axis=0), size) / spread[:, :, None]
+    # About their centre points always tell a shift; a turn must be known to better than COARSEST.
+    turns = np.linalg.svd(COARSEST * columns.reshape(-1, 6)[:, 3:], full_matrices=False)
+    known = turns.S >= 1.0
+    if not known.all():
+        free = (turns.Vh[~known] ** 2).sum(axis=0) > 0.1
+        names = [f"instrument {TWIST_NAMES[3 + axis]}" for axis in np.flatnonzero(free)]
+        alike = "are all alike" if not known.any() else "lie on one line"
+        condition = float(np.linalg.cond(columns.reshape(-1, 6)))
+        text = f"{len(points)} measured points {alike}: they cannot tell how the instrument stands"
+        raise IdentifiabilityError(text, 3 + int(known.sum()), condition, names)

@@ -1,0 +1,170 @@
+"""What is wrong, or only strange, about the rows of a campaign, told from the table alone.
+
+A wrong unit in some rows is an error that names them. A lost beam is not: a reading a metre off is left to the robust
+fit, which lists it. The two differ in size, by a factor of a thousand against a part of the distance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.conventions import NUMBER, Array
+from armflex.errors import Flag, Place, TableError, listing
+
+if TYPE_CHECKING:
+    from armflex.arm import Arm
+    from armflex.measurements import Measurements
+    from armflex.table import Table
+
+GAP = 30.0
+"""Ratio of neighbouring distances, once sorted, that parts rows of one unit from rows of another."""
+
+THOUSANDFOLD = (200.0, 5000.0)
+"""Ratio of the two parts' medians that is mm against m."""
+
+FURTHEST = 200.0
+"""Distance [m] that no instrument reads on an arm."""
+
+TURNS = 4.0 * np.pi
+"""How far beyond its limits [rad] a joint position is in degrees rather than out of its range."""
+
+
+def check_one_unit(position: Array, rows: np.ndarray, places: Sequence[Place]) -> None:
+    """Raise `TableError` naming the rows, of those numbered, that were written in mm among rows in m or vice versa."""
+    seen = position[rows]
+    for name, values in (("x y z", seen), *((axis, seen[:, [i]]) for i, axis in enumerate("xyz"))):
+        odd = _other_unit(values)
+        if odd.any():
+            found = [places[rows[i]] for i in np.flatnonzero(odd)]
+            lines = listing((str(place.line) for place in found), 10)
+            text = f"{name}: {len(found)} of {len(rows)} rows are about 1000 times as large or small as the others"
+            raise TableError(found[0], f"{text} (lines {lines}): mm among m?")
+
+
+def _other_unit(values: Array) -> np.ndarray:
+    """Return (M,) True for the minority of (M, d) values that a factor of a thousand sets apart; mostly none."""
+    size = np.maximum(np.linalg.norm(values, axis=1), 1e-9)
+    order = np.sort(size)
+    if len(size) < 3 or (order[1:] / order[:-1]).max() < GAP:
+        return np.zeros(len(size), dtype=bool)
+    large = size > order[int((order[1:] / order[:-1]).argmax())]
+    ratio = float(np.median(size[large]) / np.median(size[~large]))
+    if not THOUSANDFOLD[0] < ratio < THOUSANDFOLD[1] or not _as_in_another_unit(values, size, large):
+        return np.zeros(len(size), dtype=bool)
+    return large if large.sum() <= (~large).sum() else ~large
+
+
+def _as_in_another_unit(values: Array, size: Array, large: np.ndarray) -> bool:
+    """Return whether no arm reaches the large ones, or the small ones are spread out just as they are, but smaller.
+
+    Readings of one place near the frame's origin are small as well, yet all alike.
+    """
+    if np.median(size[large]) > FURTHEST:
+        return True
+    if values.shape[1] == 1 or min(large.sum(), (~large).sum()) < 3:
+        return False
+    spread = [np.sqrt(values[part].var(axis=0).sum()) for part in (large, ~large)]
+    return bool(100.0 < spread[0] / max(spread[1], 1e-12) < 1e4)
+
+
+def check_joint_units(q: Array, arm: Arm, places: Sequence[Place]) -> None:
+    """Raise `TableError` naming the first row whose joint position is far beyond any limit: degrees, or mm."""
+    for index, joint in enumerate(arm.robot.moving):
+        if not np.isfinite(joint.upper - joint.lower):
+            continue
+        straight = joint.kind == "prismatic"
+        room = 10.0 * max(joint.upper - joint.lower, 1.0) if straight else TURNS
+        far = np.flatnonzero((q[:, index] > joint.upper + room) | (q[:, index] < joint.lower - room))
+        if len(far):
+            unit, other = ("m", "mm") if straight else ("rad", "deg")
+            where = f"limits {joint.lower:.3g} to {joint.upper:.3g}; {len(far)} rows"
+            hint = f"{other}? Then name the column q_{joint.name}_{other}"
+            text = f"q_{joint.name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
+            raise TableError(places[far[0]], text)
+
+
+def table_flags(table: Table, time_given: bool, found: Measurements) -> tuple[Flag, ...]:
+    """Return the doubts about the order, repetition and gaps of rows that were read."""
+    doubts = [*_gaps(table, found), _unordered(found) if time_given else None, _copies(duplicates(found), found)]
+    return tuple(flag for flag in doubts if flag)
+
+
+def check_no_nan(table: Table, name: str) -> None:
+    """Raise `TableError` where a column of numbers holds nan or inf."""
+    cells = table.texts(name)
+    if sum(bool(NUMBER.fullmatch(cell)) for cell in cells):
+        for line, cell in zip(table.lines, cells, strict=True):
+            if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+                raise TableError(Place(table.path, line), f"column {name!r} is {cell!r}, not a finite number")
+
+
+def _gaps(table: Table, found: Measurements) -> list[Flag]:
+    """Return a flag for every covariate that is text because of a few cells only."""
+    flags = []
+    for name in (name for name, values in found.covariates.items() if isinstance(values, tuple)):
+        cells = table.texts(name)
+        odd = [i for i, cell in enumerate(cells) if not NUMBER.fullmatch(cell)]
+        if 2 * len(odd) < len(cells):
+            first = f"line {table.lines[odd[0]]}: {cells[odd[0]]!r}"
+            flags.append(Flag("covariate_gaps", f"column {name!r} is kept as text: {len(odd)} cells ({first})"))
+    return flags
+
+
+def _unordered(found: Measurements) -> Flag | None:
+    back = np.flatnonzero(np.diff(found.time) < 0.0) + 1
+    if not len(back):
+        return None
+    return Flag("time_unordered", f"time goes back at {len(back)} rows, first at {found.places[back[0]]}; kept as is")
+
+
+def duplicates(found: Measurements) -> np.ndarray:
+    """Return the numbers of measured rows that repeat an earlier one to the last digit, time and covariates included.
+
+    Where the file gives no time, `time` counts rows and is not compared.
+    """
+    counted = (found.time == np.arange(len(found))).all()
+    optional = [found.rotation, found.sigma_r, found.hold, None if counted else found.time]
+    numbers = [found.q, found.position, found.sigma]
+    numbers += [values.reshape(len(found), -1) for values in optional if values is not None]
+    numbers += [values[:, None] for values in found.covariates.values() if not isinstance(values, tuple)]
+    texts = [found.pose, found.session, found.payload] if _named(found) else [found.session, found.payload]
+    texts += [values for values in found.covariates.values() if isinstance(values, tuple)]
+    rows = np.hstack(numbers)
+    seen: set[tuple] = set()
+    again = []
+    for i in np.flatnonzero(found.measured):
+        key = (rows[i].tobytes(), *(values[i] for values in texts))
+        if key in seen:
+            again.append(i)
+        seen.add(key)
+    return np.array(again, dtype=int)
+
+
+def _named(found: Measurements) -> bool:
+    return found.pose != tuple(str(i) for i in range(len(found)))
+
+
+def _copies(again: np.ndarray, found: Measurements) -> Flag | None:
+    if not len(again):
+        return None
+    text = f"{len(again)} rows repeat an earlier one to the last digit, first {found.places[again[0]]}; each counts"
+    return Flag("duplicate_rows", text)
+
+
+def without_duplicates(measurements: Measurements) -> Measurements:
+    """Return a campaign where rows that repeat an earlier one to the last digit count as not measured.
+
+    They stay in place, as the arm's history; the flag says how many they are.
+    """
+    again = duplicates(measurements)
+    if not len(again):
+        return measurements
+    measured = measurements.measured.copy()
+    measured[again] = False
+    text = f"{len(again)} rows that repeat an earlier one to the last digit were masked"
+    kept = tuple(flag for flag in measurements.flags if flag.code != "duplicate_rows")
+    return replace(measurements, measured=measured, flags=(*kept, Flag("duplicates_masked", text)))

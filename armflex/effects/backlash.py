@@ -1,0 +1,13 @@
+"""Backlash: (gap / 2) s, s the direction from which the joint came."""
+
+from __future__ import annotations
+
+from armflex.effects.law import Amplitude, TwistLaw
+from armflex.effects.shapes import approach, at_drives, on_drive
+
+BACKLASH = TwistLaw(
+    "backlash",
+    lambda scene: at_drives(scene, "approach_{joint}"),
+    (Amplitude("gap", "{m}"),),
+    lambda here, wrench, row, inner: on_drive(here, 0.5 * approach(here, row)),
+)

@@ -1,0 +1,80 @@
+"""Every effect that a campaign is searched for, by name."""
+
+from __future__ import annotations
+
+from armflex.effects.backlash import BACKLASH
+from armflex.effects.base_compliance import BASE_COMPLIANCE
+from armflex.effects.base_drift import BASE_DRIFT
+from armflex.effects.base_thermal import BASE_THERMAL
+from armflex.effects.compliance import COMPLIANCE
+from armflex.effects.creep import CREEP
+from armflex.effects.cross_coupling import CROSS_COUPLING
+from armflex.effects.deadband import DEADBAND
+from armflex.effects.dress_pack import DRESS_PACK
+from armflex.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
+from armflex.effects.encoder_offset import ENCODER_OFFSET
+from armflex.effects.encoder_scale import ENCODER_SCALE
+from armflex.effects.even_in_load import EVEN_IN_LOAD
+from armflex.effects.friction_windup import FRICTION_WINDUP
+from armflex.effects.gear_harmonic import GEAR_HARMONIC
+from armflex.effects.gravity_tilt import GRAVITY_TILT
+from armflex.effects.hysteresis import HYSTERESIS
+from armflex.effects.law import EffectLaw
+from armflex.effects.link_flexure import LINK_FLEXURE
+from armflex.effects.link_geometry import LINK_GEOMETRY
+from armflex.effects.link_mass import LINK_MASS
+from armflex.effects.magnetic_pull import MAGNETIC_PULL
+from armflex.effects.payload_com import PAYLOAD_COM
+from armflex.effects.payload_mass import PAYLOAD_MASS
+from armflex.effects.position_dependent_compliance import POSITION_DEPENDENT_COMPLIANCE
+from armflex.effects.session_frame import SESSION_FRAME
+from armflex.effects.slip_step import SLIP_STEP
+from armflex.effects.stiffening import STIFFENING
+from armflex.effects.thermal_bending import THERMAL_BENDING
+from armflex.effects.thermal_growth import THERMAL_GROWTH
+from armflex.effects.thermal_softening import THERMAL_SOFTENING
+from armflex.effects.tip_force import TIP_FORCE
+from armflex.effects.tool_shift import TOOL_SHIFT
+from armflex.effects.tracker_scale import TRACKER_SCALE
+from armflex.effects.umbilical import UMBILICAL
+
+LAWS: tuple[EffectLaw, ...] = (
+    ENCODER_OFFSET,
+    ENCODER_SCALE,
+    ENCODER_ECCENTRICITY,
+    GEAR_HARMONIC,
+    BACKLASH,
+    FRICTION_WINDUP,
+    HYSTERESIS,
+    COMPLIANCE,
+    CROSS_COUPLING,
+    STIFFENING,
+    DEADBAND,
+    EVEN_IN_LOAD,
+    POSITION_DEPENDENT_COMPLIANCE,
+    THERMAL_SOFTENING,
+    CREEP,
+    SLIP_STEP,
+    DRESS_PACK,
+    THERMAL_GROWTH,
+    THERMAL_BENDING,
+    LINK_FLEXURE,
+    LINK_MASS,
+    LINK_GEOMETRY,
+    PAYLOAD_MASS,
+    PAYLOAD_COM,
+    TOOL_SHIFT,
+    TIP_FORCE,
+    UMBILICAL,
+    MAGNETIC_PULL,
+    BASE_COMPLIANCE,
+    BASE_THERMAL,
+    BASE_DRIFT,
+    GRAVITY_TILT,
+    TRACKER_SCALE,
+    SESSION_FRAME,
+)
+"""In the order of preference where the data cannot tell two laws apart: the plainer first."""
+
+CATALOGUE: dict[str, EffectLaw] = {law.name: law for law in LAWS}
+"""Name in files -> law."""

@@ -1,0 +1,13 @@
+"""Encoder scale: eps (q - q0); q0 is an encoder offset, which calibration has, and is taken as zero."""
+
+from __future__ import annotations
+
+from armflex.effects.law import Amplitude, TwistLaw
+from armflex.effects.shapes import at_drives, on_drive, own_position
+
+ENCODER_SCALE = TwistLaw(
+    "encoder_scale",
+    lambda scene: at_drives(scene, "q_{joint}"),
+    (Amplitude("scale", "1"),),
+    lambda here, wrench, row, inner: on_drive(here, own_position(here, row)),
+)

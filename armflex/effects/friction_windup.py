@@ -1,0 +1,19 @@
+"""Friction wind-up: s (a + b |tau|), the drive train twisted by the friction it had to overcome."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.effects.law import Amplitude, TwistLaw
+from armflex.effects.shapes import approach, at_drives, on_drive
+from armflex.effects.spot import with_terms
+
+FRICTION_WINDUP = TwistLaw(
+    "friction_windup",
+    lambda scene: with_terms(at_drives(scene, "approach_{joint}"), (0, 1), (1,)),
+    (Amplitude("a", "{m}"), Amplitude("b", "{m}/{w}")),
+    lambda here, wrench, row, inner: on_drive(
+        here, approach(here, row), approach(here, row) * np.abs(wrench @ here.drive)
+    ),
+    loaded=True,
+)

@@ -1,0 +1,46 @@
+"""Hysteresis: a play operator of the load, which depends on the rows driven before (Maxwell slip with one element)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.effects.law import Amplitude, Inner, Memory, TwistLaw, Values
+from armflex.effects.scene import AXES, Scene
+from armflex.effects.shapes import along, at_joints, on_axis
+from armflex.effects.spot import Here, Spot
+from armflex.laws import Row
+
+
+def play(load: Array, radius: float) -> Array:
+    """Return (N,) the play operator of a (N,) load in row order, at rest at zero before the first row."""
+    state, found = 0.0, np.empty(len(load))
+    for i, value in enumerate(load):
+        state = min(max(state, value - radius), value + radius)
+        found[i] = state
+    return found
+
+
+def _state(spot: Spot) -> str:
+    return f"play_{spot.key}"
+
+
+def _remember(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    return play(along(here, wrench), inner[0])
+
+
+def _radii(spot: Spot, scene: Scene) -> Iterable[float]:
+    load = scene.wrenches[spot.site][:, AXES.index(str(spot.axis))]
+    return float(np.ptp(load)) * np.array([0.05, 0.1, 0.2, 0.3])
+
+
+HYSTERESIS = TwistLaw(
+    "hysteresis",
+    at_joints,
+    (Amplitude("gain", "{m}/{w}"),),
+    lambda here, wrench, row, inner: on_axis(here, row.covariate(_state(here.spot))),
+    (Inner("radius", "{w}", _radii),),
+    memory=Memory(_state, _remember, "{w}"),
+)

@@ -1,0 +1,152 @@
+"""Effects at work in an arm: twists join the law of a flexure, loads pull on links."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+from armflex.effects.law import Effect, LoadLaw, TwistLaw, Values
+from armflex.effects.spot import LINK, TOOL, Here, resolve, same_site, site_of
+from armflex.errors import Flag, MissingCovariateError
+from armflex.flexure import Flexure
+from armflex.laws import Law, Row
+from armflex.robot import Robot
+
+STEP = 1e-4
+"""Relative step of numerical derivatives; they steer Newton's steps and do not enter the solution."""
+
+
+@dataclass(frozen=True)
+class BoundTwist:
+    """An effect's twist at its place on one arm."""
+
+    effect: Effect
+    here: Here
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6) twist; raise `MissingCovariateError` where the row lacks what the effect needs."""
+        law = self.effect.law
+        assert isinstance(law, TwistLaw)
+        try:
+            basis = law.basis(self.here, wrench, row, self.effect.inner)
+        except MissingCovariateError as error:
+            raise MissingCovariateError(error.name, error.given, self.effect.name) from None
+        return np.tensordot(np.array(self.effect.amplitudes), basis, axes=(0, basis.ndim - 2))
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return the (6, 6) derivative with respect to a (6,) wrench, by central differences in one call."""
+        law = self.effect.law
+        assert isinstance(law, TwistLaw)
+        if not law.loaded:
+            return np.zeros((6, 6))
+        size = STEP * np.maximum(np.abs(wrench), 1e-3 * max(float(np.abs(wrench).max()), 1.0))
+        steps = np.diag(size)
+        ends = self.twist(np.vstack([wrench + steps, wrench - steps]), row)
+        return ((ends[:6] - ends[6:]) / (2.0 * size[:, None])).T
+
+
+@dataclass(frozen=True)
+class WithEffects(Law):
+    """A flexure's law, if it has one, and what effects add to it."""
+
+    law: Law | None
+    effects: tuple[BoundTwist, ...]
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the sum of all twists."""
+        total = np.zeros_like(wrench) if self.law is None else self.law.twist(wrench, row)
+        for effect in self.effects:
+            total = total + effect.twist(wrench, row)
+        return total
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return the sum of all derivatives."""
+        total = np.zeros((6, 6)) if self.law is None else self.law.tangent(wrench, row)
+        for effect in self.effects:
+            total = total + effect.tangent(wrench, row)
+        return total
+
+    def covariance(self, wrench: Array, row: Row) -> Array | None:
+        """Return the law's own; the effects' parameters go by the calibration's covariance."""
+        return None if self.law is None else self.law.covariance(wrench, row)
+
+    @property
+    def trained(self) -> bool:
+        """Whether the law was trained."""
+        return self.law is not None and self.law.trained
+
+    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return the law's doubts."""
+        return () if self.law is None else self.law.doubts(wrench, row)
+
+
+def with_twists(flexures: Sequence[Flexure], effects: Sequence[Effect], robot: Robot) -> tuple[Flexure, ...]:
+    """Return the flexures as they are with effects: laws extended, and a flexure of its own where there was none."""
+    modelled = list(flexures)
+    bound: dict[str, list[BoundTwist]] = {}
+    for effect in effects:
+        if isinstance(effect.law, TwistLaw):
+            here = resolve(effect.spot, robot, flexures)
+            bound.setdefault(effect.spot.site, []).append(BoundTwist(effect, here))
+    for site, parts in bound.items():
+        place = site_of(site, robot)
+        known = [i for i, flexure in enumerate(modelled) if same_site(flexure.site, place)]
+        if known:
+            old = modelled[known[-1]]
+            modelled[known[-1]] = replace(old, law=WithEffects(old.law, tuple(parts)))
+        else:
+            modelled.append(Flexure(f"effects at {site}", place.joint, WithEffects(None, tuple(parts)), place.before))
+    return tuple(modelled)
+
+
+@dataclass(frozen=True)
+class Pulling:
+    """A load effect as an arm carries it."""
+
+    frame: str
+    law: LoadLaw
+    here: Here
+    amplitudes: Values
+    inner: Values
+
+    def at(self, pose: pin.SE3) -> Array:
+        """Return the (6,) wrench at the link's origin, base axes."""
+        return np.array(self.amplitudes) @ self.law.pull(self.here, pose.homogeneous, self.inner)
+
+    def change(self, pose: pin.SE3) -> Array:
+        """Return the (6, 6) change per motion of the link, by central differences."""
+        change = np.zeros((6, 6))
+        for axis, step in enumerate(1e-6 * np.eye(6)):
+            ends = [self.at(_moved(pose, side * step)) for side in (1.0, -1.0)]
+            change[:, axis] = (ends[0] - ends[1]) / 2e-6
+        return change
+
+
+def _moved(pose: pin.SE3, step: Array) -> pin.SE3:
+    return pin.SE3(pin.exp3(step[3:]) @ pose.rotation, pose.translation + step[:3])
+
+
+def pulling(effects: Sequence[Effect], robot: Robot) -> tuple[Pulling, ...]:
+    """Return the loads that effects put on links."""
+    return tuple(
+        Pulling(
+            _link_of(effect.spot.site, robot),
+            effect.law,
+            resolve(effect.spot, robot, ()),
+            effect.amplitudes,
+            effect.inner,
+        )
+        for effect in effects
+        if isinstance(effect.law, LoadLaw)
+    )
+
+
+def _link_of(site: str, robot: Robot) -> str:
+    if site == TOOL:
+        return robot.tip
+    name = site.removeprefix(LINK)
+    return next(joint.parent for joint in robot.chain if joint.name == name)

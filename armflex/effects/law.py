@@ -1,0 +1,231 @@
+"""What a missing effect is: a law in the catalogue, at a spot, with values.
+
+A law is linear in its amplitudes and may have inner parameters that it is not linear in. `TwistLaw` adds a small twist
+at a site, `LoadLaw` a load on a link; `ModelLaw` changes the model itself (masses, gravity, the instrument).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.effects.spot import Here, Spot
+from armflex.laws import Row
+
+if TYPE_CHECKING:
+    from armflex.calibrate.view import Setup, View
+    from armflex.effects.scene import Scene
+
+Values = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """A parameter that the law is linear in; in its unit, {m} stands for the motion's unit and {w} for the load's."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Inner:
+    """A parameter that the law is not linear in.
+
+    Attributes:
+        name, unit: As for an amplitude.
+        grid: Starting values for the search at a spot of a scene.
+        positive: Whether only values above zero make sense; such are refined on a logarithmic scale.
+        polished: Whether it is refined after the grid.
+        smooth: Whether the law changes smoothly with it, so that a fit may move it.
+    """
+
+    name: str
+    unit: str
+    grid: Callable[[Spot, Scene], Iterable[float]]
+    positive: bool = True
+    polished: bool = True
+    smooth: bool = True
+
+
+class EffectLaw(Protocol):
+    """An entry of the catalogue."""
+
+    @property
+    def name(self) -> str:
+        """As files name it."""
+        ...
+
+    @property
+    def amplitudes(self) -> tuple[Amplitude, ...]:
+        """Linear parameters."""
+        ...
+
+    @property
+    def inner(self) -> tuple[Inner, ...]:
+        """Nonlinear parameters."""
+        ...
+
+    def spots(self, scene: Scene) -> Iterable[Spot]:
+        """Return where the effect makes sense in a campaign."""
+        ...
+
+    def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
+        """Return (M, d, k) changes of the readings per amplitude of `spot.terms`."""
+        ...
+
+    def apply(self, effect: Effect, setup: Setup) -> Setup:
+        """Return a setup with the effect in it."""
+        ...
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect with its values: all amplitudes (zero where the spot leaves one out), then the inner parameters."""
+
+    law: EffectLaw
+    spot: Spot
+    values: Values
+
+    @property
+    def amplitudes(self) -> Values:
+        """Values of the linear parameters."""
+        return self.values[: len(self.law.amplitudes)]
+
+    @property
+    def inner(self) -> Values:
+        """Values of the nonlinear parameters."""
+        return self.values[len(self.law.amplitudes) :]
+
+    @property
+    def name(self) -> str:
+        """Law, site and axis."""
+        return " ".join(part for part in (self.law.name, self.spot.site, self.spot.axis, self.spot.partner) if part)
+
+    @property
+    def named(self) -> dict[str, float]:
+        """Values by name, amplitudes that do not act left out."""
+        used = [self.law.amplitudes[i].name for i in self.spot.terms] + [inner.name for inner in self.law.inner]
+        values = [self.amplitudes[i] for i in self.spot.terms] + list(self.inner)
+        return dict(zip(used, values, strict=True))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of `named`."""
+        parts = [self.law.amplitudes[i] for i in self.spot.terms] + list(self.law.inner)
+        turns = self.spot.axis is None or self.spot.axis.startswith("r")
+        return tuple(part.unit.format(m="rad" if turns else "m", w="Nm" if turns else "N") for part in parts)
+
+
+Basis = Callable[[Here, Array, Row, Values], Array]
+"""(here, (..., 6) wrench at the site, row, inner) -> (..., k, 6) twist per amplitude, local axes."""
+
+Remember = Callable[[Here, Array, Row, Values], Array]
+"""(here, (N, 6) wrench at the site, N rows in the order driven, inner) -> (N,) state."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """A state that depends on the rows before: `name` of the derived covariate, and how it follows."""
+
+    name: Callable[[Spot], str]
+    remember: Remember
+    unit: str
+
+
+@dataclass(frozen=True)
+class TwistLaw:
+    """A law that adds a twist at a site.
+
+    Attributes:
+        name: As files name it.
+        places: Where it makes sense.
+        amplitudes: Linear parameters.
+        basis: The twist per amplitude.
+        inner: Nonlinear parameters.
+        loaded: Whether the twist depends on the wrench.
+        memory: State it needs, if any.
+    """
+
+    name: str
+    places: Callable[[Scene], Iterable[Spot]]
+    amplitudes: tuple[Amplitude, ...]
+    basis: Basis
+    inner: tuple[Inner, ...] = ()
+    loaded: bool = False
+    memory: Memory | None = None
+
+    def __reduce__(self) -> tuple:
+        """Return the name: a law is found in the catalogue again where it is sent."""
+        return _named, (self.name,)
+
+    def spots(self, scene: Scene) -> Iterable[Spot]:
+        """Return where the effect makes sense in a campaign."""
+        return self.places(scene)
+
+    def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
+        """Return (M, d, k) changes of the readings per acting amplitude."""
+        features = self.features(spot, inner, view, scene)
+        return view.to_twist(spot.site) @ features.transpose(0, 2, 1)
+
+    def features(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
+        """Return (M, k, 6) twists per acting amplitude in the measured rows."""
+        here, wrench = scene.here(spot, view.setup.arm), scene.wrench(view, spot.site)
+        row = scene.row
+        if self.memory:
+            state = {self.memory.name(spot): self.memory.remember(here, wrench, row, inner)}
+            row = Row(row.q, row.joint_index, {**row.covariates, **state})
+        return self.basis(here, wrench, row, inner)[view.rows][:, list(spot.terms)]
+
+    def apply(self, effect: Effect, setup: Setup) -> Setup:
+        """Return the setup with the effect among those of its arm."""
+        return setup.with_effect(effect)
+
+
+Pull = Callable[[Here, Array, Values], Array]
+"""(here, (..., 4, 4) pose of the link, inner) -> (..., k, 6) wrench per amplitude at its origin, base axes."""
+
+
+@dataclass(frozen=True)
+class LoadLaw:
+    """A law that adds a load on a link."""
+
+    name: str
+    places: Callable[[Scene], Iterable[Spot]]
+    amplitudes: tuple[Amplitude, ...]
+    pull: Pull
+    inner: tuple[Inner, ...] = ()
+
+    def __reduce__(self) -> tuple:
+        """Return the name: a law is found in the catalogue again where it is sent."""
+        return _named, (self.name,)
+
+    def spots(self, scene: Scene) -> Iterable[Spot]:
+        """Return where the effect makes sense in a campaign."""
+        return self.places(scene)
+
+    def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
+        """Return (M, d, k) changes of the readings per acting amplitude."""
+        here, index = scene.here(spot, view.setup.arm), view.line.link_names.index(scene.link(spot.site))
+        wrenches = self.pull(here, view.line.links[:, index], inner)[:, list(spot.terms)]
+        return view.answer(view.line.link_loads[:, index] @ wrenches.transpose(0, 2, 1))
+
+    def apply(self, effect: Effect, setup: Setup) -> Setup:
+        """Return the setup with the effect among those of its arm."""
+        return setup.with_effect(effect)
+
+
+def _named(name: str) -> EffectLaw:
+    from armflex.effects.catalogue import CATALOGUE  # which imports this module
+
+    return CATALOGUE[name]
+
+
+def full(amplitudes: Array, spot: Spot, count: int) -> Values:
+    """Return all `count` amplitudes from those of the spot's terms."""
+    values = np.zeros(count)
+    values[list(spot.terms)] = amplitudes
+    return tuple(values.tolist())

@@ -1,0 +1,37 @@
+"""A pull towards a point that falls with distance: F / (1 + (d / reach)^2)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.effects.law import Amplitude, Inner, LoadLaw, Values
+from armflex.effects.points import coordinates, force_at, middle_of
+from armflex.effects.scene import Scene
+from armflex.effects.spot import Here, Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    return [Spot(link) for link in scene.links]
+
+
+def _pull(here: Here, pose: Array, inner: Values) -> Array:
+    lever = pose[..., :3, :3] @ middle_of(here)
+    way = np.array(inner[:3]) - pose[..., :3, 3] - lever
+    distance = np.linalg.norm(way, axis=-1, keepdims=True)
+    return force_at(way / np.maximum(distance, 1e-9) / (1.0 + (distance / inner[3]) ** 2), lever)
+
+
+def _reaches(spot: Spot, scene: Scene) -> Iterable[float]:
+    return (0.15 * float(np.linalg.norm(np.ptp(scene.box, axis=0))),)
+
+
+MAGNETIC_PULL = LoadLaw(
+    "magnetic_pull",
+    _places,
+    (Amplitude("F", "N"),),
+    _pull,
+    (*coordinates("point", 4), Inner("reach", "m", _reaches)),
+)

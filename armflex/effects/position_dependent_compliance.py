@@ -1,0 +1,29 @@
+"""Compliance that changes with the joint's position: (C1 q + C2 q^2) w, on one axis or as a share of the declared law."""
+
+from __future__ import annotations
+
+from armflex.conventions import Array
+from armflex.effects.law import Amplitude, TwistLaw, Values
+from armflex.effects.scene import Scene
+from armflex.effects.shapes import along, at_joints, on_axis, own_position
+from armflex.effects.spot import Here, Spot, with_terms
+from armflex.laws import Row
+
+
+def _places(scene: Scene) -> list[Spot]:
+    spots = [Spot(spot.site, spot.axis, (f"q_{spot.site}",)) for spot in at_joints(scene)]
+    return with_terms(spots, (0,), (0, 1))
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    load, position = along(here, wrench), own_position(here, row)
+    return on_axis(here, position * load, position**2 * load)
+
+
+POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
+    "position_dependent_compliance",
+    _places,
+    (Amplitude("C1", "{m}/{w}/rad"), Amplitude("C2", "{m}/{w}/rad^2")),
+    _basis,
+    loaded=True,
+)

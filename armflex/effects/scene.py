@@ -1,0 +1,128 @@
+"""A campaign as the catalogue sees it: everything known in every driven row, and which columns are suspects."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.effects.spot import BASE, LINK, TOOL, Here, Spot, resolve, site_names
+from armflex.laws import Row
+from armflex.robot import Robot
+
+if TYPE_CHECKING:
+    from armflex.arm import Arm
+    from armflex.calibrate.view import View
+    from armflex.measurements import Measurements
+
+TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
+"""Names of columns that are taken for a temperature."""
+
+AXES_TURN = ("rx", "ry", "rz")
+AXES = ("dx", "dy", "dz", *AXES_TURN)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is known in the N rows of a campaign, measured or not.
+
+    Attributes:
+        robot: The robot.
+        row: Joint positions and every numeric column of all rows, in the order driven.
+        recorded: Names of the numeric columns that vary, which are suspects.
+        payloads: Name of each row's payload.
+        sessions: Name of each row's session.
+        wrenches: (N, 6) load on the structure at every site, local axes.
+        box: (2, 3) lowest and highest coordinates that any link was at [m], base axes.
+    """
+
+    robot: Robot
+    row: Row
+    recorded: tuple[str, ...]
+    payloads: tuple[str, ...]
+    sessions: tuple[str, ...]
+    wrenches: Mapping[str, Array]
+    box: Array
+
+    @property
+    def temperatures(self) -> tuple[str, ...]:
+        """Suspects that go by the name of a temperature."""
+        return tuple(name for name in self.recorded if TEMPERATURE.search(name))
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Moving joints of the chain."""
+        return self.robot.joint_names
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Sites at the ends of the links, the tool's last."""
+        return (*(LINK + joint for joint in self.joints), TOOL)
+
+    @cached_property
+    def sites(self) -> tuple[str, ...]:
+        """All sites from base to tool."""
+        return site_names(self.robot)
+
+    def column(self, name: str) -> Array:
+        """Return the (N,) values of a column or of a joint's position ('q_J')."""
+        return column_of(self.row, name)
+
+    def here(self, spot: Spot, arm: Arm) -> Here:
+        """Return what is known about the arm at a spot."""
+        return resolve(spot, arm.robot, arm.flexures)
+
+    def wrench(self, view: View, site: str) -> Array:
+        """Return the (N, 6) wrench at a site: the view's own where it has a row, else that of the scene."""
+        wrench = self.wrenches[site].copy()
+        wrench[view.rows] = view.line.load_at(site)
+        return wrench
+
+    def link(self, site: str) -> str:
+        """Return the name of the link that a load effect at a site acts on."""
+        name = site.removeprefix(LINK)
+        if name == TOOL:
+            return self.robot.tip
+        if name == BASE:
+            return self.robot.base
+        return next(joint.parent for joint in self.robot.chain if joint.name == name)
+
+
+def column_of(row: Row, name: str) -> Array:
+    """Return the values of a column or of a joint's position ('q_J')."""
+    if name.startswith("q_") and name[2:] in row.joint_index:
+        return row.position(name[2:])
+    return row.covariate(name)
+
+
+def survey(measurements: Measurements, arm: Arm, wrenches: Mapping[str, Array], box: Array) -> Scene:
+    """Return the scene of a campaign.
+
+    Args:
+        measurements: All rows in the order driven.
+        arm: The arm; its payloads' masses are suspects, too.
+        wrenches: (N, 6) loads at every site.
+        box: (2, 3) space that the links were in.
+    """
+    known = known_columns(measurements, arm)
+    hidden = {f"approach_{joint}" for joint in measurements.joint_names}
+    recorded = tuple(name for name, values in known.items() if name not in hidden and np.ptp(values) > 0.0)
+    index = {name: i for i, name in enumerate(measurements.joint_names)}
+    row = Row(measurements.q, index, known)
+    return Scene(arm.robot, row, recorded, measurements.payload, measurements.session, wrenches, box)
+
+
+def known_columns(measurements: Measurements, arm: Arm) -> dict[str, Array]:
+    """Return every numeric column of a campaign by name, the approach of each joint and the payload's mass included."""
+    known: dict[str, Array] = {"time": measurements.time}
+    if measurements.hold is not None:
+        known["hold"] = measurements.hold
+    known |= {name: values for name, values in measurements.covariates.items() if isinstance(values, np.ndarray)}
+    known |= {f"approach_{joint}": measurements.approach[:, i] for i, joint in enumerate(measurements.joint_names)}
+    known["payload_mass"] = np.array([arm.payload(name).mass for name in measurements.payload])
+    return known

@@ -1,0 +1,131 @@
+"""What the laws of the catalogue have in common: shapes along an axis, lagged columns, and where a law makes sense."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.effects.law import Inner, Memory, Values
+from armflex.effects.scene import AXES, Scene, column_of
+from armflex.effects.spot import BASE, Here, Spot, drive_axis
+from armflex.laws import Row
+
+LAGS = (600.0, 1800.0, 5400.0, 10800.0)
+"""Time constants to begin a search with [s]: hours for links of a tonne."""
+
+REFERENCE = 20.0
+"""Temperature at which machines are made [deg C]."""
+
+
+def on_axis(here: Here, *shapes: Array) -> Array:
+    """Return (..., k, 6) twists of (...,) shapes along the spot's axis."""
+    return np.stack(np.broadcast_arrays(*shapes), axis=-1)[..., None] * here.direction
+
+
+def on_drive(here: Here, *shapes: Array) -> Array:
+    """Return (..., k, 6) twists of (...,) shapes along the joint's own motion."""
+    return np.stack(np.broadcast_arrays(*shapes), axis=-1)[..., None] * here.drive
+
+
+def along(here: Here, wrench: Array) -> Array:
+    """Return the (...,) load along the spot's axis: tau about a turning one."""
+    return wrench @ here.direction
+
+
+def own_position(here: Here, row: Row) -> Array:
+    """Return the (...,) position of the site's joint."""
+    return row.position(here.spot.place)
+
+
+def approach(here: Here, row: Row) -> Array:
+    """Return the (...,) direction from which the site's joint came."""
+    return row.covariate(f"approach_{here.spot.place}")
+
+
+def warmth(here: Here, row: Row, reference: float, lag: float) -> Array:
+    """Return the (...,) temperature above the reference, lagged where there is a lag."""
+    name = lagged_name(here.spot) if lag > 0.0 else here.spot.covariates[0]
+    return column_of(row, name) - reference
+
+
+def lagged_name(spot: Spot) -> str:
+    """Return the name of the derived covariate of a lagged temperature."""
+    return f"{spot.covariates[0]}_lagged_{spot.key}"
+
+
+def lagged(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    """Return (N,) the spot's column behind a first-order lag, `inner[-1]` seconds; in equilibrium at the first row."""
+    values, lag = column_of(row, here.spot.covariates[0]), inner[-1]
+    if lag <= 0.0:
+        return values
+    return follow(row.covariate("time"), values, lag)
+
+
+def follow(time: Array, values: Array, lag: float) -> Array:
+    """Return (N,) y of y' = (x - y) / lag, x straight between the rows, y = x at the earliest."""
+    order = np.argsort(time, kind="stable")
+    state = np.empty(len(values))
+    y, before = values[order[0]], order[0]
+    for i in order:
+        step = time[i] - time[before]
+        if step > 0.0:
+            slope, decay = (values[i] - values[before]) / step, np.exp(-step / lag)
+            y = values[i] - slope * lag + (y - values[before] + slope * lag) * decay
+        state[i], before = y, i
+    return state
+
+
+LAGGED = Memory(lagged_name, lagged, "K")
+
+
+def reference_grid(spot: Spot, scene: Scene) -> Iterable[float]:
+    """Return the temperature of manufacture and the campaign's mean."""
+    return (REFERENCE, float(scene.column(spot.covariates[0]).mean()))
+
+
+def lag_grid(spot: Spot, scene: Scene) -> Iterable[float]:
+    """Return no lag, and lags that the campaign is long enough to show."""
+    span = float(np.ptp(scene.column("time")))
+    return (0.0, *(lag for lag in LAGS if lag < span))
+
+
+WARM = (
+    Inner("reference", "degC", reference_grid, positive=False, polished=False),
+    Inner("lag", "s", lag_grid, positive=True),
+)
+
+
+def at_drives(scene: Scene, *covariates: str) -> list[Spot]:
+    """Return every moving joint's own axis; a covariate may name the joint as {joint}."""
+    return [
+        Spot(joint.name, drive_axis(joint), tuple(name.format(joint=joint.name) for name in covariates))
+        for joint in scene.robot.moving
+    ]
+
+
+def at_joints(scene: Scene, axes: Iterable[str] = AXES, covariate: str | None = None) -> list[Spot]:
+    """Return every joint with each axis."""
+    covariates = () if covariate is None else (covariate,)
+    return [Spot(joint, axis, covariates) for joint in scene.joints for axis in axes]
+
+
+def at_links(scene: Scene, axes: Iterable[str] = AXES, *covariates: str) -> list[Spot]:
+    """Return every link's end with each axis."""
+    return [Spot(link, axis, covariates) for link in scene.links for axis in axes]
+
+
+def at_base(axes: Iterable[str] = AXES, *covariates: str) -> list[Spot]:
+    """Return the base with each axis."""
+    return [Spot(BASE, axis, covariates) for axis in axes]
+
+
+def with_temperature(make: Callable[..., list[Spot]], scene: Scene) -> list[Spot]:
+    """Return the spots of `make(temperature)` for every recorded temperature."""
+    return [spot for name in scene.temperatures for spot in make(name)]
+
+
+def unit_twists(wrench: Array) -> Array:
+    """Return (..., 6, 6) with row a the wrench's component a on axis a: a diagonal compliance's columns."""
+    return wrench[..., None] * np.eye(6)

@@ -1,0 +1,148 @@
+"""Where an effect acts: a named site and axis of one arm, and what is known about the arm there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.flexure import Flexure
+from armflex.laws import Law
+from armflex.robot import Robot, Site
+from armflex.robot.elements import Joint
+
+BASE, TOOL, LINK = "base", "tool", "link:"
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A law's place among all places: what tells one candidate from another, hashable.
+
+    Attributes:
+        site: 'base', a joint, 'link:JOINT' (the link that the joint ends), or 'tool'.
+        axis: One of dx dy dz rx ry rz, None where the law has no single axis.
+        covariates: Columns it depends on, in the law's order.
+        terms: Which of the law's amplitudes act; the others are zero.
+        partner: Second axis, session or payload where a law needs one.
+    """
+
+    site: str
+    axis: str | None = None
+    covariates: tuple[str, ...] = ()
+    terms: tuple[int, ...] = (0,)
+    partner: str = ""
+
+    @property
+    def place(self) -> str:
+        """The site as files name it: a link goes by the joint that ends it."""
+        return self.site.removeprefix(LINK)
+
+    @property
+    def key(self) -> str:
+        """Site and axis in one word, for names of derived covariates."""
+        return "_".join(part for part in (self.place, self.axis) if part)
+
+
+def with_terms(spots: Iterable[Spot], *choices: tuple[int, ...]) -> list[Spot]:
+    """Return each spot once per choice of acting amplitudes."""
+    return [replace(spot, terms=terms) for spot in spots for terms in choices]
+
+
+@dataclass(frozen=True)
+class Here:
+    """A spot on one arm.
+
+    Attributes:
+        spot: Which place it is.
+        robot: The robot.
+        base_law: The declared law of the flexure there, None where the arm is rigid.
+    """
+
+    spot: Spot
+    robot: Robot
+    base_law: Law | None
+
+    @cached_property
+    def joint(self) -> Joint | None:
+        """The joint whose motion the site follows, None at the base."""
+        name = self.spot.place
+        if name == BASE:
+            return None
+        if name == TOOL:
+            return self.robot.chain[-1]
+        return next(joint for joint in self.robot.chain if joint.name == name)
+
+    @cached_property
+    def direction(self) -> Array:
+        """(6,) unit twist of the axis in the site's frame."""
+        return np.eye(6)[TWIST_NAMES.index(self.spot.axis)] if self.spot.axis else np.zeros(6)
+
+    @cached_property
+    def drive(self) -> Array:
+        """(6,) unit twist of the joint's own motion."""
+        assert self.joint is not None
+        return drive_of(self.joint)
+
+    @cached_property
+    def length(self) -> Array:
+        """(3,) vector along the link to its end, in the site's frame [m]."""
+        return _link_vector(self.robot, None if self.spot.place == TOOL else self.joint)
+
+    @property
+    def turns(self) -> bool:
+        """Whether the axis is a rotation."""
+        return self.spot.axis is None or self.spot.axis.startswith("r")
+
+
+def drive_of(joint: Joint) -> Array:
+    """Return the (6,) unit twist of a joint's own motion, zero for a fixed one."""
+    twist = np.zeros(6)
+    if joint.kind == "prismatic":
+        twist[:3] = joint.axis
+    elif joint.kind in ("revolute", "continuous"):
+        twist[3:] = joint.axis
+    return twist
+
+
+def drive_axis(joint: Joint) -> str:
+    """Return the axis that is nearest to a joint's own motion."""
+    return TWIST_NAMES[int(np.abs(drive_of(joint)).argmax())]
+
+
+def resolve(spot: Spot, robot: Robot, flexures: Sequence[Flexure]) -> Here:
+    """Return what is known about an arm at a spot."""
+    laws = [flexure.law for flexure in flexures if same_site(flexure.site, site_of(spot.site, robot))]
+    return Here(spot, robot, laws[-1] if laws else None)
+
+
+def site_of(name: str, robot: Robot) -> Site:
+    """Return the site of a model of the arm that goes by a name."""
+    if name == BASE:
+        return Site(name, None)
+    if name == TOOL:
+        return Site(name, robot.chain[-1].name)
+    return Site(name, name.removeprefix(LINK), before=name.startswith(LINK))
+
+
+def same_site(one: Site, other: Site) -> bool:
+    """Return whether two sites are the same place of the chain."""
+    return (one.joint, one.before) == (other.joint, other.before)
+
+
+def site_names(robot: Robot) -> tuple[str, ...]:
+    """Return every site of an arm from base to tool: 'base', 'link:A2', 'A2', ..., 'tool'."""
+    names = [name for joint in robot.joint_names for name in (LINK + joint, joint)]
+    return (BASE, *names, TOOL)
+
+
+def _link_vector(robot: Robot, end: Joint | None) -> Array:
+    """Return the way along a link to its end joint (the tip when None), in that joint's origin frame [m]."""
+    last = len(robot.chain) if end is None else robot.chain.index(end) + 1
+    moving = [i for i, joint in enumerate(robot.chain[: last - (end is not None)]) if joint in robot.moving]
+    vector = np.zeros(3)
+    for joint in robot.chain[moving[-1] + 1 if moving else 0 : last]:
+        vector = joint.rotation.T @ (vector + joint.origin)
+    return vector

@@ -1,0 +1,89 @@
+"""What a candidate could still explain, once everything already fitted has had its say.
+
+With A the whitened columns of all fitted parameters, P their prior precision and N = A'A + P, a new column x lowers
+the fit's objective by (x'e)^2 / (x'x - x'A N^-1 A'x), e the residual: the Frisch-Waugh-Lovell projection, priors
+included. Weights are those of the fit. One factorisation serves thousands of candidates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from armflex.calibrate.fit import Fit
+from armflex.conventions import Array
+
+HIDDEN = 1e-8
+"""Share of a column's square that must survive the projection; less is rounding."""
+
+RIDGE = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """A fit, seen by candidates.
+
+    Attributes:
+        columns: (n, P) whitened and weighted columns of the fitted parameters.
+        precision: (P,) prior precision.
+        residual: (n,) whitened and weighted residual at the most probable values.
+        objective: Sum of squares of residual and prior deviations.
+    """
+
+    columns: Array
+    precision: Array
+    residual: Array
+    objective: float
+
+    @cached_property
+    def count(self) -> int:
+        """Number of readings."""
+        return len(self.residual)
+
+    @cached_property
+    def half(self) -> Array:
+        """(P, n) L^-1 A' with L L' = N."""
+        normal = self.columns.T @ self.columns + np.diag(self.precision)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        scaled = normal * np.outer(scale, scale) + RIDGE * np.eye(len(scale))
+        lower = np.linalg.cholesky(scaled)
+        return solve_triangular(lower, scale[:, None] * self.columns.T, lower=True)
+
+    def information(self, columns: Array) -> tuple[Array, Array]:
+        """Return (k, k) X'X - X'A N^-1 A'X of (n, k) columns, and the diagonal of X'X."""
+        seen = self.half @ columns
+        whole = columns.T @ columns
+        return whole - seen.T @ seen, np.diag(whole)
+
+    def gain(self, columns: Array) -> tuple[float, Array]:
+        """Return what (n, k) columns lower the objective by together, and their (k,) amplitudes."""
+        inside, whole = self.information(columns)
+        return solve_group(inside, whole, columns.T @ self.residual)
+
+
+def project(fit: Fit) -> Projection:
+    """Return the projection of a fit."""
+    deviations = float(((fit.values / fit.prior) ** 2).sum())
+    return Projection(fit.columns, fit.prior**-2.0, fit.residual, float(fit.residual @ fit.residual) + deviations)
+
+
+def solve_group(inside: Array, whole: Array, score: Array) -> tuple[float, Array]:
+    """Return gain and amplitudes of a group from its (k, k) information, raw squares and (k,) score."""
+    seen = whole > 0.0
+    scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, whole, 1.0)), 0.0)
+    values, vectors = np.linalg.eigh(inside * np.outer(scale, scale))
+    kept = values > HIDDEN
+    if not kept.any():
+        return 0.0, np.zeros(len(score))
+    along = vectors[:, kept].T @ (scale * score)
+    amplitudes = scale * (vectors[:, kept] @ (along / values[kept]))
+    return float((along**2 / values[kept]).sum()), amplitudes
+
+
+def evidence(gain: Array | float, objective: float, count: int, parameters: Array | float) -> Array | float:
+    """Return the fall of the Bayesian information criterion: n log(J / (J - gain)) - k log n; noise size unknown."""
+    left = np.maximum(objective - np.minimum(gain, objective), 1e-12 * objective)
+    return count * np.log(objective / left) - parameters * np.log(count)
