@@ -19,6 +19,9 @@ from armflex.errors import AxesError, Place, UnitError
 FEWEST_POINTS = 6
 """Below this many points chance alone lets a mirror fit ten times better."""
 
+NARROWEST = 0.01
+"""Spread of the nominal points [m] below which noise says more about their size and hand than they do."""
+
 DROP = 10.0
 """Fall of the residual under a change of axes that is no accident."""
 
@@ -50,7 +53,7 @@ def check_axes(
         AxesError: The points fit over `DROP` times better in changed axes; which ones is said.
         UnitError: The measured points are spread a thousand times as wide or narrow as the nominal ones.
     """
-    if len(np.unique(np.round(points, 6), axis=0)) < FEWEST_POINTS:
+    if len(np.unique(np.round(points, 6), axis=0)) < FEWEST_POINTS or _spread(points) < NARROWEST:
         return
     where = f"{places[0]}: " if places else ""
     _check_scale(points, measured, where)

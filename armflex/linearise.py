@@ -55,6 +55,7 @@ class Linearisation:
 
     Attributes:
         sites: Names of the sites, in order.
+        row: What was known in the rows: joint positions and covariates.
         tip: (N, 4, 4) tip pose in the base.
         joints: (N, 6, nq) per joint, loads redistributing.
         twists: (N, 6, s, 6) per body twist at a site, loads redistributing.
@@ -62,8 +63,6 @@ class Linearisation:
         per_load: (N, 6, n, 6) per change of a flexure's wrench.
         wrenches: (N, s, 6) load on the structure at every site, local axes.
         flexure_wrenches: (N, n, 6) the same at the flexures.
-        flexure_twists: (N, n, 6) the flexures' twists.
-        tangents: (N, n, 6, 6) derivative of each flexure's twist with respect to its wrench.
         links: (N, l, 4, 4) pose of every link that `link_names` lists.
         link_names: Links at and beyond the base.
         link_loads: (N, l, 6, 6) tip motion per wrench at a link's origin, base axes.
@@ -71,6 +70,7 @@ class Linearisation:
     """
 
     sites: tuple[str, ...]
+    row: Row
     tip: Array
     joints: Array
     twists: Array
@@ -78,8 +78,6 @@ class Linearisation:
     per_load: Array
     wrenches: Array
     flexure_wrenches: Array
-    flexure_twists: Array
-    tangents: Array
     links: Array
     link_names: tuple[str, ...]
     link_loads: Array
@@ -120,7 +118,7 @@ class Linearizer:
         names = self.sites.names
         links = self._model(self.arm.payload(payloads[0])).sited.flex.links
         stacked = {key: np.array([part[key] for part in parts]) for key in parts[0]}
-        return Linearisation(sites=names, link_names=links, **stacked)
+        return Linearisation(sites=names, link_names=links, row=Row(q, self._joint_index, covariates or {}), **stacked)
 
     def _model(self, payload: Payload) -> _Models:
         key = (payload.mass, tuple(payload.com))
@@ -186,8 +184,6 @@ def _answers(models: _Models, stack: LawStack, row: Row, case: LoadCase, found: 
         "per_load": per_load.reshape(6, n, 6),
         "wrenches": -torque[models.sites].reshape(s, 6),
         "flexure_wrenches": wrenches.reshape(n, 6),
-        "flexure_twists": twists.reshape(n, 6),
-        "tangents": np.array([law[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] for i in range(n)]).reshape(n, 6, 6),
         "links": links,
         "link_loads": link_loads,
         "gravity": _gravity(models, bent, per_load),

@@ -248,11 +248,12 @@ class ComplianceBlock:
         columns = []
         for name, axes in zip(self.flexures, self.axes, strict=True):
             index = names.index(name)
-            answer = line.laws[:, :, index]
-            wrench, twist = line.flexure_wrenches[:, index], line.flexure_twists[:, index]
+            answer, wrench = line.laws[:, :, index], line.flexure_wrenches[:, index]
+            law = view.setup.arm.flexures[index].law  # without what effects add to it
+            twist, tangent = law.twist(wrench, line.row), law.tangent(wrench, line.row)
             for axis in axes:
                 unit = np.eye(6)[axis]
-                back = line.tangents[:, index] @ (unit * wrench[:, [axis]])[:, :, None]
+                back = tangent @ (unit * wrench[:, [axis]])[:, :, None]
                 change = 0.5 * (unit * twist[:, [axis]] + back[:, :, 0])
                 columns.append(answer @ change[:, :, None])
         return view.answer(np.concatenate(columns, axis=2))

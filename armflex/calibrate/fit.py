@@ -24,8 +24,8 @@ MAX_ITERATIONS = 30
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""
 
-FLAT = 1e-8
-"""Relative fall of the cost below which there is nothing left to gain."""
+FLAT = 1e-3
+"""Fall of the cost (-2 log posterior density) below which there is nothing left to gain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +175,7 @@ def fit(
         history.append(cost)
         if progress:
             progress(iteration + 1, MAX_ITERATIONS)
-        if size < SETTLED or before - cost < FLAT * max(cost, 1.0):
+        if size < SETTLED or before - cost < FLAT:
             return Fit(declared, blocks, values, view, huber_weights(view), tuple(history))
     raise ConvergenceError("calibration did not settle", history)
 

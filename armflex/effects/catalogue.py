@@ -37,6 +37,7 @@ from armflex.effects.tip_force import TIP_FORCE
 from armflex.effects.tool_shift import TOOL_SHIFT
 from armflex.effects.tracker_scale import TRACKER_SCALE
 from armflex.effects.umbilical import UMBILICAL
+from armflex.effects.unnamed import SHAPES
 
 LAWS: tuple[EffectLaw, ...] = (
     ENCODER_OFFSET,
@@ -78,3 +79,6 @@ LAWS: tuple[EffectLaw, ...] = (
 
 CATALOGUE: dict[str, EffectLaw] = {law.name: law for law in LAWS}
 """Name in files -> law."""
+
+EVERY: dict[str, EffectLaw] = {**CATALOGUE, **SHAPES}
+"""The same with the shapes that have no name."""

@@ -219,9 +219,9 @@ class LoadLaw:
 
 
 def _named(name: str) -> EffectLaw:
-    from armflex.effects.catalogue import CATALOGUE  # which imports this module
+    from armflex.effects.catalogue import EVERY  # which imports this module
 
-    return CATALOGUE[name]
+    return EVERY[name]
 
 
 def full(amplitudes: Array, spot: Spot, count: int) -> Values:

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
 """Names of columns that are taken for a temperature."""
 
+POSE = "pose_number"
+"""Column that numbers the poses; for random twists, not a suspect."""
+
 AXES_TURN = ("rx", "ry", "rz")
 AXES = ("dx", "dy", "dz", *AXES_TURN)
 
@@ -110,7 +113,7 @@ def survey(measurements: Measurements, arm: Arm, wrenches: Mapping[str, Array], 
         box: (2, 3) space that the links were in.
     """
     known = known_columns(measurements, arm)
-    hidden = {f"approach_{joint}" for joint in measurements.joint_names}
+    hidden = {POSE, *(f"approach_{joint}" for joint in measurements.joint_names)}
     recorded = tuple(name for name, values in known.items() if name not in hidden and np.ptp(values) > 0.0)
     index = {name: i for i, name in enumerate(measurements.joint_names)}
     row = Row(measurements.q, index, known)
@@ -124,5 +127,6 @@ def known_columns(measurements: Measurements, arm: Arm) -> dict[str, Array]:
         known["hold"] = measurements.hold
     known |= {name: values for name, values in measurements.covariates.items() if isinstance(values, np.ndarray)}
     known |= {f"approach_{joint}": measurements.approach[:, i] for i, joint in enumerate(measurements.joint_names)}
+    known[POSE] = np.unique(measurements.pose, return_inverse=True)[1].astype(float)
     known["payload_mass"] = np.array([arm.payload(name).mass for name in measurements.payload])
     return known

@@ -1,16 +1,31 @@
-"""A link that bends as it warms: beta (T - Tref), a rotation at its end."""
+"""A link that bends as it warms: beta (T - Tref), a rotation of its end about a point of it.
+
+A bend at its root turns it about its root, an even one about its middle.
+"""
 
 from __future__ import annotations
 
-from armflex.effects.law import Amplitude, TwistLaw
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.effects.law import Amplitude, Inner, TwistLaw, Values
 from armflex.effects.scene import AXES_TURN
-from armflex.effects.shapes import LAGGED, WARM, at_links, on_axis, warmth, with_temperature
+from armflex.effects.shapes import LAGGED, WARM, at_links, warmth, with_temperature
+from armflex.effects.spot import Here
+from armflex.laws import Row
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    turn = here.direction[3:]
+    shift = np.cross(turn, (1.0 - inner[0]) * here.length)
+    return (np.asarray(warmth(here, row, *inner[1:]))[..., None] * np.concatenate([shift, turn]))[..., None, :]
+
 
 THERMAL_BENDING = TwistLaw(
     "thermal_bending",
     lambda scene: with_temperature(lambda name: at_links(scene, AXES_TURN, name), scene),
     (Amplitude("beta", "rad/K"),),
-    lambda here, wrench, row, inner: on_axis(here, warmth(here, row, *inner)),
-    WARM,
+    _basis,
+    (Inner("along", "1", lambda spot, scene: (1.0, 0.5, 0.0), polished=False), *WARM),
     memory=LAGGED,
 )

@@ -44,13 +44,22 @@ class Projection:
         return len(self.residual)
 
     @cached_property
-    def half(self) -> Array:
-        """(P, n) L^-1 A' with L L' = N."""
+    def factor(self) -> tuple[Array, Array]:
+        """Scale D (P,) and lower L (P, P) with L L' = D N D."""
         normal = self.columns.T @ self.columns + np.diag(self.precision)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        scaled = normal * np.outer(scale, scale) + RIDGE * np.eye(len(scale))
-        lower = np.linalg.cholesky(scaled)
+        return scale, np.linalg.cholesky(normal * np.outer(scale, scale) + RIDGE * np.eye(len(scale)))
+
+    @cached_property
+    def half(self) -> Array:
+        """(P, n) L^-1 D A', so that half' half = A N^-1 A'."""
+        scale, lower = self.factor
         return solve_triangular(lower, scale[:, None] * self.columns.T, lower=True)
+
+    def absorbed(self, change: Array) -> Array:
+        """Return the (P,) values by which fitted parameters take over a (n,) change of the readings."""
+        scale, lower = self.factor
+        return scale * solve_triangular(lower.T, self.half @ change, lower=False)
 
     def information(self, columns: Array) -> tuple[Array, Array]:
         """Return (k, k) X'X - X'A N^-1 A'X of (n, k) columns, and the diagonal of X'X."""

@@ -1,0 +1,164 @@
+"""Shapes without a name: a twist, or a compliance, as a free function of a column, for what no law describes.
+
+They are no physics: they say where, along which axis and with which column something happens, and its shape inside the
+recorded range; outside it they stay at their end values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.effects.law import Amplitude, Inner, TwistLaw, Values
+from armflex.effects.scene import Scene, column_of
+from armflex.effects.shapes import along, on_axis
+from armflex.effects.spot import Here, Spot
+from armflex.laws import Row
+
+KNOTS = 8
+"""Hats of a free shape over the recorded range; the mean is left to the constant parameters."""
+
+PERIODS = 6.0
+"""Most periods of a wave over a column's recorded range."""
+
+
+def suspects(scene: Scene) -> tuple[str, ...]:
+    """Return every column that may be a cause: what was recorded, and every joint's position."""
+    return (*scene.recorded, *(f"q_{joint}" for joint in scene.joints))
+
+
+def hats(values: Array, low: float, high: float, count: int) -> list[Array]:
+    """Return `count` (...,) functions, piecewise straight, of which one less than all: together they are never constant."""
+    knots = np.linspace(low, high, count + 1)
+    inside = np.clip(values, low, high)
+    tents = [np.interp(inside, knots, row) for row in np.eye(count + 1)]
+    return tents[:-1]
+
+
+def _spline(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    return on_axis(here, *hats(column_of(row, here.spot.covariates[0]), *inner, KNOTS))
+
+
+def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    load = along(here, wrench)
+    return on_axis(here, *(hat * load for hat in hats(column_of(row, here.spot.covariates[0]), *inner, KNOTS)))
+
+
+def _bump(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    away = (column_of(row, here.spot.covariates[0]) - inner[0]) / inner[1]
+    return on_axis(here, np.exp(-0.5 * away**2) * np.ones(wrench.shape[:-1]))
+
+
+def _wave(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    angle = inner[0] * column_of(row, here.spot.covariates[0])
+    return on_axis(here, np.sin(angle), np.cos(angle))
+
+
+def _line(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    away = column_of(row, here.spot.covariates[0]) - inner[0]
+    return on_axis(here, away * np.ones(wrench.shape[:-1]), away**2 * np.ones(wrench.shape[:-1]))
+
+
+def _product(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    first, second = (column_of(row, name) for name in here.spot.covariates)
+    tents = hats(first, inner[0], inner[1], KNOTS)
+    return on_axis(here, *tents, *(tent * (second - inner[2]) for tent in [*tents, 1.0 - sum(tents)]))
+
+
+def lowest(spot: Spot, scene: Scene, place: int = 0) -> Iterable[float]:
+    """Return the lowest recorded value of one of the spot's columns."""
+    return (float(scene.column(spot.covariates[place]).min()),)
+
+
+def highest(spot: Spot, scene: Scene, place: int = 0) -> Iterable[float]:
+    """Return the highest recorded value of one of the spot's columns."""
+    return (float(scene.column(spot.covariates[place]).max()),)
+
+
+def _middle(spot: Spot, scene: Scene) -> Iterable[float]:
+    return (float(scene.column(spot.covariates[-1]).mean()),)
+
+
+def _centres(spot: Spot, scene: Scene) -> Iterable[float]:
+    values = scene.column(spot.covariates[0])
+    return np.linspace(values.min(), values.max(), 25)
+
+
+def _widths(spot: Spot, scene: Scene) -> Iterable[float]:
+    return float(np.ptp(scene.column(spot.covariates[0]))) * np.array([0.02, 0.05, 0.1])
+
+
+def _waves(spot: Spot, scene: Scene) -> Iterable[float]:
+    span = float(np.ptp(scene.column(spot.covariates[0])))
+    return 2.0 * np.pi / span * np.arange(1.0 / 6.0, PERIODS, 1.0 / 3.0)
+
+
+LOW = Inner("low", "as recorded", lowest, positive=False, polished=False)
+HIGH = Inner("high", "as recorded", highest, positive=False, polished=False)
+MIDDLE = Inner("middle", "as recorded", _middle, positive=False, polished=False)
+TENTS = tuple(f"a{i}" for i in range(KNOTS))
+
+
+def everywhere(scene: Scene) -> list[Spot]:
+    """Return every joint, the base and the tool with each axis and each suspect column."""
+    sites = ("base", *scene.joints, "tool")
+    axes = ("dx", "dy", "dz", "rx", "ry", "rz")
+    return [Spot(site, axis, (name,)) for site in sites for axis in axes for name in suspects(scene)]
+
+
+def _with_all(make: Callable[[Scene], list[Spot]], count: int, scene: Scene) -> list[Spot]:
+    return [Spot(s.site, s.axis, s.covariates, tuple(range(count))) for s in make(scene)]
+
+
+SPLINE = TwistLaw(
+    "unnamed_shape",
+    partial(_with_all, everywhere, KNOTS),
+    tuple(Amplitude(name, "{m}") for name in TENTS),
+    _spline,
+    (LOW, HIGH),
+)
+SPLINE_COMPLIANCE = TwistLaw(
+    "unnamed_compliance",
+    partial(_with_all, everywhere, KNOTS),
+    tuple(Amplitude(name, "{m}/{w}") for name in TENTS),
+    _spline_compliance,
+    (LOW, HIGH),
+    loaded=True,
+)
+BUMP = TwistLaw(
+    "unnamed_bump",
+    everywhere,
+    (Amplitude("height", "{m}"),),
+    _bump,
+    (
+        Inner("centre", "as recorded", _centres, positive=False),
+        Inner("width", "as recorded", _widths),
+    ),
+)
+WAVE = TwistLaw(
+    "unnamed_wave",
+    partial(_with_all, everywhere, 2),
+    (Amplitude("A", "{m}"), Amplitude("B", "{m}")),
+    _wave,
+    (Inner("k", "per recorded", _waves),),
+)
+LINE = TwistLaw(
+    "unnamed_line",
+    everywhere,
+    (Amplitude("slope", "{m} per recorded"), Amplitude("curvature", "{m} per recorded^2")),
+    _line,
+    (MIDDLE,),
+)
+PRODUCT = TwistLaw(
+    "unnamed_product",
+    lambda scene: [],
+    tuple(Amplitude(f"a{i}", "{m}") for i in range(2 * KNOTS + 1)),
+    _product,
+    (LOW, HIGH, MIDDLE),
+)
+
+SHAPES = {law.name: law for law in (LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, PRODUCT)}
+"""Name in files -> shape; the plainer first."""

@@ -1,0 +1,122 @@
+"""Whether a gain is real: a sign-flip maximum null over all candidates, and rows that the fit has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.calibrate.fit import Fit
+from armflex.conventions import Array
+from armflex.trace.candidates import Sifted
+from armflex.trace.projection import evidence
+
+FLIPS = 200
+FOLDS = 5
+
+BELIEVED = 0.5
+"""Robust weight below which a row is left out of held-out errors: a lost beam says nothing about a model."""
+
+
+def null_maximum(sifted: Sifted, groups: np.ndarray, seed: int = 0, flips: int = FLIPS) -> Array:
+    """Return (F,) the best evidence of any candidate when the residual of every pose has a random sign.
+
+    Winkler et al. 2014 (NeuroImage 92): signs of exchangeable blocks, reduced-model residuals, maximum statistic.
+
+    Args:
+        sifted: Projected candidates.
+        groups: (M,) pose number of every row.
+        seed: Of the signs.
+        flips: How many.
+    """
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (int(groups.max()) + 1, flips))
+    projection = sifted.projection
+    rows = np.repeat(signs[groups], projection.count // len(groups), axis=0)
+    gains = sifted.gains(projection.residual[:, None] * rows, stationary=False)
+    worth = evidence(gains, projection.objective, projection.count, sifted.bank.parameters[:, None])
+    return np.asarray(worth).max(axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Errors on rows that a fit has not seen.
+
+    Attributes:
+        squares: (M,) squared 3-D error of every row [m^2].
+        believed: (M,) False for outliers.
+    """
+
+    squares: Array
+    believed: np.ndarray
+
+    @property
+    def rms(self) -> float:
+        """RMS of the 3-D error over believed rows [m]."""
+        return float(np.sqrt(self.squares[self.believed].mean()))
+
+
+def held_out(fit: Fit, folds: np.ndarray, refitted: Sequence[np.ndarray] | None = None) -> HeldOut:
+    """Return the errors of every row predicted from the other folds, in the linear problem about the fit.
+
+    Args:
+        fit: The fit; its columns and robust weights are used as they are.
+        folds: (M,) fold of every row.
+        refitted: For every fold, parameters that may follow the fold's own rows (a session's frame), if any.
+    """
+    size = fit.view.residual.shape[1]
+    data = fit.residual + fit.columns @ fit.values
+    precision = fit.prior**-2.0
+    left = np.empty(len(data))
+    for number in range(int(folds.max()) + 1):
+        own = np.repeat(folds == number, size)
+        values = _solve(fit.columns[~own], precision, data[~own])
+        error = data[own] - fit.columns[own] @ values
+        if refitted is not None and len(refitted[number]):
+            some = refitted[number]
+            error = error - fit.columns[np.ix_(own, some)] @ _solve(
+                fit.columns[np.ix_(own, some)], precision[some], error
+            )
+        left[own] = error
+    errors = left.reshape(-1, size) / np.sqrt(fit.weights)[:, None] * fit.view.sigma
+    return HeldOut((errors[:, :3] ** 2).sum(axis=1), fit.weights > BELIEVED)
+
+
+def _solve(columns: Array, precision: Array, data: Array) -> Array:
+    normal = columns.T @ columns + np.diag(precision)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal * np.outer(scale, scale) + 1e-13 * np.eye(len(scale))
+    return scale * np.linalg.solve(scaled, scale * (columns.T @ data))
+
+
+def pose_folds(groups: np.ndarray, count: int = FOLDS, seed: int = 0) -> np.ndarray:
+    """Return (M,) folds that keep the rows of a pose together."""
+    poses = np.unique(groups)
+    order = np.random.default_rng(seed).permutation(len(poses))
+    fold = dict(zip(poses[order].tolist(), (np.arange(len(poses)) % min(count, len(poses))).tolist(), strict=True))
+    return np.array([fold[group] for group in groups.tolist()])
+
+
+def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return (M,) the session of every row as a number, and for each session its frame's parameters."""
+    names = list(dict.fromkeys(sessions))
+    folds = np.array([names.index(session) for session in sessions])
+    frames = [
+        np.array(
+            [
+                i
+                for i, (block, label) in enumerate(fit.labels)
+                if block == "session_frame" and label.startswith(f"{name} ")
+            ],
+            dtype=int,
+        )
+        for name in names
+    ]
+    return folds, frames
+
+
+def improvement(before: HeldOut, after: HeldOut) -> float:
+    """Return how many standard errors the mean squared error falls by, over rows that both believe."""
+    both = before.believed & after.believed
+    fall = before.squares[both] - after.squares[both]
+    return float(fall.mean() / (fall.std() / np.sqrt(len(fall)) + 1e-300))

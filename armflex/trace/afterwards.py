@@ -1,0 +1,97 @@
+"""What could not be told: effects that calibration hides, the least that would have shown, and what is left."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.trace.candidates import Bank
+from armflex.trace.localise import NOTICED, Place
+from armflex.trace.result import Smallest, Unexplained, Unidentifiable, predictable_residual
+from armflex.trace.search import Round
+from armflex.trace.state import State
+
+ALMOST = 1e-4
+"""Share of a column's square below which what is left of it cannot be seen at any plausible size."""
+
+SHOWN = 40.0
+"""Gain at which an effect would have been accepted among thousands of candidates."""
+
+AS_LIKELY = 3.0
+"""Log-likelihood within which places are not told apart."""
+
+
+def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
+    """Return laws and sites of which fitted parameters take over all but nothing, with the parameter that does most."""
+    bank, projection = looked.named.bank, looked.projection
+    sizes = np.sqrt((projection.columns**2).sum(axis=0))
+    found: dict[tuple[str, str], Unidentifiable] = {}
+    for index, candidate in enumerate(bank.candidates):
+        key = (candidate.law.name, candidate.spot.place)
+        if key in found or bank.sizes[index] != 1:
+            continue
+        column = bank.group(index)
+        inside, whole = projection.information(column)
+        if whole[0] > 0.0 and inside[0, 0] > ALMOST * whole[0]:
+            continue
+        found[key] = Unidentifiable(*key, _reason(column[:, 0], projection.columns, sizes, state))
+    return tuple(found.values())
+
+
+def _reason(column: np.ndarray, columns: np.ndarray, sizes: np.ndarray, state: State) -> str:
+    size = float(np.linalg.norm(column))
+    if size == 0.0:
+        return "does not move the target"
+    likeness = np.abs(columns.T @ column) / (np.maximum(sizes, 1e-300) * size)
+    block, label = state.fit.labels[int(likeness.argmax())]
+    return f"is taken over by fitted parameters, most by {block} {label}"
+
+
+def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
+    """Return for every law the range over its places of the tip motion (RMS) that would just have been accepted."""
+    bank, view = looked.named.bank, state.fit.view
+    noise = max(1.0, looked.projection.objective / looked.projection.count)
+    found: dict[str, list[float]] = {}
+    single = np.flatnonzero(bank.sizes == 1)
+    columns = bank.columns[:, bank.starts[single]]
+    inside = (columns**2).sum(axis=0) - ((looked.projection.half @ columns) ** 2).sum(axis=0)
+    raw = _raw_rms(bank, single, state)
+    for place, index in enumerate(single):
+        if inside[place] > ALMOST * float(columns[:, place] @ columns[:, place]):
+            size = float(np.sqrt(SHOWN * noise / inside[place]) * raw[place])
+            found.setdefault(bank.candidates[index].law.name, []).append(size)
+    assert view is not None
+    return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in found.items())
+
+
+def _raw_rms(bank: Bank, groups: np.ndarray, state: State) -> np.ndarray:
+    """Return the RMS of the 3-D motion of the target per unit of each group's amplitude [m]."""
+    fit = state.fit
+    scale = fit.view.sigma / np.sqrt(fit.weights)[:, None]
+    columns = bank.columns[:, bank.starts[groups]].reshape(*scale.shape, -1) * scale[:, :, None]
+    return np.sqrt((columns[:, :3] ** 2).sum(axis=1).mean(axis=0))
+
+
+def unexplained(state: State, looked: Round) -> Unexplained | None:
+    """Return what is left above the noise without a cause, None when nothing is."""
+    if state.random is not None:
+        random = state.random
+        left = predictable_residual(state) - state.fit.view.residual
+        rms = float(np.sqrt((left[:, :3] ** 2).sum(axis=1).mean()))
+        return Unexplained(random.site, random.axis, random.std, random.units[0], rms)
+    place = looked.places[0]
+    if place.ratio < NOTICED:
+        return None
+    unit = "m" if place.axis.startswith("d") else "rad"
+    rms = place.std * _lever(state, place)
+    return Unexplained(place.site, place.axis, place.std, unit, rms, _as_likely(looked.places))
+
+
+def _as_likely(places: tuple[Place, ...]) -> tuple[Place, ...]:
+    return tuple(place for place in places[1:] if place.ratio > places[0].ratio - AS_LIKELY)
+
+
+def _lever(state: State, place: Place) -> float:
+    from armflex.conventions import TWIST_NAMES
+
+    columns = state.fit.view.to_twist(place.site)[:, :3, TWIST_NAMES.index(place.axis)]
+    return float(np.sqrt((columns**2).sum(axis=1).mean()))

@@ -1,0 +1,80 @@
+"""Where something unexplained acts, without asking for its cause: one variance per site and axis.
+
+For each site and axis the residual is taken as noise plus a random twist of unknown variance v, one per pose:
+r ~ N(0, s^2 I + v J J'), and the likelihood is maximised over v and the noise's size s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.calibrate.fit import Fit
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.effects.scene import Scene
+from armflex.trace.projection import Projection
+
+RATIOS = np.logspace(-4.0, 8.0, 61)
+"""Variances tried, in units of what the mean pose could tell at all."""
+
+NOTICED = 10.0
+"""Log-likelihood ratio from which a place counts; noise alone stays below about 3."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A site and axis where a random twist explains the residual.
+
+    Attributes:
+        site, axis: Where.
+        ratio: Log-likelihood ratio to noise alone.
+        std: Standard deviation of the twist [m or rad].
+    """
+
+    site: str
+    axis: str
+    ratio: float
+    std: float
+
+
+def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray) -> tuple[Place, ...]:
+    """Return every site and axis, the likeliest first.
+
+    Args:
+        fit: The fit whose residual is looked at.
+        scene: The campaign.
+        projection: The same fit's.
+        groups: (M,) number of the pose of every measured row: rows of one pose share a twist.
+    """
+    view, scale = fit.view, np.sqrt(fit.weights)[:, None] / fit.view.sigma
+    residual = projection.residual.reshape(scale.shape)
+    count = int(groups.max()) + 1
+    found = []
+    for site in scene.sites:
+        columns = view.to_twist(site) * scale[:, :, None]
+        scores = np.einsum("md,mda->ma", residual, columns)
+        squares = np.einsum("mda,mda->ma", columns, columns)
+        for axis, name in enumerate(TWIST_NAMES):
+            score = np.bincount(groups, scores[:, axis], count)
+            square = np.bincount(groups, squares[:, axis], count)
+            ratio, variance = _likelihood(score, square, residual)
+            found.append(Place(site, name, ratio, float(np.sqrt(variance))))
+    return tuple(sorted(found, key=lambda place: -place.ratio))
+
+
+def _likelihood(score: Array, square: Array, residual: Array) -> tuple[float, float]:
+    """Return the largest log-likelihood ratio over the variance, the noise's size fitted each time, and that variance."""
+    total, count = float((residual**2).sum()), residual.size
+    mean = float(square.mean())
+    if mean <= 0.0:
+        return 0.0, 0.0
+    # With noise s^2 the twist's variance is v s^2: the quadratic form and determinant of I + v j j' per pose.
+    ratios = RATIOS / mean
+    inflated = 1.0 + ratios[:, None] * square
+    quadratic = total - (ratios[:, None] * score**2 / inflated).sum(axis=1)
+    likelihood = -0.5 * count * np.log(quadratic / total) - 0.5 * np.log(inflated).sum(axis=1)
+    best = int(likelihood.argmax())
+    if likelihood[best] <= 0.0:
+        return 0.0, 0.0
+    return float(likelihood[best]), float(ratios[best] * quadratic[best] / count)

@@ -1,0 +1,73 @@
+"""A cause that nobody recorded: a random twist per pose at one site and axis, of known size and unknown value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.calibrate.view import Setup, View
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.effects.law import Amplitude, Effect, TwistLaw, Values
+from armflex.effects.scene import POSE
+from armflex.effects.spot import Here, Spot
+from armflex.laws import Row
+
+RANDOM = "unexplained"
+"""Name of the effect while a fit lasts."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBlock:
+    """One twist for every pose.
+
+    Attributes:
+        site, axis: Where.
+        std: Standard deviation of the twists [m or rad].
+        groups: (N,) pose number of every row of the campaign.
+    """
+
+    site: str
+    axis: str
+    std: float
+    groups: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """Where it acts."""
+        return f"unexplained {self.site} {self.axis}"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """One per pose."""
+        return tuple(f"pose {i}" for i in range(int(self.groups.max()) + 1))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Metres or radians."""
+        return ("m" if self.axis.startswith("d") else "rad",) * len(self.labels)
+
+    @property
+    def prior(self) -> Array:
+        """(k,) the size."""
+        return np.full(len(self.labels), self.std)
+
+    def columns(self, view: View) -> Array:
+        """Return (M, d, k): every pose moves its own rows."""
+        answer = view.to_twist(self.site)[:, :, TWIST_NAMES.index(self.axis)]
+        own = self.groups[view.rows][:, None] == np.arange(len(self.labels))
+        return answer[:, :, None] * own[:, None, :]
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with every pose's twist, which is taken out again before the arm is used."""
+        terms = tuple(range(len(values)))
+        spot = Spot(self.site, self.axis, (POSE,), terms)
+        return setup.with_effect(Effect(_one_per_pose(len(values)), spot, tuple(values.tolist())))
+
+
+def _one_per_pose(count: int) -> TwistLaw:
+    def basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+        own = np.asarray(row.covariate(POSE))[..., None] == np.arange(count)
+        return own[..., None] * here.direction
+
+    return TwistLaw(RANDOM, lambda scene: (), (Amplitude("twist", "{m}"),) * count, basis)

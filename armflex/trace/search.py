@@ -1,0 +1,142 @@
+"""One round of the search: screen everything, refine the best, and say which candidate explains most."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from armflex.calibrate.fit import Fit
+from armflex.effects.catalogue import LAWS
+from armflex.effects.scene import Scene
+from armflex.effects.spot import Spot
+from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SHAPES, SPLINE, SPLINE_COMPLIANCE, WAVE, suspects
+from armflex.trace.candidates import (
+    Bank,
+    Candidate,
+    Screening,
+    Sifted,
+    bank,
+    best_per_spot,
+    candidates_of,
+    grid,
+    screen,
+    sift,
+)
+from armflex.trace.localise import Place, localise
+from armflex.trace.polish import Polished, polish
+from armflex.trace.projection import Projection, project
+
+REFINED = 14
+"""Best candidates whose inner parameters are refined."""
+
+SHAPED = 10
+"""Best free shapes whose place is searched for waves and bumps."""
+
+PLACES = 4
+"""Likeliest places at which products of two columns are tried."""
+
+PREFERRED = 6.0
+"""Evidence by which a free shape must beat a law of the catalogue."""
+
+MUCH = 0.6
+"""Share of the excess that a candidate must explain for products not to be tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """What one round of the search found.
+
+    Attributes:
+        projection: Of the fit that was searched.
+        named: The catalogue, screened.
+        sifted: The catalogue and free shapes, projected: for nulls.
+        places: Where a random twist would explain the residual, the likeliest first.
+        ranking: Refined candidates, the best first.
+    """
+
+    projection: Projection
+    named: Screening
+    sifted: Sifted
+    places: tuple[Place, ...]
+    ranking: tuple[Polished, ...]
+
+    @property
+    def best(self) -> Polished:
+        """The candidate to believe: a law of the catalogue where no free shape is clearly better."""
+        first = self.ranking[0]
+        if first.candidate.law.name not in SHAPES:
+            return first
+        named = [one for one in self.ranking if one.candidate.law.name not in SHAPES]
+        if named and named[0].evidence > first.evidence - PREFERRED:
+            return named[0]
+        return first
+
+
+def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
+    """Return what the catalogue and free shapes could explain of a fit's residual.
+
+    Args:
+        fit: The fit with everything that is known so far.
+        scene: The campaign.
+        groups: (M,) pose number of every measured row.
+    """
+    projection = project(fit)
+    named = bank(candidates_of(LAWS, scene), fit, scene)
+    free = bank(candidates_of((LINE, SPLINE, SPLINE_COMPLIANCE), scene), fit, scene)
+    screened, shaped = screen(sift(named, projection)), screen(sift(free, projection))
+    places = localise(fit, scene, projection, groups)
+    chosen = [named.candidates[i] for i in best_per_spot(screened, REFINED)]
+    chosen += [free.candidates[i] for i in best_per_spot(shaped, 3)]
+    chosen += _second_look(shaped, places, fit, scene, projection, float(screened.gains.max(initial=0.0)))
+    refined = [polish(candidate, fit, scene, projection) for candidate in chosen]
+    ranking = tuple(sorted(refined, key=lambda one: -one.evidence))
+    return Round(projection, screened, sift(_joined(named, free), projection), places, ranking)
+
+
+def _joined(one: Bank, other: Bank) -> Bank:
+    starts = np.concatenate([one.starts, one.starts[-1] + other.starts[1:]])
+    return Bank(one.candidates + other.candidates, np.hstack([one.columns, other.columns]), starts)
+
+
+def _second_look(
+    shaped: Screening, places: tuple[Place, ...], fit: Fit, scene: Scene, projection: Projection, most: float
+) -> list[Candidate]:
+    """Return waves and bumps where a free shape did well, and products of columns where much is left."""
+    spots = {
+        Spot(spot.site, spot.axis, spot.covariates)
+        for spot in (shaped.bank.candidates[i].spot for i in best_per_spot(shaped, SHAPED))
+    }
+    tried = [
+        _with(law, spot, inner)
+        for law in (WAVE, BUMP)
+        for spot in sorted(spots, key=str)
+        for inner in grid(law, spot, scene)
+    ]
+    found = _best(tried, fit, scene, projection, 4)
+    excess = projection.objective - projection.count
+    if most < MUCH * excess:
+        found += _best(_products(places, scene), fit, scene, projection, 1)
+    return found
+
+
+def _with(law, spot: Spot, inner) -> Candidate:
+    terms = tuple(range(len(law.amplitudes)))
+    return Candidate(law, Spot(spot.site, spot.axis, spot.covariates, terms), inner)
+
+
+def _products(places: tuple[Place, ...], scene: Scene) -> Iterable[Candidate]:
+    for place in places[:PLACES]:
+        for pair in permutations(suspects(scene), 2):
+            spot = Spot(place.site, place.axis, pair)
+            for inner in grid(PRODUCT, spot, scene):
+                yield _with(PRODUCT, spot, inner)
+
+
+def _best(tried: Iterable[Candidate], fit: Fit, scene: Scene, projection: Projection, most: int) -> list[Candidate]:
+    candidates = bank(tried, fit, scene)
+    if not candidates.candidates:
+        return []
+    return [candidates.candidates[i] for i in best_per_spot(screen(sift(candidates, projection)), most)]

@@ -1,0 +1,146 @@
+"""The arm so far: what is declared, what was added to it, and the fit of everything together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate.blocks import Block
+from armflex.calibrate.calibrate import Calibration
+from armflex.calibrate.effect_block import EffectBlock
+from armflex.calibrate.fit import Fit, fit
+from armflex.calibrate.view import Setup
+from armflex.conventions import Array
+from armflex.effects.scene import Scene, survey
+from armflex.linearise import Linearizer
+from armflex.measurements import Measurements
+from armflex.trace.candidates import candidate_columns
+from armflex.trace.polish import Polished
+from armflex.trace.pose_block import PoseBlock
+from armflex.trace.projection import project
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A fit of the declared parameters, the effects added so far, and a random twist where a cause is unknown.
+
+    Attributes:
+        measurements: The campaign.
+        rows: Measured rows in use.
+        declared: Arm and instrument before any fit.
+        blocks: Declared blocks.
+        effects: Added effects, in the order added.
+        random: Random twist per pose, None where there is none.
+        fit: All of them together.
+        scene: The campaign as the catalogue sees it, at this fit.
+    """
+
+    measurements: Measurements
+    rows: np.ndarray
+    declared: Setup
+    blocks: tuple[Block, ...]
+    effects: tuple[EffectBlock, ...]
+    random: PoseBlock | None
+    fit: Fit
+    scene: Scene
+
+    @cached_property
+    def groups(self) -> np.ndarray:
+        """(M,) pose number of every fitted row."""
+        names = [self.measurements.pose[row] for row in self.rows]
+        return np.unique(names, return_inverse=True)[1]
+
+    @property
+    def sessions(self) -> tuple[str, ...]:
+        """Session of every fitted row."""
+        return tuple(self.measurements.session[row] for row in self.rows)
+
+    def values_of(self, block: Block) -> Array:
+        """Return the fitted values of one block."""
+        start = 0
+        for other in self.fit.blocks:
+            if other is block:
+                return self.fit.values[start : start + len(other.labels)]
+            start += len(other.labels)
+        raise KeyError(block.name)
+
+    def stds_of(self, block: Block) -> Array:
+        """Return the standard uncertainties of one block's values."""
+        start = sum(len(other.labels) for other in self.fit.blocks[: self.fit.blocks.index(block)])
+        return np.sqrt(np.diag(self.fit.covariance)[start : start + len(block.labels)])
+
+
+def begin(calibration: Calibration) -> State:
+    """Return the state after calibration: nothing added."""
+    fitted = calibration.fit
+    scene = scene_at(fitted, calibration.measurements)
+    return State(calibration.measurements, fitted.view.rows, fitted.declared, fitted.blocks, (), None, fitted, scene)
+
+
+def scene_at(fitted: Fit, measurements: Measurements) -> Scene:
+    """Return the campaign as the catalogue sees it at a fit: loads at every site of every driven row."""
+    arm = fitted.setup.arm
+    line, view = fitted.view.line, fitted.view
+    rest = np.setdiff1d(np.arange(len(measurements)), view.rows)
+    wrenches = {site: np.empty((len(measurements), 6)) for site in line.sites}
+    points = [line.links[:, :, :3, 3].reshape(-1, 3)]
+    other = _unmeasured(arm, measurements, rest) if len(rest) else None
+    for site in line.sites:
+        wrenches[site][view.rows] = line.load_at(site)
+        if other is not None:
+            wrenches[site][rest] = other.load_at(site)
+    everywhere = np.vstack(points)
+    return survey(measurements, arm, wrenches, np.array([everywhere.min(axis=0), everywhere.max(axis=0)]))
+
+
+def _unmeasured(arm: Arm, measurements: Measurements, rows: np.ndarray):
+    from armflex.effects.remember import known_rows
+
+    known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
+    return Linearizer(arm).rows(measurements.q[rows], [measurements.payload[row] for row in rows], known)
+
+
+def add(state: State, found: Polished) -> State:
+    """Return the state with a candidate added and everything refitted."""
+    absorbed, start = _beginning(state, found)
+    effect = EffectBlock(found.candidate.effect(found.amplitudes), found.free, state.scene, len(state.effects))
+    return refit(state, (*state.effects, effect), state.random, np.concatenate([start, effect.start, absorbed]))
+
+
+def _beginning(state: State, found: Polished) -> tuple[Array, Array]:
+    """Return starting values of the random twist and of everything else, moved to make room for the effect."""
+    projection = project(state.fit)
+    values = state.fit.values - projection.absorbed(
+        candidate_columns(found.candidate, state.fit, state.scene) @ found.amplitudes
+    )
+    count = 0 if state.random is None else len(state.random.labels)
+    return values[len(values) - count :], values[: len(values) - count]
+
+
+def without(state: State, index: int) -> State:
+    """Return the state with one effect taken out and everything refitted."""
+    kept = [block for i, block in enumerate(state.effects) if i != index]
+    effects = tuple(replace(block, effect=block.at(state.values_of(block)), ordinal=i) for i, block in enumerate(kept))
+    base = sum(len(block.labels) for block in state.blocks)
+    start = np.concatenate([state.fit.values[:base], *(block.start for block in effects)])
+    random = state.values_of(state.random) if state.random else np.zeros(0)
+    return refit(state, effects, state.random, np.concatenate([start, random]))
+
+
+def with_random(state: State, random: PoseBlock | None) -> State:
+    """Return the state with a random twist per pose (or without one) and everything refitted."""
+    count = 0 if state.random is None else len(state.random.labels)
+    start = state.fit.values[: len(state.fit.values) - count]
+    added = np.zeros(0 if random is None else len(random.labels))
+    return refit(state, state.effects, random, np.concatenate([start, added]))
+
+
+def refit(state: State, effects: tuple[EffectBlock, ...], random: PoseBlock | None, start: Array) -> State:
+    """Return the state with these effects, everything fitted together and the campaign looked at again."""
+    blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
+    fitted = fit(state.declared, blocks, state.measurements, state.rows, start)
+    scene = scene_at(fitted, state.measurements)
+    return replace(state, effects=effects, random=random, fit=fitted, scene=scene)

@@ -1,0 +1,196 @@
+"""`trace`: calibrate, find the residual, trace it to an effect the arm lacks, add it, and say what it was worth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate.calibrate import Calibration, calibrate
+from armflex.errors import ArmflexError
+from armflex.measurements import Measurements
+from armflex.trace.accept import held_out, improvement, null_maximum, pose_folds, session_folds
+from armflex.trace.afterwards import not_identifiable, smallest, unexplained
+from armflex.trace.exchange import equivalents, exchanged
+from armflex.trace.localise import NOTICED, Place
+from armflex.trace.polish import Polished
+from armflex.trace.pose_block import PoseBlock
+from armflex.trace.result import Found, Proof, Trace
+from armflex.trace.search import Round, search
+from armflex.trace.state import State, add, begin, with_random
+
+Report = Callable[[str], None]
+"""Called with what is being done."""
+
+MOST_EFFECTS = 8
+ENOUGH = 10.0
+"""Evidence that an effect must be worth, beyond the best that chance gave."""
+
+CERTAIN = 12.0
+"""Further evidence asked for the number of candidates: thousands are looked at."""
+
+SHARE = 0.4
+"""Share of the excess that the best candidate must explain; below it an unrecorded cause is thought of first."""
+
+APART = 2.0
+"""Standard errors by which held-out errors must fall."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One accepted effect on the way."""
+
+    state: State
+    polished: Polished
+    looked: Round
+    proof: Proof
+    witness: bool
+
+
+def trace(arm: Arm, measurements: Measurements, rows: np.ndarray | None = None, report: Report | None = None) -> Trace:
+    """Return the arm with the effects that a campaign shows it lacks, and an account of them.
+
+    Args:
+        arm: The arm as declared; its prior says what calibration may move.
+        measurements: The campaign, rows in the order driven; unmeasured rows count for effects with a memory.
+        rows: Measured rows to use; all when not given.
+        report: Called with what is being done, in words.
+
+    Raises:
+        InputError: Too few rows were measured.
+        ConvergenceError: The calibration did not settle.
+    """
+    say = report or (lambda text: None)
+    say("calibrating")
+    calibration = calibrate(arm, measurements, rows)
+    state = begin(calibration)
+    looked = _look(state, say)
+    places = looked.places
+    steps: list[Step] = []
+    while len(steps) < MOST_EFFECTS:
+        state, looked = _set_aside(state, looked, say)
+        step = _accept(state, looked, say)
+        if step is None:
+            break
+        steps.append(step)
+        state = step.state
+        looked = _look(state, say)
+    return _conclude(calibration, state, looked, places, steps, say)
+
+
+def _look(state: State, say: Report) -> Round:
+    say(f"searching what {len(state.rows)} rows still show")
+    return search(state.fit, state.scene, state.groups)
+
+
+def _excess(looked: Round) -> float:
+    return looked.projection.objective - looked.projection.count
+
+
+def _set_aside(state: State, looked: Round, say: Report) -> tuple[State, Round]:
+    """Return the state with a random twist where no candidate explains what a place clearly shows."""
+    place, best = looked.places[0], looked.best
+    is_random = best.gain < SHARE * _excess(looked) and 2.0 * place.ratio > 1.5 * best.evidence
+    if state.random is not None or place.ratio < NOTICED or not is_random:
+        return state, looked
+    say(f"setting aside a random twist at {place.site} {place.axis}")
+    random = PoseBlock(place.site, place.axis, place.std, state.scene.column("pose_number").astype(int))
+    aside = with_random(state, random)
+    return aside, _look(aside, say)
+
+
+def _accept(state: State, looked: Round, say: Report) -> Step | None:
+    """Return the state with the best candidate in it, None where it is not better than chance."""
+    best = looked.best
+    if best.evidence < ENOUGH + CERTAIN:
+        return None
+    null = float(null_maximum(looked.sifted, state.groups).max())
+    for candidate in _rivals(looked):
+        if candidate.evidence < max(null, CERTAIN) + ENOUGH:
+            return None
+        say(f"adding {candidate.candidate.effect(candidate.amplitudes).name}")
+        try:
+            after = add(state, candidate)
+        except ArmflexError:
+            continue
+        proof = prove(state, after, null)
+        if proof.errors_apart > APART and _sessions_agree(proof):
+            return Step(after, candidate, looked, proof, False)
+        if _witnessed(state, after, candidate) and proof.errors_apart > -APART:
+            return Step(after, candidate, looked, proof, True)
+    return None
+
+
+def _rivals(looked: Round) -> list[Polished]:
+    """Return the best candidate and, should it fail on held-out rows, the next two."""
+    return [looked.best, *(one for one in looked.ranking if one is not looked.best)][:3]
+
+
+def prove(before: State, after: State, null: float) -> Proof:
+    """Return the errors of held-out poses and sessions before and after."""
+    folds = pose_folds(before.groups)
+    poses = [held_out(state.fit, folds) for state in (before, after)]
+    sessions: list[float | None] = [None, None]
+    if len(set(before.sessions)) > 1:
+        sessions = []
+        for state in (before, after):
+            numbers, frames = session_folds(state.fit, state.sessions)
+            sessions.append(held_out(state.fit, numbers, frames).rms)
+    apart = improvement(*poses)
+    return Proof(poses[0].rms, poses[1].rms, sessions[0], sessions[1], apart, null)
+
+
+def _sessions_agree(proof: Proof) -> bool:
+    if proof.sessions_before is None or proof.sessions_after is None:
+        return True
+    return proof.sessions_after < proof.sessions_before
+
+
+def _witnessed(before: State, after: State, candidate: Polished) -> bool:
+    """Return whether the gain is chiefly that parameters no longer strain against their priors."""
+    strain = [float(((state.fit.values / state.fit.prior) ** 2).sum()) for state in (before, after)]
+    return strain[0] - strain[1] > 0.5 * candidate.gain
+
+
+def _conclude(
+    calibration: Calibration, state: State, looked: Round, places: tuple[Place, ...], steps: list[Step], say: Report
+) -> Trace:
+    state, dropped = exchanged(state, say)
+    steps = [step for i, step in enumerate(steps) if i not in dropped]
+    say("comparing what else would do")
+    found = []
+    for index, step in enumerate(steps):
+        block = state.effects[index]
+        values = state.values_of(block)
+        worth, others = equivalents(state, index)
+        found.append(
+            Found(
+                block.at(values),
+                block.std(values, state.stds_of(block)),
+                worth,
+                step.proof,
+                others,
+                step.looked.ranking,
+                step.witness,
+            )
+        )
+    final = state.fit.setup
+    effects = tuple(one.effect for one in found)
+    arm = replace(final.arm, effects=effects, instrument=final.instrument)
+    folds = pose_folds(state.groups)
+    return Trace(
+        arm,
+        calibration,
+        state,
+        tuple(found),
+        unexplained(state, looked),
+        places,
+        not_identifiable(looked, state),
+        smallest(looked, state),
+        float(np.sqrt((state.fit.residual**2).sum() / max(len(state.fit.residual) - len(state.fit.values), 1))),
+        held_out(calibration.fit, folds).rms,
+        held_out(state.fit, folds).rms,
+        (),
+    )
