@@ -1,7 +1,8 @@
 """A machine to be measured: plain numpy and ElementTree, sharing no code with armflex.
 
 Its own URDF reading, its own kinematics by 4 x 4 products, its own exponential, loads by summing weights one by one,
-equilibrium by plain relaxation. Campaigns are written as the CSV and TOML files that a user would bring.
+equilibrium by plain relaxation, over all rows of a campaign at once. Effects that nobody declared push at it through
+`Push`. Campaigns are written as the CSV and TOML files that a user would bring.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import csv
 import tomllib
 import xml.etree.ElementTree as ET
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,31 +20,42 @@ Array = np.ndarray
 
 
 def hat(v: Array) -> Array:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0.0]])
+    """Cross product matrices (..., 3, 3) of (..., 3) vectors."""
+    out = np.zeros((*v.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., k, j], out[..., j, k] = v[..., i], -v[..., i]
+    return out
 
 
 def turn(vector: Array) -> Array:
-    """Rotation matrix of a rotation vector (Rodrigues)."""
-    angle = np.linalg.norm(vector)
-    k = hat(vector / angle) if angle > 1e-14 else np.zeros((3, 3))
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) (Rodrigues)."""
+    return screw(np.concatenate([np.zeros_like(vector), vector], axis=-1))[..., :3, :3]
 
 
 def screw(twist: Array) -> Array:
-    """Pose of an exponential coordinate, linear first, by the series of its 4 x 4 generator."""
-    generator = np.zeros((4, 4))
-    generator[:3, :3], generator[:3, 3] = hat(twist[3:]), twist[:3]
-    total, term = np.eye(4), np.eye(4)
-    for n in range(1, 14):
-        term = term @ generator / n
-        total = total + term
-    return total
+    """Poses (..., 4, 4) of exponential coordinates (..., 6), linear first, in closed form."""
+    k = hat(np.asarray(twist[..., 3:], float))
+    angle = np.linalg.norm(twist[..., 3:], axis=-1)[..., None, None]
+    sine, half = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    small, wide = angle**2, np.maximum(angle, 0.1)
+    series = (1 - small / 20 * (1 - small / 42 * (1 - small / 72))) / 6
+    third = np.where(angle < 0.1, series, (wide - np.sin(wide)) / wide**3)
+    out, kk = np.zeros((*twist.shape[:-1], 4, 4)), k @ k
+    out[..., :3, :3] = np.eye(3) + sine * k + half * kk
+    out[..., :3, 3] = ((np.eye(3) + half * k + third * kk) @ twist[..., :3, None])[..., 0]
+    out[..., 3, 3] = 1.0
+    return out
 
 
 def pose(position: Array, rotation: Array) -> Array:
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = rotation, position
     return T
+
+
+def apply(T: Array, point: Array) -> Array:
+    """Points (..., 3) seen through poses (..., 4, 4)."""
+    return (T[..., :3, :3] @ point[..., None])[..., 0] + T[..., :3, 3]
 
 
 @dataclass
@@ -55,6 +68,74 @@ class Joint:
     com: Array
     lower: float
     upper: float
+
+    @property
+    def drive(self) -> Array:
+        """Six-vector of the joint's own motion."""
+        zero = np.zeros(3)
+        return np.concatenate([self.axis, zero] if self.kind == "prismatic" else [zero, self.axis])
+
+
+@dataclass
+class Rows:
+    """What was driven, one stop per row, in order; `payload` and `session` are numbers."""
+
+    q: Array
+    mass: Array
+    com: Array
+    approach: Array
+    pose: Array
+    session: Array
+    payload: Array
+    time: Array
+    temperature: Array
+    hold: Array
+    humidity: Array
+    measured: Array
+    held_out: Array
+
+    @classmethod
+    def plain(cls, q: Array, mass: Array, com: Array) -> Rows:
+        none, every = np.zeros(len(q)), np.ones(len(q), bool)
+        whole = none.astype(int)
+        return cls(
+            q, mass, com, np.ones(q.shape), np.arange(len(q)), whole, whole, none, none, none, none, every, ~every
+        )
+
+
+class Push:
+    """What effects add: twists (N, site, 6), loads in base axes on a body (the tip counts as one), and readings."""
+
+    def __init__(self, rows: int, joints: int) -> None:
+        self.base = np.zeros((rows, 1, 6))  # at the base's origin
+        self.link = np.zeros((rows, joints + 1, 6))  # at the end of a link, before the motion of the joint that ends it
+        self.motion = np.zeros((rows, joints, 6))  # just outboard of the motion, before the flexure
+        self.flexure = np.zeros((rows, joints, 6))  # together with the flexure's own twist
+        self.loads: list[tuple[int, Array, Array]] = []  # body, force (N, 3), point (N, 3)
+        self.tilt = np.zeros(3)  # rotation of gravity
+        self.target = np.zeros((rows, 3))  # m, in the tip frame
+        self.shift = np.zeros((rows, 3))  # m, in the instrument's frame
+        self.scale = 0.0  # of the range
+
+    def change(self, other: Push) -> float:
+        if len(self.loads) != len(other.loads) or (self.tilt != other.tilt).any():
+            return np.inf
+        pairs = [(getattr(self, name), getattr(other, name)) for name in ("base", "link", "motion", "flexure")]
+        return max(float(np.abs(a - b).max()) for a, b in pairs)
+
+
+@dataclass
+class State:
+    """The arm at every row: link bodies behind their flexures and the tip, link ends, and loads in local axes."""
+
+    rows: Rows
+    frames: Array  # (N, joints + 1, 4, 4), the tip last
+    ends: Array  # (N, joints + 1, 4, 4) before each joint's motion, the tip last
+    wrenches: Array  # (N, joints, 6) at each flexure
+    end_wrenches: Array  # (N, joints + 1, 6)
+    base_wrench: Array  # (N, 6)
+    push: Push
+    twists: Array  # (N, joints, 6)
 
 
 @dataclass
@@ -70,8 +151,12 @@ class Plant:
 
     @classmethod
     def read(cls, arm: Path) -> Plant:
-        declared = tomllib.loads(arm.read_text())
-        root = ET.parse(arm.parent / declared["robot"]["urdf"]).getroot()
+        return cls.read_text(arm.read_text(), arm.parent)
+
+    @classmethod
+    def read_text(cls, text: str, folder: Path = Path()) -> Plant:
+        declared = tomllib.loads(text)
+        root = ET.parse(folder / declared["robot"]["urdf"]).getroot()
         joints, tip = [], np.eye(4)
         child_of = {j.find("parent").get("link"): j for j in root.findall("joint")}
         links = {link.get("name"): link for link in root.findall("link")}
@@ -88,48 +173,88 @@ class Plant:
         compliance = {f["joint"]: np.diag(np.array(f["compliance"], float)) for f in flexures.values()}
         return cls(joints, tip, compliance, np.array(declared["robot"]["gravity"], float))
 
-    def rigid(self, q: Array) -> list[Array]:
-        return self.frames(q, np.zeros((len(self.joints), 6)))
-
-    def frames(self, q: Array, twists: Array) -> list[Array]:
-        """Pose of every link's body (behind its flexure), then of the tip."""
-        T, found = np.eye(4), []
-        for joint, position, twist in zip(self.joints, q, twists, strict=True):
-            true = position + self.offset.get(joint.name, 0.0)
-            move = (
-                pose(true * joint.axis, np.eye(3))
-                if joint.kind == "prismatic"
-                else pose(np.zeros(3), turn(true * joint.axis))
-            )
-            T = T @ joint.origin @ move @ screw(twist)
-            found.append(T)
-        return [*found, T @ self.tip]
-
-    def loads(self, frames: list[Array], mass: float, com: Array) -> Array:
-        """Wrench on every flexure in its own axes, weights added one by one from the tip inwards."""
-        weights = [(j.mass, T[:3, :3] @ j.com + T[:3, 3]) for j, T in zip(self.joints, frames, strict=False)]
-        carried = (mass, frames[-1][:3, :3] @ com + frames[-1][:3, 3])
-        wrenches = []
-        for i, T in enumerate(frames[:-1]):
-            force, moment = np.zeros(3), np.zeros(3)
-            for m, at in [*weights[i:], carried]:
-                force = force + m * self.gravity
-                moment = moment + np.cross(at - T[:3, 3], m * self.gravity)
-            wrenches.append(np.concatenate([T[:3, :3].T @ force, T[:3, :3].T @ moment]))
-        return np.array(wrenches)
-
     def settle(self, q: Array, mass: float, com: Array) -> list[Array]:
-        """Frames of the loaded arm."""
-        twists = np.zeros((len(self.joints), 6))
-        for _ in range(60):
-            wrenches = self.loads(self.frames(q, twists), mass, com)
-            new = np.array(
-                [self.compliance.get(j.name, np.zeros((6, 6))) @ w for j, w in zip(self.joints, wrenches, strict=True)]
-            )
-            if np.abs(new - twists).max() < 1e-14:
+        """Frames of the loaded arm at one position: every link's body (behind its flexure), then the tip."""
+        rows = Rows.plain(np.array(q, float)[None], np.array([mass], float), np.array(com, float)[None])
+        return list(self.relax(rows).frames[0])
+
+    def relax(
+        self,
+        rows: Rows,
+        effects: Sequence[Callable[[State, Push], None]] = (),
+        start: State | None = None,
+        tolerance: float = 1e-14,
+    ) -> State:
+        """Return the equilibrium at every row under the effects."""
+        count, joints = rows.q.shape
+        offset = np.array([self.offset.get(j.name, 0.0) for j in self.joints])
+        move = screw((rows.q + offset)[..., None] * np.array([j.drive for j in self.joints]))
+        law = np.array([self.compliance.get(j.name, np.zeros((6, 6))) for j in self.joints])
+        twists, push = (start.twists, start.push) if start else (np.zeros((count, joints, 6)), Push(count, joints))
+        for _ in range(100):
+            state = self.place(rows, move, twists, push)
+            new = Push(count, joints)
+            for effect in effects:
+                effect(state, new)
+            given = (law @ state.wrenches[..., None])[..., 0] + new.flexure
+            change = max(float(np.abs(given - twists).max()), new.change(push))
+            twists, push = given, new
+            if change < tolerance:
                 break
-            twists = new
-        return self.frames(q, twists)
+        else:
+            raise ArithmeticError("the arm does not come to rest")
+        return self.place(rows, move, twists, push)
+
+    def place(self, rows: Rows, move: Array, twists: Array, push: Push) -> State:
+        """Frames and loads for given twists."""
+        fixed = [j.origin for j in self.joints] + [self.tip]
+        T, frames, ends = screw(push.base[:, 0]), [], []
+        base = T
+        link, flexure = screw(push.link), screw(twists)
+        move = move @ screw(push.motion) if push.motion.any() else move
+        for i, origin in enumerate(fixed):
+            T = T @ origin @ link[:, i]
+            ends.append(T)
+            if i < len(self.joints):
+                T = T @ move[:, i] @ flexure[:, i]
+            frames.append(T)
+        at, ends = np.stack(frames, 1), np.stack(ends, 1)
+        force, moment = self.totals(rows, at, push)
+        return State(
+            rows,
+            at,
+            ends,
+            seen_from(at[:, :-1], force[:, :-1], moment[:, :-1]),
+            seen_from(ends, force, moment),
+            seen_from(base, force[:, 0], moment[:, 0]),
+            push,
+            twists,
+        )
+
+    def totals(self, rows: Rows, frames: Array, push: Push) -> tuple[Array, Array]:
+        """Force and moment about the base origin (N, joints + 1, 3) on each body and all outboard of it."""
+        gravity = turn(push.tilt) @ self.gravity
+        force, moment = np.zeros((2, *frames.shape[:2], 3))
+        weights = [
+            (i, j.mass * np.tile(gravity, (len(rows.q), 1)), apply(frames[:, i], j.com))
+            for i, j in enumerate(self.joints)
+        ]
+        payload = (len(self.joints), rows.mass[:, None] * gravity, apply(frames[:, -1], rows.com))
+        for body, pull, point in [*weights, payload, *push.loads]:
+            force[:, body] += pull
+            moment[:, body] += np.cross(point, pull)
+        return tuple(np.cumsum(x[:, ::-1], axis=1)[:, ::-1] for x in (force, moment))
+
+    def points(self, state: State) -> Array:
+        """The (N, 3) target in the base frame."""
+        return apply(state.frames[:, -1], self.target + state.push.target)
+
+
+def seen_from(T: Array, force: Array, moment: Array) -> Array:
+    """Wrenches (..., 6) in the axes and about the origins of poses, of a force and its moment about the base."""
+    about = moment - np.cross(T[..., :3, 3], force)
+    turned = np.swapaxes(T[..., :3, :3], -1, -2)
+    return np.concatenate([(turned @ v[..., None])[..., 0] for v in (force, about)], axis=-1)
 
 
 def origin_of(element: ET.Element) -> Array:
