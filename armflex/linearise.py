@@ -30,31 +30,11 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class Sites:
-    """Where a twist may be missing: base, every link's end, every joint, and the tool; `names` gives their order."""
-
-    sites: tuple[Site, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names such as 'base', 'link:A2' (before A2's motion), 'A2' (after it), 'tool'."""
-        return tuple(site.name for site in self.sites)
-
-
-def all_sites(arm: Arm) -> Sites:
-    """Return every site of an arm, from base to tool."""
-    sites = [Site("base", None)]
-    for joint in arm.joint_names:
-        sites += [Site(f"link:{joint}", joint, before=True), Site(joint, joint)]
-    return Sites((*sites, Site("tool", arm.robot.chain[-1].name)))
-
-
-@dataclass(frozen=True)
 class Linearisation:
     """An arm solved at N rows, and the tip's answers; all motions of the tip are at its origin in base axes.
 
     Attributes:
-        sites: Names of the sites, in order.
+        sites: Names of the sites in order: 'base', 'link:A2' (before A2's motion), 'A2' (after it), ..., 'tool'.
         row: What was known in the rows: joint positions and covariates.
         tip: (N, 4, 4) tip pose in the base.
         joints: (N, 6, nq) per joint, loads redistributing.
@@ -95,9 +75,8 @@ class Linearisation:
 class Linearizer:
     """Solves and linearises one arm; keeps the models of each payload."""
 
-    def __init__(self, arm: Arm, sites: Sites | None = None) -> None:
+    def __init__(self, arm: Arm) -> None:
         self.arm = arm
-        self.sites = sites or all_sites(arm)
         self._joint_index = {name: i for i, name in enumerate(arm.joint_names)}
         self._models: dict[tuple, _Models] = {}
 
@@ -115,15 +94,16 @@ class Linearizer:
             parts.append(self._row(position, self.arm.payload(payload), known))
             if progress:
                 progress(i + 1, len(q))
-        names = self.sites.names
-        links = self._model(self.arm.payload(payloads[0])).sited.flex.links
+        models = self._model(self.arm.payload(payloads[0]))
         stacked = {key: np.array([part[key] for part in parts]) for key in parts[0]}
-        return Linearisation(sites=names, link_names=links, row=Row(q, self._joint_index, covariates or {}), **stacked)
+        row = Row(q, self._joint_index, covariates or {})
+        return Linearisation(models.site_names, row=row, link_names=models.sited.flex.links, **stacked)
 
     def _model(self, payload: Payload) -> _Models:
         key = (payload.mass, tuple(payload.com))
         if key not in self._models:
-            self._models[key] = _build(self.arm, self.sites, payload)
+            known = next(iter(self._models.values()), None)
+            self._models[key] = _build(self.arm, payload, known)
         return self._models[key]
 
     def _row(self, q: Array, payload: Payload, known: Mapping[str, Array]) -> dict[str, Array]:
@@ -136,10 +116,27 @@ class Linearizer:
 
 @dataclass(frozen=True)
 class _Models:
+    """Models of an arm with one payload.
+
+    The second has a free-flyer at every joint, at the base and at the tool. What moves the same bodies needs no
+    free-flyer of its own: the end of a link, before its end joint's motion, goes by the joint's.
+
+    Attributes:
+        mechanics: With the arm's flexures alone, to solve.
+        sited: With all free-flyers, to linearise.
+        flexures: (6 n,) places of the arm's flexures in the second.
+        bearing: For every site, the Pinocchio joint that moves its bodies.
+        joints: For every site, the Pinocchio joint whose origin frame it is in, 0 where it is in its bearer's.
+        zeros: For those joints, the origin frame before the joint's offset.
+    """
+
     mechanics: Mechanics
     sited: Mechanics
     flexures: np.ndarray
-    sites: np.ndarray
+    site_names: tuple[str, ...]
+    bearing: tuple[int, ...]
+    joints: tuple[int, ...]
+    zeros: Mapping[int, pin.SE3]
 
     @cached_property
     def weighing(self) -> tuple[pin.Model, ...]:
@@ -151,16 +148,59 @@ class _Models:
             models.append(model)
         return tuple(models)
 
+    @cached_property
+    def places(self) -> np.ndarray:
+        """(s, 6) places of the bearers' twists."""
+        starts = [self.sited.flex.model.joints[joint].idx_v for joint in self.bearing]
+        return np.array([[start + axis for axis in range(6)] for start in starts])
 
-def _build(arm: Arm, sites: Sites, payload: Payload) -> _Models:
+    def turns(self) -> Array:
+        """Return (s, 6, 6): a twist of the bearer per twist at the site, at the configuration last computed."""
+        model, data = self.sited.flex.model, self.sited.data
+        actions = np.broadcast_to(np.eye(6), (len(self.bearing), 6, 6)).copy()
+        for i, (bearer, joint) in enumerate(zip(self.bearing, self.joints, strict=True)):
+            if joint:
+                origin = data.oMi[model.parents[joint]] * model.jointPlacements[joint] * self.zeros[joint]
+                actions[i] = data.oMi[bearer].actInv(origin).action
+        return actions
+
+
+def _build(arm: Arm, payload: Payload, like: _Models | None) -> _Models:
     body = payload.body if payload.mass else None
     flexures = [replace(flexure.site, name=f"flexure {flexure.name}") for flexure in arm.modelled]
+    borne = {(site.joint, site.before): site for site in flexures}
+    last = arm.robot.chain[-1].name
+    wanted = [("base", None), *((name, name) for name in arm.joint_names), ("tool", last)]
+    extra = [
+        Site(f"site {name}", joint)
+        for name, joint in wanted
+        if (joint, False) not in borne or (name == "tool" and last in arm.joint_names)
+    ]
     rigid = build_model(arm.robot, (), body)
     small = Mechanics(rigid, build_model(arm.robot, flexures, body, arm.corrections))
-    large = build_model(arm.robot, [*flexures, *sites.sites], body, arm.corrections)
-    split = 6 * len(flexures)
-    places = large.flexure_v
-    return _Models(small, Mechanics(rigid, large), places[:split], places[split:])
+    large = build_model(arm.robot, [*flexures, *extra], body, arm.corrections)
+    # The workspace of a model of a hundred freedoms takes longer to make than ten rows to compute.
+    sited = Mechanics(rigid, large) if like is None else replace(like.sited, rigid=rigid, flex=large)
+    names, bearing, joints = _bearers(arm, [*flexures, *extra], large)
+    moving = {large.model.getJointId(joint.name): joint for joint in arm.robot.moving}
+    zeros = {number: arm.corrections.zero(joint).inverse() for number, joint in moving.items()}
+    return _Models(small, sited, large.flexure_v[: 6 * len(flexures)], names, bearing, joints, zeros)
+
+
+def _bearers(
+    arm: Arm, sites: Sequence[Site], large: FlexModel
+) -> tuple[tuple[str, ...], tuple[int, ...], tuple[int, ...]]:
+    """Return every site's name, the Pinocchio joint that moves its bodies, and the joint whose origin it is at."""
+    number = {site.name: large.model.getJointId(f"flexure:{site.name}") for site in sites}
+    at = {site.joint: number[site.name] for site in sites if not site.before and site.name != "site tool"}
+    last = arm.robot.chain[-1].name
+    names, bearing, joints = ["base"], [at[None]], [0]
+    for joint in arm.joint_names:
+        names += [f"link:{joint}", joint]
+        bearing += [at[joint], at[joint]]
+        joints += [large.model.getJointId(joint), 0]
+    tool = number.get("site tool", at.get(last))
+    return (*names, "tool"), (*bearing, tool), (*joints, 0)
 
 
 def _answers(models: _Models, stack: LawStack, row: Row, case: LoadCase, found: Equilibrium) -> dict[str, Array]:
@@ -169,20 +209,22 @@ def _answers(models: _Models, stack: LawStack, row: Row, case: LoadCase, found: 
     torque = np.array(sited.torque(bent, case))
     geometric = sited.stiffness(bent, case)[models.flexures]
     tip = sited.tip_jacobian(bent)
+    pin.framesForwardKinematics(large.model, sited.data, bent)
+    turns = models.turns()
     law = stack.tangent(wrenches, row)
     tangent = np.eye(len(twists)) + law @ geometric[:, models.flexures] @ exponential
     per_law = np.linalg.solve(tangent.T, (tip[:, models.flexures] @ exponential).T).T
     per_load = per_law @ law
     answer = tip - per_load @ geometric
     links, link_loads = _links(models, bent, per_load)
-    n, s = len(models.flexures) // 6, len(models.sites) // 6
+    n = len(models.flexures) // 6
     return {
         "tip": sited.data.oMf[large.tip].homogeneous,
         "joints": answer[:, large.v_index],
-        "twists": answer[:, models.sites].reshape(6, s, 6),
+        "twists": (answer[:, models.places].transpose(1, 0, 2) @ turns).transpose(1, 0, 2),
         "laws": per_law.reshape(6, n, 6),
         "per_load": per_load.reshape(6, n, 6),
-        "wrenches": -torque[models.sites].reshape(s, 6),
+        "wrenches": -(turns.transpose(0, 2, 1) @ torque[models.places][:, :, None])[:, :, 0],
         "flexure_wrenches": wrenches.reshape(n, 6),
         "links": links,
         "link_loads": link_loads,

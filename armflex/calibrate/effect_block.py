@@ -11,6 +11,9 @@ from armflex.conventions import Array
 from armflex.effects.law import Effect, Inner
 from armflex.effects.scene import Scene
 
+LARGEST_MOTION = 0.1
+"""RMS of the tip's motion [m] that is expected of a missing effect at most: one standard deviation."""
+
 STEP = 1e-4
 """Step of numerical derivatives by inner parameters: relative for positive ones, of their size for others."""
 
@@ -24,12 +27,14 @@ class EffectBlock:
         free: Which inner parameters move; positive ones do so on a logarithmic scale.
         scene: The campaign.
         ordinal: Place of the effect among the arm's.
+        prior: (k,) standard deviations of its values about zero; see `shy_prior`.
     """
 
     effect: Effect
     free: tuple[int, ...]
     scene: Scene
     ordinal: int
+    prior: Array
 
     @property
     def name(self) -> str:
@@ -50,11 +55,6 @@ class EffectBlock:
         named = dict(zip(self.effect.named, self.effect.units, strict=True))
         logs = {self.effect.law.inner[i].name for i in self.free if self.effect.law.inner[i].positive}
         return tuple("1" if label in logs else named[label] for label in self.labels)
-
-    @property
-    def prior(self) -> Array:
-        """Nothing is known."""
-        return np.full(len(self.labels), np.inf)
 
     @property
     def start(self) -> Array:
@@ -102,6 +102,15 @@ class EffectBlock:
             scale = abs(effect.named[label]) if inner is not None and inner.positive else 1.0
             found[label] = float(deviation) * scale
         return found
+
+
+def shy_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
+    """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`; nothing for the others."""
+    columns = effect.law.columns(effect.spot, effect.inner, view, scene)
+    moved = np.sqrt((columns[:, :3] ** 2).sum(axis=1).mean(axis=0))
+    # What moves nothing stays at zero rather than wander off.
+    amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
+    return np.concatenate([amplitudes, np.full(len(free), np.inf)])
 
 
 def _raw(inner: Inner, value: float) -> float:

@@ -21,4 +21,4 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     return (wrench * acting)[..., None, :]
 
 
-BASE_COMPLIANCE = TwistLaw("base_compliance", _places, (Amplitude("C", "rad/Nm"),), _basis, loaded=True)
+BASE_COMPLIANCE = TwistLaw("base_compliance", _places, (Amplitude("C", "rad/Nm", positive=True),), _basis, loaded=True)

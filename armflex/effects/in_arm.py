@@ -119,15 +119,21 @@ class Pulling:
 
     def change(self, pose: pin.SE3) -> Array:
         """Return the (6, 6) change per motion of the link, by central differences."""
-        change = np.zeros((6, 6))
-        for axis, step in enumerate(1e-6 * np.eye(6)):
-            ends = [self.at(_moved(pose, side * step)) for side in (1.0, -1.0)]
-            change[:, axis] = (ends[0] - ends[1]) / 2e-6
-        return change
+        moved = np.array([_moved(pose.homogeneous, step) for step in MOVES])
+        wrenches = np.array(self.amplitudes) @ self.law.pull(self.here, moved, self.inner)
+        return ((wrenches[:6] - wrenches[6:]) / (2.0 * MOVE)).T
 
 
-def _moved(pose: pin.SE3, step: Array) -> pin.SE3:
-    return pin.SE3(pin.exp3(step[3:]) @ pose.rotation, pose.translation + step[:3])
+MOVE = 1e-6
+MOVES = MOVE * np.vstack([np.eye(6), -np.eye(6)])
+
+
+def _moved(pose: Array, step: Array) -> Array:
+    """Return a (4, 4) pose after a small step, base axes."""
+    moved = pose.copy()
+    moved[:3, :3] += pin.skew(step[3:]) @ pose[:3, :3]
+    moved[:3, 3] += step[:3]
+    return moved
 
 
 def pulling(effects: Sequence[Effect], robot: Robot) -> tuple[Pulling, ...]:

@@ -25,10 +25,14 @@ Values = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Amplitude:
-    """A parameter that the law is linear in; in its unit, {m} stands for the motion's unit and {w} for the load's."""
+    """A parameter that the law is linear in; in its unit, {m} stands for the motion's unit and {w} for the load's.
+
+    With `positive` it makes no sense below zero.
+    """
 
     name: str
     unit: str
+    positive: bool = False
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,14 @@ from armflex.effects.spot import Spot
 
 def _places(scene: Scene) -> list[Spot]:
     single = [Spot(spot.site, spot.axis, terms=(AXES.index(str(spot.axis)),)) for spot in at_links(scene)]
-    return single + [Spot(link, None, terms=(3, 4, 5)) for link in scene.links]
+    bending = ((3, 4), (3, 5), (4, 5), (3, 4, 5))
+    return single + [Spot(link, None, terms=terms) for link in scene.links for terms in bending]
 
 
 LINK_FLEXURE = TwistLaw(
     "link_flexure",
     _places,
-    tuple(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm") for axis in AXES),
+    tuple(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm", positive=True) for axis in AXES),
     lambda here, wrench, row, inner: unit_twists(wrench),
     loaded=True,
 )

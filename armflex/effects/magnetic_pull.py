@@ -31,7 +31,7 @@ def _reaches(spot: Spot, scene: Scene) -> Iterable[float]:
 MAGNETIC_PULL = LoadLaw(
     "magnetic_pull",
     _places,
-    (Amplitude("F", "N"),),
+    (Amplitude("F", "N", positive=True),),
     _pull,
     (*coordinates("point", 4), Inner("reach", "m", _reaches)),
 )

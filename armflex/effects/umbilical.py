@@ -33,7 +33,7 @@ def _rests(spot: Spot, scene: Scene) -> Iterable[float]:
 UMBILICAL = LoadLaw(
     "umbilical",
     _places,
-    (Amplitude("k", "N/m"),),
+    (Amplitude("k", "N/m", positive=True),),
     _pull,
     (*coordinates("anchor", 3), Inner("rest", "m", _rests, positive=False)),
 )

@@ -14,7 +14,7 @@ from armflex.conventions import Array
 from armflex.effects.law import Effect, EffectLaw, Values, full
 from armflex.effects.scene import Scene
 from armflex.effects.spot import Spot
-from armflex.trace.projection import HIDDEN, Projection, evidence
+from armflex.trace.projection import Projection, evidence
 
 
 @dataclass(frozen=True)
@@ -104,13 +104,11 @@ class Screening:
         bank: The candidates.
         gains: (G,) falls of the objective.
         evidence: (G,) falls of the information criterion.
-        hidden: (G,) True where fitted parameters can take over the whole candidate.
     """
 
     bank: Bank
     gains: Array
     evidence: Array
-    hidden: np.ndarray
 
     def ranked(self) -> np.ndarray:
         """Return the candidates' numbers, the best evidence first."""
@@ -132,8 +130,8 @@ class Sifted:
         return raw if stationary else raw - self.seen.T @ (self.projection.half @ residuals)
 
     @cached_property
-    def solvers(self) -> list[tuple[np.ndarray, Array, np.ndarray]]:
-        """For every group size: groups, (g, k, k) factors W with gain = |W' score|^2, and which groups are hidden."""
+    def solvers(self) -> list[tuple[np.ndarray, Array]]:
+        """For every group size: groups, and (g, k, k) factors W with gain = |W' score|^2."""
         found = []
         for size in np.unique(self.bank.sizes):
             groups = np.flatnonzero(self.bank.sizes == size)
@@ -141,36 +139,27 @@ class Sifted:
             columns = self.bank.columns[:, places].transpose(1, 2, 0)
             seen = self.seen[:, places].transpose(1, 2, 0)
             whole = columns @ columns.transpose(0, 2, 1)
-            found.append((groups, *_factors(whole - seen @ seen.transpose(0, 2, 1), whole)))
+            found.append((groups, _factors(whole - seen @ seen.transpose(0, 2, 1), whole, self.projection.shy)))
         return found
 
     def gains(self, residuals: Array, stationary: bool = True) -> Array:
         """Return the (G, F) gains of all candidates for (n, F) residuals."""
         scores = self.score(residuals, stationary)
         gains = np.zeros((len(self.bank.candidates), residuals.shape[1]))
-        for groups, factors, _ in self.solvers:
+        for groups, factors in self.solvers:
             places = self.bank.starts[groups][:, None] + np.arange(factors.shape[1])
             gains[groups] = ((factors.transpose(0, 2, 1) @ scores[places]) ** 2).sum(axis=1)
         return gains
 
-    @cached_property
-    def hidden(self) -> np.ndarray:
-        """(G,) True where nothing of a candidate survives the projection."""
-        found = np.zeros(len(self.bank.candidates), dtype=bool)
-        for groups, _, lost in self.solvers:
-            found[groups] = lost
-        return found
 
-
-def _factors(inside: Array, whole: Array) -> tuple[Array, np.ndarray]:
-    """Return (g, k, k) square roots of the groups' pseudo-inverses, and where nothing is left to invert."""
+def _factors(inside: Array, whole: Array, shy: float) -> Array:
+    """Return (g, k, k) square roots of the groups' inverses."""
     squares = np.einsum("gkk->gk", whole)
     seen = squares > 0.0
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, squares, 1.0)), 0.0)
     values, vectors = np.linalg.eigh(inside * scale[:, :, None] * scale[:, None, :])
-    kept = values > HIDDEN
-    roots = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
-    return scale[:, :, None] * vectors * roots[:, None, :], ~kept.any(axis=1)
+    roots = 1.0 / np.sqrt(np.maximum(values, 0.0) + shy)
+    return scale[:, :, None] * vectors * roots[:, None, :]
 
 
 def sift(candidates: Bank, projection: Projection) -> Sifted:
@@ -183,7 +172,7 @@ def screen(sifted: Sifted) -> Screening:
     gains = sifted.gains(sifted.projection.residual[:, None])[:, 0]
     projection, parameters = sifted.projection, sifted.bank.parameters
     worth = evidence(gains, projection.objective, projection.count, parameters)
-    return Screening(sifted.bank, gains, np.asarray(worth), sifted.hidden)
+    return Screening(sifted.bank, gains, np.asarray(worth))
 
 
 def best_per_spot(screening: Screening, most: int) -> Sequence[int]:

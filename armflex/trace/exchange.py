@@ -10,7 +10,7 @@ from armflex.effects.catalogue import LAWS
 from armflex.effects.law import Effect
 from armflex.trace.candidates import bank, best_per_spot, candidates_of, screen, sift
 from armflex.trace.polish import polish
-from armflex.trace.projection import Projection, evidence
+from armflex.trace.projection import Projection, evidence, project
 from armflex.trace.state import State, without
 
 SAME = 10.0
@@ -30,11 +30,12 @@ def leave_out(state: State, index: int) -> tuple[Projection, np.ndarray]:
     # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
     data = fit.residual + fit.columns[:, amplitudes] @ fit.values[amplitudes] + fit.columns[:, rest] @ fit.values[rest]
     precision = fit.prior[rest] ** -2.0
-    plain = Projection(fit.columns[:, rest], precision, data, 0.0)
+    shy = project(fit).shy
+    plain = Projection(fit.columns[:, rest], precision, data, 0.0, shy)
     values = plain.absorbed(data)
     residual = data - fit.columns[:, rest] @ values
     objective = float(residual @ residual + (precision * values**2).sum())
-    return Projection(fit.columns[:, rest], precision, residual, objective), own
+    return Projection(fit.columns[:, rest], precision, residual, objective, shy), own
 
 
 def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, float], ...]]:

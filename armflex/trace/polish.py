@@ -56,8 +56,16 @@ def polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection)
 def _weigh(candidate: Candidate, free: Values, fit: Fit, scene: Scene, projection: Projection) -> Polished:
     columns = candidate_columns(candidate, fit, scene)
     gain, amplitudes = projection.gain(columns) if np.isfinite(columns).all() else (0.0, np.zeros(columns.shape[1]))
+    if not sensible(candidate, amplitudes):
+        gain, amplitudes = 0.0, np.zeros(len(amplitudes))
     worth = float(evidence(gain, projection.objective, projection.count, candidate.parameters))
     return Polished(candidate, gain, worth, amplitudes, tuple(free))
+
+
+def sensible(candidate: Candidate, amplitudes: Array) -> bool:
+    """Return whether no amplitude is below zero that must not be."""
+    acting = [candidate.law.amplitudes[i] for i in candidate.spot.terms]
+    return all(value >= 0.0 or not amplitude.positive for amplitude, value in zip(acting, amplitudes, strict=True))
 
 
 def _scan(start: Polished, index: int, fit: Fit, scene: Scene, projection: Projection) -> Polished:

@@ -13,13 +13,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from armflex.calibrate.effect_block import LARGEST_MOTION
 from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
 
-HIDDEN = 1e-8
-"""Share of a column's square that must survive the projection; less is rounding."""
-
 RIDGE = 1e-13
+"""Relative to the normal matrix; it only keeps rounding from making it indefinite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +30,15 @@ class Projection:
         precision: (P,) prior precision.
         residual: (n,) whitened and weighted residual at the most probable values.
         objective: Sum of squares of residual and prior deviations.
+        shy: Prior precision of a candidate's amplitudes, relative to the square of its column: an effect that would
+            have to move the tip by more than `LARGEST_MOTION` to be seen is not believed.
     """
 
     columns: Array
     precision: Array
     residual: Array
     objective: float
+    shy: float
 
     @cached_property
     def count(self) -> int:
@@ -70,26 +72,23 @@ class Projection:
     def gain(self, columns: Array) -> tuple[float, Array]:
         """Return what (n, k) columns lower the objective by together, and their (k,) amplitudes."""
         inside, whole = self.information(columns)
-        return solve_group(inside, whole, columns.T @ self.residual)
+        return solve_group(inside, whole, columns.T @ self.residual, self.shy)
 
 
 def project(fit: Fit) -> Projection:
     """Return the projection of a fit."""
     deviations = float(((fit.values / fit.prior) ** 2).sum())
-    return Projection(fit.columns, fit.prior**-2.0, fit.residual, float(fit.residual @ fit.residual) + deviations)
+    objective = float(fit.residual @ fit.residual) + deviations
+    shy = float((fit.view.sigma**2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
+    return Projection(fit.columns, fit.prior**-2.0, fit.residual, objective, shy)
 
 
-def solve_group(inside: Array, whole: Array, score: Array) -> tuple[float, Array]:
+def solve_group(inside: Array, whole: Array, score: Array, shy: float) -> tuple[float, Array]:
     """Return gain and amplitudes of a group from its (k, k) information, raw squares and (k,) score."""
     seen = whole > 0.0
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, whole, 1.0)), 0.0)
-    values, vectors = np.linalg.eigh(inside * np.outer(scale, scale))
-    kept = values > HIDDEN
-    if not kept.any():
-        return 0.0, np.zeros(len(score))
-    along = vectors[:, kept].T @ (scale * score)
-    amplitudes = scale * (vectors[:, kept] @ (along / values[kept]))
-    return float((along**2 / values[kept]).sum()), amplitudes
+    amplitudes = scale * np.linalg.solve(inside * np.outer(scale, scale) + shy * np.eye(len(scale)), scale * score)
+    return float(score @ amplitudes), amplitudes
 
 
 def evidence(gain: Array | float, objective: float, count: int, parameters: Array | float) -> Array | float:

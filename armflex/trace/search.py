@@ -39,7 +39,13 @@ PLACES = 4
 """Likeliest places at which products of two columns are tried."""
 
 PREFERRED = 6.0
-"""Evidence by which a free shape must beat a law of the catalogue."""
+"""Evidence by which a free shape must beat a law of the catalogue, where it completes the explanation."""
+
+HALF = 0.5
+"""Share of a free shape's evidence from which a law is preferred where neither completes the explanation."""
+
+COMPLETE = 1.15
+"""Objective per reading up to which nothing is left to explain."""
 
 MUCH = 0.6
 """Share of the excess that a candidate must explain for products not to be tried."""
@@ -70,9 +76,9 @@ class Round:
         if first.candidate.law.name not in SHAPES:
             return first
         named = [one for one in self.ranking if one.candidate.law.name not in SHAPES]
-        if named and named[0].evidence > first.evidence - PREFERRED:
-            return named[0]
-        return first
+        left = (self.projection.objective - first.gain) / self.projection.count
+        asked = first.evidence - PREFERRED if left < COMPLETE else HALF * first.evidence
+        return named[0] if named and named[0].evidence > asked else first
 
 
 def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:

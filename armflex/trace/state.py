@@ -10,7 +10,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.calibrate import Calibration
-from armflex.calibrate.effect_block import EffectBlock
+from armflex.calibrate.effect_block import EffectBlock, shy_prior
 from armflex.calibrate.fit import Fit, fit
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
@@ -106,7 +106,9 @@ def _unmeasured(arm: Arm, measurements: Measurements, rows: np.ndarray):
 def add(state: State, found: Polished) -> State:
     """Return the state with a candidate added and everything refitted."""
     absorbed, start = _beginning(state, found)
-    effect = EffectBlock(found.candidate.effect(found.amplitudes), found.free, state.scene, len(state.effects))
+    what = found.candidate.effect(found.amplitudes)
+    prior = shy_prior(what, found.free, state.fit.view, state.scene)
+    effect = EffectBlock(what, found.free, state.scene, len(state.effects), prior)
     return refit(state, (*state.effects, effect), state.random, np.concatenate([start, effect.start, absorbed]))
 
 
