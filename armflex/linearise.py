@@ -24,7 +24,7 @@ from armflex.equilibrium import Equilibrium, LawStack, find_equilibrium
 from armflex.laws import Row
 from armflex.loads import Payload
 from armflex.mechanics import LoadCase, Mechanics
-from armflex.robot import Site, build_model
+from armflex.robot import FlexModel, Site, build_model
 
 Progress = Callable[[int, int], None]
 

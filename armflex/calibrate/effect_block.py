@@ -14,6 +14,9 @@ from armflex.effects.scene import Scene
 LARGEST_MOTION = 0.1
 """RMS of the tip's motion [m] that is expected of a missing effect at most: one standard deviation."""
 
+LOOSE = 2.0
+"""Prior standard deviation of the logarithm of an inner parameter about where its search ended."""
+
 STEP = 1e-4
 """Step of numerical derivatives by inner parameters: relative for positive ones, of their size for others."""
 
@@ -24,7 +27,7 @@ class EffectBlock:
 
     Attributes:
         effect: Where it starts; its fixed inner parameters stay as they are here.
-        free: Which inner parameters move; positive ones do so on a logarithmic scale.
+        free: Which inner parameters move, from where they start; positive ones by the logarithm of a factor.
         scene: The campaign.
         ordinal: Place of the effect among the arm's.
         prior: (k,) standard deviations of its values about zero; see `shy_prior`.
@@ -60,7 +63,7 @@ class EffectBlock:
     def start(self) -> Array:
         """The values that give the effect as it is."""
         amplitudes = [self.effect.amplitudes[i] for i in self.effect.spot.terms]
-        return np.array(amplitudes + [_raw(self.effect.law.inner[i], self.effect.inner[i]) for i in self.free])
+        return np.array(amplitudes + [0.0] * len(self.free))
 
     def columns(self, view: View) -> Array:
         """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
@@ -69,12 +72,11 @@ class EffectBlock:
         columns = [law.columns(spot, now.inner, view, self.scene)]
         amplitudes = np.array([now.amplitudes[i] for i in spot.terms])
         for i in self.free:
-            raw = _raw(law.inner[i], now.inner[i])
-            step = STEP if law.inner[i].positive else STEP * max(abs(raw), 1e-2)
+            step = STEP if law.inner[i].positive else STEP * max(abs(now.inner[i]), 1e-2)
             ends = []
             for side in (1.0, -1.0):
                 moved = list(now.inner)
-                moved[i] = _value(law.inner[i], raw + side * step)
+                moved[i] = _moved(law.inner[i], now.inner[i], side * step)
                 ends.append(law.columns(spot, tuple(moved), view, self.scene) @ amplitudes)
             columns.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
         return np.concatenate(columns, axis=2)
@@ -86,7 +88,7 @@ class EffectBlock:
         amplitudes[list(spot.terms)] = values[: len(spot.terms)]
         inner = list(self.effect.inner)
         for place, i in enumerate(self.free):
-            inner[i] = _value(law.inner[i], float(values[len(spot.terms) + place]))
+            inner[i] = _moved(law.inner[i], inner[i], float(values[len(spot.terms) + place]))
         return replace(self.effect, values=(*amplitudes.tolist(), *inner))
 
     def apply(self, setup: Setup, values: Array) -> Setup:
@@ -105,17 +107,15 @@ class EffectBlock:
 
 
 def shy_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
-    """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`; nothing for the others."""
+    """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`, inner ones loosely."""
     columns = effect.law.columns(effect.spot, effect.inner, view, scene)
     moved = np.sqrt((columns[:, :3] ** 2).sum(axis=1).mean(axis=0))
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
-    return np.concatenate([amplitudes, np.full(len(free), np.inf)])
+    searched = [LOOSE if effect.law.inner[i].positive else np.inf for i in free]
+    return np.concatenate([amplitudes, searched])
 
 
-def _raw(inner: Inner, value: float) -> float:
-    return float(np.log(value)) if inner.positive else value
-
-
-def _value(inner: Inner, raw: float) -> float:
-    return float(np.exp(raw)) if inner.positive else raw
+def _moved(inner: Inner, value: float, by: float) -> float:
+    """Return an inner parameter moved from where its search ended: by a factor's logarithm, or by a difference."""
+    return value * float(np.exp(np.clip(by, -50.0, 50.0))) if inner.positive else value + by

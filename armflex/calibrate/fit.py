@@ -24,7 +24,7 @@ MAX_ITERATIONS = 30
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""
 
-FLAT = 1e-3
+FLAT = 1e-2
 """Fall of the cost (-2 log posterior density) below which there is nothing left to gain."""
 
 
@@ -211,7 +211,7 @@ def _descend(
 ) -> tuple[Array, View, float]:
     """Return values, view and cost after the step, halved until the cost falls (or is flat to rounding)."""
     prior = prior_of(blocks)
-    for halving in range(12):
+    for halving in range(8):
         trial = values + 0.5**halving * step
         try:
             view = look(realise(declared, blocks, trial), measurements, rows)

@@ -1,4 +1,4 @@
-"""A base that gives under the moment on it: C_b times the moment, the same about all axes or about one."""
+"""A base that gives under the moment on it: C_b times the moment, the same about all axes, or each its own."""
 
 from __future__ import annotations
 
@@ -7,18 +7,24 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.effects.law import Amplitude, TwistLaw, Values
 from armflex.effects.scene import AXES_TURN, Scene
-from armflex.effects.shapes import at_base
 from armflex.effects.spot import BASE, Here, Spot
 from armflex.laws import Row
 
 
 def _places(scene: Scene) -> list[Spot]:
-    return [Spot(BASE, None), *at_base(AXES_TURN)]
+    single = [Spot(BASE, axis, terms=(1 + i,)) for i, axis in enumerate(AXES_TURN)]
+    return [Spot(BASE), *single, Spot(BASE, terms=(1, 2)), Spot(BASE, terms=(1, 2, 3))]
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    acting = np.abs(here.direction) if here.spot.axis else np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
-    return (wrench * acting)[..., None, :]
+    turns = wrench[..., None, :] * np.eye(6)[3:]
+    return np.concatenate([turns.sum(axis=-2, keepdims=True), turns], axis=-2)
 
 
-BASE_COMPLIANCE = TwistLaw("base_compliance", _places, (Amplitude("C", "rad/Nm", positive=True),), _basis, loaded=True)
+BASE_COMPLIANCE = TwistLaw(
+    "base_compliance",
+    _places,
+    tuple(Amplitude(name, "rad/Nm", positive=True) for name in ("C", "C_rx", "C_ry", "C_rz")),
+    _basis,
+    loaded=True,
+)

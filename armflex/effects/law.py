@@ -120,8 +120,8 @@ class Effect:
     def units(self) -> tuple[str, ...]:
         """Units of `named`."""
         parts = [self.law.amplitudes[i] for i in self.spot.terms] + list(self.law.inner)
-        turns = self.spot.axis is None or self.spot.axis.startswith("r")
-        return tuple(part.unit.format(m="rad" if turns else "m", w="Nm" if turns else "N") for part in parts)
+        motion, load = ("rad", "Nm") if self.spot.turns else ("m", "N")
+        return tuple(part.unit.format(m=motion, w=load) for part in parts)
 
 
 Basis = Callable[[Here, Array, Row, Values], Array]

@@ -1,4 +1,4 @@
-"""A pull towards a point that falls with distance: F / (1 + (d / reach)^2)."""
+"""A pull towards a point that falls with distance: F1 / (d^2 + reach^2), with a small reach F1 is that at one metre."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
     lever = pose[..., :3, :3] @ middle_of(here)
     way = np.array(inner[:3]) - pose[..., :3, 3] - lever
     distance = np.linalg.norm(way, axis=-1, keepdims=True)
-    return force_at(way / np.maximum(distance, 1e-9) / (1.0 + (distance / inner[3]) ** 2), lever)
+    return force_at(way / np.maximum(distance, 1e-9) / np.maximum(distance**2 + inner[3] ** 2, 1e-6), lever)
 
 
 def _reaches(spot: Spot, scene: Scene) -> Iterable[float]:
-    return (0.15 * float(np.linalg.norm(np.ptp(scene.box, axis=0))),)
+    return (0.0, 0.15 * float(np.linalg.norm(np.ptp(scene.box, axis=0))))
 
 
 MAGNETIC_PULL = LoadLaw(
     "magnetic_pull",
     _places,
-    (Amplitude("F", "N", positive=True),),
+    (Amplitude("F1", "N m^2", positive=True),),
     _pull,
     (*coordinates("point", 4), Inner("reach", "m", _reaches)),
 )

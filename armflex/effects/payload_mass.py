@@ -1,4 +1,7 @@
-"""A payload that is heavier than declared: one of them, or all by the same share (the kilograms are those of the heaviest)."""
+"""A payload that is heavier than declared: one of them, each by the same mass, or all by the same share.
+
+By the same share, the kilograms are those of the heaviest.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,10 @@ if TYPE_CHECKING:
     from armflex.calibrate.view import Setup, View
 
 
+EACH = "each"
+"""Partner of a spot whose mass is added to every payload that weighs."""
+
+
 @dataclass(frozen=True)
 class PayloadMass:
     """Extra mass at the declared centre of mass."""
@@ -28,7 +35,8 @@ class PayloadMass:
 
     def spots(self, scene: Scene) -> Iterable[Spot]:
         """Return all payloads together and, where there are several, each by itself."""
-        return [Spot(TOOL, partner=name) for name in loaded_names(scene)]
+        names = loaded_names(scene)
+        return [Spot(TOOL, partner=name) for name in ((*names, EACH) if len(names) > 1 else names)]
 
     def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
         """Return (M, d, 1) changes of the readings."""
@@ -53,6 +61,8 @@ class PayloadMass:
 
 def _shares(spot: Spot, masses: dict[str, float]) -> dict[str, float]:
     """Return what part of the extra mass each payload has."""
+    if spot.partner == EACH:
+        return {name: 1.0 for name, mass in masses.items() if mass > 0.0}
     if spot.partner:
         return {spot.partner: 1.0}
     heaviest = max(masses.values(), default=0.0) or 1.0

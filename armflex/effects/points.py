@@ -8,6 +8,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.effects.law import Inner
+from armflex.effects.rigid import cross
 from armflex.effects.scene import Scene
 from armflex.effects.spot import TOOL, Here, Spot
 
@@ -42,4 +43,4 @@ def middle_of(here: Here) -> Array:
 
 def force_at(force: Array, lever: Array) -> Array:
     """Return the (..., 1, 6) wrench at a link's origin of a force that acts at a lever from it, base axes."""
-    return np.concatenate([force, np.cross(lever, force)], axis=-1)[..., None, :]
+    return np.concatenate([force, cross(lever, force)], axis=-1)[..., None, :]

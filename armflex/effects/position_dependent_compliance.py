@@ -1,4 +1,4 @@
-"""Compliance that changes with the joint's position: (C1 q + C2 q^2) w, on one axis or as a share of the declared law."""
+"""Compliance that changes with the joint's position: (C1 q + C2 q^2) w along one axis."""
 
 from __future__ import annotations
 

@@ -64,8 +64,8 @@ class Scene:
 
     @cached_property
     def links(self) -> tuple[str, ...]:
-        """Sites at the ends of the links, the tool's last."""
-        return (*(LINK + joint for joint in self.joints), TOOL)
+        """Sites at the ends of the links, the tool's last; what ends in the first joint is the base."""
+        return (*(LINK + joint for joint in self.joints[1:]), TOOL)
 
     @cached_property
     def sites(self) -> tuple[str, ...]:

@@ -41,6 +41,11 @@ class Spot:
         return self.site.removeprefix(LINK)
 
     @property
+    def turns(self) -> bool:
+        """Whether the axis is a rotation."""
+        return self.axis is None or self.axis.startswith("r")
+
+    @property
     def key(self) -> str:
         """Site and axis in one word, for names of derived covariates."""
         return "_".join(part for part in (self.place, self.axis) if part)
@@ -90,11 +95,6 @@ class Here:
     def length(self) -> Array:
         """(3,) vector along the link to its end, in the site's frame [m]."""
         return _link_vector(self.robot, None if self.spot.place == TOOL else self.joint)
-
-    @property
-    def turns(self) -> bool:
-        """Whether the axis is a rotation."""
-        return self.spot.axis is None or self.spot.axis.startswith("r")
 
 
 def drive_of(joint: Joint) -> Array:

@@ -31,7 +31,7 @@ def suspects(scene: Scene) -> tuple[str, ...]:
 
 
 def hats(values: Array, low: float, high: float, count: int) -> list[Array]:
-    """Return `count` (...,) functions, piecewise straight, of which one less than all: together they are never constant."""
+    """Return `count` (...,) piecewise straight functions; the last of all is left out, so they sum to no constant."""
     knots = np.linspace(low, high, count + 1)
     inside = np.clip(values, low, high)
     tents = [np.interp(inside, knots, row) for row in np.eye(count + 1)]

@@ -27,8 +27,17 @@ class Candidate:
 
     @property
     def parameters(self) -> int:
-        """How many numbers it takes: amplitudes, and inner parameters that are searched."""
-        return len(self.spot.terms) + sum(inner.polished for inner in self.law.inner)
+        """How many numbers it takes: amplitudes, and inner parameters that are searched and in use."""
+        return len(self.spot.terms) + len(self.searched)
+
+    @property
+    def searched(self) -> tuple[int, ...]:
+        """Inner parameters that are searched; a positive one at zero is switched off."""
+        return tuple(
+            i
+            for i, (inner, value) in enumerate(zip(self.law.inner, self.inner, strict=True))
+            if inner.polished and not (inner.positive and value <= 0.0)
+        )
 
     def effect(self, amplitudes: Array) -> Effect:
         """Return the effect with amplitudes of the acting terms."""

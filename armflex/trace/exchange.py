@@ -8,12 +8,12 @@ import numpy as np
 
 from armflex.effects.catalogue import LAWS
 from armflex.effects.law import Effect
-from armflex.trace.candidates import bank, best_per_spot, candidates_of, screen, sift
+from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, screen, sift
 from armflex.trace.polish import polish
-from armflex.trace.projection import Projection, evidence, project
+from armflex.trace.projection import Projection, evidence, project, projected
 from armflex.trace.state import State, without
 
-SAME = 10.0
+SAME = 14.0
 """Evidence within which two candidates are not told apart."""
 
 COMPARED = 12
@@ -29,13 +29,7 @@ def leave_out(state: State, index: int) -> tuple[Projection, np.ndarray]:
     amplitudes = own[: len(block.effect.spot.terms)]
     # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
     data = fit.residual + fit.columns[:, amplitudes] @ fit.values[amplitudes] + fit.columns[:, rest] @ fit.values[rest]
-    precision = fit.prior[rest] ** -2.0
-    shy = project(fit).shy
-    plain = Projection(fit.columns[:, rest], precision, data, 0.0, shy)
-    values = plain.absorbed(data)
-    residual = data - fit.columns[:, rest] @ values
-    objective = float(residual @ residual + (precision * values**2).sum())
-    return Projection(fit.columns[:, rest], precision, residual, objective, shy), own
+    return projected(fit.columns[:, rest], fit.prior[rest] ** -2.0, data, project(fit).shy), own
 
 
 def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, float], ...]]:
@@ -43,8 +37,8 @@ def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, fl
     projection, own = leave_out(state, index)
     gain = projection.gain(state.fit.columns[:, own])[0]
     block = state.effects[index]
-    searched = len(block.effect.spot.terms) + sum(inner.polished for inner in block.effect.law.inner)
-    worth = float(evidence(gain, projection.objective, projection.count, searched))
+    own_candidate = Candidate(block.effect.law, block.effect.spot, block.effect.inner)
+    worth = float(evidence(gain, projection.objective, projection.count, own_candidate.parameters))
     screened = screen(sift(bank(candidates_of(LAWS, state.scene), state.fit, state.scene), projection))
     rivals = []
     for i in best_per_spot(screened, COMPARED + 1):

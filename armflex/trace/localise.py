@@ -64,7 +64,7 @@ def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray)
 
 
 def _likelihood(score: Array, square: Array, residual: Array) -> tuple[float, float]:
-    """Return the largest log-likelihood ratio over the variance, the noise's size fitted each time, and that variance."""
+    """Return the largest log-likelihood ratio, the noise's size fitted for each variance, and the variance there."""
     total, count = float((residual**2).sum()), residual.size
     mean = float(square.mean())
     if mean <= 0.0:

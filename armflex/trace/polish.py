@@ -43,11 +43,7 @@ def polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection)
     for index, inner in enumerate(candidate.law.inner):
         if inner.polished and not inner.smooth:
             plain = _scan(plain, index, fit, scene, projection)
-    free = tuple(
-        i
-        for i, inner in enumerate(candidate.law.inner)
-        if inner.polished and inner.smooth and not (inner.positive and plain.candidate.inner[i] <= 0.0)
-    )
+    free = tuple(i for i in plain.candidate.searched if candidate.law.inner[i].smooth)
     if not free or plain.gain <= 0.0:
         return plain
     return _refine(plain, free, fit, scene, projection)

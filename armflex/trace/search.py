@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
 
 from armflex.calibrate.fit import Fit
-from armflex.effects.catalogue import LAWS
+from armflex.effects.catalogue import EVERY, LAWS
 from armflex.effects.scene import Scene
 from armflex.effects.spot import Spot
 from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SHAPES, SPLINE, SPLINE_COMPLIANCE, WAVE, suspects
@@ -40,6 +40,11 @@ PLACES = 4
 
 PREFERRED = 6.0
 """Evidence by which a free shape must beat a law of the catalogue, where it completes the explanation."""
+
+TIE = 2.0
+"""Evidence within which the plainer candidate is taken."""
+
+ORDER = tuple(EVERY)
 
 HALF = 0.5
 """Share of a free shape's evidence from which a law is preferred where neither completes the explanation."""
@@ -72,13 +77,19 @@ class Round:
     @property
     def best(self) -> Polished:
         """The candidate to believe: a law of the catalogue where no free shape is clearly better."""
-        first = self.ranking[0]
-        if first.candidate.law.name not in SHAPES:
-            return first
+        if self.ranking[0].candidate.law.name not in SHAPES:
+            return preferred([one for one in self.ranking if one.candidate.law.name not in SHAPES])
+        first = preferred(self.ranking)
         named = [one for one in self.ranking if one.candidate.law.name not in SHAPES]
         left = (self.projection.objective - first.gain) / self.projection.count
         asked = first.evidence - PREFERRED if left < COMPLETE else HALF * first.evidence
-        return named[0] if named and named[0].evidence > asked else first
+        return preferred(named) if named and named[0].evidence > asked else first
+
+
+def preferred(ranking: Sequence[Polished]) -> Polished:
+    """Return the plainest of those that the data hardly tell from the best: catalogue order, then a joint's drive."""
+    level = [one for one in ranking if one.evidence > ranking[0].evidence - TIE]
+    return min(level, key=lambda one: (ORDER.index(one.candidate.law.name), not one.candidate.spot.turns))
 
 
 def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
