@@ -23,8 +23,16 @@ from armflex.loads import Payload as Payload
 from armflex.loads import Wrench as Wrench
 from armflex.measurements import Measurements as Measurements
 from armflex.measurements import read_measurements as read_measurements
+from armflex.point_export import PointExport as PointExport
+from armflex.point_export import read_points as read_points
+from armflex.poses import leaked as leaked
+from armflex.poses import pose_groups as pose_groups
+from armflex.predict import Prediction as Prediction
 from armflex.predict import predict as predict
+from armflex.repeats import Repeats as Repeats
+from armflex.repeats import repeats as repeats
 from armflex.robot import load_robot as load_robot
+from armflex.trace import trace as trace
 from armflex.trajectory import Trajectory as Trajectory
 from armflex.trajectory import read_trajectory as read_trajectory
 from armflex.trajectory import write_trajectory as write_trajectory

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from armflex.certainty import Certainty
 from armflex.conventions import LARGEST_POSITION, Array, real_array
 from armflex.deflection import Deflection, DeflectionBatch, Names, stack_rows
 from armflex.effects.in_arm import Pulling, pulling, with_twists
@@ -60,6 +61,7 @@ class Arm:
         corrections: Constant errors of the kinematics that calibration found; part of what makes the tip displaced.
         instrument: Where the instrument stands that measured this arm, None when it was not calibrated.
         effects: What it does beyond its flexures, as measurements showed.
+        certainty: How well everything that was fitted is known, None where nothing was, or where nobody says.
         flags: Doubts about the arm as declared.
     """
 
@@ -72,6 +74,7 @@ class Arm:
     corrections: Corrections = field(default_factory=Corrections)
     instrument: Instrument | None = None
     effects: tuple[Effect, ...] = ()
+    certainty: Certainty | None = None
     flags: tuple[Flag, ...] = ()
 
     def __post_init__(self) -> None:

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arm import Arm, Flexure, warn
+from armflex.calibrate.view import Setup
 from armflex.calibration_table import read_calibration
 from armflex.conventions import STANDARD_GRAVITY
 from armflex.declaration import Declaration, read_toml
+from armflex.effects.effect_file import read_effect
 from armflex.errors import (
     ArmFileError,
     Flag,
@@ -21,6 +23,7 @@ from armflex.errors import (
     did_you_mean,
     listing,
 )
+from armflex.instrument import Instrument
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, StructuralLaw, read_law
 from armflex.laws.linear import softness
 from armflex.loads import Payload
@@ -63,16 +66,24 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     flexures = tuple(_read_flexure(name, table, robot) for name, table in _flexure_tables(root, preset).items())
     measurement = _read_measurement(root.sub("measurement")) if root.has("measurement") else Measurement()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
-    if root.array_of("effect"):
-        raise UnsupportedError(f"{root.array_of('effect')[0].place()}: [[effect]] is not supported by this version")
+    effects = root.array_of("effect")
     root.has("calibration")
     root.finish()
     soft = [flag for flexure in flexures for flag in _soft(flexure)]
     doubts = (*robot.flags, *flags, *soft, *_partly_certain(flexures))
     arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=doubts)
-    if root.has("calibration"):
-        return read_calibration(root.sub("calibration"), arm)
-    return _say_level(arm)
+    fitted = read_calibration(root.sub("calibration"), arm) if root.has("calibration") else _say_level(arm)
+    return _with_effects(fitted, effects)
+
+
+def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
+    """Return the arm with its [[effect]] tables applied in order, as a fit does: some change the model itself."""
+    setup = start = Setup(arm, arm.instrument or Instrument())
+    for table in tables:
+        effect = read_effect(table, arm)
+        setup = effect.law.apply(effect, setup)
+    instrument = arm.instrument if setup.instrument is start.instrument else setup.instrument
+    return replace(setup.arm, instrument=instrument)
 
 
 def _say_level(arm: Arm) -> Arm:

@@ -8,7 +8,10 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Flexure
+from armflex.certainty import Certainty
+from armflex.conventions import TWIST_NAMES
 from armflex.declaration import Declaration
+from armflex.effects.spot import site_names
 from armflex.errors import did_you_mean
 from armflex.instrument import Instrument
 from armflex.laws.scaled import scaled
@@ -30,17 +33,53 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         pin.SE3(pin.exp3(pose[3:]), pose[:3]),
         {name: sessions.numbers(name, (6,)) for name in sessions.table},
         table.numbers("target", (3,)),
+        table.number("scale", 0.0),
     )
     corrections = Corrections(
         {name: offset.number(name) for name in offset.table},
         {name: geometry.numbers(name, (6,)) for name in geometry.table},
     )
-    for key in ("measurements_sha256", "rows", "rms_m", "parameters", "covariance"):
+    for key in ("measurements_sha256", "rows", "rms_m"):
         table.has(key)
+    certainty = _certainty(table, arm)
     table.finish()
     flexures = tuple(_scale(flexure, compliance) for flexure in arm.flexures)
-    fitted = replace(arm, flexures=flexures, corrections=corrections, instrument=instrument)
+    fitted = replace(arm, flexures=flexures, corrections=corrections, instrument=instrument, certainty=certainty)
     return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
+
+
+def _certainty(table: Declaration, arm: Arm) -> Certainty | None:
+    """Return the covariance of the fitted parameters, given as the lower triangle's rows; None where it is not."""
+    if not table.has("covariance") or not table.has("parameters"):
+        return None
+    labels, rows = table.texts("parameters"), table.table["covariance"]
+    expected = f"{len(labels)} rows of 1, 2, ... finite numbers, one for each of the parameters"
+    if not isinstance(rows, list) or [len(row) if isinstance(row, list) else 0 for row in rows] != _counts(labels):
+        raise table.fail("covariance", f"expected {expected}")
+    covariance = np.zeros((len(labels), len(labels)))
+    for i, row in enumerate(rows):
+        if not all(isinstance(x, int | float) and np.isfinite(x) for x in row):
+            raise table.fail("covariance", f"row {i + 1}: expected {expected}")
+        covariance[i, : i + 1] = covariance[: i + 1, i] = row
+    if (np.diag(covariance) < 0.0).any():
+        raise table.fail("covariance", "a variance is negative")
+    return Certainty(labels, covariance, _unexplained(table, arm))
+
+
+def _counts(labels: tuple[str, ...]) -> list[int]:
+    return list(range(1, len(labels) + 1))
+
+
+def _unexplained(table: Declaration, arm: Arm) -> tuple[str, str, float] | None:
+    if not table.has("unexplained"):
+        return None
+    part = table.sub("unexplained")
+    site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
+    size = part.number("std")
+    part.finish()
+    if size < 0.0:
+        raise part.fail("std", f"a standard deviation cannot be negative, got {size:g}")
+    return site, axis, size
 
 
 def _check_names(table: Declaration, known: tuple[str, ...]) -> None:

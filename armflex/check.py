@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,6 +96,7 @@ def check(
     angle: float | None = None,
     method: str = "newton",
     progress: Progress | None = None,
+    covariates: Mapping[str, float] | None = None,
 ) -> CheckReport:
     """Hold the tip's displacement along a trajectory against a tolerance.
 
@@ -109,13 +110,15 @@ def check(
         angle: Largest allowed rotation [rad], None to ask for none.
         method: See `Arm.deflection`.
         progress: Called with (rows done, rows in all).
+        covariates: What the arm's effects depend on and no column gives, the same in every row.
 
     Raises:
         InputError: A tolerance is not positive, or a row cannot be used; the row and time are named.
+        MissingCovariateError: An effect depends on something that was not given.
     """
     if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
         raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
-    trajectory = trajectory.for_arm(arm)
+    trajectory = trajectory.for_arm(arm).with_constants(covariates or {}).prepared(arm)
     judge = _Judge(arm, tolerance, angle, method)
     rows = [judge.sample(trajectory, i).point for i in range(len(trajectory))]
     segments = []
@@ -165,7 +168,7 @@ class _Judge:
 
     def ask(self, trajectory: Trajectory, i: int) -> tuple[Deflection, str]:
         """Return row i's deflection and why it cannot be allowed, if so: one bad row must not hide the others."""
-        asked = {"method": self.method, **trajectory.motion(i)}
+        asked = {"method": self.method, **trajectory.asked(i)}
         q, payload = trajectory.q[i], trajectory.payload[i]
         try:
             return self.arm.deflection(q, payload, **asked), ""

@@ -6,13 +6,14 @@ inside the limits, with the Jacobian of the deflected arm. What cannot be reache
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm
+from armflex.compensate_doubts import doubts, too_fast, too_wide
 from armflex.conventions import Array, as_pose
 from armflex.correction import NEAR_SINGULAR, TOLERANCE, Corrector, Point
 from armflex.deflection import Deflection
@@ -20,6 +21,10 @@ from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.trajectory import Trajectory
 
 MAX_INSERTIONS = 8
+MAX_HISTORIES = 6
+SAME_STATE = 1e-9
+"""Relative change of a remembered state, such as play, below which rows need not be solved again."""
+
 LARGEST_CHANGE = 0.5
 """A correction of more than this [rad or m] is no correction of a deflection."""
 
@@ -40,8 +45,8 @@ class CompensatedRow:
         after: (6,) error that remains in the same form.
         change: (nq,) change of the joint positions [rad or m].
         reached: Whether the matched components are within `TOLERANCE`.
-        reason: Why not: "limit", "too far", "singular", "joints", "equilibrium" or "tolerance", and what exactly; ''
-            when reached.
+        reason: Why not: "limit", "too far", "singular", "joints", "equilibrium", "history" or "tolerance", and what
+            exactly; '' when reached.
         sigma_min: Smallest singular value of the matched Jacobian [m per m or rad].
         smallest: Whether no smaller change near by reaches it, as far as could be shown; False where not reached.
     """
@@ -92,8 +97,12 @@ def compensate(
     best_effort: bool = False,
     between: float | None = None,
     progress: Progress | None = None,
+    covariates: Mapping[str, float] | None = None,
 ) -> Compensation:
     """Return the trajectory whose deflected tip is where the rigid arm's would have been.
+
+    Where the arm's effects depend on the rows before, on the side that a joint came from or on play, it is those of the
+    compensated rows that count.
 
     Args:
         arm: The arm.
@@ -104,8 +113,10 @@ def compensate(
         best_effort: Return the best feasible rows where others cannot be reached, instead of raising.
         between: Insert rows until the error halfway between rows is at most this [m]; None keeps the given rows.
         progress: Called with (rows done, rows in all).
+        covariates: What the arm's effects depend on and no column gives, the same in every row.
 
     Raises:
+        MissingCovariateError: An effect depends on something that was not given.
         UnreachableError: Some row cannot be reached; its `report` is the `Compensation`.
         InputError: Bad targets, weights or positions.
     """
@@ -113,7 +124,7 @@ def compensate(
         raise InputError(f"match is {match!r}, expected 'position' or 'pose'")
     if between is not None and not between > 0.0:
         raise InputError(f"between must be positive, got {between} m")
-    trajectory = trajectory.for_arm(arm)
+    trajectory = trajectory.for_arm(arm).with_constants(covariates or {})
     scale = _scale(arm, weights)
     poses = _targets(arm, trajectory, targets)
     rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
@@ -126,7 +137,7 @@ def compensate(
         rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
         gaps = _gaps(arm, trajectory, moved)
     widest = None if gaps is None else float(gaps.max(initial=0.0))
-    flags = (*_flags(moved, rows), *_too_fast(arm, trajectory, moved), *_too_wide(widest, between))
+    flags = (*doubts(moved, rows), *too_fast(arm, trajectory, moved), *too_wide(widest, between))
     result = Compensation(moved, rows, match, widest, flags)
     if not (result.ok or best_effort):
         raise UnreachableError(_summary(result), result)
@@ -136,6 +147,22 @@ def compensate(
 def _solve_rows(
     solver: _Solver, poses: list[pin.SE3], progress: Progress | None
 ) -> tuple[tuple[CompensatedRow, ...], Trajectory]:
+    """Return every row and the moved trajectory, solved again while the rows' history is not that of the moved ones."""
+    arm, bare = solver.arm, solver.trajectory
+    moved = bare
+    for _ in range(MAX_HISTORIES):
+        history = moved.prepared(arm).covariates
+        solver = replace(solver, trajectory=replace(bare, covariates=history))
+        rows, moved = _solve_each(solver, poses, progress)
+        moved = replace(moved, covariates=bare.covariates)
+        if not arm.effects or _same(history, moved.prepared(arm).covariates):
+            return rows, moved
+    return _as_driven(solver, rows, moved, poses), moved
+
+
+def _solve_each(
+    solver: _Solver, poses: list[pin.SE3], progress: Progress | None
+) -> tuple[tuple[CompensatedRow, ...], Trajectory]:
     rows: list[CompensatedRow] = []
     for i, pose in enumerate(poses):
         rows.append(solver.row(i, pose, rows[-1].change if rows else np.zeros_like(solver.scale)))
@@ -143,6 +170,25 @@ def _solve_rows(
             progress(i + 1, len(poses))
     moved = np.array([solver.inside(i, row.change) for i, row in enumerate(rows)])
     return tuple(rows), replace(solver.trajectory, q=moved)
+
+
+def _same(before: Mapping[str, Array], after: Mapping[str, Array]) -> bool:
+    return all(np.allclose(before[name], after[name], rtol=SAME_STATE, atol=0.0) for name in before)
+
+
+def _as_driven(
+    solver: _Solver, rows: Sequence[CompensatedRow], moved: Trajectory, poses: list[pin.SE3]
+) -> tuple[CompensatedRow, ...]:
+    """Return the rows with what remains when they are driven: the sides that joints come from never settled."""
+    driven = replace(solver, trajectory=moved.prepared(solver.arm))
+    found = []
+    for i, (row, pose) in enumerate(zip(rows, poses, strict=True)):
+        after = _error(driven.ask(i, moved.q[i]).pose, pose)
+        left = float(np.abs(after[: solver.size]).max())
+        lost = row.reached and left > TOLERANCE
+        reason = "history: the change of the joints turns the side that one of them comes from" if lost else row.reason
+        found.append(replace(row, after=after, reached=row.reached and not lost, reason=reason))
+    return tuple(found)
 
 
 def _targets(arm: Arm, trajectory: Trajectory, targets: Sequence[object] | None) -> list[pin.SE3]:
@@ -182,7 +228,7 @@ class _Solver:
 
     def ask(self, i: int, q: Array) -> Deflection:
         """Return the deflection of row i's load at joint positions q."""
-        return self.arm.deflection(q, self.trajectory.payload[i], enforce_limits=False, **self.trajectory.motion(i))
+        return self.arm.deflection(q, self.trajectory.payload[i], enforce_limits=False, **self.trajectory.asked(i))
 
     def row(self, i: int, target: pin.SE3, start: Array) -> CompensatedRow:
         """Solve one row, starting from the previous row's change."""
@@ -262,56 +308,14 @@ def _error(pose: pin.SE3, target: pin.SE3) -> Array:
 
 def _gaps(arm: Arm, commanded: Trajectory, moved: Trajectory) -> Array:
     """Return the (N - 1,) tip error halfway between rows [m], 0 where the payload changes between them."""
-    gaps = np.zeros(len(commanded) - 1)
+    gaps, known = np.zeros(len(commanded) - 1), moved.prepared(arm)
     for segment in range(len(gaps)):
         if commanded.payload[segment] == commanded.payload[segment + 1]:
             target = arm.rigid_pose(commanded.at(segment, np.array([0.5])).q[0])
-            middle = moved.at(segment, np.array([0.5]))
-            pose = arm.deflection(middle.q[0], middle.payload[0], **middle.motion(0)).pose
+            middle = known.at(segment, np.array([0.5]))
+            pose = arm.deflection(middle.q[0], middle.payload[0], **middle.asked(0)).pose
             gaps[segment] = np.linalg.norm(pose.translation - target.translation)
     return gaps
-
-
-def _flags(moved: Trajectory, rows: Sequence[CompensatedRow]) -> tuple[Flag, ...]:
-    flags = []
-    near = min(rows, key=lambda row: row.sigma_min)
-    if near.sigma_min < NEAR_SINGULAR:
-        text = f"at {near.time:g} s the smallest singular value is {near.sigma_min:.2g}: joints move far for little"
-        flags.append(Flag("near_singular", text))
-    doubtful = [row for row in rows if row.reached and not row.smallest]
-    if doubtful:
-        text = f"{len(doubtful)} rows, the first at {doubtful[0].time:g} s, are reached; smaller changes may do as well"
-        flags.append(Flag("not_smallest", text))
-    for i in range(1, len(moved)):
-        if moved.payload[i] != moved.payload[i - 1]:
-            jump = float(np.linalg.norm(rows[i].before[:3] - rows[i - 1].before[:3]))
-            change = f"from {moved.payload[i - 1]} to {moved.payload[i]} at {moved.time[i]:g} s"
-            between = f"between the rows at {moved.time[i - 1]:g} s and {moved.time[i]:g} s"
-            text = f"{change} the tip springs by {jump * 1e3:.3g} mm; {between} it is off by up to as much"
-            flags.append(Flag("payload_change", f"{text}, which the error halfway between rows leaves out"))
-    return tuple(flags)
-
-
-def _too_wide(widest: float | None, between: float | None) -> tuple[Flag, ...]:
-    if between is None or (widest is not None and widest <= between):
-        return ()
-    left = "is not looked at with targets of one's own" if widest is None else f"is still {widest:.3g} m"
-    return (Flag("between", f"the error halfway between rows {left}; at most {between:g} m was asked"),)
-
-
-def _too_fast(arm: Arm, commanded: Trajectory, moved: Trajectory) -> tuple[Flag, ...]:
-    if len(moved) < 2:
-        return ()
-    limits = np.array([joint.velocity for joint in arm.robot.moving])
-    given, share = (np.abs(np.diff(t.q, axis=0)) / np.diff(t.time)[:, None] / limits for t in (commanded, moved))
-    # A path that was too fast before is not held against the compensation.
-    worse = np.where(share > 1.001 * np.maximum(given, 1.0), share, 0.0)
-    segment, joint = np.unravel_index(int(np.argmax(worse)), worse.shape)
-    if not worse.any():
-        return ()
-    where = f"{arm.joint_names[joint]} would move at {share[segment, joint]:.2g} times its speed limit"
-    times = f"at {moved.time[segment]:g} s (commanded path: {given[segment, joint]:.2g} times)"
-    return (Flag("too_fast", f"{where} {times}"),)
 
 
 def _summary(result: Compensation) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.doubts import check_joint_units, check_no_nan, check_one_unit, table_flags
+from armflex.effects.scene import POSE, last_motion
 from armflex.errors import Flag, Place, TableError, did_you_mean
 from armflex.point_export import PointExport, read_points
 from armflex.point_match import with_points
@@ -79,6 +80,21 @@ class Measurements:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def known(self) -> dict[str, Array]:
+        """Everything numeric that is known of the rows by name, (N,) each; the pose as its number."""
+        known: dict[str, Array] = {"time": self.time}
+        if self.hold is not None:
+            known["hold"] = self.hold
+        known |= {name: values for name, values in self.covariates.items() if isinstance(values, np.ndarray)}
+        known |= {f"approach_{joint}": self.approach[:, i] for i, joint in enumerate(self.joint_names)}
+        known[POSE] = np.unique(self.pose, return_inverse=True)[1].astype(float)
+        return known
+
+    def motion(self, i: int) -> dict[str, Array | None]:
+        """Return nothing: what is measured stands still."""
+        return {}
 
 
 def read_measurements(
@@ -194,9 +210,7 @@ def _optional_vectors(table: Table, names: tuple[str, str, str]) -> tuple[np.nda
 
 def _approach(table: Table, arm: Arm, q: Array) -> Array:
     """Return the recorded directions; where a joint has none, that of its last change of position."""
-    derived = np.sign(np.diff(q, axis=0, prepend=q[:1]))
-    for row in range(1, len(derived)):
-        derived[row] = np.where(derived[row] == 0.0, derived[row - 1], derived[row])
+    derived = last_motion(q)
     for index, joint in enumerate(arm.joint_names):
         name = f"approach_{joint}"
         if name in table.columns:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm
+from armflex.calibrate.spread import fitted_variance, without_declared_doubt
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.deflection import Deflection
 from armflex.effects.remember import known_rows
@@ -29,7 +30,8 @@ class Prediction:
         rows: What was asked.
         position: (N, 3) the target as it would be read [m].
         rotation: (N, 3) rotation vector of the tip's orientation [rad].
-        sigma: (N, 3) standard uncertainty of the position that the laws carry [m], None where none does.
+        sigma: (N, 3) standard uncertainty of the position from the laws and from fitted parameters [m], None where
+            neither has one; what the instrument's noise adds is not in it.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
         flags: Doubts, each with the first row it concerns.
     """
@@ -55,35 +57,37 @@ def predict(arm: Arm, rows: Measurements, progress: Progress | None = None) -> P
     """
     found: list[Deflection] = []
     known = known_rows(arm, rows)
+    certain = without_declared_doubt(arm)
     for i, q in enumerate(rows.q):
         with naming(rows.places[i]):
             given = {name: values[i] for name, values in known.items()}
-            found.append(arm.deflection(q, rows.payload[i], covariates=given))
+            found.append(certain.deflection(q, rows.payload[i], covariates=given))
         if progress:
             progress(i + 1, len(rows))
     instrument = arm.instrument or Instrument()
     tip = np.array([one.pose.homogeneous for one in found])
+    fitted, doubts = fitted_variance(arm, rows)
     return Prediction(
         rows,
         instrument.readings(tip, rows.session),
         np.array([pin.log3(rotation) for rotation in instrument.rotations(tip)]),
-        _sigma(found, instrument),
+        _sigma(found, instrument, fitted),
         np.array([one.displacement for one in found]),
-        _flags(arm, rows, found),
+        (*_flags(arm, rows, found), *doubts),
     )
 
 
-def _sigma(found: list[Deflection], instrument: Instrument) -> Array | None:
-    """Return (N, 3) standard uncertainties of the target's position along the instrument's axes."""
-    if all(one.covariance is None for one in found):
+def _sigma(found: list[Deflection], instrument: Instrument, fitted: Array | None) -> Array | None:
+    """Return (N, 3) standard uncertainties of the target's position: the laws' own, and of what was fitted."""
+    if fitted is None and all(one.covariance is None for one in found):
         return None
     rows = []
     for one in found:
         lever = pin.skew(one.pose.rotation @ instrument.target)
         seen = instrument.pose.rotation @ np.hstack([np.eye(3), -lever])
         covariance = np.zeros((6, 6)) if one.covariance is None else one.covariance
-        rows.append(np.sqrt(np.diag(seen @ covariance @ seen.T)))
-    return np.array(rows)
+        rows.append(np.diag(seen @ covariance @ seen.T))
+    return np.sqrt(np.array(rows) + (0.0 if fitted is None else fitted))
 
 
 def _flags(arm: Arm, rows: Measurements, found: list[Deflection]) -> tuple[Flag, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,8 +11,12 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.errors import InputError, Place, ShapeError, TableError, UnknownNameError, did_you_mean
+from armflex.effects.remember import known_rows
+from armflex.effects.scene import last_motion
+from armflex.errors import InputError, Place, ShapeError, TableError, UnknownNameError, did_you_mean, listing
 from armflex.table import Table, read_table, write_table
+
+APPROACH = "approach_"
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +30,7 @@ class Trajectory:
         payload: Name of what is carried from each row on.
         via: Name of the row where it is a via-point, else ''.
         v, a: (N, nq) joint velocities and accelerations where inertial loads count, else None.
-        covariates: Further columns of numbers, (N,) each.
+        covariates: Further columns of numbers, (N,) each; `approach_<joint>` is the direction of the way there.
     """
 
     joint_names: tuple[str, ...]
@@ -58,6 +62,10 @@ class Trajectory:
             steps = fraction.reshape(-1, *[1] * (values.ndim - 1))
             return values[segment] + steps * (values[segment + 1] - values[segment])
 
+        def known(name: str, values: Array) -> Array:
+            # On the way to a row the joints move as they do when they get there.
+            return np.full(len(fraction), values[segment + 1]) if name.startswith(APPROACH) else between(values)
+
         count = len(fraction)
         return Trajectory(
             self.joint_names,
@@ -67,8 +75,51 @@ class Trajectory:
             ("",) * count,
             None if self.v is None else between(self.v),
             None if self.a is None else between(self.a),
-            {name: between(values) for name, values in self.covariates.items()},
+            {name: known(name, values) for name, values in self.covariates.items()},
         )
+
+    @property
+    def known(self) -> dict[str, Array]:
+        """Time, every further column, and the joints' last motion where no column gives it, (N,) each by name."""
+        moved = last_motion(self.q)
+        approach = {f"{APPROACH}{joint}": moved[:, i] for i, joint in enumerate(self.joint_names)}
+        return {"time": self.time, **approach, **self.covariates}
+
+    def asked(self, i: int) -> dict[str, object]:
+        """Return row i's motion and what else is known of it as `Arm.deflection` takes them."""
+        known = {name: values[i] for name, values in self.covariates.items()}
+        return {**self.motion(i), "covariates": {"time": self.time[i], **known}}
+
+    def with_constants(self, constants: Mapping[str, float]) -> Trajectory:
+        """Return the trajectory with further columns that are the same in every row.
+
+        Raises:
+            InputError: One is a column already, or `approach_` of no joint, or not -1, 0 or 1.
+        """
+        check_approaches(constants, self.joint_names)
+        for name in constants:
+            if name in self.covariates or name == "time":
+                raise InputError(f"covariate {name!r} is a column of the trajectory already")
+        added = {name: np.full(len(self), float(value)) for name, value in constants.items()}
+        return replace(self, covariates={**self.covariates, **added})
+
+    def prepared(self, arm: Arm) -> Trajectory:
+        """Return the trajectory in the arm's order of joints with everything that the arm's effects ask for.
+
+        What depends on the rows before is worked out over the rows: the side from which a joint came, lagged
+        temperatures, play.
+
+        Raises:
+            InputError: The joints are not the arm's.
+            MissingCovariateError: A state needs a column that is not there.
+        """
+        ordered = self.for_arm(arm)
+        if not arm.effects:
+            return ordered
+        known = known_rows(arm, ordered)
+        # A payload's mass goes with the payload, and time with the rows.
+        kept = {name: values for name, values in known.items() if name not in ("payload_mass", "time")}
+        return replace(ordered, covariates=kept)
 
     def motion(self, i: int) -> dict[str, Array | None]:
         """Return row i's velocities and accelerations as `Arm.deflection` takes them."""
@@ -103,7 +154,10 @@ class Trajectory:
         for place in reversed(after.tolist()):
             payload.insert(place, payload[place - 1])
             via.insert(place, "")
-        covariates = {name: insert(values) for name, values in self.covariates.items()}
+        covariates = {
+            name: np.insert(values, after, values[after]) if name.startswith(APPROACH) else insert(values)
+            for name, values in self.covariates.items()
+        }
         moved = (insert(values) for values in (self.v, self.a))
         return Trajectory(
             self.joint_names, insert(self.time), insert(self.q), tuple(payload), tuple(via), *moved, covariates
@@ -163,7 +217,27 @@ def _covariates(table: Table, known: list[str]) -> dict[str, Array]:
         if misspelt(name, known) or name.startswith("q_"):
             hint = did_you_mean(name, known)
             raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
-    return {name: table.numbers(name) for name in others}
+    found = {name: table.numbers(name) for name in others}
+    joints = [name.removeprefix("q_") for name in known if name.startswith("q_")]
+    try:
+        for name, values in found.items():
+            for value in values:
+                check_approaches({name: value}, joints)
+    except InputError as error:
+        raise TableError(Place(table.path, 1), str(error)) from None
+    return found
+
+
+def check_approaches(values: Mapping[str, float], joints: Sequence[str]) -> None:
+    """Raise `InputError` where an `approach_<joint>` is of no joint, or is not -1, 0 or 1."""
+    known = [f"{APPROACH}{joint}" for joint in joints]
+    for name, value in values.items():
+        if not name.startswith(APPROACH):
+            continue
+        if name not in known:
+            raise InputError(f"no covariate {name!r}{did_you_mean(name, known)} (known: {listing(known)})")
+        if value not in (-1.0, 0.0, 1.0):
+            raise InputError(f"{name} is {value:g}, not -1, 0 or 1")
 
 
 def misspelt(name: str, known: Iterable[str]) -> bool:

@@ -12,8 +12,11 @@ from armflex.calibrate.blocks import declared_blocks
 from armflex.calibrate.enough import check_readings
 from armflex.calibrate.fit import Fit, fit
 from armflex.calibrate.identify import Parameter, parameters
+from armflex.calibrate.spread import certainty_of
 from armflex.calibrate.view import Progress, Setup, look
-from armflex.errors import InputError, Place
+from armflex.effects.law import LoadLaw, TwistLaw
+from armflex.effects.remember import known_rows
+from armflex.errors import InputError, Place, UnsupportedError, listing
 from armflex.instrument import Instrument, fit_frame
 from armflex.linearise import Linearizer
 from armflex.measurements import Measurements
@@ -96,11 +99,15 @@ def calibrate(
 
     Raises:
         InputError: Too few rows were measured, or see `check_readings`.
+        UnsupportedError: The arm has effects that change masses, gravity or the instrument.
         ConvergenceError: The fit did not settle.
     """
     used = np.flatnonzero(measurements.measured) if rows is None else rows
     if len(used) < FEWEST_ROWS:
         raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
+    fixed = [effect.name for effect in arm.effects if not isinstance(effect.law, TwistLaw | LoadLaw)]
+    if fixed:
+        raise UnsupportedError(f"effects that change the model itself cannot be fitted about: {listing(fixed)}")
     declared = first_guess(arm, measurements, used)
     blocks = declared_blocks(declared, measurements)
     frame = [block for block in blocks if block.name == "instrument"]
@@ -109,7 +116,7 @@ def calibrate(
     found = fit(declared, blocks, measurements, used, progress=progress)
     fitted = found.setup
     return Calibration(
-        replace(fitted.arm, instrument=fitted.instrument),
+        replace(fitted.arm, instrument=fitted.instrument, certainty=certainty_of(found)),
         found,
         float(np.sqrt((seen.residual[:, :3] ** 2).sum(axis=1).mean())),
         float(np.sqrt((seen.sigma[:, :3] ** 2).sum(axis=1).mean())),
@@ -120,10 +127,11 @@ def calibrate(
 def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup:
     """Return the arm with its instrument, placed by a best rigid fit where its frame is unknown."""
     instrument = arm.instrument or Instrument()
-    line = Linearizer(arm).rows(measurements.q[rows], [measurements.payload[row] for row in rows])
+    known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
+    line = Linearizer(arm).rows(measurements.q[rows], [measurements.payload[row] for row in rows], known)
     points = line.tip[:, :3, 3] + line.tip[:, :3, :3] @ instrument.target
     check_readings(arm, points, measurements, rows)
     if arm.measurement.frame == "base":
         return Setup(arm, instrument)
     pose = fit_frame(points, measurements.position[rows])
-    return Setup(arm, Instrument(pose, instrument.sessions, instrument.target))
+    return Setup(arm, replace(instrument, pose=pose))

@@ -1,17 +1,27 @@
-"""[calibration] in an arm.toml: what a fit found, beside what was declared."""
+"""[calibration] and [[effect]] in an arm.toml: what a fit found, beside what was declared."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
+from armflex.calibrate.blocks import ComplianceBlock
 from armflex.calibrate.calibrate import Calibration
+from armflex.calibrate.fit import Fit
+from armflex.calibrate.spread import EFFECT, RANDOM, certainty_of
+from armflex.calibrate.view import Setup
 from armflex.conventions import Array
+from armflex.effects.effect_file import effect_table
+from armflex.measurements import Measurements
 from armflex.whole_file import write_whole
+
+if TYPE_CHECKING:
+    from armflex.trace.result import Trace
 
 
 def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Path:
@@ -22,13 +32,49 @@ def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Pa
         calibration: What was found.
         path: The arm.toml to write; files named in it are named relative to its folder.
     """
+    return _write(declared, as_table(calibration.fit, calibration.measurements, calibration.rms), (), path)
+
+
+def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
+    """Write the declared arm.toml with its comments, [calibration], and an [[effect]] for everything that was found.
+
+    What effects change in the model or the instrument is in their tables alone, so nothing is applied twice.
+
+    Args:
+        declared: The arm.toml that was traced.
+        trace: What was found.
+        path: The arm.toml to write; files named in it are named relative to its folder.
+    """
+    table = as_table(trace.state.fit, trace.state.measurements, trace.rms)
+    return _write(declared, table, [effect_table(found.effect, found.std) for found in trace.found], path)
+
+
+def _write(declared: Path, calibration: dict[str, Any], effects: Sequence[dict[str, Any]], path: Path) -> Path:
     import tomlkit  # only when an arm is written
 
     document = tomlkit.parse(declared.read_text(encoding="utf-8-sig"))
     _move_files(document, declared.parent.resolve(), path.parent.resolve())
     document.pop("calibration", None)
-    document.append("calibration", tomlkit.item(as_table(calibration)))
+    if effects and "effect" not in document:
+        document.append("effect", tomlkit.aot())
+    for effect in effects:
+        document["effect"].append(_inline(effect))
+    document.append("calibration", tomlkit.item(calibration))
     return write_whole(path, tomlkit.dumps(document).encode())
+
+
+def _inline(effect: dict[str, Any]) -> Any:
+    """Return a table whose own tables stand on one line each."""
+    import tomlkit
+
+    table = tomlkit.table()
+    for key, value in effect.items():
+        if isinstance(value, dict):
+            line = tomlkit.inline_table()
+            line.update(value)
+            value = line
+        table.append(key, value)
+    return table
 
 
 def _move_files(table: Any, old: Path, new: Path) -> None:
@@ -43,33 +89,49 @@ def _move_files(table: Any, old: Path, new: Path) -> None:
                 _move_files(item, old, new)
 
 
-def as_table(calibration: Calibration) -> dict[str, Any]:
-    """Return the [calibration] table of a fit."""
-    arm, instrument = calibration.arm, calibration.fit.setup.instrument
+def as_table(fit: Fit, measurements: Measurements, rms: float) -> dict[str, Any]:
+    """Return the [calibration] table of a fit: the declared parameters' values, and the covariance of all."""
+    setup, certainty = _declared_part(fit), certainty_of(fit)
+    instrument, corrections = setup.instrument, setup.arm.corrections
     pose = [*instrument.pose.translation.tolist(), *pin.log3(instrument.pose.rotation).tolist()]
-    factors = {name: values.tolist() for name, values in _log_factors(calibration).items()}
-    covariance = calibration.fit.covariance
-    return {
-        "measurements_sha256": calibration.measurements.sha256,
-        "rows": len(calibration.fit.view.rows),
-        "rms_m": calibration.rms,
+    table = {
+        "measurements_sha256": measurements.sha256,
+        "rows": len(fit.view.rows),
+        "rms_m": rms,
         "instrument": pose,
         "target": instrument.target.tolist(),
-        "joint_offset": dict(arm.corrections.joint_offset),
-        "geometry": {name: values.tolist() for name, values in arm.corrections.geometry.items()},
-        "compliance": factors,
+        "scale": instrument.scale,
+        "joint_offset": dict(corrections.joint_offset),
+        "geometry": {name: values.tolist() for name, values in corrections.geometry.items()},
+        "compliance": {name: values.tolist() for name, values in _log_factors(fit).items()},
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
-        "parameters": [parameter.name for parameter in calibration.parameters],
-        "covariance": [[float(f"{x:.6e}") for x in row[: i + 1]] for i, row in enumerate(covariance)],
     }
+    if certainty.unexplained is not None:
+        table["unexplained"] = dict(zip(("site", "axis", "std"), certainty.unexplained, strict=True))
+    table["parameters"] = list(certainty.labels)
+    table["covariance"] = [
+        [float(f"{x:.10e}") for x in row[: i + 1]] for i, row in enumerate(certainty.covariance.tolist())
+    ]
+    return table
 
 
-def _log_factors(calibration: Calibration) -> dict[str, Array]:
+def _declared_part(fit: Fit) -> Setup:
+    """Return the declared setup with the values of declared blocks alone; effects are written by themselves."""
+    setup, start = fit.declared, 0
+    for block in fit.blocks:
+        count = len(block.labels)
+        if not block.name.startswith((f"{EFFECT} ", f"{RANDOM} ")):
+            setup = block.apply(setup, fit.values[start : start + count])
+        start += count
+    return setup
+
+
+def _log_factors(fit: Fit) -> dict[str, Array]:
     """Return (6,) logarithms of the factors on every flexure's compliance axes."""
     found: dict[str, Array] = {}
-    for block in calibration.fit.blocks:
-        if block.name == "compliance":
-            values = iter(calibration.fit.value("compliance"))
+    for block in fit.blocks:
+        if isinstance(block, ComplianceBlock):
+            values = iter(fit.value(block.name))
             for name, axes in zip(block.flexures, block.axes, strict=True):
                 found[name] = np.zeros(6)
                 found[name][list(axes)] = [next(values) for _ in axes]

@@ -146,6 +146,7 @@ def fit(
     rows: np.ndarray | None = None,
     start: Array | None = None,
     progress: Progress | None = None,
+    flat: float = FLAT,
 ) -> Fit:
     """Return the most probable values of all blocks.
 
@@ -156,6 +157,7 @@ def fit(
         rows: Row numbers to use; all measured rows when not given.
         start: (P,) values to start from; zero when not given.
         progress: Called with (steps done, steps at most).
+        flat: Fall of the cost (-2 log posterior density) below which a step is the last.
 
     Raises:
         ConvergenceError: The steps did not settle.
@@ -175,7 +177,7 @@ def fit(
         history.append(cost)
         if progress:
             progress(iteration + 1, MAX_ITERATIONS)
-        if size < SETTLED or before - cost < FLAT:
+        if size < SETTLED or before - cost < flat:
             return Fit(declared, blocks, values, view, huber_weights(view), tuple(history))
     raise ConvergenceError("calibration did not settle", history)
 

@@ -11,10 +11,20 @@ import numpy as np
 from armflex.calibrate import Calibration, calibrate
 from armflex.calibrate.file import write_calibrated
 from armflex.calibrate.identify import Parameter
-from armflex.cli.options import OutputPath, PathArgument, json_option, keep_inputs, progress, show_flags, write_json
+from armflex.cli.options import (
+    OutputPath,
+    PathArgument,
+    declared_arm,
+    json_option,
+    keep_inputs,
+    points_options,
+    progress,
+    show_flags,
+    write_json,
+)
 from armflex.cli.tables import console, number, print_table
-from armflex.errors import InputError
 from armflex.measurements import read_measurements
+from armflex.point_export import PointExport
 
 
 @click.command()
@@ -22,16 +32,20 @@ from armflex.measurements import read_measurements
 @click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Calibrated arm.toml to write.")
 @click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
+@points_options
 @json_option
-def command(arm_path: Path, measurements_path: Path, output: Path, show_all: bool, json_path: Path | None) -> None:
+def command(
+    arm_path: Path,
+    measurements_path: Path,
+    output: Path,
+    show_all: bool,
+    points: PointExport | None,
+    json_path: Path | None,
+) -> None:
     """Fit what [prior] frees, on the deflected arm, and say what the data cannot tell."""
-    from armflex.arm_file import load_arm
-
-    if arm_path.suffix != ".toml":
-        raise InputError(f"{arm_path}: calibrate needs an arm.toml, whose [prior] says what may move")
     keep_inputs(output)
-    arm = load_arm(arm_path)
-    measurements = read_measurements(measurements_path, arm)
+    arm = declared_arm(arm_path, "calibrate")
+    measurements = read_measurements(measurements_path, arm, points=points)
     with progress("calibrating") as tick:
         found = calibrate(arm, measurements, progress=tick)
     print_calibration(found, show_all)

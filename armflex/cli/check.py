@@ -10,7 +10,15 @@ import click
 
 from armflex.arm import Arm
 from armflex.check import CheckReport, Point, check
-from armflex.cli.options import PathArgument, arm_argument, json_option, progress, show_flags, write_json
+from armflex.cli.options import (
+    PathArgument,
+    arm_argument,
+    covariates_option,
+    json_option,
+    progress,
+    show_flags,
+    write_json,
+)
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import parse_quantity
 from armflex.equilibrium import METHODS
@@ -23,6 +31,7 @@ from armflex.trajectory import read_trajectory
 @click.option("--tolerance", required=True, metavar="5mm", help="Largest displacement of the tip, with unit.")
 @click.option("--angle", metavar="1mrad", help="Largest rotation of the tip, with unit.")
 @click.option("--method", type=click.Choice(METHODS), default="newton", show_default=True)
+@covariates_option
 @json_option
 def command(
     arm: Arm,
@@ -30,13 +39,14 @@ def command(
     tolerance: str,
     angle: str | None,
     method: str,
+    covariates: dict[str, float],
     json_path: Path | None,
 ) -> int:
     """Each via-point and the path between: displacement, margin, verdict, worst first."""
     trajectory = read_trajectory(trajectory_path, arm)
     limits = parse_quantity(tolerance, "length"), None if angle is None else parse_quantity(angle, "angle")
     with progress("checking") as tick:
-        report = check(arm, trajectory, *limits, method=method, progress=tick)
+        report = check(arm, trajectory, *limits, method=method, progress=tick, covariates=covariates)
     console().print(f"base {arm.robot.base}, tip {arm.robot.tip}\n")
     print_check(report)
     show_flags(report.flags)

@@ -13,6 +13,7 @@ from armflex.cli.options import (
     OutputPath,
     PathArgument,
     arm_argument,
+    covariates_option,
     json_option,
     keep_inputs,
     progress,
@@ -32,6 +33,7 @@ from armflex.trajectory import read_trajectory, write_trajectory
 @click.option("--match", type=click.Choice(["position", "pose"]), default="position", show_default=True)
 @click.option("--between", metavar="0.1mm", help="Insert rows until the error halfway between rows is below this.")
 @click.option("--best-effort", is_flag=True, help="Write the best feasible rows where others cannot be reached.")
+@covariates_option
 @json_option
 def command(
     arm: Arm,
@@ -40,6 +42,7 @@ def command(
     match: str,
     between: str | None,
     best_effort: bool,
+    covariates: dict[str, float],
     json_path: Path | None,
 ) -> int:
     """Put the loaded, deflected tip where the rigid arm would have been, and say what remains.
@@ -50,7 +53,8 @@ def command(
     trajectory = read_trajectory(trajectory_path, arm)
     gap = None if between is None else parse_quantity(between, "length")
     with progress("compensating") as tick:
-        found = compensate(arm, trajectory, match, best_effort=True, between=gap, progress=tick)
+        asked = {"best_effort": True, "between": gap, "covariates": covariates}
+        found = compensate(arm, trajectory, match, progress=tick, **asked)
     console().print(f"base {arm.robot.base}, tip {arm.robot.tip}\n")
     print_compensation(found)
     show_flags(found.flags)

@@ -10,11 +10,21 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.check import overload
-from armflex.cli.options import arm_argument, json_option, parse_force, parse_positions, show_flags, write_json
+from armflex.cli.options import (
+    arm_argument,
+    covariates_option,
+    json_option,
+    parse_force,
+    parse_positions,
+    show_flags,
+    write_json,
+)
 from armflex.cli.tables import console, number, print_table
 from armflex.deflection import Deflection
+from armflex.effects.remember import settled
 from armflex.equilibrium import METHODS
 from armflex.loads import Wrench
+from armflex.trajectory import check_approaches
 
 
 @click.command()
@@ -24,6 +34,7 @@ from armflex.loads import Wrench
 @click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ", help="Dead load in base axes, with unit.")
 @click.option("--method", type=click.Choice(METHODS), default="newton", show_default=True)
 @click.option("--allow-large", is_flag=True, help="Go on where a flexure turns by more than 0.1 rad.")
+@covariates_option
 @json_option
 def command(
     arm: Arm,
@@ -32,12 +43,18 @@ def command(
     forces: tuple[str, ...],
     method: str,
     allow_large: bool,
+    covariates: dict[str, float],
     json_path: Path | None,
 ) -> None:
-    """Loads at every joint, local deflections, and the end-effector's displacement."""
+    """Loads at every joint, local deflections, and the end-effector's displacement.
+
+    A temperature that an effect of the arm lags behind is taken as settled.
+    """
+    check_approaches(covariates, arm.joint_names)
     wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(parse_force, forces)]
     q = parse_positions(positions, arm)
-    found = arm.deflection(q, payload, wrenches=wrenches, method=method, allow_large=allow_large)
+    known = settled(arm, covariates)
+    found = arm.deflection(q, payload, covariates=known, wrenches=wrenches, method=method, allow_large=allow_large)
     print_deflection(arm, found)
     show_flags((*found.flags, *overload(arm, found)))
     write_json(json_path, {"format": "armflex-deflect-1", "payload": payload, **as_json(found)})

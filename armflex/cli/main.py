@@ -18,6 +18,7 @@ COMMANDS = {
     "check": "hold a trajectory's displacement against a tolerance",
     "compensate": "joint positions that put the deflected tip where the rigid arm would be",
     "calibrate": "fit what [prior] frees to a measured campaign",
+    "trace": "calibrate, and trace what is left to an effect that the arm lacks",
     "train": "learn a joint deformation model from loads and deflections",
     "view": "write a page of the arm that opens in a browser",
     "demo": "all of it on the bundled TARM-like arm",

@@ -15,8 +15,9 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.arm_file import load_arm
-from armflex.conventions import Array, parse_quantity
+from armflex.conventions import NUMBER, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError
+from armflex.point_export import read_points
 from armflex.whole_file import write_whole
 
 PathArgument = click.Path(path_type=Path)
@@ -53,6 +54,63 @@ def arm_argument(function: Callable) -> Callable:
     ):
         with_arm = decorate(with_arm)
     return with_arm
+
+
+def declared_arm(path: Path, command: str) -> Arm:
+    """Return the arm of an arm.toml that a command fits; a bare URDF says nothing of what may move."""
+    if path.suffix != ".toml":
+        raise InputError(f"{path}: {command} needs an arm.toml, whose [prior] says what may move")
+    arm = load_arm(path)
+    if arm.certainty is not None:
+        raise InputError(f"{path} is calibrated already: {command} starts from the arm as declared")
+    return arm
+
+
+def covariates_option(function: Callable) -> Callable:
+    """Add `--covariates`; the command gets a dict of numbers by name."""
+    return click.option(
+        "--covariates",
+        default="",
+        metavar="temperature=25,approach_A2=1",
+        callback=lambda context, parameter, text: parse_covariates(text),
+        help="What the arm's effects depend on, SI and degrees Celsius; a column of the rows needs none.",
+    )(function)
+
+
+def parse_covariates(text: str) -> dict[str, float]:
+    """Return numbers by name from 'temperature=25,approach_A2=1'.
+
+    Raises:
+        InputError: Not of that form, not a finite number, or a name given twice.
+    """
+    found: dict[str, float] = {}
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        name, equals, value = (piece.strip() for piece in part.partition("="))
+        if not equals or not name or not NUMBER.fullmatch(value) or not np.isfinite(float(value)):
+            raise InputError(f"--covariates: {part!r} is not of the form NAME=NUMBER")
+        if name in found:
+            raise InputError(f"--covariates: {name!r} is given twice")
+        found[name] = float(value)
+    return found
+
+
+def points_options(function: Callable) -> Callable:
+    """Add `--points`, `--points-unit` and `--points-frame`; the command gets a `PointExport` or None as `points`."""
+
+    @functools.wraps(function)
+    def with_points(points_path: Path | None, points_unit: str | None, points_frame: str | None, **rest: Any) -> Any:
+        if points_path is None and (points_unit or points_frame):
+            raise InputError("--points-unit and --points-frame go with --points")
+        points = None if points_path is None else read_points(points_path, points_unit, points_frame)
+        return function(points=points, **rest)
+
+    for decorate in (
+        click.option("--points", "points_path", type=PathArgument, help="Positions exported apart from MEAS.csv."),
+        click.option("--points-unit", metavar="mm", help="Their unit, where the file does not state it."),
+        click.option("--points-frame", metavar="NAME", help="Their frame, where the file does not state it."),
+    ):
+        with_points = decorate(with_points)
+    return with_points
 
 
 def json_option(function: Callable) -> Callable:
@@ -136,6 +194,6 @@ def say_warning(text: str) -> None:
 def keep_inputs(output: Path) -> None:
     """Raise `InputError` where a command's output would replace one of the files it is made from."""
     for parameter, value in click.get_current_context().params.items():
-        is_input = isinstance(value, Path) and parameter not in ("output", "json_path")
+        is_input = isinstance(value, Path) and parameter not in ("output", "json_path", "report_path")
         if is_input and output.resolve() == value.resolve():
             raise InputError(f"{output} is an input of this command; name another file with -o")

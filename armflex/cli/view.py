@@ -12,6 +12,7 @@ from armflex.cli.options import (
     OutputPath,
     PathArgument,
     arm_argument,
+    covariates_option,
     json_option,
     parse_positions,
     progress,
@@ -33,6 +34,7 @@ from armflex.view.view import view
 @click.option("--magnify", type=float, help="Factor on the deflections shown; a round one is chosen otherwise.")
 @click.option("--meshes", is_flag=True, help="Draw the URDF's mesh files where they lie beside it.")
 @click.option("-o", "--output", required=True, type=OutputPath(), help="HTML page to write.")
+@covariates_option
 @json_option
 def command(
     arm: Arm,
@@ -43,6 +45,7 @@ def command(
     magnify: float | None,
     meshes: bool,
     output: Path,
+    covariates: dict[str, float],
     json_path: Path | None,
 ) -> None:
     """One self-contained page, made without a display, opened by any browser."""
@@ -50,7 +53,7 @@ def command(
         raise InputError("--tolerance goes with --traj")
     if trajectory_path is not None and (positions or payload != "none"):
         raise InputError("--traj brings its own positions and payloads: leave --q and --payload out")
-    shown = {"magnification": magnify, "meshes": meshes, "path": output}
+    shown = {"magnification": magnify, "meshes": meshes, "covariates": covariates, "path": output}
     if trajectory_path is None:
         view(arm, parse_positions(positions, arm) if positions else None, payload, **shown)
     else:
@@ -58,7 +61,9 @@ def command(
         report = None
         if tolerance is not None:
             with progress("checking") as tick:
-                report = check(arm, trajectory, parse_quantity(tolerance, "length"), progress=tick)
+                report = check(
+                    arm, trajectory, parse_quantity(tolerance, "length"), progress=tick, covariates=covariates
+                )
         view(arm, trajectory=trajectory, report=report, **shown)
     written = {"format": "armflex-view-1", "page": str(output), "base": arm.robot.base, "tip": arm.robot.tip}
     write_json(json_path, written)

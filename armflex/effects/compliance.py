@@ -1,14 +1,33 @@
-"""Compliance on top of the declared one, missing or wrong: C_aa w_a."""
+"""Compliance on top of the declared one, missing or wrong: C_aa w_a, on one axis or about several at once."""
 
 from __future__ import annotations
 
-from armflex.effects.law import Amplitude, TwistLaw
-from armflex.effects.shapes import along, at_joints, on_axis
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.effects.law import Amplitude, TwistLaw, Values
+from armflex.effects.scene import AXES, Scene
+from armflex.effects.shapes import TURNS, along, at_joints, on_axis, unit_twists
+from armflex.effects.spot import Here, Spot
+from armflex.laws import Row
+
+
+def _places(scene: Scene) -> list[Spot]:
+    several = [Spot(joint, terms=tuple(4 + i for i in turns)) for joint in scene.joints for turns in TURNS]
+    return [*at_joints(scene), *several]
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    return np.concatenate([on_axis(here, along(here, wrench)), unit_twists(wrench)], axis=-2)
+
 
 COMPLIANCE = TwistLaw(
     "compliance",
-    at_joints,
-    (Amplitude("C", "{m}/{w}"),),
-    lambda here, wrench, row, inner: on_axis(here, along(here, wrench)),
+    _places,
+    (
+        Amplitude("C", "{m}/{w}"),
+        *(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm") for axis in AXES),
+    ),
+    _basis,
     loaded=True,
 )

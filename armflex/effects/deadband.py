@@ -1,4 +1,4 @@
-"""Deadband: play that the load takes up, g clip(tau / tau0, -1, 1)."""
+"""Deadband: play that the load takes up, g clip(tau / tau0, -1, 1), on one axis or about several at once."""
 
 from __future__ import annotations
 
@@ -6,22 +6,36 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from armflex.effects.law import Amplitude, Inner, TwistLaw
-from armflex.effects.scene import AXES, Scene
-from armflex.effects.shapes import along, at_joints, on_axis
-from armflex.effects.spot import Spot
+from armflex.conventions import Array
+from armflex.effects.law import Amplitude, Inner, TwistLaw, Values
+from armflex.effects.scene import AXES, AXES_TURN, Scene
+from armflex.effects.shapes import TURNS, along, at_joints, on_axis
+from armflex.effects.spot import Here, Spot
+from armflex.laws import Row
+
+
+def _places(scene: Scene) -> list[Spot]:
+    several = [Spot(joint, terms=tuple(1 + i for i in turns)) for joint in scene.joints for turns in TURNS]
+    return [*at_joints(scene), *several]
 
 
 def _loads(spot: Spot, scene: Scene) -> Iterable[float]:
-    load = np.abs(scene.wrenches[spot.site][:, AXES.index(str(spot.axis))])
-    return max(float(load.max()), 1e-9) * np.array([0.03, 0.1, 0.2, 0.4, 0.7])
+    wrench = scene.wrenches[spot.site]
+    load = wrench[:, AXES.index(spot.axis)] if spot.axis else wrench[:, [2 + term for term in spot.terms]]
+    return max(float(np.abs(load).max()), 1e-9) * np.array([0.03, 0.1, 0.2, 0.4, 0.7])
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    single = on_axis(here, np.clip(along(here, wrench) / inner[0], -1.0, 1.0))
+    turning = np.clip(wrench / inner[0], -1.0, 1.0)[..., None, :] * np.eye(6)[3:]
+    return np.concatenate([single, turning], axis=-2)
 
 
 DEADBAND = TwistLaw(
     "deadband",
-    at_joints,
-    (Amplitude("g", "{m}"),),
-    lambda here, wrench, row, inner: on_axis(here, np.clip(along(here, wrench) / inner[0], -1.0, 1.0)),
+    _places,
+    (Amplitude("g", "{m}", positive=True), *(Amplitude(f"g_{axis}", "rad", positive=True) for axis in AXES_TURN)),
+    _basis,
     (Inner("tau0", "{w}", _loads),),
     loaded=True,
 )

@@ -23,7 +23,7 @@ class GravityTilt:
     """A small rotation of gravity in the base."""
 
     name: str = "gravity_tilt"
-    amplitudes: tuple[Amplitude, ...] = (Amplitude("rx", "rad"), Amplitude("ry", "rad"))
+    amplitudes: tuple[Amplitude, ...] = (Amplitude("rx", "rad", most=0.1), Amplitude("ry", "rad", most=0.1))
     inner: tuple[Inner, ...] = ()
 
     def spots(self, scene: Scene) -> Iterable[Spot]:

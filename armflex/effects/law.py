@@ -27,12 +27,13 @@ Values = tuple[float, ...]
 class Amplitude:
     """A parameter that the law is linear in; in its unit, {m} stands for the motion's unit and {w} for the load's.
 
-    With `positive` it makes no sense below zero.
+    With `positive` it makes no sense below zero, and beyond `most` in size it is not believed.
     """
 
     name: str
     unit: str
     positive: bool = False
+    most: float = float("inf")
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,12 @@ class Effect:
     def name(self) -> str:
         """Law, site and axis."""
         return " ".join(part for part in (self.law.name, self.spot.site, self.spot.axis, self.spot.partner) if part)
+
+    @property
+    def title(self) -> str:
+        """Law and place as one says them: 'backlash at A2 (ry)'."""
+        axis = " to ".join(part for part in (self.spot.axis, self.spot.partner) if part)
+        return f"{self.law.name.replace('_', ' ')} at {self.spot.place}{f' ({axis})' if axis else ''}"
 
     @property
     def named(self) -> dict[str, float]:

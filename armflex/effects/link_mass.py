@@ -23,7 +23,10 @@ class LinkMass:
     """Extra mass at the declared centre of mass, and a shift of that centre in the link's frame."""
 
     name: str = "link_mass"
-    amplitudes: tuple[Amplitude, ...] = (Amplitude("mass", "kg"), *(Amplitude(f"com_{a}", "m") for a in "xyz"))
+    amplitudes: tuple[Amplitude, ...] = (
+        Amplitude("mass", "kg"),
+        *(Amplitude(f"com_{a}", "m", most=1.0) for a in "xyz"),
+    )
     inner: tuple[Inner, ...] = ()
 
     def spots(self, scene: Scene) -> Iterable[Spot]:

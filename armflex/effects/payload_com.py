@@ -23,7 +23,7 @@ class PayloadCom:
     """A shift of the centre of mass of one payload, or of all."""
 
     name: str = "payload_com"
-    amplitudes: tuple[Amplitude, ...] = tuple(Amplitude(axis, "m") for axis in ("dx", "dy", "dz"))
+    amplitudes: tuple[Amplitude, ...] = tuple(Amplitude(axis, "m", most=1.0) for axis in ("dx", "dy", "dz"))
     inner: tuple[Inner, ...] = ()
 
     def spots(self, scene: Scene) -> Iterable[Spot]:

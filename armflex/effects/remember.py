@@ -10,49 +10,69 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.effects.law import Effect, TwistLaw
-from armflex.effects.scene import known_columns
+from armflex.effects.scene import Driven, known_columns
 from armflex.effects.spot import resolve
+from armflex.errors import MissingCovariateError
 from armflex.laws import Row
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
-    from armflex.measurements import Measurements
 
 
-def known_rows(arm: Arm, measurements: Measurements) -> dict[str, Array]:
-    """Return every (N,) column of a campaign by name, with the states that the arm's effects remember.
+def known_rows(arm: Arm, rows: Driven) -> dict[str, Array]:
+    """Return every (N,) column of rows by name, with the states that the arm's effects remember.
+
+    A state that is among the columns already is taken as it is.
 
     Raises:
-        MissingCovariateError: An effect with a memory needs a column that was not recorded.
+        MissingCovariateError: An effect with a memory needs a column that is not there.
     """
-    known = known_columns(measurements, arm)
-    remembering = [effect for effect in arm.effects if isinstance(effect.law, TwistLaw) and effect.law.memory]
+    known = known_columns(rows, arm)
+    remembering = [
+        effect
+        for effect in arm.effects
+        if isinstance(effect.law, TwistLaw) and effect.law.memory and effect.law.memory.name(effect.spot) not in known
+    ]
     if not remembering:
         return known
-    index = {name: i for i, name in enumerate(measurements.joint_names)}
-    row = Row(measurements.q, index, known)
-    wrenches = _wrenches(arm, measurements, known, remembering)
+    row = Row(rows.q, {name: i for i, name in enumerate(rows.joint_names)}, known)
+    wrenches = _wrenches(arm, rows, known, remembering)
+    states = {}
     for effect in remembering:
         memory = effect.law.memory
         here = resolve(effect.spot, arm.robot, arm.flexures)
-        known[memory.name(effect.spot)] = memory.remember(here, wrenches[effect.spot.site], row, effect.inner)
+        try:
+            state = memory.remember(here, wrenches[effect.spot.site], row, effect.inner)
+        except MissingCovariateError as error:
+            raise MissingCovariateError(error.name, error.given, effect.name) from None
+        states[memory.name(effect.spot)] = state
+    return known | states
+
+
+def settled(arm: Arm, given: Mapping[str, float]) -> dict[str, float]:
+    """Return covariates of a single configuration, lagged columns taken as settled where they are not given."""
+    known = dict(given)
+    for effect in arm.effects:
+        if isinstance(effect.law, TwistLaw) and effect.law.memory and effect.spot.covariates:
+            column = effect.spot.covariates[0]
+            if column in known:
+                known.setdefault(effect.law.memory.name(effect.spot), known[column])
     return known
 
 
-def _wrenches(
-    arm: Arm, measurements: Measurements, known: Mapping[str, Array], effects: list[Effect]
-) -> dict[str, Array]:
+def _wrenches(arm: Arm, rows: Driven, known: Mapping[str, Array], effects: list[Effect]) -> dict[str, Array]:
     """Return (N, 6) loads at the sites of effects that remember loads, as they are without those effects."""
-    count, nothing = len(measurements), np.zeros((len(measurements), 6))
-    found = {effect.spot.site: nothing for effect in effects}
+    count = len(rows.q)
+    found = {effect.spot.site: np.zeros((count, 6)) for effect in effects}
     loaded = [effect.spot.site for effect in effects if not effect.spot.covariates]
     if loaded:
         # What a small effect does to the load that it remembers is of second order.
         plain = replace(arm, effects=tuple(effect for effect in arm.effects if effect not in effects))
         columns = [{name: values[i] for name, values in known.items()} for i in range(count)]
+        asked = {"enforce_limits": False, "allow_large": True}
         solved = [
-            plain.deflection(q, payload, covariates=given, enforce_limits=False, allow_large=True).joint_loads
-            for q, payload, given in zip(measurements.q, measurements.payload, columns, strict=True)
+            plain.deflection(rows.q[i], rows.payload[i], covariates=columns[i], **rows.motion(i), **asked).joint_loads
+            for i in range(count)
         ]
         loads = np.array(solved)
         found |= {site: loads[:, arm.joint_names.index(site)] for site in loaded}

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -28,6 +28,34 @@ POSE = "pose_number"
 
 AXES_TURN = ("rx", "ry", "rz")
 AXES = ("dx", "dy", "dz", *AXES_TURN)
+
+
+class Driven(Protocol):
+    """Rows in the order driven: a campaign, or a trajectory."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Order of the columns of q."""
+        ...
+
+    @property
+    def q(self) -> Array:
+        """(N, nq) joint positions."""
+        ...
+
+    @property
+    def payload(self) -> tuple[str, ...]:
+        """Name of each row's payload."""
+        ...
+
+    @property
+    def known(self) -> dict[str, Array]:
+        """(N,) each: time, every numeric column, and `approach_<joint>`."""
+        ...
+
+    def motion(self, i: int) -> dict[str, Array | None]:
+        """Return row i's velocities and accelerations as `Arm.deflection` takes them."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,13 +148,14 @@ def survey(measurements: Measurements, arm: Arm, wrenches: Mapping[str, Array], 
     return Scene(arm.robot, row, recorded, measurements.payload, measurements.session, wrenches, box)
 
 
-def known_columns(measurements: Measurements, arm: Arm) -> dict[str, Array]:
-    """Return every numeric column of a campaign by name, the approach of each joint and the payload's mass included."""
-    known: dict[str, Array] = {"time": measurements.time}
-    if measurements.hold is not None:
-        known["hold"] = measurements.hold
-    known |= {name: values for name, values in measurements.covariates.items() if isinstance(values, np.ndarray)}
-    known |= {f"approach_{joint}": measurements.approach[:, i] for i, joint in enumerate(measurements.joint_names)}
-    known[POSE] = np.unique(measurements.pose, return_inverse=True)[1].astype(float)
-    known["payload_mass"] = np.array([arm.payload(name).mass for name in measurements.payload])
-    return known
+def known_columns(rows: Driven, arm: Arm) -> dict[str, Array]:
+    """Return everything numeric that is known of rows by name, each payload's mass included, (N,) each."""
+    return {**rows.known, "payload_mass": np.array([arm.payload(name).mass for name in rows.payload])}
+
+
+def last_motion(q: Array) -> Array:
+    """Return the (N, nq) sign of each joint's last change over rows of (N, nq) positions, 0 before the first."""
+    moved = np.sign(np.diff(q, axis=0, prepend=q[:1]))
+    for row in range(1, len(moved)):
+        moved[row] = np.where(moved[row] == 0.0, moved[row - 1], moved[row])
+    return moved

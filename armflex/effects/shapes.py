@@ -19,6 +19,10 @@ REFERENCE = 20.0
 """Temperature at which machines are made [deg C]."""
 
 
+TURNS = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
+"""Turning axes that laws act about together."""
+
+
 def on_axis(here: Here, *shapes: Array) -> Array:
     """Return (..., k, 6) twists of (...,) shapes along the spot's axis."""
     return np.stack(np.broadcast_arrays(*shapes), axis=-1)[..., None] * here.direction

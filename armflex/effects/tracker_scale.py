@@ -32,7 +32,7 @@ class TrackerScale:
     def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
         """Return (M, d, 1) changes of the readings."""
         columns = np.zeros((*view.residual.shape, 1))
-        columns[:, :3, 0] = 1e-6 * view.points
+        columns[:, :3, 0] = 1e-6 * view.points / (1.0 + view.setup.instrument.scale)
         return columns
 
     def apply(self, effect: Effect, setup: Setup) -> Setup:

@@ -13,6 +13,7 @@ from armflex.effects.law import Inner, Values
 from armflex.effects.scene import Scene
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.projection import Projection, evidence
+from armflex.trace.sensible import sensible
 
 FINE = 1e-3
 """Relative precision to which inner parameters are refined before the full fit takes over."""
@@ -52,16 +53,10 @@ def polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection)
 def _weigh(candidate: Candidate, free: Values, fit: Fit, scene: Scene, projection: Projection) -> Polished:
     columns = candidate_columns(candidate, fit, scene)
     gain, amplitudes = projection.gain(columns) if np.isfinite(columns).all() else (0.0, np.zeros(columns.shape[1]))
-    if not sensible(candidate, amplitudes):
+    if gain > 0.0 and not sensible(candidate, amplitudes, fit, scene):
         gain, amplitudes = 0.0, np.zeros(len(amplitudes))
     worth = float(evidence(gain, projection.objective, projection.count, candidate.parameters))
     return Polished(candidate, gain, worth, amplitudes, tuple(free))
-
-
-def sensible(candidate: Candidate, amplitudes: Array) -> bool:
-    """Return whether no amplitude is below zero that must not be."""
-    acting = [candidate.law.amplitudes[i] for i in candidate.spot.terms]
-    return all(value >= 0.0 or not amplitude.positive for amplitude, value in zip(acting, amplitudes, strict=True))
 
 
 def _scan(start: Polished, index: int, fit: Fit, scene: Scene, projection: Projection) -> Polished:

@@ -9,10 +9,10 @@ from itertools import permutations
 import numpy as np
 
 from armflex.calibrate.fit import Fit
-from armflex.effects.catalogue import EVERY, LAWS
+from armflex.effects.catalogue import CATALOGUE, EVERY, LAWS
 from armflex.effects.scene import Scene
 from armflex.effects.spot import Spot
-from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SHAPES, SPLINE, SPLINE_COMPLIANCE, WAVE, suspects
+from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, suspects
 from armflex.trace.candidates import (
     Bank,
     Candidate,
@@ -28,9 +28,13 @@ from armflex.trace.candidates import (
 from armflex.trace.localise import Place, localise
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import Projection, project
+from armflex.trace.sensible import sensible
 
 REFINED = 14
 """Best candidates whose inner parameters are refined."""
+
+LOOKED_AT = 120
+"""Best candidates among which the possible ones are sought."""
 
 SHAPED = 10
 """Best free shapes whose place is searched for waves and bumps."""
@@ -39,18 +43,24 @@ PLACES = 4
 """Likeliest places at which products of two columns are tried."""
 
 PREFERRED = 6.0
-"""Evidence by which a free shape must beat a law of the catalogue, where it completes the explanation."""
+"""Evidence by which a candidate that bends must beat a plainer one."""
 
 TIE = 2.0
 """Evidence within which the plainer candidate is taken."""
 
 ORDER = tuple(EVERY)
+NAMED = frozenset(CATALOGUE)
+PLAIN = NAMED - {"umbilical", "magnetic_pull"}
+"""Laws without a place in space to be searched, which bends like a free shape."""
+
+CLOSE, SHARE, SHORT = 10.0, 0.03, 4
+"""Evidence, or share of it, within which candidates are refitted in full before one is chosen, and how many at most."""
+
+ALIKE = 0.05
+"""Difference of gains below which two candidates are the same to the data."""
 
 HALF = 0.5
-"""Share of a free shape's evidence from which a law is preferred where neither completes the explanation."""
-
-COMPLETE = 1.15
-"""Objective per reading up to which nothing is left to explain."""
+"""Share of the best evidence from which a plain law is tried first."""
 
 MUCH = 0.6
 """Share of the excess that a candidate must explain for products not to be tried."""
@@ -76,14 +86,41 @@ class Round:
 
     @property
     def best(self) -> Polished:
-        """The candidate to believe: a law of the catalogue where no free shape is clearly better."""
-        if self.ranking[0].candidate.law.name not in SHAPES:
-            return preferred([one for one in self.ranking if one.candidate.law.name not in SHAPES])
-        first = preferred(self.ranking)
-        named = [one for one in self.ranking if one.candidate.law.name not in SHAPES]
-        left = (self.projection.objective - first.gain) / self.projection.count
-        asked = first.evidence - PREFERRED if left < COMPLETE else HALF * first.evidence
-        return preferred(named) if named and named[0].evidence > asked else first
+        """The candidate to believe first: a plain law where one explains half of what the best of all does.
+
+        While several effects are missing, whatever bends most wins by fitting some of each.
+        """
+        return preferred(self.eligible)
+
+    @property
+    def eligible(self) -> tuple[Polished, ...]:
+        """The candidates among which `best` is, the best first."""
+        first = self.ranking[0]
+        return self._some(PLAIN, HALF * first.evidence) or self._some(NAMED, first.evidence - PREFERRED) or self.ranking
+
+    @property
+    def contender(self) -> Polished | None:
+        """What bends more than `best` and explains clearly more; to be believed where it leaves nothing unexplained."""
+        first = self.ranking[0]
+        if first.evidence < self.best.evidence + PREFERRED:
+            return None
+        return preferred(self._some(NAMED, first.evidence - PREFERRED) or self.ranking)
+
+    @property
+    def shortlist(self) -> tuple[Polished, ...]:
+        """`best` and what comes close to it, as far as the data can tell them apart at all."""
+        best = self.best
+        close = [one for one in self.eligible if one.evidence > best.evidence - max(CLOSE, SHARE * best.evidence)]
+        distinct = [best]
+        for one in close:
+            if all(abs(one.gain - other.gain) > ALIKE for other in distinct):
+                distinct.append(one)
+        return tuple(distinct[:SHORT])
+
+    def _some(self, names: frozenset[str], asked: float) -> tuple[Polished, ...]:
+        """Return the candidates of some laws, none where their best has not the evidence asked for."""
+        some = tuple(one for one in self.ranking if one.candidate.law.name in names)
+        return some if some and some[0].evidence > asked else ()
 
 
 def preferred(ranking: Sequence[Polished]) -> Polished:
@@ -105,12 +142,25 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
     free = bank(candidates_of((LINE, SPLINE, SPLINE_COMPLIANCE), scene), fit, scene)
     screened, shaped = screen(sift(named, projection)), screen(sift(free, projection))
     places = localise(fit, scene, projection, groups)
-    chosen = [named.candidates[i] for i in best_per_spot(screened, REFINED)]
-    chosen += [free.candidates[i] for i in best_per_spot(shaped, 3)]
+    chosen = _possible(screened, fit, scene, projection, REFINED)
+    chosen += _possible(shaped, fit, scene, projection, 3)
     chosen += _second_look(shaped, places, fit, scene, projection, float(screened.gains.max(initial=0.0)))
     refined = [polish(candidate, fit, scene, projection) for candidate in chosen]
     ranking = tuple(sorted(refined, key=lambda one: -one.evidence))
     return Round(projection, screened, sift(_joined(named, free), projection), places, ranking)
+
+
+def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projection, most: int) -> list[Candidate]:
+    """Return the best candidates, one per law and spot, whose amplitudes are possible."""
+    found: list[Candidate] = []
+    for index in best_per_spot(screened, LOOKED_AT):
+        candidate = screened.bank.candidates[index]
+        amplitudes = projection.gain(screened.bank.group(index))[1]
+        if screened.gains[index] > 0.0 and sensible(candidate, amplitudes, fit, scene):
+            found.append(candidate)
+        if len(found) >= most:
+            break
+    return found
 
 
 def _joined(one: Bank, other: Bank) -> Bank:

@@ -22,6 +22,9 @@ from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.projection import project
 
+ROUGH = 0.3
+"""Fall of the cost at which a refit stops: a tenth of what tells two candidates apart."""
+
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -143,6 +146,6 @@ def with_random(state: State, random: PoseBlock | None) -> State:
 def refit(state: State, effects: tuple[EffectBlock, ...], random: PoseBlock | None, start: Array) -> State:
     """Return the state with these effects, everything fitted together and the campaign looked at again."""
     blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
-    fitted = fit(state.declared, blocks, state.measurements, state.rows, start)
+    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, flat=ROUGH)
     scene = scene_at(fitted, state.measurements)
     return replace(state, effects=effects, random=random, fit=fitted, scene=scene)

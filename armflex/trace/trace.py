@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +13,14 @@ from armflex.calibrate.calibrate import Calibration, calibrate
 from armflex.errors import ArmflexError
 from armflex.measurements import Measurements
 from armflex.trace.accept import held_out, improvement, null_maximum, pose_folds, session_folds
+from armflex.trace.advice import lacking
 from armflex.trace.afterwards import not_identifiable, smallest, unexplained
 from armflex.trace.exchange import equivalents, exchanged
 from armflex.trace.localise import NOTICED, Place
+from armflex.trace.next_measurement import next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
+from armflex.trace.projection import project
 from armflex.trace.result import Found, Proof, Trace
 from armflex.trace.search import Round, search
 from armflex.trace.state import State, add, begin, with_random
@@ -107,14 +111,9 @@ def _accept(state: State, looked: Round, say: Report) -> Step | None:
     if best.evidence < ENOUGH + CERTAIN:
         return None
     null = float(null_maximum(looked.sifted, state.groups).max())
-    for candidate in _rivals(looked):
-        if candidate.evidence < max(null, CERTAIN) + ENOUGH:
-            return None
-        say(f"adding {candidate.candidate.effect(candidate.amplitudes).name}")
-        try:
-            after = add(state, candidate)
-        except ArmflexError:
-            continue
+    if best.evidence < max(null, CERTAIN) + ENOUGH:
+        return None
+    for candidate, after in _refitted(state, looked, say):
         proof = prove(state, after, null)
         if proof.errors_apart > APART and _sessions_agree(proof):
             return Step(after, candidate, looked, proof, False)
@@ -123,9 +122,33 @@ def _accept(state: State, looked: Round, say: Report) -> Step | None:
     return None
 
 
-def _rivals(looked: Round) -> list[Polished]:
-    """Return the best candidate and, should it fail on held-out rows, the next two."""
-    return [looked.best, *(one for one in looked.ranking if one is not looked.best)][:3]
+def _refitted(state: State, looked: Round, say: Report) -> list[tuple[Polished, State]]:
+    """Return the shortlist with everything refitted, the best first; a contender before it where nothing is left."""
+    contender = [] if looked.contender is None else _added(state, [looked.contender], say)
+    if contender and _is_settled(contender[0][1]):
+        return contender
+    return sorted(_added(state, looked.shortlist, say), key=lambda one: information(one[1])) or contender
+
+
+def _added(state: State, candidates: Sequence[Polished], say: Report) -> list[tuple[Polished, State]]:
+    found = []
+    for candidate in candidates:
+        say(f"refitting with {candidate.candidate.effect(candidate.amplitudes).name}")
+        with contextlib.suppress(ArmflexError):  # an arm that buckles or a fit that does not settle is no answer
+            found.append((candidate, add(state, candidate)))
+    return found
+
+
+def _is_settled(state: State) -> bool:
+    """Return whether nothing is left that would be worth adding."""
+    return search(state.fit, state.scene, state.groups).ranking[0].evidence < ENOUGH + CERTAIN
+
+
+def information(state: State) -> float:
+    """Return n log J + k log n of a state: the smaller the better."""
+    projection = project(state.fit)
+    searched = sum(len(block.labels) for block in state.effects)
+    return projection.count * float(np.log(projection.objective)) + searched * float(np.log(projection.count))
 
 
 def prove(before: State, after: State, null: float) -> Proof:
@@ -192,5 +215,5 @@ def _conclude(
         float(np.sqrt((state.fit.residual**2).sum() / max(len(state.fit.residual) - len(state.fit.values), 1))),
         held_out(calibration.fit, folds).rms,
         held_out(state.fit, folds).rms,
-        (),
+        (*next_rows(state, [[rival for rival, _ in one.equivalent] for one in found]), *lacking(state.measurements)),
     )

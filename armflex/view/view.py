@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike
 from armflex.arm import Arm
 from armflex.check import CheckReport
 from armflex.deflection import Deflection
+from armflex.effects.remember import settled
 from armflex.errors import InputError
 from armflex.loads import Payload
 from armflex.trajectory import Trajectory
@@ -28,6 +30,7 @@ def view(
     report: CheckReport | None = None,
     magnification: float | None = None,
     meshes: bool = False,
+    covariates: Mapping[str, float] | None = None,
     path: str | Path,
 ) -> Path:
     """Write a page of the arm that opens in any browser, without a network, a server or a display.
@@ -40,6 +43,7 @@ def view(
         report: Result of `check` on the trajectory; colours the via-points.
         magnification: Factor on the deflections shown; a round one is chosen, and stated, when not given.
         meshes: Draw the URDF's meshes where they lie beside it.
+        covariates: What the arm's effects depend on, at q or the same in every row of the trajectory.
         path: The HTML file to write.
 
     Raises:
@@ -51,15 +55,17 @@ def view(
         raise InputError("view takes q or a trajectory, not both")
     if magnification is not None and not 0.0 < magnification <= LARGEST_MAGNIFICATION:
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
-    trajectory = trajectory.for_arm(arm) if trajectory is not None else None
-    motion = _motion(arm, trajectory) if trajectory is not None else _still(arm, q, payload)
+    known = covariates or {}
+    if trajectory is not None:
+        trajectory = trajectory.for_arm(arm).with_constants(known).prepared(arm)
+    motion = _motion(arm, trajectory) if trajectory is not None else _still(arm, q, payload, known)
     page = render_page(arm_scene(arm, motion, trajectory, report, magnification, meshes))
     return write_whole(Path(path), page.encode())
 
 
-def _still(arm: Arm, q: ArrayLike | None, payload: str | Payload | None) -> Motion:
+def _still(arm: Arm, q: ArrayLike | None, payload: str | Payload | None, known: Mapping[str, float]) -> Motion:
     here = np.clip(np.zeros(len(arm.joint_names)), arm.robot.lower, arm.robot.upper) if q is None else q
-    return Motion(np.zeros(1), (arm.deflection(here, payload),), 0, 1)
+    return Motion(np.zeros(1), (arm.deflection(here, payload, covariates=settled(arm, known)),), 0, 1)
 
 
 def _motion(arm: Arm, trajectory: Trajectory) -> Motion:
@@ -73,4 +79,4 @@ def _motion(arm: Arm, trajectory: Trajectory) -> Motion:
 
 
 def _frame(arm: Arm, trajectory: Trajectory, i: int) -> Deflection:
-    return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.motion(i))
+    return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.asked(i))

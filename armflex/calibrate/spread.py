@@ -1,0 +1,159 @@
+"""How uncertain predictions are because of what was fitted: C S C' at the asked rows, S the fit's covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby, takewhile
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate.blocks import (
+    Block,
+    ComplianceBlock,
+    FrameBlock,
+    GeometryBlock,
+    OffsetBlock,
+    SessionBlock,
+    TargetBlock,
+)
+from armflex.calibrate.effect_block import EffectBlock
+from armflex.calibrate.fit import Fit
+from armflex.calibrate.view import Setup, View, look
+from armflex.certainty import Certainty
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.effects.rigid import rigid_motion
+from armflex.effects.scene import Scene, survey
+from armflex.errors import Flag
+from armflex.instrument import Instrument
+from armflex.laws import LinearLaw, PositionDependentLaw
+from armflex.measurements import Measurements
+
+COMPLIANCE, EFFECT, RANDOM = "compliance", "effect", "unexplained"
+
+
+def certainty_of(fit: Fit) -> Certainty:
+    """Return what a fit leaves behind; a random twist per pose is kept by its size, not by its values."""
+    random = [block for block in fit.blocks if block.name.startswith(f"{RANDOM} ")]
+    names = {block.name for block in random}
+    kept = np.array([i for i, (block, _) in enumerate(fit.labels) if block not in names], dtype=int)
+    labels = tuple(f"{block} {label}" for block, label in (fit.labels[i] for i in kept))
+    unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None
+    return Certainty(labels, fit.covariance[np.ix_(kept, kept)], unexplained)
+
+
+def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[Flag, ...]]:
+    """Return the (N, 3) variance of predicted readings that is due to fitted parameters, and doubts about it.
+
+    Rows of a session that was not calibrated have the variance of a session's frame added. None where nothing was
+    fitted, or where the arm no longer has what was.
+
+    Args:
+        arm: The arm; see `Arm.certainty`.
+        rows: What is to be predicted.
+    """
+    if arm.certainty is None:
+        missing = Flag("no_certainty", "the file holds no covariance of the fitted parameters: sigma leaves them out")
+        return None, (missing,) if arm.instrument is not None else ()
+    setup = Setup(arm, arm.instrument or Instrument())
+    view = look(setup, rows, np.arange(len(rows)))
+    blocks = _rebuilt(arm.certainty, view, rows)
+    if blocks is None:
+        text = "the arm no longer has every fitted parameter (another preset?): sigma leaves all of them out"
+        return None, (Flag("no_certainty", text),)
+    columns = np.concatenate([np.zeros((len(rows), 3, 0)), *(block.columns(view)[:, :3] for block in blocks)], axis=2)
+    variance = np.einsum("ndp,pq,ndq->nd", columns, arm.certainty.covariance, columns, optimize=True)
+    return np.maximum(variance, 0.0) + _unforeseen(arm, view, rows), ()
+
+
+def without_declared_doubt(arm: Arm) -> Arm:
+    """Return the arm whose fitted compliances carry no declared uncertainty: the fit's covariance stands in for it."""
+    fitted = {label.split(" ", 1)[1].rsplit(" ", 1)[0] for label in _labels(arm) if label.startswith(f"{COMPLIANCE} ")}
+    if not fitted:
+        return arm
+    flexures = [
+        replace(flexure, law=replace(flexure.law, relative_std=0.0))
+        if flexure.name in fitted and isinstance(flexure.law, LinearLaw | PositionDependentLaw)
+        else flexure
+        for flexure in arm.flexures
+    ]
+    return replace(arm, flexures=tuple(flexures))
+
+
+def _labels(arm: Arm) -> tuple[str, ...]:
+    return arm.certainty.labels if arm.certainty else ()
+
+
+def _unforeseen(arm: Arm, view: View, rows: Measurements) -> Array:
+    """Return the (N, 3) variance of what no fit can know: frames of new sessions, a twist without a cause."""
+    prior, sessions = arm.prior, view.setup.instrument.sessions
+    new = np.array([bool(sessions) and session not in sessions for session in rows.session])
+    std = np.repeat([prior.session_translation, prior.session_rotation], 3)
+    variance = ((rigid_motion(view.points, 3) * std) ** 2).sum(axis=2) * new[:, None]
+    assert arm.certainty is not None
+    if arm.certainty.unexplained is not None:
+        site, axis, size = arm.certainty.unexplained
+        variance += (size * view.to_twist(site)[:, :3, TWIST_NAMES.index(axis)]) ** 2
+    return variance
+
+
+def _rebuilt(certainty: Certainty, view: View, rows: Measurements) -> list[Block] | None:
+    """Return the blocks that a fit's labels name, None where they are not those of this arm."""
+    arm, blocks = view.setup.arm, []
+    effects = [label for label in certainty.labels if label.startswith(f"{EFFECT} ")]
+    others = [tuple(label.split(" ", 1)) for label in certainty.labels if not label.startswith(f"{EFFECT} ")]
+    for name, group in groupby(others, key=lambda pair: pair[0]):
+        block = _declared(name, [label for _, label in group], view, rows)
+        if block is None:
+            return None
+        blocks.append(block)
+    if effects:
+        blocks += _effect_blocks(effects, arm, _scene(view, rows))
+    made = tuple(f"{block.name} {label}" for block in blocks for label in block.labels)
+    return blocks if made == certainty.labels else None
+
+
+def _declared(name: str, labels: list[str], view: View, rows: Measurements) -> Block | None:
+    """Return a declared block from its labels; its prior no longer matters."""
+    arm, pairs = view.setup.arm, [label.rpartition(" ")[::2] for label in labels]
+    parts = tuple(dict.fromkeys(part for part, _ in pairs))
+    if name == "instrument":
+        return FrameBlock(view.setup.instrument.pose, arm.measurement.gravity_in == "measurement")
+    if name == "session_frame":
+        return SessionBlock(parts, rows.session, 0.0, 0.0)
+    if name == "tool":
+        return TargetBlock(0.0)
+    if name == "joint_offset" and tuple(labels) == arm.joint_names:
+        return OffsetBlock(arm.joint_names, 0.0, ("",) * len(labels))
+    if name == "geometry" and parts == arm.joint_names:
+        return GeometryBlock(parts, 0.0)
+    if name == COMPLIANCE and {part for part, _ in pairs} <= {flexure.name for flexure in arm.flexures}:
+        return ComplianceBlock(parts, tuple(_axes(pairs, part) for part in parts), 0.0)
+    return None
+
+
+def _axes(pairs: Sequence[tuple[str, str]], part: str) -> tuple[int, ...]:
+    return tuple(TWIST_NAMES.index(axis) for name, axis in pairs if name == part)
+
+
+def _scene(view: View, rows: Measurements) -> Scene:
+    points = view.line.links[:, :, :3, 3].reshape(-1, 3)
+    wrenches = {site: view.line.load_at(site) for site in view.line.sites}
+    return survey(rows, view.setup.arm, wrenches, np.array([points.min(axis=0), points.max(axis=0)]))
+
+
+def _effect_blocks(labels: list[str], arm: Arm, scene: Scene) -> list[Block]:
+    """Return the blocks of the effects whose parameters the labels name, in order."""
+    blocks: list[Block] = []
+    for ordinal, effect in enumerate(arm.effects):
+        block = EffectBlock(effect, (), scene, ordinal, np.zeros(0))
+        acting = [f"{block.name} {label}" for label in block.labels]
+        if labels[: len(acting)] != acting:
+            continue
+        labels = labels[len(acting) :]
+        names = [f"{block.name} {inner.name}" for inner in effect.law.inner]
+        free = list(takewhile(names.__contains__, labels))
+        blocks.append(replace(block, free=tuple(names.index(name) for name in free)))
+        labels = labels[len(free) :]
+    return blocks

@@ -1,0 +1,75 @@
+"""Numbers as people read them: a value with its standard uncertainty, in a unit that needs no powers of ten."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+"""Factors of a numerator in metres or radians; metres beyond a few are never kilometres."""
+
+SHARE = 0.05
+"""Pure numbers below this are read as a share."""
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_NUMERATOR = re.compile(r"(rad|m)(?=$|/| per )")
+_PLAIN = {"1": "", "mixed": "(SI)", "as recorded": "", "degC": "°C", "deg": "°"}
+
+
+def measure(value: float, std: float | None, unit: str) -> str:
+    """Return a value with its standard uncertainty and unit, such as '1.003 ± 0.013 mrad'.
+
+    Args:
+        value, std: In the unit; std None where there is none, which is then said by its absence.
+        unit: As laws and blocks name it: 'rad', 'm/N', '1/K', '1', ...
+    """
+    size = max(abs(value), std or 0.0)
+    factor, unit = scaled(size, unit)
+    value, std, size = value / factor, None if std is None else std / factor, size / factor
+    power = 0 if size == 0.0 or 1e-3 <= size < 1e5 else int(np.floor(np.log10(size)))
+    value, std = value / 10.0**power, None if std is None else std / 10.0**power
+    text = with_std(value, std).replace("-", "−")
+    if power:
+        text = f"({text})" if std is not None else text
+        text += " × 10" + str(power).translate(_SUPERSCRIPT)
+    return f"{text} {unit}".strip()
+
+
+def with_std(value: float, std: float | None) -> str:
+    """Return 'value ± std' with one digit of the uncertainty, two where it begins with 1 or 2; three digits without."""
+    if std is None or not np.isfinite(std):
+        return f"{value:.3g}"
+    if std <= 0.0:
+        return f"{value:.4g} ± 0"
+    power = int(np.floor(np.log10(std)))
+    places = max(0, -power + (std < 3.0 * 10.0**power))
+    return f"{value:.{places}f} ± {std:.{places}f}"
+
+
+def scaled(size: float, unit: str) -> tuple[float, str]:
+    """Return a factor and the unit that it makes of one: 1e-3 and 'mrad' for a size of 0.002 rad."""
+    shown = _PLAIN.get(unit, unit)
+    if unit in ("1", "1/K") and 0.0 < size < SHARE:
+        return (1e-6, "ppm" + unit[1:]) if size < 1e-3 else (1e-2, "%" + unit[1:])
+    if not _NUMERATOR.match(unit) or size == 0.0:
+        return 1.0, shown
+    for factor, prefix in PREFIXES:
+        if size >= 0.1 * factor:
+            return factor, prefix + shown
+    return (1e-9, "n" + shown) if size >= 1e-12 else (1.0, shown)
+
+
+def millimetres(value: float | None, std: float | None = None) -> str:
+    """Return a length [m] in mm with its unit, a dash where there is none."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    return f"{with_std(1e3 * value, 1e3 * std)} mm" if std else f"{short(1e3 * value)} mm"
+
+
+def short(value: float) -> str:
+    """Return a number with as many digits as its size deserves: 0.36, 1.03, 12.4, 120."""
+    if value == 0.0:
+        return "0"
+    places = max(0, 2 - max(0, int(np.floor(np.log10(abs(value))))))
+    return f"{value:.{places}f}" if abs(value) >= 0.1 else f"{value:.2g}"

@@ -1,0 +1,127 @@
+"""The result in sentences: what the arm lacked, how large the error is now, what could not be told."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.report.accuracy import Accuracy, Errors
+from armflex.report.numbers import measure, millimetres, short
+from armflex.report.words import called, joined, place_words, site_words, words
+from armflex.trace.result import Found, Trace, Unexplained
+
+MOST_VALUES = 2
+"""Values of an effect that the first sentence has room for."""
+
+
+def headline(trace: Trace) -> str:
+    """Return what was found, in one sentence."""
+    if trace.found:
+        parts = [called(one.effect) + _values(one) for one in trace.found]
+        return f"The arm lacked {joined(parts)}."
+    if trace.unexplained:
+        return f"Something moves this arm that no recorded column explains{_where(trace.unexplained)}."
+    return "Nothing is missing that this campaign could show."
+
+
+def _where(left: Unexplained) -> str:
+    if left.site is None:
+        return ""
+    size = "" if left.std is None else f", {measure(left.std, None, left.unit or '')}"
+    return f"; it acts at {site_words(left.site)} ({left.axis}){size}"
+
+
+def _values(found: Found) -> str:
+    """Return ': gap 1.003 ± 0.013 mrad', the amplitudes where they are few enough to read."""
+    effect, units = found.effect, dict(zip(found.effect.named, found.effect.units, strict=True))
+    names = [effect.law.amplitudes[i].name for i in effect.spot.terms]
+    if len(names) > MOST_VALUES:
+        return ""
+    return ": " + joined([f"{name} {measure(effect.named[name], found.std[name], units[name])}" for name in names])
+
+
+def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
+    """Return the error on poses not used, before and after, beside the noise."""
+    noise = f"noise as stated: {millimetres(accurate.stated)}"
+    if not trace.found:
+        return f"Error on poses not used: {_rms(accurate.after)} ({noise})."
+    return f"Error on poses not used: {_rms(accurate.before)} → {_rms(accurate.after)} ({noise})."
+
+
+def _rms(errors: Errors) -> str:
+    return f"{short(1e3 * errors.rms)} mm"
+
+
+def further(trace: Trace, accurate: Accuracy) -> list[str]:
+    """Return what has to be said beside the result: what is not told apart, what is left, what would have shown."""
+    said = [_not_told(one) for one in trace.found if one.equivalent]
+    said += [
+        f"Adding {words(one.effect.law.name).title} hardly lowers the error; it is believed because fitted "
+        "parameters no longer strain against what was known of them."
+        for one in trace.found
+        if one.witness
+    ]
+    if trace.unexplained:
+        said.append(left(trace.unexplained))
+    elif not 0.8 < trace.noise < 1.2:
+        said.append(f"The readings scatter {short(trace.noise)} times as much as their stated noise.")
+    if not trace.found and trace.smallest:
+        said.append(would_show(trace))
+    return said
+
+
+def _not_told(found: Found) -> str:
+    rivals = list(dict.fromkeys(called(effect) for effect, _ in found.equivalent))
+    own = called(found.effect)
+    others = [rival for rival in rivals if rival != own]
+    if not others:
+        return f"These data do not settle which terms of {words(found.effect.law.name).title} act."
+    shown = [*others[:3], f"{len(others) - 3} more"] if len(others) > 3 else others
+    return f"These data do not tell {own} from {joined(shown)}."
+
+
+def left(unexplained: Unexplained) -> str:
+    """Return what is left unexplained, with place and size."""
+    size = f"{millimetres(unexplained.rms)} RMS at the target"
+    if unexplained.site is None:
+        return f"Left unexplained: {size}, without a place."
+    twist = "" if unexplained.std is None else f" of {measure(unexplained.std, None, unexplained.unit or '')}"
+    where = f"{site_words(unexplained.site)} ({unexplained.axis})"
+    text = f"Left unexplained: a change{twist} from pose to pose at {where}, {size}; no cause was recorded"
+    if unexplained.equivalent:
+        places = [f"{site_words(place.site)} ({place.axis})" for place in unexplained.equivalent[:4]]
+        text += f". As likely places: {joined(places)}"
+    return text + "."
+
+
+def would_show(trace: Trace) -> str:
+    """Return how small an effect this campaign would have shown."""
+    least = min(trace.smallest, key=lambda one: one.least)
+    usual = float(np.median([one.least for one in trace.smallest]))
+    most = float(np.median([one.most for one in trace.smallest]))
+    return (
+        f"The smallest effect that this campaign would have shown: {words(least.effect).title} from "
+        f"{millimetres(least.least)} RMS at the target. Half of the {len(trace.smallest)} laws would have shown from "
+        f"{millimetres(usual)} where they show best, from {millimetres(most)} where they show worst."
+    )
+
+
+def sure(found: Found) -> str:
+    """Return why an effect is believed."""
+    proof = found.proof
+    chance = f"the best that chance gave any candidate was {short(proof.null)}"
+    parts = [f"Its evidence beside the others is {short(found.evidence)}; when it was added, {chance}."]
+    fall = f"The squared error of poses held out fell by {short(proof.errors_apart)} standard errors"
+    if proof.errors_apart <= 0.0:
+        fall = "The squared error of poses held out did not fall"
+    parts.append(fall + ".")
+    if proof.sessions_before is None:
+        parts.append("There is one session only: nothing is known about another day.")
+    if found.witness:
+        parts.append("It is believed because fitted parameters no longer strain against their priors.")
+    return " ".join(parts)
+
+
+def where_effect(found: Found) -> str:
+    """Return the heading of an effect: its law and its place."""
+    title = words(found.effect.law.name).title
+    return f"{title[0].upper()}{title[1:]} at {place_words(found.effect.spot)}"

@@ -1,0 +1,113 @@
+"""Figures as inline SVG: no ids that clash, no addresses, colours that follow the page's light or dark theme."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import StringIO
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK, MUTED, RULE, PAPER, BEFORE, AFTER, MARK, SOFT = (f"#{i:02x}{i:02x}{i:02x}" for i in range(1, 9))
+"""Stand-ins for the page's colours; each becomes a variable of its style sheet."""
+
+VARIABLES = {INK: "ink", MUTED: "muted", RULE: "rule", PAPER: "card", BEFORE: "before", AFTER: "after", MARK: "mark"}
+VARIABLES[SOFT] = "soft"
+
+PIXELS = 1.44
+"""Of the page per point of a figure: ten inches fill a wide page."""
+
+NARROW = 640.0
+"""Width in pixels below which a figure is scrolled instead of shrunk."""
+
+STYLE = {
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 9.0,
+    "text.parse_math": False,
+    "axes.unicode_minus": True,
+    "text.color": INK,
+    "axes.edgecolor": RULE,
+    "axes.labelcolor": MUTED,
+    "axes.titlesize": 9.5,
+    "axes.titlecolor": INK,
+    "axes.titlelocation": "left",
+    "axes.facecolor": "none",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "grid.color": RULE,
+    "grid.linewidth": 0.5,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "figure.facecolor": "none",
+    "savefig.facecolor": "none",
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "path.simplify": False,
+}
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Draw in the page's style while the context lasts."""
+    import matplotlib as mpl
+
+    with mpl.rc_context({**mpl.rcParamsDefault, **STYLE}):
+        yield
+
+
+def canvas(width: float, height: float, rows: int = 1, columns: int = 1, **more) -> tuple[Figure, list[Axes]]:
+    """Return a figure [inch] and its axes row by row."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, **more)
+    return figure, list(axes.ravel())
+
+
+def inline(figure: Figure, name: str) -> str:
+    """Return the SVG element of a figure; `name` tells its ids from those of other figures and is read aloud."""
+    import matplotlib as mpl
+
+    text = StringIO()
+    with mpl.rc_context({"svg.hashsalt": name}):
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    return _cleaned(text.getvalue(), name)
+
+
+def _cleaned(svg: str, name: str) -> str:
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'(<g) id="[^"]*"', r"\1", svg)  # named by number, alike in every figure, and used by nothing
+    svg = svg.replace("xlink:href=", "href=")
+    box = re.search(r'viewBox="([^"]*)"', svg)[1]
+    safe = re.sub(r"[^\w ,.-]", " ", name)
+    width = PIXELS * float(box.split()[2])
+    size = f"min-width:{min(width, NARROW):.0f}px; max-width:{width:.0f}px"
+    head = f'<svg class="figure" viewBox="{box}" style="{size}" role="img" aria-label="{safe}">'
+    return head + _themed(svg[svg.index(">") + 1 :]).strip()
+
+
+def _themed(svg: str) -> str:
+    def colours(match: re.Match) -> str:
+        return re.sub(r"#0[1-8]0[1-8]0[1-8]", lambda found: f"var(--{VARIABLES[found[0]]})", match[0])
+
+    return re.sub(r'style="[^"]*"', colours, svg)
+
+
+def grid(axes: Axes, which: str = "both") -> None:
+    """Draw faint lines behind the data and no tick marks."""
+    axes.grid(True, axis=which)
+    axes.tick_params(length=0)
+
+
+def cut(text: str, most: int = 40) -> str:
+    """Return a name no longer than a figure has room for."""
+    return text if len(text) <= most else text[: most - 1] + "…"

@@ -1,0 +1,45 @@
+"""From a calibrated arm's residual to the effect that it lacks; scipy is imported when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate.spread import certainty_of
+from armflex.errors import UnsupportedError
+from armflex.measurements import Measurements
+
+if TYPE_CHECKING:
+    from armflex.trace.result import Trace
+
+
+def trace(
+    arm: Arm,
+    measurements: Measurements,
+    rows: np.ndarray | None = None,
+    report: Callable[[str], None] | None = None,
+) -> Trace:
+    """Return the arm with the effects that a campaign shows it lacks, and an account of them.
+
+    Args:
+        arm: The arm as declared; its prior says what calibration may move.
+        measurements: The campaign, rows in the order driven; unmeasured rows count for effects with a memory.
+        rows: Measured rows to use; all when not given.
+        report: Called with what is being done, in words.
+
+    Raises:
+        InputError: Too few rows were measured.
+        UnsupportedError: The arm has effects already.
+        ConvergenceError: The calibration did not settle.
+    """
+    from armflex.trace.trace import trace as run
+
+    if arm.effects:
+        names = ", ".join(effect.name for effect in arm.effects)
+        raise UnsupportedError(f"the arm has effects already ({names}): trace it without them")
+    found = run(arm, measurements, rows, report)
+    return replace(found, arm=replace(found.arm, certainty=certainty_of(found.state.fit)))

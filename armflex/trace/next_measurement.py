@@ -1,0 +1,185 @@
+"""What to measure next: rows that tell an effect from its rivals best, or what no row of this kind will ever tell.
+
+Sequential T-optimality (Atkinson and Fedorov 1975; Hunter and Reiner 1965): of many rows that the arm could be driven
+to, the one where the effect and its best imitation by a rival, refitted to the campaign, differ most in standard
+deviations of the reading and of what is uncertain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armflex.calibrate.blocks import Block, SessionBlock
+from armflex.calibrate.effect_block import EffectBlock
+from armflex.calibrate.view import View, look
+from armflex.conventions import Array
+from armflex.effects.law import Effect
+from armflex.effects.scene import Scene, survey
+from armflex.errors import ArmflexError
+from armflex.measurements import Measurements
+from armflex.trace.advice import instead
+from armflex.trace.candidates import Candidate, candidate_columns
+from armflex.trace.state import State
+
+OFFERED = 120
+"""Rows among which the best is chosen."""
+
+TELLING = 1.0
+"""Expected difference, in standard deviations of one reading, below which a row tells nothing."""
+
+RIVALS = 2
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A row to measure, and how far apart two explanations are there.
+
+    Attributes:
+        rival: What it is told from.
+        row: Number of the offered row.
+        sigmas: Expected difference in standard deviations.
+        difference: The same in metres.
+    """
+
+    rival: Effect
+    row: int
+    sigmas: float
+    difference: float
+
+
+def next_rows(state: State, rivals: Sequence[Sequence[Effect]]) -> tuple[str, ...]:
+    """Return in words what would tell each effect from its leading rivals.
+
+    Args:
+        state: The final fit.
+        rivals: For every effect, those that fit as well, the closest first.
+    """
+    if not any(rivals):
+        return ()
+    offer = _offered(state)
+    view = _seen(state, offer)
+    if view is None:
+        return ()
+    scene = _scene(view, offer)
+    told = []
+    for index, others in enumerate(rivals):
+        own = state.effects[index].at(state.values_of(state.effects[index]))
+        for rival in others[:RIVALS]:
+            told.append(_in_words(own, _propose(state, index, rival, offer, view, scene), rival, offer))
+    return tuple(told)
+
+
+def _offered(state: State, seed: int = 0) -> Measurements:
+    """Return rows with every joint, payload, approach and covariate somewhere in what was recorded, mixed anew."""
+    rng, known = np.random.default_rng(seed), state.measurements
+    pick = [rng.integers(0, len(known), OFFERED) for _ in range(len(known.joint_names) + 2)]
+    q = np.column_stack([known.q[rows, i] for i, rows in enumerate(pick[:-2])])
+    ends = {
+        name: np.where(rng.random(OFFERED) < 0.5, values.min(), values.max())
+        for name, values in known.covariates.items()
+        if isinstance(values, np.ndarray)
+    }
+    last = known.session[-1]
+    start = float(known.time.max())
+    nothing = np.zeros((OFFERED, 3))
+    return replace(
+        known,
+        pose=tuple(f"next {i}" for i in range(OFFERED)),
+        session=(last,) * OFFERED,
+        payload=tuple(known.payload[row] for row in pick[-1]),
+        time=start + 600.0 * np.arange(1, OFFERED + 1),
+        q=q,
+        approach=rng.choice([-1.0, 1.0], q.shape),
+        measured=np.ones(OFFERED, dtype=bool),
+        position=nothing,
+        rotation=None,
+        sigma=np.tile(np.median(known.sigma[known.measured], axis=0), (OFFERED, 1)),
+        sigma_r=None,
+        hold=None if known.hold is None else rng.choice(known.hold, OFFERED),
+        covariates=ends,
+        places=(),
+    )
+
+
+def _seen(state: State, offer: Measurements) -> View | None:
+    arm = replace(state.fit.setup.arm, effects=state.fit.setup.arm.effects[: len(state.effects)])
+    try:
+        return look(replace(state.fit.setup, arm=arm), offer, np.arange(OFFERED))
+    except ArmflexError:  # a mixture of positions that the arm does not hold: no proposal is better than a wrong one
+        return None
+
+
+def _scene(view: View, offer: Measurements) -> Scene:
+    points = view.line.links[:, :, :3, 3].reshape(-1, 3)
+    wrenches = {site: view.line.load_at(site) for site in view.line.sites}
+    return survey(offer, view.setup.arm, wrenches, np.array([points.min(axis=0), points.max(axis=0)]))
+
+
+def _propose(state: State, index: int, rival: Effect, offer: Measurements, view: View, scene: Scene) -> Proposal:
+    """Return the offered row at which an effect and a rival in its stead differ most."""
+    fit, block = state.fit, state.effects[index]
+    own = block.at(state.values_of(block))
+    acting = np.array([own.amplitudes[term] for term in own.spot.terms])
+    kept = [other for other in (*state.blocks, *state.effects) if other is not block]
+    places = _places(state, kept)
+    imitation = Candidate(rival.law, rival.spot, rival.inner)
+    before = np.hstack([fit.columns[:, places], candidate_columns(imitation, fit, state.scene)])
+    effect = candidate_columns(Candidate(own.law, own.spot, own.inner), fit, state.scene) @ acting
+    precision = np.concatenate([fit.prior[places] ** -2.0, np.full(len(rival.spot.terms), 0.0)])
+    normal = before.T @ before + np.diag(precision + 1e-12 * (before**2).sum(axis=0))
+    values = np.linalg.solve(normal, before.T @ effect)
+    there = [_columns(other, view, scene, offer) for other in kept]
+    there.append(rival.law.columns(rival.spot, rival.inner, view, scene))
+    after = np.concatenate(there, axis=2)[:, :3]
+    apart = own.law.columns(own.spot, own.inner, view, scene)[:, :3] @ acting - after @ values
+    spread = np.einsum("mdp,pq,mdq->md", after, np.linalg.inv(normal), after, optimize=True)
+    sigmas = np.sqrt((apart**2 / (view.sigma[:, :3] ** 2 + np.maximum(spread, 0.0))).sum(axis=1))
+    best = int(sigmas.argmax())
+    return Proposal(rival, best, float(sigmas[best]), float(np.linalg.norm(apart[best])))
+
+
+def _places(state: State, kept: Sequence[Block]) -> np.ndarray:
+    """Return the parameters of some blocks among all fitted ones."""
+    starts, start = {}, 0
+    for block in state.fit.blocks:
+        starts[id(block)] = np.arange(start, start + len(block.labels))
+        start += len(block.labels)
+    return np.concatenate([np.zeros(0, dtype=int), *(starts[id(block)] for block in kept)])
+
+
+def _columns(block: Block, view: View, scene: Scene, offer: Measurements) -> Array:
+    """Return a block's columns at the offered rows."""
+    if isinstance(block, SessionBlock):
+        block = replace(block, rows=offer.session)
+    if isinstance(block, EffectBlock):
+        block = replace(block, scene=scene)
+    return block.columns(view)
+
+
+def _in_words(own: Effect, proposal: Proposal, rival: Effect, offer: Measurements) -> str:
+    pair = f"{own.title} from {rival.title}"
+    if proposal.sigmas < TELLING:
+        return f"No reading of the tip tells {pair}: {instead(own, rival)}."
+    i = proposal.row
+    where = ", ".join(f"{name}={offer.q[i, j]:.3g}" for j, name in enumerate(offer.joint_names))
+    extra = _conditions(own, rival, offer, i)
+    size = f"{proposal.difference * 1e3:.2g} mm apart, {proposal.sigmas:.2g} standard deviations"
+    return f"To tell {pair}: measure at {where} with payload {offer.payload[i]}{extra} ({size})."
+
+
+def _conditions(own: Effect, rival: Effect, offer: Measurements, row: int) -> str:
+    """Return the values of the columns that either effect depends on."""
+    told = []
+    for name in dict.fromkeys((*own.spot.covariates, *rival.spot.covariates)):
+        if name.startswith("approach_"):
+            joint = name.removeprefix("approach_")
+            upwards = offer.approach[row, offer.joint_names.index(joint)] > 0.0
+            told.append(f"{joint} approached from {'below' if upwards else 'above'}")
+        elif name in offer.covariates:
+            told.append(f"{name} {offer.covariates[name][row]:.3g}")
+        elif name == "hold" and offer.hold is not None:
+            told.append(f"held {offer.hold[row]:.3g} s")
+    return "".join(f", {text}" for text in told)
