@@ -50,7 +50,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
 
 def _certainty(table: Declaration, arm: Arm) -> Certainty | None:
     """Return the covariance of the fitted parameters, given as the lower triangle's rows; None where it is not."""
-    if not table.has("covariance") or not table.has("parameters"):
+    if not all([table.has("parameters"), table.has("covariance")]):
         return None
     labels, rows = table.texts("parameters"), table.table["covariance"]
     expected = f"{len(labels)} rows of 1, 2, ... finite numbers, one for each of the parameters"

@@ -23,6 +23,7 @@ from armflex.calibrate.fit import Fit
 from armflex.calibrate.view import Setup, View, look
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
+from armflex.effects.remember import known_rows
 from armflex.effects.rigid import rigid_motion
 from armflex.effects.scene import Scene, survey
 from armflex.errors import Flag
@@ -138,9 +139,9 @@ def _axes(pairs: Sequence[tuple[str, str]], part: str) -> tuple[int, ...]:
 
 
 def _scene(view: View, rows: Measurements) -> Scene:
-    points = view.line.links[:, :, :3, 3].reshape(-1, 3)
     wrenches = {site: view.line.load_at(site) for site in view.line.sites}
-    return survey(rows, view.setup.arm, wrenches, np.array([points.min(axis=0), points.max(axis=0)]))
+    known = known_rows(view.setup.arm, rows)
+    return survey(rows, view.setup.arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
 def _effect_blocks(labels: list[str], arm: Arm, scene: Scene) -> list[Block]:

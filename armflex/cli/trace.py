@@ -114,10 +114,10 @@ def _values(found: Found) -> list[str]:
 
 def _remarks(found: Trace) -> Iterator[str]:
     for one in found.found:
-        rivals = list(dict.fromkeys(_called(effect) for effect, _ in one.equivalent))
+        rivals = list(dict.fromkeys(effect.title for effect, _ in one.equivalent))
         if rivals:
             more = f", and {len(rivals) - 3} more" if len(rivals) > 3 else ""
-            yield f"These data do not tell {_called(one.effect)} from {', '.join(rivals[:3])}{more}."
+            yield f"These data do not tell {one.effect.title} from {', '.join(rivals[:3])}{more}."
     if found.unexplained is not None:
         yield _left(found.unexplained)
     elif not found.found:
@@ -126,11 +126,6 @@ def _remarks(found: Trace) -> Iterator[str]:
         yield _smallest(found.smallest)
     for advice in found.next_measurement:
         yield f"Next: {advice}"
-
-
-def _called(effect: Effect) -> str:
-    names, spot = names_of(effect.law), effect.spot
-    return " ".join(filter(None, (*names, spot.place, spot.axis, spot.partner)))
 
 
 def _left(left: Unexplained) -> str:

@@ -123,10 +123,10 @@ def _session(table: Declaration, law: EffectLaw) -> str:
 def _everything(arm: Arm, session: str) -> Scene:
     """Return a campaign of this arm in which everything was recorded: two sessions, every payload, and one more.
 
-    With a single payload there would be no choice between it and all of them.
+    With a single payload there would be no choice between it and all of them, and what is declared to weigh nothing
+    may weigh something.
     """
-    loaded = [name for name, payload in arm.payloads.items() if payload.mass > 0.0]
-    payloads = (*loaded, *(("",) if loaded else ("none",)), "none")
+    payloads = (*arm.payloads, *(("",) if arm.payloads else ("none",)), "none")
     mass = np.array([float(name != "none") for name in payloads])
     columns = {name: np.arange(len(payloads), dtype=float) for name in ("time", "hold", TEMPERATURE)}
     row = Row(np.zeros((len(payloads), len(arm.joint_names))), {}, {**columns, "payload_mass": mass})

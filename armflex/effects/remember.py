@@ -50,13 +50,19 @@ def known_rows(arm: Arm, rows: Driven) -> dict[str, Array]:
 
 
 def settled(arm: Arm, given: Mapping[str, float]) -> dict[str, float]:
-    """Return covariates of a single configuration, lagged columns taken as settled where they are not given."""
+    """Return covariates of a single configuration, lagged columns taken as settled where they are not given.
+
+    Raises:
+        MissingCovariateError: Such a column is not given either.
+    """
     known = dict(given)
     for effect in arm.effects:
-        if isinstance(effect.law, TwistLaw) and effect.law.memory and effect.spot.covariates:
-            column = effect.spot.covariates[0]
-            if column in known:
-                known.setdefault(effect.law.memory.name(effect.spot), known[column])
+        law, columns = effect.law, effect.spot.covariates
+        if not isinstance(law, TwistLaw) or law.memory is None or not columns or law.memory.name(effect.spot) in known:
+            continue
+        if columns[0] not in known:
+            raise MissingCovariateError(columns[0], given, effect.name)
+        known[law.memory.name(effect.spot)] = known[columns[0]]
     return known
 
 

@@ -131,20 +131,25 @@ def column_of(row: Row, name: str) -> Array:
     return row.covariate(name)
 
 
-def survey(measurements: Measurements, arm: Arm, wrenches: Mapping[str, Array], box: Array) -> Scene:
+def survey(
+    measurements: Measurements, arm: Arm, known: Mapping[str, Array], wrenches: Mapping[str, Array], points: Array
+) -> Scene:
     """Return the scene of a campaign.
 
     Args:
         measurements: All rows in the order driven.
         arm: The arm; its payloads' masses are suspects, too.
+        known: Everything known of the rows, (N,) each; see `known_rows`.
         wrenches: (N, 6) loads at every site.
-        box: (2, 3) space that the links were in.
+        points: (..., 3) where links were, in the base [m].
     """
-    known = known_columns(measurements, arm)
     hidden = {POSE, *(f"approach_{joint}" for joint in measurements.joint_names)}
-    recorded = tuple(name for name, values in known.items() if name not in hidden and np.ptp(values) > 0.0)
+    suspects = [name for name in known_columns(measurements, arm) if name not in hidden]
+    recorded = tuple(name for name in suspects if np.ptp(known[name]) > 0.0)
+    places = points.reshape(-1, 3)
+    box = np.array([places.min(axis=0), places.max(axis=0)])
     index = {name: i for i, name in enumerate(measurements.joint_names)}
-    row = Row(measurements.q, index, known)
+    row = Row(measurements.q, index, dict(known))
     return Scene(arm.robot, row, recorded, measurements.payload, measurements.session, wrenches, box)
 
 

@@ -182,11 +182,10 @@ def _values(found: Found) -> Table:
 
 def _proof(found: Found) -> Table:
     proof = found.proof
-    sessions = millimetres(proof.sessions_before), millimetres(proof.sessions_after)
-    return (
-        ("Poses held out", millimetres(proof.before), millimetres(proof.after)),
-        ("Whole sessions held out", *sessions),
-    )
+    poses = ("Poses held out", millimetres(proof.before), millimetres(proof.after))
+    if proof.sessions_before is None:
+        return (poses,)
+    return poses, ("Whole sessions held out", millimetres(proof.sessions_before), millimetres(proof.sessions_after))
 
 
 def _parameter(one: Parameter) -> tuple[str, ...]:

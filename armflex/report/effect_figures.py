@@ -41,7 +41,7 @@ def against_suspect(trace: Trace, index: int) -> str:
         panel.axhline(0.0, color=MUTED, linewidth=0.8)
         panel.set_title(title)
         grid(panel)
-    axes[0].set_ylabel(seen.y_label)
+    axes[0].set_ylabel(seen.y_label, fontsize=8.0)
     axes[1].set_xlabel(cut(seen.x_label, 60))
     axes[0].set_ylim(*_limits(seen))
     return inline(figure, f"Residual against its suspect, effect {index + 1}")
@@ -89,7 +89,7 @@ def _curve(panel: Axes, seen: Suspicion) -> None:
     if seen.is_curve and len(np.unique(seen.x)) > FEW:
         panel.plot(seen.x[order], seen.effect[order], color=MARK, linewidth=2.2, zorder=3)
         return
-    panel.scatter(seen.x, seen.effect, s=13 if not seen.is_curve else 260, marker="_", color=MARK, zorder=3)
+    panel.scatter(seen.x, seen.effect, s=13 if not seen.is_curve else 900, marker="_", color=MARK, zorder=3)
 
 
 def ranking(found: Found, number: int) -> str:

@@ -203,7 +203,7 @@ def pulls(before: Sequence[Parameter], after: Sequence[Parameter], both: bool, m
     panel.set_xlim(left=0.0)
     grid(panel, "x")
     if both:
-        panel.legend(loc="lower right")
+        panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return inline(figure, "Parameters that moved most against their priors")
 
 
@@ -220,8 +220,6 @@ def detectable(smallest: Sequence[Smallest], noise: float) -> str:
     panel.set_xscale("log")
     panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     panel.set_yticks(place, [words(one.effect).title for one in rows])
-    panel.set_xlabel(
-        "RMS motion of the target that would just have been seen, best to worst place [mm] (dashed: noise)"
-    )
+    panel.set_xlabel("RMS motion of the target, best to worst place [mm] (dashed: noise)")
     grid(panel, "x")
     return inline(figure, "Smallest effects that would have been seen")

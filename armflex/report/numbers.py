@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 """Factors of a numerator in metres or radians; metres beyond a few are never kilometres."""
 
 SHARE = 0.05
@@ -33,7 +33,11 @@ def measure(value: float, std: float | None, unit: str) -> str:
     if power:
         text = f"({text})" if std is not None else text
         text += " × 10" + str(power).translate(_SUPERSCRIPT)
-    return f"{text} {unit}".strip()
+    return f"{text} {_raised(unit)}".strip()
+
+
+def _raised(unit: str) -> str:
+    return re.sub(r"\^(\d)", lambda found: found[1].translate(_SUPERSCRIPT), unit)
 
 
 def with_std(value: float, std: float | None) -> str:
@@ -57,7 +61,7 @@ def scaled(size: float, unit: str) -> tuple[float, str]:
     for factor, prefix in PREFIXES:
         if size >= 0.1 * factor:
             return factor, prefix + shown
-    return (1e-9, "n" + shown) if size >= 1e-12 else (1.0, shown)
+    return 1.0, shown
 
 
 def millimetres(value: float | None, std: float | None = None) -> str:
@@ -67,9 +71,18 @@ def millimetres(value: float | None, std: float | None = None) -> str:
     return f"{with_std(1e3 * value, 1e3 * std)} mm" if std else f"{short(1e3 * value)} mm"
 
 
+def change(before: float, after: float) -> str:
+    """Return two lengths [m] as '1.03 mm → 0.36 mm', with as many digits as it takes to tell them apart."""
+    for places in (2, 3, 4):
+        shown = [f"{1e3 * value:.{places}f}" for value in (before, after)]
+        if shown[0] != shown[1]:
+            break
+    return f"{shown[0]} mm → {shown[1]} mm"
+
+
 def short(value: float) -> str:
     """Return a number with as many digits as its size deserves: 0.36, 1.03, 12.4, 120."""
     if value == 0.0:
         return "0"
     places = max(0, 2 - max(0, int(np.floor(np.log10(abs(value))))))
-    return f"{value:.{places}f}" if abs(value) >= 0.1 else f"{value:.2g}"
+    return f"{value:.{places}f}" if abs(value) >= 0.1 else f"{value:#.2g}"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.report.accuracy import Accuracy, Errors
-from armflex.report.numbers import measure, millimetres, short
+from armflex.report.accuracy import Accuracy
+from armflex.report.numbers import change, measure, millimetres, short
 from armflex.report.words import called, joined, place_words, site_words, words
 from armflex.trace.result import Found, Trace, Unexplained
 
@@ -17,7 +17,7 @@ def headline(trace: Trace) -> str:
     """Return what was found, in one sentence."""
     if trace.found:
         parts = [called(one.effect) + _values(one) for one in trace.found]
-        return f"The arm lacked {joined(parts)}."
+        return f"The arm lacked {'; '.join(parts[:-1])}{'; and ' if len(parts) > 1 else ''}{parts[-1]}."
     if trace.unexplained:
         return f"Something moves this arm that no recorded column explains{_where(trace.unexplained)}."
     return "Nothing is missing that this campaign could show."
@@ -43,12 +43,8 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
     """Return the error on poses not used, before and after, beside the noise."""
     noise = f"noise as stated: {millimetres(accurate.stated)}"
     if not trace.found:
-        return f"Error on poses not used: {_rms(accurate.after)} ({noise})."
-    return f"Error on poses not used: {_rms(accurate.before)} → {_rms(accurate.after)} ({noise})."
-
-
-def _rms(errors: Errors) -> str:
-    return f"{short(1e3 * errors.rms)} mm"
+        return f"Error on poses not used: {millimetres(accurate.after.rms)} ({noise})."
+    return f"Error on poses not used: {change(accurate.before.rms, accurate.after.rms)} ({noise})."
 
 
 def further(trace: Trace, accurate: Accuracy) -> list[str]:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import f
 
+from armflex.conventions import TWIST_NAMES
+from armflex.repeats import repeats
 from armflex.trace.candidates import Bank
 from armflex.trace.localise import NOTICED, Place
 from armflex.trace.result import Smallest, Unexplained, Unidentifiable, predictable_residual
@@ -15,6 +18,9 @@ ALMOST = 1e-4
 
 SHOWN = 40.0
 """Gain at which an effect would have been accepted among thousands of candidates."""
+
+UNLIKELY = 1e-4
+"""Probability below which a residual larger than the repeats' scatter is no chance."""
 
 AS_LIKELY = 3.0
 """Log-likelihood within which places are not told apart."""
@@ -48,7 +54,7 @@ def _reason(column: np.ndarray, columns: np.ndarray, sizes: np.ndarray, state: S
 
 def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
     """Return for every law the range over its places of the tip motion (RMS) that would just have been accepted."""
-    bank, view = looked.named.bank, state.fit.view
+    bank = looked.named.bank
     noise = max(1.0, looked.projection.objective / looked.projection.count)
     found: dict[str, list[float]] = {}
     single = np.flatnonzero(bank.sizes == 1)
@@ -59,7 +65,6 @@ def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
         if inside[place] > ALMOST * float(columns[:, place] @ columns[:, place]):
             size = float(np.sqrt(SHOWN * noise / inside[place]) * raw[place])
             found.setdefault(bank.candidates[index].law.name, []).append(size)
-    assert view is not None
     return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in found.items())
 
 
@@ -80,10 +85,24 @@ def unexplained(state: State, looked: Round) -> Unexplained | None:
         return Unexplained(random.site, random.axis, random.std, random.units[0], rms)
     place = looked.places[0]
     if place.ratio < NOTICED:
-        return None
+        return _beyond_repeats(state)
     unit = "m" if place.axis.startswith("d") else "rad"
     rms = place.std * _lever(state, place)
     return Unexplained(place.site, place.axis, place.std, unit, rms, _as_likely(looked.places))
+
+
+def _beyond_repeats(state: State) -> Unexplained | None:
+    """Return a residual without a place where it is larger than what repeats show, by an F test; else None."""
+    known = repeats(state.measurements)
+    if known is None:
+        return None
+    scatter, fit = known.same_session, state.fit
+    noise = float((scatter.sigma**2).mean())
+    freedom = max(fit.residual.size - len(fit.values), 1)
+    left = float((fit.residual**2).sum()) / freedom * float((scatter.stated**2).mean())
+    if noise <= 0.0 or f.sf(left / noise, freedom, 3 * scatter.freedom) > UNLIKELY:
+        return None
+    return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))
 
 
 def _as_likely(places: tuple[Place, ...]) -> tuple[Place, ...]:
@@ -91,7 +110,5 @@ def _as_likely(places: tuple[Place, ...]) -> tuple[Place, ...]:
 
 
 def _lever(state: State, place: Place) -> float:
-    from armflex.conventions import TWIST_NAMES
-
     columns = state.fit.view.to_twist(place.site)[:, :3, TWIST_NAMES.index(place.axis)]
     return float(np.sqrt((columns**2).sum(axis=1).mean()))

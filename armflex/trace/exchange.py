@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from armflex.effects.catalogue import LAWS
 from armflex.effects.law import Effect
+from armflex.effects.scene import AXES
+from armflex.effects.unnamed import SHAPES
+from armflex.errors import ArmflexError
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, screen, sift
-from armflex.trace.polish import polish
+from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import Projection, evidence, project, projected
-from armflex.trace.state import State, without
+from armflex.trace.search import PLAIN
+from armflex.trace.state import State, add, information, moved_to, without
 
 SAME = 14.0
 """Evidence within which two candidates are not told apart."""
@@ -32,27 +37,80 @@ def leave_out(state: State, index: int) -> tuple[Projection, np.ndarray]:
     return projected(fit.columns[:, rest], fit.prior[rest] ** -2.0, data, project(fit).shy), own
 
 
-def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, float], ...]]:
-    """Return an effect's evidence beside the others, and every other candidate within `SAME` of it."""
+def rivals_of(state: State, index: int) -> tuple[float, tuple[Polished, ...]]:
+    """Return an effect's evidence beside the others, and the best candidates that could stand in its place."""
     projection, own = leave_out(state, index)
     gain = projection.gain(state.fit.columns[:, own])[0]
     block = state.effects[index]
-    own_candidate = Candidate(block.effect.law, block.effect.spot, block.effect.inner)
-    worth = float(evidence(gain, projection.objective, projection.count, own_candidate.parameters))
-    screened = screen(sift(bank(candidates_of(LAWS, state.scene), state.fit, state.scene), projection))
+    itself = Candidate(block.effect.law, block.effect.spot, block.at(state.values_of(block)).inner)
+    worth = float(evidence(gain, projection.objective, projection.count, itself.parameters))
+    screened = screen(sift(bank(_alternatives(itself, state), state.fit, state.scene), projection))
     rivals = []
     for i in best_per_spot(screened, COMPARED + 1):
         candidate = screened.bank.candidates[i]
-        if (candidate.law.name, candidate.spot) == (block.effect.law.name, block.effect.spot):
-            continue
-        refined = polish(candidate, state.fit, state.scene, projection)
-        if refined.evidence > worth - SAME:
-            rivals.append((refined.candidate.effect(refined.amplitudes), worth - refined.evidence))
-    return worth, tuple(sorted(rivals, key=lambda rival: rival[1]))
+        if not _same_place(candidate, itself):
+            rivals.append(polish(candidate, state.fit, state.scene, projection))
+    return worth, tuple(sorted(rivals, key=lambda one: -one.evidence))
+
+
+def _alternatives(itself: Candidate, state: State) -> Iterator[Candidate]:
+    """Yield the catalogue, and for a shape without a name the same shape at every other place."""
+    yield from candidates_of(LAWS, state.scene)
+    if itself.law.name in SHAPES:
+        for site in ("base", *state.scene.joints, "tool"):
+            for axis in AXES:
+                yield replace(itself, spot=replace(itself.spot, site=site, axis=axis))
+
+
+def _same_place(one: Candidate, other: Candidate) -> bool:
+    return (one.law.name, one.spot.site, one.spot.axis, one.spot.partner) == (
+        other.law.name,
+        other.spot.site,
+        other.spot.axis,
+        other.spot.partner,
+    )
+
+
+def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, float], ...]]:
+    """Return an effect's evidence beside the others, and every other candidate within `SAME` of it, once per place."""
+    worth, rivals = rivals_of(state, index)
+    found: dict[str, tuple[Effect, float]] = {}
+    for one in rivals:
+        effect = one.candidate.effect(one.amplitudes)
+        if one.gain > 0.0 and one.evidence > worth - SAME:
+            found.setdefault(effect.title, (effect, worth - one.evidence))
+    return worth, tuple(found.values())
 
 
 def exchanged(state: State, say: Callable[[str], None]) -> tuple[State, list[int]]:
-    """Return the state without effects that are no longer worth `SAME`, and which those were."""
+    """Return the state without effects that are no longer worth `SAME`, and which those were.
+
+    Where several were added one by one, the first were chosen while the others were missing: what now stands clearly
+    better in an effect's place takes it.
+    """
+    state, dropped = _pruned(state, say)
+    if len(state.effects) > 1:
+        for index in range(len(state.effects)):
+            state = _swapped(state, index, say)
+    return state, dropped
+
+
+def _swapped(state: State, index: int, say: Callable[[str], None]) -> State:
+    """Return the state with a clearly better candidate in place of one effect, as it is where there is none."""
+    worth, rivals = rivals_of(state, index)
+    was_plain = state.effects[index].effect.law.name in PLAIN
+    better = [one for one in rivals if one.evidence > worth + SAME and was_plain <= (one.candidate.law.name in PLAIN)]
+    if not better:
+        return state
+    say(f"trying {better[0].candidate.effect(better[0].amplitudes).name} for {state.effects[index].effect.name}")
+    try:
+        trial = moved_to(add(without(state, index), better[0]), index)
+    except ArmflexError:
+        return state
+    return trial if information(trial) < information(state) - SAME else state
+
+
+def _pruned(state: State, say: Callable[[str], None]) -> tuple[State, list[int]]:
     dropped: list[int] = []
     places = list(range(len(state.effects)))
     for _ in range(len(places)):

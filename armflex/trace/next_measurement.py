@@ -17,6 +17,7 @@ from armflex.calibrate.effect_block import EffectBlock
 from armflex.calibrate.view import View, look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
+from armflex.effects.remember import known_rows
 from armflex.effects.scene import Scene, survey
 from armflex.errors import ArmflexError
 from armflex.measurements import Measurements
@@ -113,9 +114,9 @@ def _seen(state: State, offer: Measurements) -> View | None:
 
 
 def _scene(view: View, offer: Measurements) -> Scene:
-    points = view.line.links[:, :, :3, 3].reshape(-1, 3)
     wrenches = {site: view.line.load_at(site) for site in view.line.sites}
-    return survey(offer, view.setup.arm, wrenches, np.array([points.min(axis=0), points.max(axis=0)]))
+    known = known_rows(view.setup.arm, offer)
+    return survey(offer, view.setup.arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
 def _propose(state: State, index: int, rival: Effect, offer: Measurements, view: View, scene: Scene) -> Proposal:

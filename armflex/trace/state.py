@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,8 +15,9 @@ from armflex.calibrate.effect_block import EffectBlock, shy_prior
 from armflex.calibrate.fit import Fit, fit
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
+from armflex.effects.remember import known_rows
 from armflex.effects.scene import Scene, survey
-from armflex.linearise import Linearizer
+from armflex.linearise import Linearisation, Linearizer
 from armflex.measurements import Measurements
 from armflex.trace.candidates import candidate_columns
 from armflex.trace.polish import Polished
@@ -85,25 +87,21 @@ def begin(calibration: Calibration) -> State:
 
 def scene_at(fitted: Fit, measurements: Measurements) -> Scene:
     """Return the campaign as the catalogue sees it at a fit: loads at every site of every driven row."""
-    arm = fitted.setup.arm
-    line, view = fitted.view.line, fitted.view
+    arm, view = fitted.setup.arm, fitted.view
+    known = known_rows(arm, measurements)
     rest = np.setdiff1d(np.arange(len(measurements)), view.rows)
-    wrenches = {site: np.empty((len(measurements), 6)) for site in line.sites}
-    points = [line.links[:, :, :3, 3].reshape(-1, 3)]
-    other = _unmeasured(arm, measurements, rest) if len(rest) else None
-    for site in line.sites:
-        wrenches[site][view.rows] = line.load_at(site)
-        if other is not None:
-            wrenches[site][rest] = other.load_at(site)
-    everywhere = np.vstack(points)
-    return survey(measurements, arm, wrenches, np.array([everywhere.min(axis=0), everywhere.max(axis=0)]))
+    wrenches = {site: np.empty((len(measurements), 6)) for site in view.line.sites}
+    for rows, line in ((view.rows, view.line), (rest, _line(arm, measurements, known, rest))):
+        for site in wrenches if line is not None else ():
+            wrenches[site][rows] = line.load_at(site)
+    return survey(measurements, arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
-def _unmeasured(arm: Arm, measurements: Measurements, rows: np.ndarray):
-    from armflex.effects.remember import known_rows
-
-    known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
-    return Linearizer(arm).rows(measurements.q[rows], [measurements.payload[row] for row in rows], known)
+def _line(arm: Arm, measurements: Measurements, known: Mapping[str, Array], rows: np.ndarray) -> Linearisation | None:
+    if not len(rows):
+        return None
+    given = {name: values[rows] for name, values in known.items()}
+    return Linearizer(arm).rows(measurements.q[rows], [measurements.payload[row] for row in rows], given)
 
 
 def add(state: State, found: Polished) -> State:
@@ -149,3 +147,24 @@ def refit(state: State, effects: tuple[EffectBlock, ...], random: PoseBlock | No
     fitted = fit(state.declared, blocks, state.measurements, state.rows, start, flat=ROUGH)
     scene = scene_at(fitted, state.measurements)
     return replace(state, effects=effects, random=random, fit=fitted, scene=scene)
+
+
+def moved_to(state: State, index: int) -> State:
+    """Return the state with its last effect at another place in the order; nothing is refitted."""
+    order = list(range(len(state.effects) - 1))
+    order.insert(index, len(state.effects) - 1)
+    effects = tuple(
+        replace(state.effects[old], effect=state.effects[old].at(state.values_of(state.effects[old])), ordinal=new)
+        for new, old in enumerate(order)
+    )
+    base = sum(len(block.labels) for block in state.blocks)
+    start = np.concatenate([state.fit.values[:base], *(block.start for block in effects)])
+    random = state.values_of(state.random) if state.random else np.zeros(0)
+    return refit(state, effects, state.random, np.concatenate([start, random]))
+
+
+def information(state: State) -> float:
+    """Return n log J + k log n of a state: the smaller the better."""
+    projection = project(state.fit)
+    searched = sum(len(block.labels) for block in state.effects)
+    return projection.count * float(np.log(projection.objective)) + searched * float(np.log(projection.count))

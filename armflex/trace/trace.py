@@ -20,10 +20,9 @@ from armflex.trace.localise import NOTICED, Place
 from armflex.trace.next_measurement import next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
-from armflex.trace.projection import project
 from armflex.trace.result import Found, Proof, Trace
 from armflex.trace.search import Round, search
-from armflex.trace.state import State, add, begin, with_random
+from armflex.trace.state import State, add, begin, information, with_random
 
 Report = Callable[[str], None]
 """Called with what is being done."""
@@ -142,13 +141,6 @@ def _added(state: State, candidates: Sequence[Polished], say: Report) -> list[tu
 def _is_settled(state: State) -> bool:
     """Return whether nothing is left that would be worth adding."""
     return search(state.fit, state.scene, state.groups).ranking[0].evidence < ENOUGH + CERTAIN
-
-
-def information(state: State) -> float:
-    """Return n log J + k log n of a state: the smaller the better."""
-    projection = project(state.fit)
-    searched = sum(len(block.labels) for block in state.effects)
-    return projection.count * float(np.log(projection.objective)) + searched * float(np.log(projection.count))
 
 
 def prove(before: State, after: State, null: float) -> Proof:
