@@ -14,7 +14,7 @@ from armflex.calibrate.spread import fitted_variance, without_declared_doubt
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.deflection import Deflection
 from armflex.effects.remember import known_rows
-from armflex.errors import Flag, naming
+from armflex.errors import Flag, Place, naming
 from armflex.instrument import Instrument
 from armflex.measurements import Measurements
 from armflex.table import write_table
@@ -56,7 +56,8 @@ def predict(arm: Arm, rows: Measurements, progress: Progress | None = None) -> P
         ArmflexError: A row cannot be computed; its file and line are named.
     """
     found: list[Deflection] = []
-    known = known_rows(arm, rows)
+    with naming(Place(rows.places[0].file, 1) if rows.places else "rows"):
+        known = known_rows(arm, rows)
     certain = without_declared_doubt(arm)
     for i, q in enumerate(rows.q):
         with naming(rows.places[i]):

@@ -12,7 +12,7 @@ from armflex.errors import Place
 from armflex.report import effect_figures, figures, summary
 from armflex.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.report.numbers import measure, millimetres, short
-from armflex.report.words import Words, called, labelled, site_words, words
+from armflex.report.words import Words, called, labelled, site_words, units_of, words
 from armflex.trace.localise import localise
 from armflex.trace.projection import project
 from armflex.trace.result import Found, Trace
@@ -126,7 +126,7 @@ def _campaign(trace: Trace, accurate: Accuracy) -> Table:
         ("Campaign", source),
         ("SHA-256 of the campaign", measurements.sha256),
         ("Readings used", f"{len(rows)} of {len(measurements)} rows driven"),
-        ("Readings not believed", f"{doubted} (listed below, left out of every error on this page)"),
+        ("Readings not believed", f"{doubted} (left out of every error on this page)"),
         ("Poses, payloads, sessions", _counts(trace)),
         ("Made with", f"armflex {__version__}"),
     )
@@ -148,7 +148,7 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
         ("Readings that were fitted", millimetres(trace.calibration.rms), millimetres(trace.rms)),
         ("As declared, only the instrument placed", millimetres(trace.calibration.declared_rms), ""),
         ("Noise as stated", "", millimetres(accurate.stated)),
-        ("Noise that the final residual shows", "", millimetres(trace.noise * accurate.stated)),
+        ("Noise, if the final residual is nothing else", "", millimetres(trace.noise * accurate.stated)),
     ]
     if accurate.again is not None:
         rows.append(("Scatter of repeats", "", millimetres(*scatter_rms(accurate.again))))
@@ -173,10 +173,10 @@ def _effect(trace: Trace, index: int) -> EffectAccount:
 
 
 def _values(found: Found) -> Table:
-    named, units = found.effect.named, found.effect.units
+    units = units_of(found.effect)
     return tuple(
-        (name, measure(value, found.std.get(name), unit), "" if name in found.std else "chosen, not fitted")
-        for (name, value), unit in zip(named.items(), units, strict=True)
+        (name, measure(value, found.std.get(name), units[name]), "" if name in found.std else "chosen, not fitted")
+        for name, value in found.effect.named.items()
     )
 
 

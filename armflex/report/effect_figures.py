@@ -10,7 +10,7 @@ from armflex.conventions import Array
 from armflex.report.numbers import measure, scaled
 from armflex.report.suspects import Suspicion, suspicion
 from armflex.report.svg import AFTER, BEFORE, INK, MARK, MUTED, RULE, canvas, cut, grid, inline
-from armflex.report.words import labelled
+from armflex.report.words import labelled, units_of
 from armflex.trace.result import Found, Trace
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def _bars(found: Found) -> list[tuple[str, float, str]]:
 def posterior(trace: Trace, index: int) -> str:
     """Return the marginal distribution of every fitted parameter and, of the first two, their joint one."""
     found, covariance = trace.found[index], covariance_of(trace, index)
-    units = dict(zip(found.effect.named, found.effect.units, strict=True))
+    units = units_of(found.effect)
     names = [name for name in found.std if found.std[name] > 0.0][:MOST_CURVES]
     pair = len(names) >= 2
     if not names:

@@ -209,6 +209,8 @@ def pulls(before: Sequence[Parameter], after: Sequence[Parameter], both: bool, m
 
 def detectable(smallest: Sequence[Smallest], noise: float) -> str:
     """Return how small an effect of each law would have been seen, from its best place to its worst."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
     rows = sorted(smallest, key=lambda one: -one.most)
     place = np.arange(len(rows))
     figure, (panel,) = canvas(8.4, 0.6 + 0.21 * max(len(rows), 3))
@@ -218,6 +220,8 @@ def detectable(smallest: Sequence[Smallest], noise: float) -> str:
     panel.scatter(most, place, s=20, color=AFTER, linewidths=0)
     panel.axvline(1e3 * noise, color=INK, linewidth=1.0, linestyle=DASHED)
     panel.set_xscale("log")
+    panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    panel.xaxis.set_minor_locator(NullLocator())
     panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     panel.set_yticks(place, [words(one.effect).title for one in rows])
     panel.set_xlabel("RMS motion of the target, best to worst place [mm] (dashed: noise)")

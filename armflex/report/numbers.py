@@ -14,7 +14,7 @@ SHARE = 0.05
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NUMERATOR = re.compile(r"(rad|m)(?=$|/| per )")
-_PLAIN = {"1": "", "mixed": "(SI)", "as recorded": "", "degC": "°C", "deg": "°"}
+_PLAIN = {"1": "", "mixed": "SI", "as recorded": "", "degC": "°C", "deg": "°"}
 
 
 def measure(value: float, std: float | None, unit: str) -> str:
@@ -33,7 +33,7 @@ def measure(value: float, std: float | None, unit: str) -> str:
     if power:
         text = f"({text})" if std is not None else text
         text += " × 10" + str(power).translate(_SUPERSCRIPT)
-    return f"{text} {_raised(unit)}".strip()
+    return f"{text} {unit}".strip()
 
 
 def _raised(unit: str) -> str:
@@ -53,7 +53,7 @@ def with_std(value: float, std: float | None) -> str:
 
 def scaled(size: float, unit: str) -> tuple[float, str]:
     """Return a factor and the unit that it makes of one: 1e-3 and 'mrad' for a size of 0.002 rad."""
-    shown = _PLAIN.get(unit, unit)
+    shown = _raised(_PLAIN.get(unit, unit))
     if unit in ("1", "1/K") and 0.0 < size < SHARE:
         return (1e-6, "ppm" + unit[1:]) if size < 1e-3 else (1e-2, "%" + unit[1:])
     if not _NUMERATOR.match(unit) or size == 0.0:

@@ -6,7 +6,7 @@ import numpy as np
 
 from armflex.report.accuracy import Accuracy
 from armflex.report.numbers import change, measure, millimetres, short
-from armflex.report.words import called, joined, place_words, site_words, words
+from armflex.report.words import called, joined, place_words, site_words, units_of, words
 from armflex.trace.result import Found, Trace, Unexplained
 
 MOST_VALUES = 2
@@ -32,7 +32,7 @@ def _where(left: Unexplained) -> str:
 
 def _values(found: Found) -> str:
     """Return ': gap 1.003 ± 0.013 mrad', the amplitudes where they are few enough to read."""
-    effect, units = found.effect, dict(zip(found.effect.named, found.effect.units, strict=True))
+    effect, units = found.effect, units_of(found.effect)
     names = [effect.law.amplitudes[i].name for i in effect.spot.terms]
     if len(names) > MOST_VALUES:
         return ""
@@ -105,7 +105,8 @@ def sure(found: Found) -> str:
     """Return why an effect is believed."""
     proof = found.proof
     chance = f"the best that chance gave any candidate was {short(proof.null)}"
-    parts = [f"Its evidence beside the others is {short(found.evidence)}; when it was added, {chance}."]
+    worth = f"Its evidence (fall of the Bayesian information criterion, 10 is strong) is {short(found.evidence)}"
+    parts = [f"{worth} beside everything else that was fitted; when it was added, {chance}."]
     fall = f"The squared error of poses held out fell by {short(proof.errors_apart)} standard errors"
     if proof.errors_apart <= 0.0:
         fall = "The squared error of poses held out did not fall"

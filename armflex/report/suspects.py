@@ -53,7 +53,7 @@ class Suspicion:
         order = np.lexsort((self.effect, self.x))
         x, y = self.x[order], self.effect[order]
         rough = np.abs(y[1:-1] - 0.5 * (y[2:] + y[:-2])) if len(np.unique(x)) > 8 else _within(x, y)
-        return bool(len(rough) and np.quantile(rough, 0.9) < FUNCTION * np.ptp(y))
+        return bool(len(rough) and np.quantile(rough, 0.9) <= FUNCTION * np.ptp(y))
 
 
 def _within(x: Array, y: Array) -> Array:

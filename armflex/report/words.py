@@ -19,55 +19,55 @@ class Words:
 
 
 LAWS = {
-    "encoder_offset": Words("an encoder offset", "the joint stands beside where it is said to stand", "constant"),
-    "encoder_scale": Words(
-        "an encoder scale error", "the joint moves further than is said, or less", "scale · (q − q₀)"
-    ),
-    "encoder_eccentricity": Words("an eccentric encoder", "the error turns with the joint", "A sin q + B cos q"),
-    "gear_harmonic": Words("a gear harmonic", "the error goes k times round with the joint", "A sin kq + B cos kq"),
+    "encoder_offset": Words("encoder offset", "the joint stands beside where it is said to stand", "constant"),
+    "encoder_scale": Words("encoder scale", "the joint moves further than is said, or less", "scale · (q − q₀)"),
+    "encoder_eccentricity": Words("encoder eccentricity", "the error turns with the joint", "A sin q + B cos q"),
+    "gear_harmonic": Words("gear harmonic", "the error goes k times round with the joint", "A sin kq + B cos kq"),
     "backlash": Words("backlash", "play that is taken up by the side from which the joint came", "(gap / 2) · s"),
     "friction_windup": Words(
         "friction wind-up", "the drive is twisted by the friction that it overcame last", "s · (a + b |τ|)"
     ),
     "hysteresis": Words("hysteresis", "the joint gives with the loads it carried before", "gain · play(τ; radius)"),
-    "stiffening": Words("a stiffness that changes with load", "the joint gives not in proportion", "c₂ τ|τ| + c₃ τ³"),
+    "stiffening": Words("load-dependent stiffness", "the joint gives not in proportion", "c₂ τ|τ| + c₃ τ³"),
     "deadband": Words("play taken up by the load", "the joint falls to the loaded side", "g · clip(τ / τ₀, ±1)"),
-    "even_in_load": Words("a deflection even in the load", "the same way whichever way it is loaded", "c |w|, c τ²"),
+    "even_in_load": Words("deflection even in the load", "the same way whichever way it is loaded", "c |w|, c τ²"),
     "compliance": Words("compliance", "the joint gives more (or less) than declared", "C · w"),
     "cross_coupling": Words("cross coupling", "a load along one axis deflects another", "C_ab · w_b"),
     "position_dependent_compliance": Words(
-        "a compliance that changes with position", "the joint gives more in some positions", "(C₁ q + C₂ q²) · w"
+        "position-dependent compliance", "the joint gives more in some positions", "(C₁ q + C₂ q²) · w"
     ),
     "thermal_softening": Words("thermal softening", "the joint gives more as it warms", "β (T − T₀) · C w"),
     "creep": Words("creep", "the joint goes on giving while the load stands", "c τ log(1 + h / t₀)"),
-    "slip_step": Words("a slip", "the joint moved once and stayed there", "size from a moment on"),
-    "dress_pack": Words("the pull of a dress pack", "cables turn the joint as it moves", "C · k (q − q₀)"),
+    "slip_step": Words("slip", "the joint moved once and stayed there", "size from a moment on"),
+    "dress_pack": Words("dress pack pull", "cables turn the joint as it moves", "C · k (q − q₀)"),
     "thermal_growth": Words("thermal growth", "the link grows as it warms", "α L (T − T₀)"),
     "thermal_bending": Words("thermal bending", "the link bends as it warms", "β (T − T₀)"),
     "link_flexure": Words("link flexure", "the link itself bends", "C · w"),
-    "link_mass": Words("a wrong link mass", "the link weighs otherwise than declared", "m, centre of mass"),
-    "link_geometry": Words("link geometry", "the link is otherwise than drawn", "constant twist"),
-    "payload_mass": Words("a wrong payload mass", "the payload weighs otherwise than declared", "Δm"),
-    "payload_com": Words("a wrong payload centre of mass", "the payload hangs elsewhere than declared", "Δcom"),
-    "tool_shift": Words("a tool shift", "the target is elsewhere than declared, or moved", "constant shift"),
-    "tip_force": Words("a force at the tip", "something pulls at the tip", "constant force"),
-    "umbilical": Words("an umbilical", "a spring pulls the link towards a fixed point", "k · (distance − rest)"),
-    "magnetic_pull": Words("a magnetic pull", "a force towards a point that falls with distance", "F / (d² + reach²)"),
-    "base_compliance": Words("a base that gives", "the foundation tilts under the load", "C · w"),
-    "base_thermal": Words("a base that moves with temperature", "the foundation follows the weather", "β (T − T₀)"),
-    "base_drift": Words("a drifting base", "the foundation or the instrument wanders with time", "v · t"),
-    "gravity_tilt": Words("a tilted gravity", "down is not where the frame says", "rotation of gravity"),
-    "tracker_scale": Words("an instrument scale error", "distances are read too long or too short", "λ · range"),
-    "session_frame": Words("an instrument set up again", "the frame of one session differs", "a frame per session"),
-    "unnamed_line": Words("an unnamed trend", "it grows steadily with a column", "slope · x + curvature · x²"),
-    "unnamed_wave": Words("an unnamed wave", "it goes up and down with a column", "A sin kx + B cos kx"),
-    "unnamed_bump": Words("an unnamed bump", "it happens near one value", "height · exp(−(x − centre)² / 2 width²)"),
-    "unnamed_shape": Words("an unnamed shape", "it follows a column freely", "f(x), straight between knots"),
-    "unnamed_compliance": Words("an unnamed compliance", "it gives with the load, as a column goes", "f(x) · w"),
-    "unnamed_product": Words("an unnamed product", "two columns act together", "f(x) · (1, y)"),
+    "link_mass": Words("link mass correction", "the link weighs otherwise than declared", "m, centre of mass"),
+    "link_geometry": Words("link geometry correction", "the link is otherwise than drawn", "constant twist"),
+    "payload_mass": Words("payload mass correction", "the payload weighs otherwise than declared", "Δm"),
+    "payload_com": Words("payload centre-of-mass correction", "the payload hangs elsewhere than declared", "Δcom"),
+    "tool_shift": Words("tool shift", "the target is elsewhere than declared, or moved", "constant shift"),
+    "tip_force": Words("tip force", "something pulls at the tip", "constant force"),
+    "umbilical": Words("umbilical pull", "a spring pulls the link towards a fixed point", "k · (distance − rest)"),
+    "magnetic_pull": Words("magnetic pull", "a force towards a point that falls with distance", "F / (d² + reach²)"),
+    "base_compliance": Words("base compliance", "the foundation tilts under the load", "C · w"),
+    "base_thermal": Words("thermal base motion", "the foundation follows the weather", "β (T − T₀)"),
+    "base_drift": Words("base drift", "the foundation or the instrument wanders with time", "v · t"),
+    "gravity_tilt": Words("gravity tilt", "down is not where the frame says", "rotation of gravity"),
+    "tracker_scale": Words("instrument scale", "distances are read too long or too short", "λ · range"),
+    "session_frame": Words("session frame", "the frame of one session differs", "a frame per session"),
+    "unnamed_line": Words("unnamed trend", "it grows steadily with a column", "slope · x + curvature · x²"),
+    "unnamed_wave": Words("unnamed wave", "it goes up and down with a column", "A sin kx + B cos kx"),
+    "unnamed_bump": Words("unnamed bump", "it happens near one value", "height · exp(−(x − centre)² / 2 width²)"),
+    "unnamed_shape": Words("unnamed shape", "it follows a column freely", "f(x), straight between knots"),
+    "unnamed_compliance": Words("unnamed compliance", "it gives with the load, as a column goes", "f(x) · w"),
+    "unnamed_product": Words("unnamed product", "two columns act together", "f(x) · (1, y)"),
 }
 
 SITES = {BASE: "the base", TOOL: "the tool", LINK + TOOL: "the last link"}
+
+_COUPLED = {"dd": "m/N", "dr": "1/N", "rd": "1/N", "rr": "rad/Nm"}
 
 
 def words(effect: str) -> Words:
@@ -91,9 +91,19 @@ def called(effect: Effect) -> str:
     """Return an effect in words: 'backlash at A5 (rz)'; one without a name says which column it goes with."""
     title = words(effect.law.name).title
     if effect.law.name in SHAPES:
-        title += f" in {' and '.join(effect.spot.covariates)}"
+        shape, columns = title.removeprefix("unnamed "), " and ".join(effect.spot.covariates)
+        title = f"something without a name (a {shape} in {columns})"
     partner = f" with {effect.spot.partner}" if effect.spot.partner else ""
     return f"{title} at {place_words(effect.spot)}{partner}"
+
+
+def units_of(effect: Effect) -> dict[str, str]:
+    """Return the unit of every value by name; one per unit of a column says which column."""
+    spot = effect.spot
+    column = spot.covariates[-1] if spot.covariates else "its column"
+    coupled = _COUPLED.get((spot.axis or "")[:1] + spot.partner[:1], "mixed")
+    units = [unit.replace("per recorded", f"per unit of {column}").replace("mixed", coupled) for unit in effect.units]
+    return dict(zip(effect.named, units, strict=True))
 
 
 def labelled(effect: Effect) -> str:

@@ -16,7 +16,7 @@ from armflex.trace.state import State
 ALMOST = 1e-4
 """Share of a column's square below which what is left of it cannot be seen at any plausible size."""
 
-SHOWN = 40.0
+SHOWN = 23.0
 """Gain at which an effect would have been accepted among thousands of candidates."""
 
 UNLIKELY = 1e-4

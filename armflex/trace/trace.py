@@ -27,12 +27,12 @@ from armflex.trace.state import State, add, begin, information, with_random
 Report = Callable[[str], None]
 """Called with what is being done."""
 
-MOST_EFFECTS = 8
-ENOUGH = 10.0
-"""Evidence that an effect must be worth, beyond the best that chance gave."""
+MOST_EFFECTS = 12
+ENOUGH = 16.0
+"""Evidence that an effect must be worth: thousands are looked at, and chance gives the best of them 3 to 10."""
 
-CERTAIN = 12.0
-"""Further evidence asked for the number of candidates: thousands are looked at."""
+MARGIN = 3.0
+"""Evidence that it must have beyond the best that random signs gave."""
 
 SHARE = 0.4
 """Share of the excess that the best candidate must explain; below it an unrecorded cause is thought of first."""
@@ -107,10 +107,10 @@ def _set_aside(state: State, looked: Round, say: Report) -> tuple[State, Round]:
 def _accept(state: State, looked: Round, say: Report) -> Step | None:
     """Return the state with the best candidate in it, None where it is not better than chance."""
     best = looked.best
-    if best.evidence < ENOUGH + CERTAIN:
+    if best.evidence < ENOUGH:
         return None
     null = float(null_maximum(looked.sifted, state.groups).max())
-    if best.evidence < max(null, CERTAIN) + ENOUGH:
+    if best.evidence < null + MARGIN:
         return None
     for candidate, after in _refitted(state, looked, say):
         proof = prove(state, after, null)
@@ -140,7 +140,7 @@ def _added(state: State, candidates: Sequence[Polished], say: Report) -> list[tu
 
 def _is_settled(state: State) -> bool:
     """Return whether nothing is left that would be worth adding."""
-    return search(state.fit, state.scene, state.groups).ranking[0].evidence < ENOUGH + CERTAIN
+    return search(state.fit, state.scene, state.groups).ranking[0].evidence < ENOUGH
 
 
 def prove(before: State, after: State, null: float) -> Proof:
