@@ -20,12 +20,33 @@ HUBER = 4.0
 MEDIAN_LENGTH = {3: 1.538, 6: 2.313}
 """Median length of so many standard normal numbers."""
 
-MAX_ITERATIONS = 30
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""
 
 FLAT = 1e-2
 """Fall of the cost (-2 log posterior density) below which there is nothing left to gain."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How far a fit goes.
+
+    Attributes:
+        iterations: Steps at most.
+        halvings: Lengths of a step that are tried.
+        flat: Fall of the cost (-2 log posterior density) below which a step is the last.
+        content: Whether what is reached is taken where it does not settle, rather than an error raised.
+    """
+
+    iterations: int
+    halvings: int
+    flat: float
+    content: bool
+
+
+THOROUGH = Effort(30, 8, FLAT, content=False)
+ROUGH = Effort(10, 4, 0.3, content=True)
+"""To compare candidates: a fall of 0.3 is a tenth of what tells two apart, and some laws have kinks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +167,7 @@ def fit(
     rows: np.ndarray | None = None,
     start: Array | None = None,
     progress: Progress | None = None,
-    flat: float = FLAT,
+    effort: Effort = THOROUGH,
 ) -> Fit:
     """Return the most probable values of all blocks.
 
@@ -157,7 +178,7 @@ def fit(
         rows: Row numbers to use; all measured rows when not given.
         start: (P,) values to start from; zero when not given.
         progress: Called with (steps done, steps at most).
-        flat: Fall of the cost (-2 log posterior density) below which a step is the last.
+        effort: When to stop, and whether to be content with what is reached.
 
     Raises:
         ConvergenceError: The steps did not settle.
@@ -169,17 +190,25 @@ def fit(
     values = np.zeros(len(prior)) if start is None else start
     view = look(realise(declared, blocks, values), measurements, used)
     history: list[float] = []
-    for iteration in range(MAX_ITERATIONS):
+    for iteration in range(effort.iterations):
         limit = robust_limit(view)
         before = _objective(view, values, prior, limit)
         step, size = _step(blocks, view, huber_weights(view, limit), values, prior)
-        values, view, cost = _descend(declared, blocks, measurements, used, values, step, before, limit)
+        found = _descend(declared, blocks, measurements, used, values, step, before, limit, effort.halvings)
+        if found is None and effort.content:
+            break
+        if found is None:
+            raise ConvergenceError("calibration finds no better values along its step", [before])
+        values, view, cost = found
         history.append(cost)
         if progress:
-            progress(iteration + 1, MAX_ITERATIONS)
-        if size < SETTLED or before - cost < flat:
-            return Fit(declared, blocks, values, view, huber_weights(view), tuple(history))
-    raise ConvergenceError("calibration did not settle", history)
+            progress(iteration + 1, effort.iterations)
+        if size < SETTLED or before - cost < effort.flat:
+            break
+    else:
+        if not effort.content:
+            raise ConvergenceError("calibration did not settle", history)
+    return Fit(declared, blocks, values, view, huber_weights(view), tuple(history))
 
 
 def _objective(view: View, values: Array, prior: Array, limit: float) -> float:
@@ -210,10 +239,11 @@ def _descend(
     step: Array,
     before: float,
     limit: float,
-) -> tuple[Array, View, float]:
-    """Return values, view and cost after the step, halved until the cost falls (or is flat to rounding)."""
+    halvings: int,
+) -> tuple[Array, View, float] | None:
+    """Return values, view and cost after the step, halved until the cost falls or is flat; None where it never does."""
     prior = prior_of(blocks)
-    for halving in range(8):
+    for halving in range(halvings):
         trial = values + 0.5**halving * step
         try:
             view = look(realise(declared, blocks, trial), measurements, rows)
@@ -222,4 +252,4 @@ def _descend(
         cost = _objective(view, trial, prior, limit)
         if cost <= before + 1e-9 * abs(before):
             return trial, view, cost
-    raise ConvergenceError("calibration finds no better values along its step", [before])
+    return None

@@ -201,8 +201,7 @@ def _inner(table: Declaration, inner: Inner, values: Mapping[str, float]) -> flo
 
 def _acting(table: Declaration, law: EffectLaw, spots: Sequence[Spot], terms: Values) -> Spot:
     """Return the one spot at which the given amplitudes act."""
-    whole = [spot for spot in spots if spot.terms == terms]
-    fitting = whole or [replace(spot, terms=terms) for spot in spots if set(terms) <= set(spot.terms)]
+    fitting = [replace(spot, terms=terms) for spot in spots if set(terms) <= set(spot.terms)]
     if not fitting:
         given = listing(law.amplitudes[i].name for i in terms)
         raise table.fail("parameters", f"{given} do not act together there; give each its own [[effect]]")

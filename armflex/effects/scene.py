@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
 """Names of columns that are taken for a temperature."""
 
+STILL = 1e-9
+"""Joints that move by less [rad or m] from row to row stand still: rounding turns no joint round."""
+
 POSE = "pose_number"
 """Column that numbers the poses; for random twists, not a suspect."""
 
@@ -160,7 +163,8 @@ def known_columns(rows: Driven, arm: Arm) -> dict[str, Array]:
 
 def last_motion(q: Array) -> Array:
     """Return the (N, nq) sign of each joint's last change over rows of (N, nq) positions, 0 before the first."""
-    moved = np.sign(np.diff(q, axis=0, prepend=q[:1]))
+    step = np.diff(q, axis=0, prepend=q[:1])
+    moved = np.where(np.abs(step) > STILL, np.sign(step), 0.0)
     for row in range(1, len(moved)):
         moved[row] = np.where(moved[row] == 0.0, moved[row - 1], moved[row])
     return moved

@@ -145,8 +145,8 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
     rows = [
         ("Poses held out", *(millimetres(errors.rms, errors.std) for errors in (accurate.before, accurate.after))),
         ("Whole sessions held out", *(millimetres(one) for one in sessions)),
-        ("Readings that were fitted", millimetres(trace.calibration.rms), millimetres(trace.rms)),
-        ("As declared, only the instrument placed", millimetres(trace.calibration.declared_rms), ""),
+        ("Readings that were fitted", *(millimetres(one) for one in accurate.fitted)),
+        ("As declared, only the instrument placed (every reading)", millimetres(trace.calibration.declared_rms), ""),
         ("Noise as stated", "", millimetres(accurate.stated)),
         ("Noise, if the final residual is nothing else", "", millimetres(trace.noise * accurate.stated)),
     ]

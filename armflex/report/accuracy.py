@@ -56,6 +56,7 @@ class Accuracy:
         used: (M,) which of the fitted rows those are.
         sessions: Session of each of them.
         poses: Pose of each of them.
+        fitted: RMS of the believed rows that were fitted, before and after [m].
         stated: RMS of the stated noise in 3-D [m].
         again: Scatter of repeated readings, None where nothing was repeated.
     """
@@ -65,6 +66,7 @@ class Accuracy:
     used: np.ndarray
     sessions: tuple[str, ...]
     poses: tuple[str, ...]
+    fitted: tuple[float, float]
     stated: float
     again: Scatter | None
 
@@ -87,6 +89,7 @@ def accuracy(trace: Trace) -> Accuracy:
         used,
         tuple(measurements.session[row] for row in rows),
         tuple(measurements.pose[row] for row in rows),
+        (_rms(trace.calibration.fit.view.residual[used]), _rms(trace.residual[used])),
         trace.calibration.noise_rms,
         _again(measurements),
     )
@@ -95,6 +98,10 @@ def accuracy(trace: Trace) -> Accuracy:
 def _held(fit: Fit, groups: np.ndarray) -> tuple[Array, np.ndarray]:
     errors = held_out(fit, pose_folds(groups))
     return errors.squares, errors.believed
+
+
+def _rms(residual: Array) -> float:
+    return float(np.sqrt((residual[:, :3] ** 2).sum(axis=1).mean()))
 
 
 def _again(measurements: Measurements) -> Scatter | None:

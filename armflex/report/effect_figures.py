@@ -123,11 +123,11 @@ def _bars(found: Found) -> list[tuple[str, float, str]]:
 
 def posterior(trace: Trace, index: int) -> str:
     """Return the marginal distribution of every fitted parameter and, of the first two, their joint one."""
-    found, covariance = trace.found[index], covariance_of(trace, index)
+    found, correlation = trace.found[index], correlation_of(trace, index)
     units = units_of(found.effect)
-    names = [name for name in found.std if found.std[name] > 0.0][:MOST_CURVES]
+    names = [name for name in found.std if found.std[name] > 0.0]
     pair = len(names) >= 2
-    if not names:
+    if not 0 < len(names) <= MOST_CURVES:  # the knots of a free shape mean nothing one by one
         return ""
     figure, axes = canvas(min(10.0, 3.3 * (len(names[:3]) + pair)), 2.5 if len(names) <= 3 else 4.6,
                           1 if len(names) <= 3 else 2, min(len(names), 3) + pair)  # fmt: skip
@@ -138,13 +138,13 @@ def posterior(trace: Trace, index: int) -> str:
     for panel in free[len(names) :]:
         panel.set_axis_off()
     if pair:
-        _ellipse(axes[across - 1], found, covariance, units, names[:2])
+        _ellipse(axes[across - 1], found, correlation, units, names[:2])
         for panel in axes[2 * across - 1 :: across]:
             panel.set_axis_off()
     return inline(figure, f"Posterior of the parameters, effect {index + 1}")
 
 
-def covariance_of(trace: Trace, index: int) -> Array:
+def correlation_of(trace: Trace, index: int) -> Array:
     """Return the (k, k) correlation matrix of an effect's fitted values."""
     fit, block = trace.state.fit, trace.state.effects[index]
     start = sum(len(other.labels) for other in fit.blocks[: fit.blocks.index(block)])

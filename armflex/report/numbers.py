@@ -48,7 +48,7 @@ def with_std(value: float, std: float | None) -> str:
         return f"{value:.4g} ± 0"
     power = int(np.floor(np.log10(std)))
     places = max(0, -power + (std < 3.0 * 10.0**power))
-    return f"{value:.{places}f} ± {std:.{places}f}"
+    return f"{value:z.{places}f} ± {std:.{places}f}"
 
 
 def scaled(size: float, unit: str) -> tuple[float, str]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from armflex.report.accuracy import Accuracy
 from armflex.report.numbers import change, measure, millimetres, short
-from armflex.report.words import called, joined, place_words, site_words, units_of, words
+from armflex.report.words import called, joined, site_words, units_of, words
 from armflex.trace.result import Found, Trace, Unexplained
 
 MOST_VALUES = 2
@@ -120,5 +120,5 @@ def sure(found: Found) -> str:
 
 def where_effect(found: Found) -> str:
     """Return the heading of an effect: its law and its place."""
-    title = words(found.effect.law.name).title
-    return f"{title[0].upper()}{title[1:]} at {place_words(found.effect.spot)}"
+    text = called(found.effect)
+    return text[0].upper() + text[1:]

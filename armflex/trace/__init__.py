@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.spread import certainty_of
-from armflex.errors import UnsupportedError
 from armflex.measurements import Measurements
 
 if TYPE_CHECKING:
@@ -33,13 +30,8 @@ def trace(
 
     Raises:
         InputError: Too few rows were measured.
-        UnsupportedError: The arm has effects already.
         ConvergenceError: The calibration did not settle.
     """
     from armflex.trace.trace import trace as run
 
-    if arm.effects:
-        names = ", ".join(effect.name for effect in arm.effects)
-        raise UnsupportedError(f"the arm has effects already ({names}): trace it without them")
-    found = run(arm, measurements, rows, report)
-    return replace(found, arm=replace(found.arm, certainty=certainty_of(found.state.fit)))
+    return run(arm, measurements, rows, report)

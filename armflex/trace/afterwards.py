@@ -22,6 +22,9 @@ SHOWN = 23.0
 UNLIKELY = 1e-4
 """Probability below which a residual larger than the repeats' scatter is no chance."""
 
+LARGER = 2.0
+"""Variance over that of repeats from which a residual without a place is told at all."""
+
 AS_LIKELY = 3.0
 """Log-likelihood within which places are not told apart."""
 
@@ -98,9 +101,10 @@ def _beyond_repeats(state: State) -> Unexplained | None:
         return None
     scatter, fit = known.same_session, state.fit
     noise = float((scatter.sigma**2).mean())
-    freedom = max(fit.residual.size - len(fit.values), 1)
-    left = float((fit.residual**2).sum()) / freedom * float((scatter.stated**2).mean())
-    if noise <= 0.0 or f.sf(left / noise, freedom, 3 * scatter.freedom) > UNLIKELY:
+    squares = fit.view.residual[fit.weights >= 1.0, :3] ** 2  # tails make a mean of squares anything
+    freedom = max(squares.size - len(fit.values), 1)
+    left = float(squares.sum()) / freedom
+    if left < LARGER * noise or f.sf(left / noise, freedom, 3 * scatter.freedom) > UNLIKELY:
         return None
     return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))
 

@@ -59,7 +59,7 @@ CLOSE, SHARE, SHORT = 10.0, 0.03, 4
 ALIKE = 0.05
 """Difference of gains below which two candidates are the same to the data."""
 
-HALF = 0.5
+TRIED_FIRST = 0.25
 """Share of the best evidence from which a plain law is tried first."""
 
 MUCH = 0.6
@@ -86,7 +86,7 @@ class Round:
 
     @property
     def best(self) -> Polished:
-        """The candidate to believe first: a plain law where one explains half of what the best of all does.
+        """The candidate to believe first: a plain law where one explains a fair part of what the best of all does.
 
         While several effects are missing, whatever bends most wins by fitting some of each.
         """
@@ -96,7 +96,11 @@ class Round:
     def eligible(self) -> tuple[Polished, ...]:
         """The candidates among which `best` is, the best first."""
         first = self.ranking[0]
-        return self._some(PLAIN, HALF * first.evidence) or self._some(NAMED, first.evidence - PREFERRED) or self.ranking
+        return (
+            self._some(PLAIN, TRIED_FIRST * first.evidence)
+            or self._some(NAMED, first.evidence - PREFERRED)
+            or self.ranking
+        )
 
     @property
     def contender(self) -> Polished | None:

@@ -12,7 +12,7 @@ from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.calibrate import Calibration
 from armflex.calibrate.effect_block import EffectBlock, shy_prior
-from armflex.calibrate.fit import Fit, fit
+from armflex.calibrate.fit import ROUGH, Fit, fit
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
 from armflex.effects.remember import known_rows
@@ -24,8 +24,8 @@ from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.projection import project
 
-ROUGH = 0.3
-"""Fall of the cost at which a refit stops: a tenth of what tells two candidates apart."""
+LOST = 0.1
+"""Robust weight below which a reading is a lost beam and left out: no effect is forty standard deviations long."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +79,12 @@ class State:
 
 
 def begin(calibration: Calibration) -> State:
-    """Return the state after calibration: nothing added."""
+    """Return the state after calibration: nothing added, lost beams left out."""
     fitted = calibration.fit
+    lost = fitted.weights < LOST
+    if lost.any():
+        rows = fitted.view.rows[~lost]
+        fitted = fit(fitted.declared, fitted.blocks, calibration.measurements, rows, fitted.values)
     scene = scene_at(fitted, calibration.measurements)
     return State(calibration.measurements, fitted.view.rows, fitted.declared, fitted.blocks, (), None, fitted, scene)
 
@@ -109,7 +113,8 @@ def add(state: State, found: Polished) -> State:
     absorbed, start = _beginning(state, found)
     what = found.candidate.effect(found.amplitudes)
     prior = shy_prior(what, found.free, state.fit.view, state.scene)
-    effect = EffectBlock(what, found.free, state.scene, len(state.effects), prior)
+    ordinal = len(state.declared.arm.effects) + len(state.effects)
+    effect = EffectBlock(what, found.free, state.scene, ordinal, prior)
     return refit(state, (*state.effects, effect), state.random, np.concatenate([start, effect.start, absorbed]))
 
 
@@ -125,8 +130,11 @@ def _beginning(state: State, found: Polished) -> tuple[Array, Array]:
 
 def without(state: State, index: int) -> State:
     """Return the state with one effect taken out and everything refitted."""
+    first = len(state.declared.arm.effects)
     kept = [block for i, block in enumerate(state.effects) if i != index]
-    effects = tuple(replace(block, effect=block.at(state.values_of(block)), ordinal=i) for i, block in enumerate(kept))
+    effects = tuple(
+        replace(block, effect=block.at(state.values_of(block)), ordinal=first + i) for i, block in enumerate(kept)
+    )
     base = sum(len(block.labels) for block in state.blocks)
     start = np.concatenate([state.fit.values[:base], *(block.start for block in effects)])
     random = state.values_of(state.random) if state.random else np.zeros(0)
@@ -144,17 +152,20 @@ def with_random(state: State, random: PoseBlock | None) -> State:
 def refit(state: State, effects: tuple[EffectBlock, ...], random: PoseBlock | None, start: Array) -> State:
     """Return the state with these effects, everything fitted together and the campaign looked at again."""
     blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
-    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, flat=ROUGH)
+    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, effort=ROUGH)
     scene = scene_at(fitted, state.measurements)
     return replace(state, effects=effects, random=random, fit=fitted, scene=scene)
 
 
 def moved_to(state: State, index: int) -> State:
     """Return the state with its last effect at another place in the order; nothing is refitted."""
+    first = len(state.declared.arm.effects)
     order = list(range(len(state.effects) - 1))
     order.insert(index, len(state.effects) - 1)
     effects = tuple(
-        replace(state.effects[old], effect=state.effects[old].at(state.values_of(state.effects[old])), ordinal=new)
+        replace(
+            state.effects[old], effect=state.effects[old].at(state.values_of(state.effects[old])), ordinal=first + new
+        )
         for new, old in enumerate(order)
     )
     base = sum(len(block.labels) for block in state.blocks)

@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, calibrate
+from armflex.calibrate.spread import certainty_of
 from armflex.errors import ArmflexError
 from armflex.measurements import Measurements
 from armflex.trace.accept import held_out, improvement, null_maximum, pose_folds, session_folds
@@ -68,7 +69,7 @@ def trace(arm: Arm, measurements: Measurements, rows: np.ndarray | None = None, 
     say = report or (lambda text: None)
     say("calibrating")
     calibration = calibrate(arm, measurements, rows)
-    state = begin(calibration)
+    state = first = begin(calibration)
     looked = _look(state, say)
     places = looked.places
     steps: list[Step] = []
@@ -80,7 +81,7 @@ def trace(arm: Arm, measurements: Measurements, rows: np.ndarray | None = None, 
         steps.append(step)
         state = step.state
         looked = _look(state, say)
-    return _conclude(calibration, state, looked, places, steps, say)
+    return _conclude(calibration, first, state, looked, places, steps, say)
 
 
 def _look(state: State, say: Report) -> Round:
@@ -170,7 +171,13 @@ def _witnessed(before: State, after: State, candidate: Polished) -> bool:
 
 
 def _conclude(
-    calibration: Calibration, state: State, looked: Round, places: tuple[Place, ...], steps: list[Step], say: Report
+    calibration: Calibration,
+    first: State,
+    state: State,
+    looked: Round,
+    places: tuple[Place, ...],
+    steps: list[Step],
+    say: Report,
 ) -> Trace:
     state, dropped = exchanged(state, say)
     steps = [step for i, step in enumerate(steps) if i not in dropped]
@@ -192,8 +199,8 @@ def _conclude(
             )
         )
     final = state.fit.setup
-    effects = tuple(one.effect for one in found)
-    arm = replace(final.arm, effects=effects, instrument=final.instrument)
+    effects = (*calibration.arm.effects, *(one.effect for one in found))
+    arm = replace(final.arm, effects=effects, instrument=final.instrument, certainty=certainty_of(state.fit))
     folds = pose_folds(state.groups)
     return Trace(
         arm,
@@ -205,7 +212,7 @@ def _conclude(
         not_identifiable(looked, state),
         smallest(looked, state),
         float(np.sqrt((state.fit.residual**2).sum() / max(len(state.fit.residual) - len(state.fit.values), 1))),
-        held_out(calibration.fit, folds).rms,
+        held_out(first.fit, folds).rms,
         held_out(state.fit, folds).rms,
         (*next_rows(state, [[rival for rival, _ in one.equivalent] for one in found]), *lacking(state.measurements)),
     )
