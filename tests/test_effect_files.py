@@ -420,8 +420,8 @@ def test_the_file_holds_values_and_uncertainties_of_all(traced: tuple) -> None:
     assert dict(first["std"]) == pytest.approx(dict(found.found[0].std))
 
 
-def test_an_arm_with_effects_is_not_traced_again(traced: tuple) -> None:
-    with pytest.raises(UnsupportedError, match="has effects already"):
+def test_an_arm_whose_model_effects_changed_is_not_fitted_about_them(traced: tuple) -> None:
+    with pytest.raises(UnsupportedError, match="effects that change the model itself cannot be fitted about"):
         trace(quietly(traced[2]), traced[3])
 
 

@@ -35,7 +35,11 @@ def millimetre(name: str) -> Arm:
         values = [size if i in spot.terms else 0.0 for i in range(len(law.amplitudes))]
         return dataclasses.replace(plain(), effects=(Effect(law, spot, (*values, *inner)),))
 
-    asked = {"payload": "p200", "covariates": KNOWN | {"play_J2_dx": 500.0, "play_J2_ry": 500.0}, "allow_large": True}
+    asked = {
+        "payload": "p200",
+        "covariates": KNOWN | {"play_J2_dx_100": 500.0, "play_J2_ry_100": 500.0},
+        "allow_large": True,
+    }
     there, size = plain().deflection(Q, "p200").displacement[:3], 1e-9
     for _ in range(4):
         moved = np.linalg.norm(arm(size).deflection(Q, **asked).displacement[:3] - there)
@@ -45,7 +49,7 @@ def millimetre(name: str) -> Arm:
 
 @pytest.mark.parametrize("name", LAWS)
 def test_the_tips_jacobian_is_that_of_the_arm_with_the_effect(name: str) -> None:
-    arm, states = millimetre(name), {"play_J2_dx": 500.0, "play_J2_ry": 500.0}
+    arm, states = millimetre(name), {"play_J2_dx_100": 500.0, "play_J2_ry_100": 500.0}
 
     def tip(q: np.ndarray) -> np.ndarray:
         return arm.deflection(q, "p200", covariates=KNOWN | states).pose.translation
@@ -96,10 +100,10 @@ def own_history(arm: Arm, path: Trajectory) -> list[dict[str, float]]:
             air = np.interp(fine_time, path.time, path.covariates["temperature"])
             for middle, dt in zip(0.5 * (air[1:] + air[:-1]), np.diff(fine_time), strict=True):
                 warm += (middle - warm) * (1.0 - np.exp(-dt / 5.0))
-        load = bare.deflection(q, path.payload[i], enforce_limits=False).joint_loads[1, 4]
+        load = bare.deflection(q, path.payload[i], enforce_limits=False).wrenches[1, 4]
         play = min(max(play, load - 300.0), load + 300.0)
-        row = {f"approach_J{j + 1}": step[i, j] for j in range(6)} | {"play_J2_ry": play}
-        known.append(row | {"temperature": path.covariates["temperature"][i], "temperature_lagged_J3_ry": warm})
+        row = {f"approach_J{j + 1}": step[i, j] for j in range(6)} | {"play_J2_ry_300": play}
+        known.append(row | {"temperature": path.covariates["temperature"][i], "temperature_lagged_5s": warm})
     return known
 
 
@@ -141,11 +145,11 @@ def test_play_remembers_inertial_loads_too(tmp_path: Path, heavy_path: Trajector
     swift = dataclasses.replace(path, v=np.full((6, 6), 0.3), a=np.full((6, 6), 2.0))
     play, found = 0.0, []
     for i, q in enumerate(path.q):
-        load = plain().deflection(q, path.payload[i], **swift.motion(i)).joint_loads[1, 4]
+        load = plain().deflection(q, path.payload[i], **swift.motion(i)).wrenches[1, 4]
         play = min(max(play, load - 300.0), load + 300.0)
         found.append(play)
-    np.testing.assert_allclose(swift.prepared(arm).covariates["play_J2_ry"], found, rtol=1e-9)
-    assert not np.allclose(path.prepared(arm).covariates["play_J2_ry"], found, rtol=1e-3)
+    np.testing.assert_allclose(swift.prepared(arm).covariates["play_J2_ry_300"], found, rtol=1e-9)
+    assert not np.allclose(path.prepared(arm).covariates["play_J2_ry_300"], found, rtol=1e-3)
 
 
 def test_rounding_turns_no_joint_round(heavy: Arm) -> None:
@@ -212,7 +216,7 @@ def test_commands_take_covariates(armflex: Run, tmp_path: Path) -> None:
     command = ["deflect", "arm.toml", "--q", "J2=0.3", "--json", "d.json", "--covariates"]
     fine(armflex(*command, "temperature=25,approach_J2=1"))
     arm = arm_with(tmp_path, BACKLASH, WARM)
-    asked = {"temperature": 25.0, "temperature_lagged_J3_ry": 25.0, "approach_J2": 1.0}
+    asked = {"temperature": 25.0, "temperature_lagged_5s": 25.0, "approach_J2": 1.0}
     expected = arm.deflection(arm.position(J2=0.3), covariates=asked).displacement
     np.testing.assert_allclose(strict_json(tmp_path / "d.json")["displacement"], expected, rtol=1e-10)
     for bad, complaint in (

@@ -33,6 +33,11 @@ def test_urdf_survey():
     assert (loaded, files) == (53, 69)
 
 
+def test_close_the_loop():
+    before, after = run("05_close_the_loop")
+    assert before > 2e-3 and after < 1.05 * 0.346e-3
+
+
 def test_no_example_is_forgotten():
     source = Path(__file__).read_text()
     assert all(f'run("{file.stem}"' in source for file in EXAMPLES.glob("*.py"))

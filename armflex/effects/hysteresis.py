@@ -23,8 +23,8 @@ def play(load: Array, radius: float) -> Array:
     return found
 
 
-def _state(spot: Spot) -> str:
-    return f"play_{spot.key}"
+def _state(spot: Spot, inner: Values) -> str:
+    return f"play_{spot.key}_{inner[0]:.4g}"
 
 
 def _remember(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -40,7 +40,7 @@ HYSTERESIS = TwistLaw(
     "hysteresis",
     at_joints,
     (Amplitude("gain", "{m}/{w}"),),
-    lambda here, wrench, row, inner: on_axis(here, row.covariate(_state(here.spot))),
+    lambda here, wrench, row, inner: on_axis(here, row.covariate(_state(here.spot, inner))),
     (Inner("radius", "{w}", _radii),),
     memory=Memory(_state, _remember, "{w}"),
 )

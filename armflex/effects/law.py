@@ -142,7 +142,7 @@ Remember = Callable[[Here, Array, Row, Values], Array]
 class Memory:
     """A state that depends on the rows before: `name` of the derived covariate, and how it follows."""
 
-    name: Callable[[Spot], str]
+    name: Callable[[Spot, Values], str]
     remember: Remember
     unit: str
 
@@ -187,7 +187,7 @@ class TwistLaw:
         here, wrench = scene.here(spot, view.setup.arm), scene.wrench(view, spot.site)
         row = scene.row
         if self.memory:
-            state = {self.memory.name(spot): self.memory.remember(here, wrench, row, inner)}
+            state = {self.memory.name(spot, inner): self.memory.remember(here, wrench, row, inner)}
             row = Row(row.q, row.joint_index, {**row.covariates, **state})
         return self.basis(here, wrench, row, inner)[view.rows][:, list(spot.terms)]
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.effects.law import Effect, TwistLaw
@@ -17,6 +18,7 @@ from armflex.laws import Row
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
+    from armflex.deflection import Deflection
 
 
 def known_rows(arm: Arm, rows: Driven) -> dict[str, Array]:
@@ -31,7 +33,9 @@ def known_rows(arm: Arm, rows: Driven) -> dict[str, Array]:
     remembering = [
         effect
         for effect in arm.effects
-        if isinstance(effect.law, TwistLaw) and effect.law.memory and effect.law.memory.name(effect.spot) not in known
+        if isinstance(effect.law, TwistLaw)
+        and effect.law.memory
+        and effect.law.memory.name(effect.spot, effect.inner) not in known
     ]
     if not remembering:
         return known
@@ -45,7 +49,7 @@ def known_rows(arm: Arm, rows: Driven) -> dict[str, Array]:
             state = memory.remember(here, wrenches[effect.spot.site], row, effect.inner)
         except MissingCovariateError as error:
             raise MissingCovariateError(error.name, error.given, effect.name) from None
-        states[memory.name(effect.spot)] = state
+        states[memory.name(effect.spot, effect.inner)] = state
     return known | states
 
 
@@ -58,11 +62,12 @@ def settled(arm: Arm, given: Mapping[str, float]) -> dict[str, float]:
     known = dict(given)
     for effect in arm.effects:
         law, columns = effect.law, effect.spot.covariates
-        if not isinstance(law, TwistLaw) or law.memory is None or not columns or law.memory.name(effect.spot) in known:
+        if not isinstance(law, TwistLaw) or law.memory is None or not columns:
             continue
-        if columns[0] not in known:
+        state = law.memory.name(effect.spot, effect.inner)
+        if state not in known and columns[0] not in known:
             raise MissingCovariateError(columns[0], given, effect.name)
-        known[law.memory.name(effect.spot)] = known[columns[0]]
+        known.setdefault(state, known.get(columns[0], 0.0))
     return known
 
 
@@ -77,9 +82,17 @@ def _wrenches(arm: Arm, rows: Driven, known: Mapping[str, Array], effects: list[
         columns = [{name: values[i] for name, values in known.items()} for i in range(count)]
         asked = {"enforce_limits": False, "allow_large": True}
         solved = [
-            plain.deflection(rows.q[i], rows.payload[i], covariates=columns[i], **rows.motion(i), **asked).joint_loads
+            plain.deflection(rows.q[i], rows.payload[i], covariates=columns[i], **rows.motion(i), **asked)
             for i in range(count)
         ]
-        loads = np.array(solved)
-        found |= {site: loads[:, arm.joint_names.index(site)] for site in loaded}
+        found |= {site: np.array([_load_beyond(one, plain, site) for one in solved]) for site in loaded}
     return found
+
+
+def _load_beyond(found: Deflection, arm: Arm, joint: str) -> Array:
+    """Return the (6,) wrench just outboard of a joint's flexures, where effects act."""
+    load = pin.Force(found.joint_loads[arm.joint_names.index(joint)])
+    for flexure, twist in zip(arm.modelled, found.twists, strict=True):
+        if flexure.joint == joint and not flexure.before:
+            load = pin.exp6(pin.Motion(twist)).actInv(load)
+    return load.vector

@@ -50,13 +50,13 @@ def approach(here: Here, row: Row) -> Array:
 
 def warmth(here: Here, row: Row, reference: float, lag: float) -> Array:
     """Return the (...,) temperature above the reference, lagged where there is a lag."""
-    name = lagged_name(here.spot) if lag > 0.0 else here.spot.covariates[0]
+    name = lagged_name(here.spot, (lag,)) if lag > 0.0 else here.spot.covariates[0]
     return column_of(row, name) - reference
 
 
-def lagged_name(spot: Spot) -> str:
-    """Return the name of the derived covariate of a lagged temperature."""
-    return f"{spot.covariates[0]}_lagged_{spot.key}"
+def lagged_name(spot: Spot, inner: Values) -> str:
+    """Return the name of the derived covariate of a column behind a lag of `inner[-1]` seconds."""
+    return f"{spot.covariates[0]}_lagged_{inner[-1]:.4g}s"
 
 
 def lagged(here: Here, wrench: Array, row: Row, inner: Values) -> Array:

@@ -34,9 +34,10 @@ def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
     bank, projection = looked.named.bank, looked.projection
     sizes = np.sqrt((projection.columns**2).sum(axis=0))
     found: dict[tuple[str, str], Unidentifiable] = {}
+    added = {(block.effect.law.name, block.effect.spot) for block in state.effects}
     for index, candidate in enumerate(bank.candidates):
         key = (candidate.law.name, candidate.spot.place)
-        if key in found or bank.sizes[index] != 1:
+        if key in found or bank.sizes[index] != 1 or (candidate.law.name, candidate.spot) in added:
             continue
         column = bank.group(index)
         inside, whole = projection.information(column)

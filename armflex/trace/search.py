@@ -11,7 +11,7 @@ import numpy as np
 from armflex.calibrate.fit import Fit
 from armflex.effects.catalogue import CATALOGUE, EVERY, LAWS
 from armflex.effects.scene import Scene
-from armflex.effects.spot import Spot
+from armflex.effects.spot import LINK, Spot
 from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, suspects
 from armflex.trace.candidates import (
     Bank,
@@ -45,6 +45,9 @@ PLACES = 4
 PREFERRED = 6.0
 """Evidence by which a candidate that bends must beat a plainer one."""
 
+TIMED = frozenset({"slip_step", "base_drift", "tool_shift"})
+"""Laws of time alone: in a single session nothing can be held out against them, and time runs along with the poses."""
+
 TIE = 2.0
 """Evidence within which the plainer candidate is taken."""
 
@@ -76,6 +79,7 @@ class Round:
         sifted: The catalogue and free shapes, projected: for nulls.
         places: Where a random twist would explain the residual, the likeliest first.
         ranking: Refined candidates, the best first.
+        plain: Laws that are tried first.
     """
 
     projection: Projection
@@ -83,6 +87,7 @@ class Round:
     sifted: Sifted
     places: tuple[Place, ...]
     ranking: tuple[Polished, ...]
+    plain: frozenset[str]
 
     @property
     def best(self) -> Polished:
@@ -97,7 +102,7 @@ class Round:
         """The candidates among which `best` is, the best first."""
         first = self.ranking[0]
         return (
-            self._some(PLAIN, TRIED_FIRST * first.evidence)
+            self._some(self.plain, TRIED_FIRST * first.evidence)
             or self._some(NAMED, first.evidence - PREFERRED)
             or self.ranking
         )
@@ -130,7 +135,14 @@ class Round:
 def preferred(ranking: Sequence[Polished]) -> Polished:
     """Return the plainest of those that the data hardly tell from the best: catalogue order, then a joint's drive."""
     level = [one for one in ranking if one.evidence > ranking[0].evidence - TIE]
-    return min(level, key=lambda one: (ORDER.index(one.candidate.law.name), not one.candidate.spot.turns))
+    return min(
+        level,
+        key=lambda one: (
+            ORDER.index(one.candidate.law.name),
+            one.candidate.spot.site.startswith(LINK),
+            not one.candidate.spot.turns,
+        ),
+    )
 
 
 def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
@@ -151,7 +163,8 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
     chosen += _second_look(shaped, places, fit, scene, projection, float(screened.gains.max(initial=0.0)))
     refined = [polish(candidate, fit, scene, projection) for candidate in chosen]
     ranking = tuple(sorted(refined, key=lambda one: -one.evidence))
-    return Round(projection, screened, sift(_joined(named, free), projection), places, ranking)
+    plain = PLAIN if len(set(scene.sessions)) > 1 else PLAIN - TIMED
+    return Round(projection, screened, sift(_joined(named, free), projection), places, ranking, plain)
 
 
 def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projection, most: int) -> list[Candidate]:

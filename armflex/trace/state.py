@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -130,8 +130,12 @@ def _beginning(state: State, found: Polished) -> tuple[Array, Array]:
 
 def without(state: State, index: int) -> State:
     """Return the state with one effect taken out and everything refitted."""
+    return _with(state, [block for i, block in enumerate(state.effects) if i != index])
+
+
+def _with(state: State, kept: Sequence[EffectBlock]) -> State:
+    """Return the state with some of its effects, in this order, everything refitted."""
     first = len(state.declared.arm.effects)
-    kept = [block for i, block in enumerate(state.effects) if i != index]
     effects = tuple(
         replace(block, effect=block.at(state.values_of(block)), ordinal=first + i) for i, block in enumerate(kept)
     )
@@ -158,20 +162,10 @@ def refit(state: State, effects: tuple[EffectBlock, ...], random: PoseBlock | No
 
 
 def moved_to(state: State, index: int) -> State:
-    """Return the state with its last effect at another place in the order; nothing is refitted."""
-    first = len(state.declared.arm.effects)
+    """Return the state with its last effect at another place in the order."""
     order = list(range(len(state.effects) - 1))
     order.insert(index, len(state.effects) - 1)
-    effects = tuple(
-        replace(
-            state.effects[old], effect=state.effects[old].at(state.values_of(state.effects[old])), ordinal=first + new
-        )
-        for new, old in enumerate(order)
-    )
-    base = sum(len(block.labels) for block in state.blocks)
-    start = np.concatenate([state.fit.values[:base], *(block.start for block in effects)])
-    random = state.values_of(state.random) if state.random else np.zeros(0)
-    return refit(state, effects, state.random, np.concatenate([start, random]))
+    return _with(state, [state.effects[old] for old in order])
 
 
 def information(state: State) -> float:

@@ -95,8 +95,11 @@ def _excess(looked: Round) -> float:
 
 def _set_aside(state: State, looked: Round, say: Report) -> tuple[State, Round]:
     """Return the state with a random twist where no candidate explains what a place clearly shows."""
-    place, best = looked.places[0], looked.best
-    is_random = best.gain < SHARE * _excess(looked) and 2.0 * place.ratio > 1.5 * best.evidence
+    place, best = looked.places[0], looked.ranking[0]
+    # So many parameters explain so much of one random twist per pose by chance.
+    chance = min(1.0, best.candidate.parameters / len(set(state.groups.tolist())))
+    share = SHARE + (1.0 - SHARE) * chance
+    is_random = best.gain < share * _excess(looked) and 2.0 * place.ratio > 1.5 * best.evidence
     if state.random is not None or place.ratio < NOTICED or not is_random:
         return state, looked
     say(f"setting aside a random twist at {place.site} {place.axis}")
@@ -179,7 +182,10 @@ def _conclude(
     steps: list[Step],
     say: Report,
 ) -> Trace:
+    before = state
     state, dropped = exchanged(state, say)
+    if state is not before:
+        looked = _look(state, say)
     steps = [step for i, step in enumerate(steps) if i not in dropped]
     say("comparing what else would do")
     found = []
