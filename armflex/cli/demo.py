@@ -49,7 +49,7 @@ PRESETS = {
 @click.option("-o", "--output", type=PathArgument, default="armflex_demo", show_default=True, help="Folder to write.")
 @json_option
 def command(output: Path, json_path: Path | None) -> None:
-    """Load the TARM-like boom, see it sag, check a path, compensate it, put the paper's joint in, and trace a campaign."""
+    """Load the TARM-like boom, see it sag, check a path, compensate it, put the paper's joint in, trace a campaign."""
     folder = output / "tarm_like"
     _copy_robot(folder)
     arm = load_arm(folder / "arm.toml")
