@@ -212,7 +212,8 @@ def test_demo_runs_through(armflex: Run, tmp_path: Path) -> None:
     assert shifts["paper_A4_literal"] > 4 * shifts["paper_A4_um"] > 4 * shifts["paper_A4_composed"]
     assert "no machine" in result.stdout and "a machine" in result.stdout
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"tarm_like", "tarm_like.html", "compensated.csv"}
+    assert names == {"tarm_like", "tarm_like.html", "compensated.csv", "traced.toml", "trace.html"}
+    assert strict_json(tmp_path / "demo.json")["traced"] == ["backlash at A2 (ry)"]
 
 
 A, T = TARM / "arm.toml", TARM / "trajectory.csv"

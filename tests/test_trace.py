@@ -46,7 +46,8 @@ def test_what_was_hidden_is_named_where_it_is(kind, seed, arm):
 def test_nothing_is_named_where_nothing_is(kind, seed, arm):
     found = score(kind, seed, arm, 1.0)
     assert found.verdict == "ok", found
-    assert found.after == found.before < 1.1 * found.floor
+    assert found.after == pytest.approx(found.before, rel=0.01)  # lost beams are left out of the search
+    assert found.after < 1.1 * found.floor
 
 
 @pytest.fixture(scope="module")

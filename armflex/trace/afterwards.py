@@ -86,13 +86,13 @@ def unexplained(state: State, looked: Round) -> Unexplained | None:
         random = state.random
         left = predictable_residual(state) - state.fit.view.residual
         rms = float(np.sqrt((left[:, :3] ** 2).sum(axis=1).mean()))
-        return Unexplained(random.site, random.axis, random.std, random.units[0], rms)
+        return Unexplained(random.site, random.axis, random.std, random.units[0], rms, random.alike)
     place = looked.places[0]
     if place.ratio < NOTICED:
         return _beyond_repeats(state)
     unit = "m" if place.axis.startswith("d") else "rad"
     rms = place.std * _lever(state, place)
-    return Unexplained(place.site, place.axis, place.std, unit, rms, _as_likely(looked.places))
+    return Unexplained(place.site, place.axis, place.std, unit, rms, as_likely(looked.places))
 
 
 def _beyond_repeats(state: State) -> Unexplained | None:
@@ -110,7 +110,8 @@ def _beyond_repeats(state: State) -> Unexplained | None:
     return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))
 
 
-def _as_likely(places: tuple[Place, ...]) -> tuple[Place, ...]:
+def as_likely(places: tuple[Place, ...]) -> tuple[Place, ...]:
+    """Return the places that the residual does not tell from the first."""
     return tuple(place for place in places[1:] if place.ratio > places[0].ratio - AS_LIKELY)
 
 

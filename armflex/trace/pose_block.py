@@ -12,6 +12,7 @@ from armflex.effects.law import Amplitude, Effect, TwistLaw, Values
 from armflex.effects.scene import POSE
 from armflex.effects.spot import Here, Spot
 from armflex.laws import Row
+from armflex.trace.localise import Place
 
 RANDOM = "unexplained"
 """Name of the effect while a fit lasts."""
@@ -25,12 +26,14 @@ class PoseBlock:
         site, axis: Where.
         std: Standard deviation of the twists [m or rad].
         groups: (N,) pose number of every row of the campaign.
+        alike: Other places that explain as much.
     """
 
     site: str
     axis: str
     std: float
     groups: np.ndarray
+    alike: tuple[Place, ...] = ()
 
     @property
     def name(self) -> str:

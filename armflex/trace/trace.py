@@ -11,11 +11,13 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, calibrate
 from armflex.calibrate.spread import certainty_of
+from armflex.effects.catalogue import CATALOGUE
+from armflex.effects.scene import POSE
 from armflex.errors import ArmflexError
 from armflex.measurements import Measurements
 from armflex.trace.accept import held_out, improvement, null_maximum, pose_folds, session_folds
 from armflex.trace.advice import lacking
-from armflex.trace.afterwards import not_identifiable, smallest, unexplained
+from armflex.trace.afterwards import as_likely, not_identifiable, smallest, unexplained
 from armflex.trace.exchange import equivalents, exchanged
 from armflex.trace.localise import NOTICED, Place
 from armflex.trace.next_measurement import next_rows
@@ -38,8 +40,8 @@ MARGIN = 3.0
 SHARE = 0.4
 """Share of the excess that the best candidate must explain; below it an unrecorded cause is thought of first."""
 
-APART = 2.0
-"""Standard errors by which held-out errors must fall."""
+APART, FAR_APART = 2.0, 4.0
+"""Standard errors by which held-out errors must fall, and by which where a random twist would explain more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +76,12 @@ def trace(arm: Arm, measurements: Measurements, rows: np.ndarray | None = None, 
     places = looked.places
     steps: list[Step] = []
     while len(steps) < MOST_EFFECTS:
-        state, looked = _set_aside(state, looked, say)
-        step = _accept(state, looked, say)
+        place = _unrecorded(state, looked)
+        step = _accept(state, looked, say, APART if place is None else FAR_APART)
+        if step is None and place is not None:
+            state = _set_aside(state, looked.places, say)
+            looked = _look(state, say)
+            step = _accept(state, looked, say)
         if step is None:
             break
         steps.append(step)
@@ -93,23 +99,30 @@ def _excess(looked: Round) -> float:
     return looked.projection.objective - looked.projection.count
 
 
-def _set_aside(state: State, looked: Round, say: Report) -> tuple[State, Round]:
-    """Return the state with a random twist where no candidate explains what a place clearly shows."""
+def _unrecorded(state: State, looked: Round) -> Place | None:
+    """Return where a random twist explains clearly more than any candidate does, None where nowhere."""
     place, best = looked.places[0], looked.ranking[0]
     # So many parameters explain so much of one random twist per pose by chance.
     chance = min(1.0, best.candidate.parameters / len(set(state.groups.tolist())))
     share = SHARE + (1.0 - SHARE) * chance
     is_random = best.gain < share * _excess(looked) and 2.0 * place.ratio > 1.5 * best.evidence
-    if state.random is not None or place.ratio < NOTICED or not is_random:
-        return state, looked
+    return place if is_random and state.random is None and place.ratio >= NOTICED else None
+
+
+def _set_aside(state: State, places: tuple[Place, ...], say: Report) -> State:
+    """Return the state with a random twist per pose at the likeliest place."""
+    place, groups = places[0], state.scene.column(POSE).astype(int)
     say(f"setting aside a random twist at {place.site} {place.axis}")
-    random = PoseBlock(place.site, place.axis, place.std, state.scene.column("pose_number").astype(int))
-    aside = with_random(state, random)
-    return aside, _look(aside, say)
+    return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(places)))
 
 
-def _accept(state: State, looked: Round, say: Report) -> Step | None:
-    """Return the state with the best candidate in it, None where it is not better than chance."""
+def _accept(state: State, looked: Round, say: Report, apart: float = APART) -> Step | None:
+    """Return the state with the best candidate in it, None where it is not better than chance.
+
+    Held-out errors must fall by `apart` standard errors; where that is more than usual, only the catalogue will do.
+    """
+    if apart > APART and looked.best.candidate.law.name not in CATALOGUE:
+        return None
     best = looked.best
     if best.evidence < ENOUGH:
         return None
@@ -118,9 +131,9 @@ def _accept(state: State, looked: Round, say: Report) -> Step | None:
         return None
     for candidate, after in _refitted(state, looked, say):
         proof = prove(state, after, null)
-        if proof.errors_apart > APART and _sessions_agree(proof):
+        if proof.errors_apart > apart and _sessions_agree(proof):
             return Step(after, candidate, looked, proof, False)
-        if _witnessed(state, after, candidate) and proof.errors_apart > -APART:
+        if apart == APART and _witnessed(state, after, candidate) and proof.errors_apart > -APART:
             return Step(after, candidate, looked, proof, True)
     return None
 
