@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.certainty import Certainty
-from armflex.conventions import LARGEST_POSITION, Array, real_array
+from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
 from armflex.deflection import Deflection, DeflectionBatch, Names, stack_rows
 from armflex.effects.in_arm import Pulling, pulling, with_twists
 from armflex.effects.law import Effect
@@ -205,7 +205,7 @@ class Arm:
         options = {"method": method, "enforce_limits": enforce_limits, "allow_large": allow_large}
         positions = real_array(q, "q").copy()
         count = len(positions) if positions.ndim == 2 else 0
-        known = {name: _covariate(values, name, count) for name, values in (covariates or {}).items()}
+        known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
         if positions.ndim == 2:
             return self._batch(positions, payload, v, a, known, tuple(wrenches), options)
         motion = [None if values is None else self._checked(values, name) for values, name in ((v, "v"), (a, "a"))]
@@ -341,16 +341,6 @@ class Arm:
                 self._mechanics.clear()
             self._mechanics[key] = known
         return known
-
-
-def _covariate(values: ArrayLike, name: str, count: int) -> Array:
-    """Return a covariate as a number or one per row of a batch of `count` (0 for a single query)."""
-    array = real_array(values, f"covariate {name!r}")
-    if array.shape not in ((), (count,)) or (array.ndim and not count):
-        raise ShapeError(f"covariate {name!r}: expected a number{f' or {count}' if count else ''}, got {array.shape}")
-    if not np.isfinite(array).all():
-        raise NotFiniteError(f"covariate {name!r} is not finite")
-    return array
 
 
 def displacement_between(rigid: pin.SE3, flexed: pin.SE3) -> Array:

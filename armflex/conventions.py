@@ -113,3 +113,13 @@ def _from_matrix(matrix: Array, name: str) -> pin.SE3:
     if np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
         raise PoseError(f"{name}: last row is {matrix[3]}, expected 0 0 0 1")
     return pin.SE3(rotation, matrix[:3, 3])
+
+
+def covariate_array(values: ArrayLike, name: str, count: int) -> Array:
+    """Return a covariate as a number or one per row of a batch of `count` (0 for a single query)."""
+    array = real_array(values, f"covariate {name!r}")
+    if array.shape not in ((), (count,)) or (array.ndim and not count):
+        raise ShapeError(f"covariate {name!r}: expected a number{f' or {count}' if count else ''}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise NotFiniteError(f"covariate {name!r} is not finite")
+    return array

@@ -26,8 +26,8 @@ LARGEST_SHIFT, LARGEST_TURN = 0.05, 0.03
 SLACK = 2.0
 """Coupling over the most that two compliances allow: while it is missing, calibration bends them to make up for it."""
 
-FREE = ("even_in_load",)
-"""Laws that are no compliance: the same way whichever way the load points."""
+FREE = ("even_in_load", "friction_windup")
+"""Laws that are no compliance: their way does not follow the load's, but nothing or the side one came from."""
 
 
 def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene) -> bool:

@@ -199,33 +199,15 @@ def _conclude(
     state, dropped = exchanged(state, say)
     if state is not before:
         looked = _look(state, say)
-    steps = [step for i, step in enumerate(steps) if i not in dropped]
     say("comparing what else would do")
-    found = []
-    for index, step in enumerate(steps):
-        block = state.effects[index]
-        values = state.values_of(block)
-        worth, others = equivalents(state, index)
-        found.append(
-            Found(
-                block.at(values),
-                block.std(values, state.stds_of(block)),
-                worth,
-                step.proof,
-                others,
-                step.looked.ranking,
-                step.witness,
-            )
-        )
-    final = state.fit.setup
-    effects = (*calibration.arm.effects, *(one.effect for one in found))
-    arm = replace(final.arm, effects=effects, instrument=final.instrument, certainty=certainty_of(state.fit))
+    found = _account(state, [step for i, step in enumerate(steps) if i not in dropped])
     folds = pose_folds(state.groups)
+    rivals = [[rival for rival, _ in one.equivalent] for one in found]
     return Trace(
-        arm,
+        _traced(calibration, state, found),
         calibration,
         state,
-        tuple(found),
+        found,
         unexplained(state, looked),
         places,
         not_identifiable(looked, state),
@@ -233,5 +215,23 @@ def _conclude(
         float(np.sqrt((state.fit.residual**2).sum() / max(len(state.fit.residual) - len(state.fit.values), 1))),
         held_out(first.fit, folds).rms,
         held_out(state.fit, folds).rms,
-        (*next_rows(state, [[rival for rival, _ in one.equivalent] for one in found]), *lacking(state.measurements)),
+        (*next_rows(state, rivals), *lacking(state.measurements)),
     )
+
+
+def _account(state: State, steps: list[Step]) -> tuple[Found, ...]:
+    """Return what is to be said about every effect, in the order added."""
+    found = []
+    for index, (step, block) in enumerate(zip(steps, state.effects, strict=True)):
+        values = state.values_of(block)
+        std = block.std(values, state.stds_of(block))
+        worth, others = equivalents(state, index)
+        found.append(Found(block.at(values), std, worth, step.proof, others, step.looked.ranking, step.witness))
+    return tuple(found)
+
+
+def _traced(calibration: Calibration, state: State, found: tuple[Found, ...]) -> Arm:
+    """Return the arm with everything fitted; a random twist stays behind, because nobody can foresee it."""
+    final = state.fit.setup
+    effects = (*calibration.arm.effects, *(one.effect for one in found))
+    return replace(final.arm, effects=effects, instrument=final.instrument, certainty=certainty_of(state.fit))
