@@ -118,9 +118,12 @@ def _pruned(state: State, say: Callable[[str], None]) -> tuple[State, list[int]]
         if not worths or min(worths) >= SAME:
             break
         weakest = int(np.argmin(worths))
+        trial = without(state, weakest)
+        if information(trial) > information(state) + SAME:  # the linear estimate misses how much the rest must bend
+            break
         say(f"dropping {state.effects[weakest].effect.name}")
         dropped.append(places.pop(weakest))
-        state = without(state, weakest)
+        state = trial
     return state, dropped
 
 
