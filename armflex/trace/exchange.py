@@ -21,6 +21,9 @@ from armflex.trace.state import State, add, information, moved_to, without
 SAME = 14.0
 """Evidence within which two candidates are not told apart."""
 
+SWAPPED = 3
+"""Most effects that are tried in each other's places: each trial refits everything twice."""
+
 COMPARED = 12
 """Best rivals whose inner parameters are refined."""
 
@@ -89,7 +92,7 @@ def exchanged(state: State, say: Callable[[str], None]) -> tuple[State, list[int
     better in an effect's place takes it.
     """
     state, dropped = _pruned(state, say)
-    if len(state.effects) > 1:
+    if 1 < len(state.effects) <= SWAPPED:
         for index in range(len(state.effects)):
             state = _swapped(state, index, say)
     return state, dropped
