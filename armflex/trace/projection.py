@@ -103,5 +103,7 @@ def solve_group(inside: Array, whole: Array, score: Array, shy: float) -> tuple[
 
 def evidence(gain: Array | float, objective: float, count: int, parameters: Array | float) -> Array | float:
     """Return the fall of the Bayesian information criterion: n log(J / (J - gain)) - k log n; noise size unknown."""
+    # Noise smaller than stated must not make more of a strained prior than it is.
+    objective = max(objective, float(count))
     left = np.where(gain < objective, objective - gain, objective)  # more than all there is can only be rounding
     return count * np.log(objective / left) - parameters * np.log(count)
