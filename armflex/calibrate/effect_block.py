@@ -8,7 +8,7 @@ import numpy as np
 
 from armflex.calibrate.view import Setup, View
 from armflex.conventions import Array
-from armflex.effects.law import Effect, Inner
+from armflex.effects.law import Effect
 from armflex.effects.scene import Scene
 
 LARGEST_MOTION = 0.1
@@ -76,7 +76,7 @@ class EffectBlock:
             ends = []
             for side in (1.0, -1.0):
                 moved = list(now.inner)
-                moved[i] = _moved(law.inner[i], now.inner[i], side * step)
+                moved[i] = law.inner[i].moved(now.inner[i], side * step)
                 ends.append(law.columns(spot, tuple(moved), view, self.scene) @ amplitudes)
             columns.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
         return np.concatenate(columns, axis=2)
@@ -88,7 +88,7 @@ class EffectBlock:
         amplitudes[list(spot.terms)] = values[: len(spot.terms)]
         inner = list(self.effect.inner)
         for place, i in enumerate(self.free):
-            inner[i] = _moved(law.inner[i], inner[i], float(values[len(spot.terms) + place]))
+            inner[i] = law.inner[i].moved(inner[i], float(values[len(spot.terms) + place]))
         return replace(self.effect, values=(*amplitudes.tolist(), *inner))
 
     def apply(self, setup: Setup, values: Array) -> Setup:
@@ -114,8 +114,3 @@ def shy_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -
     amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
     searched = [LOOSE if effect.law.inner[i].positive else np.inf for i in free]
     return np.concatenate([amplitudes, searched])
-
-
-def _moved(inner: Inner, value: float, by: float) -> float:
-    """Return an inner parameter moved from where its search ended: by a factor's logarithm, or by a difference."""
-    return value * float(np.exp(np.clip(by, -50.0, 50.0))) if inner.positive else value + by

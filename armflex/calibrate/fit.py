@@ -106,14 +106,19 @@ class Fit:
         """RMS of the 3-D position error over the fitted rows [m]."""
         return float(np.sqrt((self.view.residual[:, :3] ** 2).sum(axis=1).mean()))
 
-    def value(self, block: str) -> Array:
-        """Return one block's values."""
+    def places(self, block: Block) -> np.ndarray:
+        """Return the places of one block's parameters among all."""
         start = 0
-        for candidate in self.blocks:
-            if candidate.name == block:
-                return self.values[start : start + len(candidate.labels)]
-            start += len(candidate.labels)
-        raise KeyError(block)
+        for other in self.blocks:
+            if other is block:
+                return np.arange(start, start + len(other.labels))
+            start += len(other.labels)
+        raise KeyError(block.name)
+
+    def value(self, block: str) -> Array:
+        """Return the values of the block of a name."""
+        named = {candidate.name: candidate for candidate in reversed(self.blocks)}
+        return self.values[self.places(named[block])]
 
 
 def prior_of(blocks: Sequence[Block]) -> Array:

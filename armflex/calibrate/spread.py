@@ -110,7 +110,7 @@ def _rebuilt(certainty: Certainty, view: View, rows: Measurements) -> list[Block
             return None
         blocks.append(block)
     if effects:
-        blocks += _effect_blocks(effects, arm, _scene(view, rows))
+        blocks += _effect_blocks(effects, arm, scene_of(view, rows))
     made = tuple(f"{block.name} {label}" for block in blocks for label in block.labels)
     return blocks if made == certainty.labels else None
 
@@ -138,7 +138,8 @@ def _axes(pairs: Sequence[tuple[str, str]], part: str) -> tuple[int, ...]:
     return tuple(TWIST_NAMES.index(axis) for name, axis in pairs if name == part)
 
 
-def _scene(view: View, rows: Measurements) -> Scene:
+def scene_of(view: View, rows: Measurements) -> Scene:
+    """Return rows as the catalogue sees them, from a view of all of them."""
     wrenches = {site: view.line.load_at(site) for site in view.line.sites}
     known = known_rows(view.setup.arm, rows)
     return survey(rows, view.setup.arm, known, wrenches, view.line.links[:, :, :3, 3])

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.effects.law import Effect, LoadLaw, TwistLaw, Values
-from armflex.effects.spot import LINK, TOOL, Here, resolve, same_site, site_of
+from armflex.effects.spot import Here, link_of, resolve, same_site, site_of
 from armflex.errors import Flag, MissingCovariateError
 from armflex.flexure import Flexure
 from armflex.laws import Law, Row
@@ -140,7 +140,7 @@ def pulling(effects: Sequence[Effect], robot: Robot) -> tuple[Pulling, ...]:
     """Return the loads that effects put on links."""
     return tuple(
         Pulling(
-            _link_of(effect.spot.site, robot),
+            link_of(effect.spot.site, robot),
             effect.law,
             resolve(effect.spot, robot, ()),
             effect.amplitudes,
@@ -149,10 +149,3 @@ def pulling(effects: Sequence[Effect], robot: Robot) -> tuple[Pulling, ...]:
         for effect in effects
         if isinstance(effect.law, LoadLaw)
     )
-
-
-def _link_of(site: str, robot: Robot) -> str:
-    if site == TOOL:
-        return robot.tip
-    name = site.removeprefix(LINK)
-    return next(joint.parent for joint in robot.chain if joint.name == name)

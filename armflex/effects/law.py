@@ -55,6 +55,10 @@ class Inner:
     polished: bool = True
     smooth: bool = True
 
+    def moved(self, value: float, by: float) -> float:
+        """Return a value moved: by a factor's logarithm where only positive ones make sense, else by a difference."""
+        return value * float(np.exp(np.clip(by, -50.0, 50.0))) if self.positive else value + by
+
 
 class EffectLaw(Protocol):
     """An entry of the catalogue."""

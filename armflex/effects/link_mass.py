@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.effects.law import Amplitude, Effect, Inner, Values
 from armflex.effects.points import middle_of
 from armflex.effects.scene import Scene
-from armflex.effects.spot import Spot
+from armflex.effects.spot import Spot, link_of
 
 if TYPE_CHECKING:
     from armflex.calibrate.view import Setup, View
@@ -48,7 +48,7 @@ class LinkMass:
     def apply(self, effect: Effect, setup: Setup) -> Setup:
         """Return the setup with the link's body corrected."""
         corrections = setup.arm.corrections
-        link = next((j.parent for j in setup.arm.robot.chain if j.name == effect.spot.place), setup.arm.robot.tip)
+        link = link_of(effect.spot.site, setup.arm.robot)
         change = corrections.bodies.get(link, np.zeros(4)) + np.array(effect.amplitudes)
         changed = replace(corrections, bodies={**corrections.bodies, link: change})
         return replace(setup, arm=replace(setup.arm, corrections=changed)).with_effect(effect)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.effects.spot import BASE, LINK, TOOL, Here, Spot, resolve, site_names
+from armflex.effects.spot import LINK, TOOL, Here, Spot, link_of, resolve, site_names
 from armflex.laws import Row
 from armflex.robot import Robot
 
@@ -119,12 +119,7 @@ class Scene:
 
     def link(self, site: str) -> str:
         """Return the name of the link that a load effect at a site acts on."""
-        name = site.removeprefix(LINK)
-        if name == TOOL:
-            return self.robot.tip
-        if name == BASE:
-            return self.robot.base
-        return next(joint.parent for joint in self.robot.chain if joint.name == name)
+        return link_of(site, self.robot)
 
 
 def column_of(row: Row, name: str) -> Array:

@@ -127,6 +127,14 @@ def site_of(name: str, robot: Robot) -> Site:
     return Site(name, name.removeprefix(LINK), before=name.startswith(LINK))
 
 
+def link_of(site: str, robot: Robot) -> str:
+    """Return the name of the link that a load at a site acts on: the one that ends in the site's joint."""
+    name = site.removeprefix(LINK)
+    if name in (TOOL, BASE):
+        return robot.tip if name == TOOL else robot.base
+    return next(joint.parent for joint in robot.chain if joint.name == name)
+
+
 def same_site(one: Site, other: Site) -> bool:
     """Return whether two sites are the same place of the chain."""
     return (one.joint, one.before) == (other.joint, other.before)

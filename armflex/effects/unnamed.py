@@ -13,9 +13,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.effects.law import Amplitude, Inner, TwistLaw, Values
-from armflex.effects.scene import Scene, column_of
+from armflex.effects.scene import AXES, Scene, column_of
 from armflex.effects.shapes import along, on_axis
-from armflex.effects.spot import Here, Spot
+from armflex.effects.spot import BASE, TOOL, Here, Spot
 from armflex.laws import Row
 
 KNOTS = 8
@@ -102,11 +102,14 @@ MIDDLE = Inner("middle", "as recorded", _middle, positive=False, polished=False)
 TENTS = tuple(f"a{i}" for i in range(KNOTS))
 
 
+def shaped_places(scene: Scene) -> list[tuple[str, str]]:
+    """Return the sites and axes at which free shapes are tried: the base, every joint and the tool."""
+    return [(site, axis) for site in (BASE, *scene.joints, TOOL) for axis in AXES]
+
+
 def everywhere(scene: Scene) -> list[Spot]:
     """Return every joint, the base and the tool with each axis and each suspect column."""
-    sites = ("base", *scene.joints, "tool")
-    axes = ("dx", "dy", "dz", "rx", "ry", "rz")
-    return [Spot(site, axis, (name,)) for site in sites for axis in axes for name in suspects(scene)]
+    return [Spot(site, axis, (name,)) for site, axis in shaped_places(scene) for name in suspects(scene)]
 
 
 def _with_all(make: Callable[[Scene], list[Spot]], count: int, scene: Scene) -> list[Spot]:

@@ -9,12 +9,11 @@ import numpy as np
 
 from armflex.effects.catalogue import LAWS
 from armflex.effects.law import Effect
-from armflex.effects.scene import AXES
-from armflex.effects.unnamed import SHAPES
+from armflex.effects.unnamed import SHAPES, shaped_places
 from armflex.errors import ArmflexError
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, screen, sift
 from armflex.trace.polish import Polished, polish
-from armflex.trace.projection import Projection, evidence, project, projected
+from armflex.trace.projection import Projection, evidence, projected, shyness
 from armflex.trace.search import PLAIN
 from armflex.trace.state import State, add, information, moved_to, without
 
@@ -31,13 +30,12 @@ COMPARED = 12
 def leave_out(state: State, index: int) -> tuple[Projection, np.ndarray]:
     """Return the projection of the fit with one effect's columns and values taken out, and those columns' places."""
     fit, block = state.fit, state.effects[index]
-    start = sum(len(other.labels) for other in fit.blocks[: fit.blocks.index(block)])
-    own = np.arange(start, start + len(block.labels))
+    own = fit.places(block)
     rest = np.setdiff1d(np.arange(len(fit.values)), own)
     amplitudes = own[: len(block.effect.spot.terms)]
     # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
     data = fit.residual + fit.columns[:, amplitudes] @ fit.values[amplitudes] + fit.columns[:, rest] @ fit.values[rest]
-    return projected(fit.columns[:, rest], fit.prior[rest] ** -2.0, data, project(fit).shy), own
+    return projected(fit.columns[:, rest], fit.prior[rest] ** -2.0, data, shyness(fit)), own
 
 
 def rivals_of(state: State, index: int) -> tuple[float, tuple[Polished, ...]]:
@@ -60,9 +58,8 @@ def _alternatives(itself: Candidate, state: State) -> Iterator[Candidate]:
     """Yield the catalogue, and for a shape without a name the same shape at every other place."""
     yield from candidates_of(LAWS, state.scene)
     if itself.law.name in SHAPES:
-        for site in ("base", *state.scene.joints, "tool"):
-            for axis in AXES:
-                yield replace(itself, spot=replace(itself.spot, site=site, axis=axis))
+        for site, axis in shaped_places(state.scene):
+            yield replace(itself, spot=replace(itself.spot, site=site, axis=axis))
 
 
 def _same_place(one: Candidate, other: Candidate) -> bool:

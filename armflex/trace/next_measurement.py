@@ -14,11 +14,11 @@ import numpy as np
 
 from armflex.calibrate.blocks import Block, SessionBlock
 from armflex.calibrate.effect_block import EffectBlock
+from armflex.calibrate.spread import scene_of
 from armflex.calibrate.view import View, look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
-from armflex.effects.remember import known_rows
-from armflex.effects.scene import Scene, survey
+from armflex.effects.scene import Scene
 from armflex.errors import ArmflexError
 from armflex.measurements import Measurements
 from armflex.trace.advice import instead
@@ -64,7 +64,7 @@ def next_rows(state: State, rivals: Sequence[Sequence[Effect]]) -> tuple[str, ..
     view = _seen(state, offer)
     if view is None:
         return ()
-    scene = _scene(view, offer)
+    scene = scene_of(view, offer)
     told = []
     for index, others in enumerate(rivals):
         own = state.effects[index].at(state.values_of(state.effects[index]))
@@ -113,19 +113,13 @@ def _seen(state: State, offer: Measurements) -> View | None:
         return None
 
 
-def _scene(view: View, offer: Measurements) -> Scene:
-    wrenches = {site: view.line.load_at(site) for site in view.line.sites}
-    known = known_rows(view.setup.arm, offer)
-    return survey(offer, view.setup.arm, known, wrenches, view.line.links[:, :, :3, 3])
-
-
 def _propose(state: State, index: int, rival: Effect, offer: Measurements, view: View, scene: Scene) -> Proposal:
     """Return the offered row at which an effect and a rival in its stead differ most."""
     fit, block = state.fit, state.effects[index]
     own = block.at(state.values_of(block))
     acting = np.array([own.amplitudes[term] for term in own.spot.terms])
     kept = [other for other in (*state.blocks, *state.effects) if other is not block]
-    places = _places(state, kept)
+    places = np.concatenate([np.zeros(0, dtype=int), *(fit.places(other) for other in kept)])
     imitation = Candidate(rival.law, rival.spot, rival.inner)
     before = np.hstack([fit.columns[:, places], candidate_columns(imitation, fit, state.scene)])
     effect = candidate_columns(Candidate(own.law, own.spot, own.inner), fit, state.scene) @ acting
@@ -140,15 +134,6 @@ def _propose(state: State, index: int, rival: Effect, offer: Measurements, view:
     sigmas = np.sqrt((apart**2 / (view.sigma[:, :3] ** 2 + np.maximum(spread, 0.0))).sum(axis=1))
     best = int(sigmas.argmax())
     return Proposal(rival, best, float(sigmas[best]), float(np.linalg.norm(apart[best])))
-
-
-def _places(state: State, kept: Sequence[Block]) -> np.ndarray:
-    """Return the parameters of some blocks among all fitted ones."""
-    starts, start = {}, 0
-    for block in state.fit.blocks:
-        starts[id(block)] = np.arange(start, start + len(block.labels))
-        start += len(block.labels)
-    return np.concatenate([np.zeros(0, dtype=int), *(starts[id(block)] for block in kept)])
 
 
 def _columns(block: Block, view: View, scene: Scene, offer: Measurements) -> Array:

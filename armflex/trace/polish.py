@@ -75,13 +75,12 @@ def _scan(start: Polished, index: int, fit: Fit, scene: Scene, projection: Proje
 
 def _refine(start: Polished, free: tuple[int, ...], fit: Fit, scene: Scene, projection: Projection) -> Polished:
     inners = [start.candidate.law.inner[i] for i in free]
-    raw = np.array([_raw(inner, start.candidate.inner[i]) for inner, i in zip(inners, free, strict=True)])
     size = np.array([_size(inner, i, start.candidate, scene) for inner, i in zip(inners, free, strict=True)])
 
     def placed(steps: Array) -> Candidate:
         inner = list(start.candidate.inner)
         for place, i in enumerate(free):
-            inner[i] = _value(inners[place], raw[place] + size[place] * steps[place])
+            inner[i] = inners[place].moved(inner[i], float(size[place] * steps[place]))
         return replace(start.candidate, inner=tuple(inner))
 
     def loss(steps: Array) -> float:
@@ -102,11 +101,3 @@ def _size(inner: Inner, index: int, candidate: Candidate, scene: Scene) -> float
     if len(raw) < 2:
         return 0.3 if inner.positive else max(abs(candidate.inner[index]), 1.0) * 0.3
     return 0.5 * float(np.median(np.diff(raw)))
-
-
-def _raw(inner: Inner, value: float) -> float:
-    return float(np.log(value)) if inner.positive else value
-
-
-def _value(inner: Inner, raw: float) -> float:
-    return float(np.exp(np.clip(raw, -300.0, 300.0))) if inner.positive else float(raw)

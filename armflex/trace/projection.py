@@ -77,8 +77,12 @@ class Projection:
 
 def project(fit: Fit) -> Projection:
     """Return the projection of a fit."""
-    shy = float((fit.view.sigma**2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
-    return projected(fit.columns, fit.prior**-2.0, fit.residual + fit.columns @ fit.values, shy)
+    return projected(fit.columns, fit.prior**-2.0, fit.residual + fit.columns @ fit.values, shyness(fit))
+
+
+def shyness(fit: Fit) -> float:
+    """Return the `shy` of a fit's projections."""
+    return float((fit.view.sigma**2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
 
 
 def projected(columns: Array, precision: Array, data: Array, shy: float) -> Projection:

@@ -14,7 +14,6 @@ from armflex.effects.scene import Scene
 from armflex.effects.spot import LINK, Spot
 from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, suspects
 from armflex.trace.candidates import (
-    Bank,
     Candidate,
     Screening,
     Sifted,
@@ -84,7 +83,7 @@ class Round:
 
     projection: Projection
     named: Screening
-    sifted: Sifted
+    sifted: tuple[Sifted, Sifted]
     places: tuple[Place, ...]
     ranking: tuple[Polished, ...]
     plain: frozenset[str]
@@ -156,7 +155,8 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
     projection = project(fit)
     named = bank(candidates_of(LAWS, scene), fit, scene)
     free = bank(candidates_of((LINE, SPLINE, SPLINE_COMPLIANCE), scene), fit, scene)
-    screened, shaped = screen(sift(named, projection)), screen(sift(free, projection))
+    sifted = (sift(named, projection), sift(free, projection))
+    screened, shaped = (screen(one) for one in sifted)
     places = localise(fit, scene, projection, groups)
     chosen = _possible(screened, fit, scene, projection, REFINED)
     chosen += _possible(shaped, fit, scene, projection, 3)
@@ -164,7 +164,7 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
     refined = [polish(candidate, fit, scene, projection) for candidate in chosen]
     ranking = tuple(sorted(refined, key=lambda one: -one.evidence))
     plain = PLAIN if len(set(scene.sessions)) > 1 else PLAIN - TIMED
-    return Round(projection, screened, sift(_joined(named, free), projection), places, ranking, plain)
+    return Round(projection, screened, sifted, places, ranking, plain)
 
 
 def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projection, most: int) -> list[Candidate]:
@@ -178,11 +178,6 @@ def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projectio
         if len(found) >= most:
             break
     return found
-
-
-def _joined(one: Bank, other: Bank) -> Bank:
-    starts = np.concatenate([one.starts, one.starts[-1] + other.starts[1:]])
-    return Bank(one.candidates + other.candidates, np.hstack([one.columns, other.columns]), starts)
 
 
 def _second_look(

@@ -23,6 +23,7 @@ from armflex.trace.candidates import candidate_columns
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.projection import project
+from armflex.trace.search import Round, search
 
 LOST = 0.1
 """Robust weight below which a reading is a lost beam and left out: no effect is forty standard deviations long."""
@@ -65,17 +66,16 @@ class State:
 
     def values_of(self, block: Block) -> Array:
         """Return the fitted values of one block."""
-        start = 0
-        for other in self.fit.blocks:
-            if other is block:
-                return self.fit.values[start : start + len(other.labels)]
-            start += len(other.labels)
-        raise KeyError(block.name)
+        return self.fit.values[self.fit.places(block)]
 
     def stds_of(self, block: Block) -> Array:
         """Return the standard uncertainties of one block's values."""
-        start = sum(len(other.labels) for other in self.fit.blocks[: self.fit.blocks.index(block)])
-        return np.sqrt(np.diag(self.fit.covariance)[start : start + len(block.labels)])
+        return np.sqrt(np.diag(self.fit.covariance)[self.fit.places(block)])
+
+    @cached_property
+    def looked(self) -> Round:
+        """What the catalogue and free shapes could still explain."""
+        return search(self.fit, self.scene, self.groups)
 
 
 def begin(calibration: Calibration) -> State:

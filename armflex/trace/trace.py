@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, calibrate
+from armflex.calibrate.fit import Fit
 from armflex.calibrate.spread import certainty_of
 from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.scene import POSE
@@ -24,7 +25,7 @@ from armflex.trace.next_measurement import next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.result import Found, Proof, Trace
-from armflex.trace.search import Round, search
+from armflex.trace.search import Round
 from armflex.trace.state import State, add, begin, information, with_random
 
 Report = Callable[[str], None]
@@ -46,53 +47,41 @@ APART, FAR_APART = 2.0, 4.0
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One accepted effect on the way."""
+    """What is kept of an accepted effect; a search itself is hundreds of megabytes."""
 
-    state: State
-    polished: Polished
-    looked: Round
+    ranking: tuple[Polished, ...]
     proof: Proof
     witness: bool
 
 
 def trace(arm: Arm, measurements: Measurements, rows: np.ndarray | None = None, report: Report | None = None) -> Trace:
-    """Return the arm with the effects that a campaign shows it lacks, and an account of them.
-
-    Args:
-        arm: The arm as declared; its prior says what calibration may move.
-        measurements: The campaign, rows in the order driven; unmeasured rows count for effects with a memory.
-        rows: Measured rows to use; all when not given.
-        report: Called with what is being done, in words.
-
-    Raises:
-        InputError: Too few rows were measured.
-        ConvergenceError: The calibration did not settle.
-    """
+    """Return the traced arm and its account; `armflex.trace` says what goes in."""
     say = report or (lambda text: None)
     say("calibrating")
     calibration = calibrate(arm, measurements, rows)
-    state = first = begin(calibration)
+    state = begin(calibration)
+    first = state.fit
     looked = _look(state, say)
     places = looked.places
     steps: list[Step] = []
     while len(steps) < MOST_EFFECTS:
         place = _unrecorded(state, looked)
-        step = _accept(state, looked, say, APART if place is None else FAR_APART)
-        if step is None and place is not None:
+        found = _accept(state, looked, say, APART if place is None else FAR_APART)
+        if found is None and place is not None:
             state = _set_aside(state, looked.places, say)
             looked = _look(state, say)
-            step = _accept(state, looked, say)
-        if step is None:
+            found = _accept(state, looked, say)
+        if found is None:
             break
+        state, step = found
         steps.append(step)
-        state = step.state
         looked = _look(state, say)
     return _conclude(calibration, first, state, looked, places, steps, say)
 
 
 def _look(state: State, say: Report) -> Round:
     say(f"searching what {len(state.rows)} rows still show")
-    return search(state.fit, state.scene, state.groups)
+    return state.looked
 
 
 def _excess(looked: Round) -> float:
@@ -116,7 +105,7 @@ def _set_aside(state: State, places: tuple[Place, ...], say: Report) -> State:
     return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(places)))
 
 
-def _accept(state: State, looked: Round, say: Report, apart: float = APART) -> Step | None:
+def _accept(state: State, looked: Round, say: Report, apart: float = APART) -> tuple[State, Step] | None:
     """Return the state with the best candidate in it, None where it is not better than chance.
 
     Held-out errors must fall by `apart` standard errors; where that is more than usual, only the catalogue will do.
@@ -126,15 +115,15 @@ def _accept(state: State, looked: Round, say: Report, apart: float = APART) -> S
     best = looked.best
     if best.evidence < ENOUGH:
         return None
-    null = float(null_maximum(looked.sifted, state.groups).max())
+    null = max(float(null_maximum(sifted, state.groups).max()) for sifted in looked.sifted)
     if best.evidence < null + MARGIN:
         return None
     for candidate, after in _refitted(state, looked, say):
         proof = prove(state, after, null)
         if proof.errors_apart > apart and _sessions_agree(proof):
-            return Step(after, candidate, looked, proof, False)
+            return after, Step(looked.ranking, proof, False)
         if apart == APART and _witnessed(state, after, candidate) and proof.errors_apart > -APART:
-            return Step(after, candidate, looked, proof, True)
+            return after, Step(looked.ranking, proof, True)
     return None
 
 
@@ -157,7 +146,7 @@ def _added(state: State, candidates: Sequence[Polished], say: Report) -> list[tu
 
 def _is_settled(state: State) -> bool:
     """Return whether nothing is left that would be worth adding."""
-    return search(state.fit, state.scene, state.groups).ranking[0].evidence < ENOUGH
+    return state.looked.ranking[0].evidence < ENOUGH
 
 
 def prove(before: State, after: State, null: float) -> Proof:
@@ -188,7 +177,7 @@ def _witnessed(before: State, after: State, candidate: Polished) -> bool:
 
 def _conclude(
     calibration: Calibration,
-    first: State,
+    first: Fit,
     state: State,
     looked: Round,
     places: tuple[Place, ...],
@@ -213,7 +202,7 @@ def _conclude(
         not_identifiable(looked, state),
         smallest(looked, state),
         float(np.sqrt((state.fit.residual**2).sum() / max(len(state.fit.residual) - len(state.fit.values), 1))),
-        held_out(first.fit, folds).rms,
+        held_out(first, folds).rms,
         held_out(state.fit, folds).rms,
         (*next_rows(state, rivals), *lacking(state.measurements)),
     )
@@ -226,7 +215,7 @@ def _account(state: State, steps: list[Step]) -> tuple[Found, ...]:
         values = state.values_of(block)
         std = block.std(values, state.stds_of(block))
         worth, others = equivalents(state, index)
-        found.append(Found(block.at(values), std, worth, step.proof, others, step.looked.ranking, step.witness))
+        found.append(Found(block.at(values), std, worth, step.proof, others, step.ranking, step.witness))
     return tuple(found)
 
 
