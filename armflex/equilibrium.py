@@ -36,7 +36,7 @@ MAX_ROTATION = 0.1
 
 @dataclass(frozen=True)
 class LawStack:
-    """The laws of all flexures as one map from (6 n,) wrenches to (6 n,) twists.
+    """The laws of all flexures as one map from (..., 6 n) wrenches to (..., 6 n) twists.
 
     Constant linear laws are one block-diagonal matrix, so that asking costs one product.
     """
@@ -62,19 +62,20 @@ class LawStack:
         )
 
     def twists(self, wrenches: Array, row: Row) -> Array:
-        """Return the (6 n,) twists."""
-        twists = self.constant @ wrenches
+        """Return the (..., 6 n) twists."""
+        twists = wrenches @ self.constant.T
         for place, law in self.others:
-            twists[place] = law.twist(wrenches[place], row)
+            twists[..., place] = law.twist(wrenches[..., place], row)
         return twists
 
     def tangent(self, wrenches: Array, row: Row) -> Array:
-        """Return the (6 n, 6 n) block-diagonal derivative of the twists."""
+        """Return the (..., 6 n, 6 n) block-diagonal derivative of the twists."""
+        total = np.broadcast_to(self.constant, (*wrenches.shape[:-1], *self.constant.shape))
         if not self.others:
-            return self.constant
-        total = self.constant.copy()
+            return total
+        total = total.copy()
         for place, law in self.others:
-            total[place, place] = law.tangent(wrenches[place], row)
+            total[..., place, place] = law.tangent(wrenches[..., place], row)
         return total
 
     def change_with_position(self, wrenches: Array, row: Row) -> Array:

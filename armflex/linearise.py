@@ -20,13 +20,16 @@ import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.equilibrium import Equilibrium, LawStack, find_equilibrium
+from armflex.equilibria import find_equilibria
 from armflex.laws import Row
 from armflex.loads import Payload
 from armflex.mechanics import LoadCase, Mechanics
 from armflex.robot import FlexModel, Site, build_model
 
 Progress = Callable[[int, int], None]
+
+CHUNK = 256
+"""Rows at a time: each takes a few hundred kilobytes on the way."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ class Linearisation:
         per_load: (N, 6, n, 6) per change of a flexure's wrench.
         wrenches: (N, s, 6) load on the structure at every site, local axes.
         flexure_wrenches: (N, n, 6) the same at the flexures.
+        flexure_twists: (N, 6 n) what the flexures do under them.
         links: (N, l, 4, 4) pose of every link that `link_names` lists.
         link_names: Links at and beyond the base.
         link_loads: (N, l, 6, 6) tip motion per wrench at a link's origin, base axes.
@@ -58,6 +62,7 @@ class Linearisation:
     per_load: Array
     wrenches: Array
     flexure_wrenches: Array
+    flexure_twists: Array
     links: Array
     link_names: tuple[str, ...]
     link_loads: Array
@@ -86,18 +91,39 @@ class Linearizer:
         payloads: Sequence[str],
         covariates: Mapping[str, Array] | None = None,
         progress: Progress | None = None,
+        start: Array | None = None,
     ) -> Linearisation:
-        """Return the linearisation at (N, nq) joint positions with a payload each, and (N,) covariates by name."""
+        """Return the linearisation at (N, nq) joint positions with a payload each, and (N,) covariates by name.
+
+        `start` are (N, 6 n) twists of the flexures near those at rest, where known.
+        """
+        known = {name: np.asarray(values) for name, values in (covariates or {}).items()}
+        models = [self._model(self.arm.payload(payload)) for payload in payloads]
+        masses = np.array([self.arm.payload(payload).mass for payload in payloads])
+        row = Row(q, self._joint_index, {"payload_mass": masses, **known})
         parts = []
-        for i, (position, payload) in enumerate(zip(q, payloads, strict=True)):
-            known = {name: values[i] for name, values in (covariates or {}).items()}
-            parts.append(self._row(position, self.arm.payload(payload), known))
+        for first in range(0, len(q), CHUNK):
+            some = np.arange(first, min(first + CHUNK, len(q)))
+            before = None if start is None else start[some]
+            parts.append(self._chunk(q[some], models[first : first + CHUNK], row.some(some), before))
             if progress:
-                progress(i + 1, len(q))
-        models = self._model(self.arm.payload(payloads[0]))
-        stacked = {key: np.array([part[key] for part in parts]) for key in parts[0]}
-        row = Row(q, self._joint_index, covariates or {})
-        return Linearisation(models.site_names, row=row, link_names=models.sited.flex.links, **stacked)
+                progress(int(some[-1]) + 1, len(q))
+        stacked = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+        names, links = models[0].site_names, models[0].sited.flex.links
+        return Linearisation(names, row=Row(q, self._joint_index, known), link_names=links, **stacked)
+
+    def _chunk(self, q: Array, models: Sequence[_Models], row: Row, start: Array | None) -> dict[str, Array]:
+        stack = self.arm.stack
+        cases = [LoadCase(position, wrenches=self.arm.pulls) for position in q]
+        found = find_equilibria([one.mechanics for one in models], stack, cases, row, start)
+        seen = [_pose(one, case, twists) for one, case, twists in zip(models, cases, found.twists, strict=True)]
+        posed = {key: np.array([one[key] for one in seen]) for key in seen[0]}
+        return _answers(models[0], stack.tangent(found.wrenches, row), posed) | {
+            "tip": posed["tip"],
+            "links": posed["links"],
+            "flexure_twists": found.twists,
+            "flexure_wrenches": found.wrenches.reshape(len(q), -1, 6),
+        }
 
     def _model(self, payload: Payload) -> _Models:
         key = (payload.mass, tuple(payload.com))
@@ -105,13 +131,6 @@ class Linearizer:
             known = next(iter(self._models.values()), None)
             self._models[key] = _build(self.arm, payload, known)
         return self._models[key]
-
-    def _row(self, q: Array, payload: Payload, known: Mapping[str, Array]) -> dict[str, Array]:
-        models = self._model(payload)
-        row = Row(q, self._joint_index, {"payload_mass": np.asarray(payload.mass), **known})
-        case = LoadCase(q, wrenches=self.arm.pulls)
-        found = find_equilibrium(models.mechanics, self.arm.stack, case, row)
-        return _answers(models, self.arm.stack, row, case, found)
 
 
 @dataclass(frozen=True)
@@ -203,33 +222,55 @@ def _bearers(
     return (*names, "tool"), (*bearing, tool), (*joints, 0)
 
 
-def _answers(models: _Models, stack: LawStack, row: Row, case: LoadCase, found: Equilibrium) -> dict[str, Array]:
-    sited, large, twists, wrenches = models.sited, models.sited.flex, found.twists, found.wrenches
+def _pose(models: _Models, case: LoadCase, twists: Array) -> dict[str, Array]:
+    """Return what Pinocchio says of the large model in one row, bent as it is at rest."""
+    sited, large = models.sited, models.sited.flex
     bent, exponential = _bend(models, case.q, twists)
     torque = np.array(sited.torque(bent, case))
     geometric = sited.stiffness(bent, case)[models.flexures]
-    tip = sited.tip_jacobian(bent)
-    pin.framesForwardKinematics(large.model, sited.data, bent)
-    turns = models.turns()
-    law = stack.tangent(wrenches, row)
-    tangent = np.eye(len(twists)) + law @ geometric[:, models.flexures] @ exponential
-    per_law = np.linalg.solve(tangent.T, (tip[:, models.flexures] @ exponential).T).T
-    per_load = per_law @ law
-    answer = tip - per_load @ geometric
-    links, link_loads = _links(models, bent, per_load)
-    n = len(models.flexures) // 6
+    gravity = [-pin.computeGeneralizedGravity(model, sited.data, bent)[models.flexures] for model in models.weighing]
+    pin.computeJointJacobians(large.model, sited.data, bent)
+    pin.updateFramePlacements(large.model, sited.data)
+    frames = [large.frame(link) for link in large.links]
     return {
         "tip": sited.data.oMf[large.tip].homogeneous,
-        "joints": answer[:, large.v_index],
-        "twists": (answer[:, models.places].transpose(1, 0, 2) @ turns).transpose(1, 0, 2),
-        "laws": per_law.reshape(6, n, 6),
-        "per_load": per_load.reshape(6, n, 6),
-        "wrenches": -(turns.transpose(0, 2, 1) @ torque[models.places][:, :, None])[:, :, 0],
-        "flexure_wrenches": wrenches.reshape(n, 6),
-        "links": links,
-        "link_loads": link_loads,
-        "gravity": _gravity(models, bent, per_load),
+        "exponential": exponential,
+        "torque": torque,
+        "geometric": geometric,
+        "gravity": np.array(gravity).T,
+        "jacobian": _frame_jacobian(large, sited.data, large.tip),
+        "turns": models.turns(),
+        "links": np.array([sited.data.oMf[frame].homogeneous for frame in frames]),
+        "at_links": np.array([_frame_jacobian(large, sited.data, frame)[:, models.flexures] for frame in frames]),
     }
+
+
+def _frame_jacobian(flex: FlexModel, data: pin.Data, frame: int) -> Array:
+    return pin.getFrameJacobian(flex.model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+
+
+def _answers(models: _Models, law: Array, posed: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the tip's answers in M rows from the laws' (M, 6 n, 6 n) tangents and what `_pose` found."""
+    flexures, places = models.flexures, models.places
+    exponential, geometric, tip = posed["exponential"], posed["geometric"], posed["jacobian"]
+    tangent = np.eye(len(flexures)) + law @ (geometric[:, :, flexures] @ exponential)
+    per_law = _transposed(np.linalg.solve(_transposed(tangent), _transposed(tip[:, :, flexures] @ exponential)))
+    per_load = per_law @ law
+    answer = tip - per_load @ geometric
+    rows, n = len(law), len(flexures) // 6
+    return {
+        "joints": answer[:, :, models.sited.flex.v_index],
+        "twists": (answer[:, :, places].transpose(0, 2, 1, 3) @ posed["turns"]).transpose(0, 2, 1, 3),
+        "laws": per_law.reshape(rows, 6, n, 6),
+        "per_load": per_load.reshape(rows, 6, n, 6),
+        "wrenches": -(_transposed(posed["turns"]) @ posed["torque"][:, places][..., None])[..., 0],
+        "link_loads": per_load[:, None] @ _transposed(posed["at_links"]),
+        "gravity": per_load @ posed["gravity"],
+    }
+
+
+def _transposed(matrices: Array) -> Array:
+    return np.swapaxes(matrices, -1, -2)
 
 
 def _bend(models: _Models, q: Array, twists: Array) -> tuple[Array, Array]:
@@ -241,22 +282,3 @@ def _bend(models: _Models, q: Array, twists: Array) -> tuple[Array, Array]:
     velocity[models.flexures] = twists
     whole = pin.dIntegrate(model, straight, velocity, pin.ArgumentPosition.ARG1)
     return pin.integrate(model, straight, velocity), whole[np.ix_(models.flexures, models.flexures)]
-
-
-def _links(models: _Models, bent: Array, per_load: Array) -> tuple[Array, Array]:
-    """Return every link's (4, 4) pose and the (6, 6) tip motion per wrench at its origin in base axes."""
-    large, model, data = models.sited.flex, models.sited.flex.model, models.sited.data
-    pin.computeJointJacobians(model, data, bent)
-    pin.updateFramePlacements(model, data)
-    frames = [large.frame(link) for link in large.links]
-    poses = np.array([data.oMf[frame].homogeneous for frame in frames])
-    jacobians = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in frames]
-    return poses, np.array([per_load @ jacobian[:, models.flexures].T for jacobian in jacobians])
-
-
-def _gravity(models: _Models, bent: Array, per_load: Array) -> Array:
-    """Return the (6, 3) tip motion per change of gravity; loads are linear in gravity, so three weighings do."""
-    columns = []
-    for model in models.weighing:
-        columns.append(-pin.computeGeneralizedGravity(model, models.sited.data, bent)[models.flexures])
-    return per_load @ np.array(columns).T

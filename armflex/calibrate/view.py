@@ -79,11 +79,19 @@ class View:
         return {}
 
 
-def look(setup: Setup, measurements: Measurements, rows: np.ndarray, progress: Progress | None = None) -> View:
-    """Return the view of some rows of a campaign at one setup."""
+def look(
+    setup: Setup,
+    measurements: Measurements,
+    rows: np.ndarray,
+    progress: Progress | None = None,
+    near: View | None = None,
+) -> View:
+    """Return the view of some rows of a campaign at one setup; one of the same rows and a like setup helps."""
     payloads = [measurements.payload[row] for row in rows]
     known = {name: values[rows] for name, values in known_rows(setup.arm, measurements).items()}
-    line = Linearizer(setup.arm).rows(measurements.q[rows], payloads, known, progress)
+    alike = near is not None and near.setup.arm.flexure_names == setup.arm.flexure_names
+    start = near.line.flexure_twists if alike else None
+    line = Linearizer(setup.arm).rows(measurements.q[rows], payloads, known, progress, start)
     sessions = [measurements.session[row] for row in rows]
     instrument = setup.instrument
     residual = measurements.position[rows] - instrument.readings(line.tip, sessions)

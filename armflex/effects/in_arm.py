@@ -38,15 +38,16 @@ class BoundTwist:
         return np.tensordot(np.array(self.effect.amplitudes), basis, axes=(0, basis.ndim - 2))
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the (6, 6) derivative with respect to a (6,) wrench, by central differences in one call."""
+        """Return the (..., 6, 6) derivative with respect to a (..., 6) wrench, by central differences in one call."""
         law = self.effect.law
         assert isinstance(law, TwistLaw)
         if not law.loaded:
             return np.zeros((6, 6))
-        size = STEP * np.maximum(np.abs(wrench), 1e-3 * max(float(np.abs(wrench).max()), 1.0))
-        steps = np.diag(size)
-        ends = self.twist(np.vstack([wrench + steps, wrench - steps]), row)
-        return ((ends[:6] - ends[6:]) / (2.0 * size[:, None])).T
+        largest = np.abs(wrench).max(axis=-1, keepdims=True)
+        size = STEP * np.maximum(np.abs(wrench), 1e-3 * np.maximum(largest, 1.0))
+        steps, here = size[..., None] * np.eye(6), wrench[..., None, :]
+        ends = self.twist(np.concatenate([here + steps, here - steps], axis=-2), row.widened())
+        return np.swapaxes((ends[..., :6, :] - ends[..., 6:, :]) / (2.0 * size[..., None]), -1, -2)
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,25 @@ class Row:
             raise MissingCovariateError(name, self.covariates)
         return self.covariates[name]
 
+    def some(self, index: int | np.ndarray) -> Row:
+        """Return one of N rows, or some of them; what all rows share stays as it is."""
+        known = {name: values[index] if np.ndim(values) else values for name, values in self.covariates.items()}
+        return Row(self.q[index] if self.q.ndim > 1 else self.q, self.joint_index, known)
+
+    def spread(self, count: int) -> Row:
+        """Return N rows where a leading axis may have been left at 1 or out."""
+        known = {
+            name: np.broadcast_to(values, (count, *np.shape(values)[1:])) if np.ndim(values) else values
+            for name, values in self.covariates.items()
+        }
+        q = np.broadcast_to(self.q, (count, *self.q.shape[1:])) if self.q.ndim > 1 else self.q
+        return Row(q, self.joint_index, known)
+
+    def widened(self) -> Row:
+        """Return the row(s) with another axis, along which several loads of each are asked about."""
+        known = {name: np.asarray(values)[..., None] for name, values in self.covariates.items()}
+        return Row(self.q[..., None, :], self.joint_index, known)
+
 
 class Law(Protocol):
     """A joint deformation model. Wrench [N, Nm] is the load on the structure and twist [m, rad] the motion it gives,

@@ -13,7 +13,7 @@ rigid. The arm's mission is equilibrium, so this solver is our own rather than a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -108,13 +108,23 @@ class StructuralLaw(Law):
         """
         if self.linear_compliance is not None:
             return wrench @ self.linear_compliance.T
+        if wrench.ndim > 1:
+            return self._each(self.twist, wrench, row)
         return self._solve(wrench, row)[0]
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the derivative of the tip's twist with respect to the wrench."""
         if self.linear_compliance is not None:
             return self.linear_compliance
+        if wrench.ndim > 1:
+            return self._each(self.tangent, wrench, row)
         return self._condense(self._solve(wrench, row)[1])
+
+    @staticmethod
+    def _each(ask: Callable[[Array, Row], Array], wrenches: Array, row: Row) -> Array:
+        """Return what is asked at every load: each has an inner equilibrium of its own."""
+        rows = row.spread(len(wrenches))
+        return np.array([ask(wrench, rows.some(i)) for i, wrench in enumerate(wrenches)])
 
     def covariance(self, wrench: Array, row: Row) -> Array | None:
         """Return the (6, 6) covariance that the sub-joints' uncertainties give the tip, None when all are certain."""
