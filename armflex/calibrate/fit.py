@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,6 +24,9 @@ MEDIAN_LENGTH = {3: 1.538, 6: 2.313}
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""
 
+LIGHT = 1e-4
+"""Least damping, relative to a parameter's own information."""
+
 FLAT = 1e-2
 """Fall of the cost (-2 log posterior density) below which there is nothing left to gain."""
 
@@ -33,13 +37,13 @@ class Effort:
 
     Attributes:
         iterations: Steps at most.
-        halvings: Lengths of a step that are tried.
+        trials: Dampings of a step that are tried.
         flat: Fall of the cost (-2 log posterior density) below which a step is the last.
         content: Whether what is reached is taken where it does not settle, rather than an error raised.
     """
 
     iterations: int
-    halvings: int
+    trials: int
     flat: float
     content: bool
 
@@ -105,6 +109,10 @@ class Fit:
     def rms(self) -> float:
         """RMS of the 3-D position error over the fitted rows [m]."""
         return float(np.sqrt((self.view.residual[:, :3] ** 2).sum(axis=1).mean()))
+
+    def cost(self, limit: float) -> float:
+        """Return -2 log posterior density but for a constant; rows longer than `limit` (whitened) count less."""
+        return _objective(self.view, self.values, self.prior, limit)
 
     def places(self, block: Block) -> np.ndarray:
         """Return the places of one block's parameters among all."""
@@ -195,16 +203,17 @@ def fit(
     values = np.zeros(len(prior)) if start is None else start
     view = look(realise(declared, blocks, values), measurements, used)
     history: list[float] = []
+    damping = 0.0
     for iteration in range(effort.iterations):
         limit = robust_limit(view)
         before = _objective(view, values, prior, limit)
-        step, size = _step(blocks, view, huber_weights(view, limit), values, prior)
-        found = _descend(declared, blocks, measurements, used, values, step, before, limit, effort.halvings)
+        problem = _problem(blocks, view, huber_weights(view, limit), values, prior)
+        found = _descend(declared, blocks, measurements, view, values, problem, before, limit, effort.trials, damping)
         if found is None and effort.content:
             break
         if found is None:
             raise ConvergenceError("calibration finds no better values along its step", [before])
-        values, view, cost = found
+        size, (values, view, cost, damping) = problem.length(found[0] - values), found
         history.append(cost)
         if progress:
             progress(iteration + 1, effort.iterations)
@@ -223,38 +232,57 @@ def _objective(view: View, values: Array, prior: Array, limit: float) -> float:
     return float(cost + ((values / prior) ** 2).sum())
 
 
-def _step(blocks: Sequence[Block], view: View, weights: Array, values: Array, prior: Array) -> tuple[Array, float]:
-    """Return the Gauss-Newton step and its length in posterior standard deviations."""
+@dataclass(frozen=True)
+class _Problem:
+    """The normal equations of a step, in units of the parameters' own information: metres and radians weigh alike."""
+
+    normal: Array
+    gradient: Array
+    scale: Array
+
+    def step(self, damping: float) -> Array:
+        """Return the Gauss-Newton step, damped as Levenberg and Marquardt do."""
+        damped = self.normal + damping * np.eye(len(self.scale))
+        return self.scale * np.linalg.lstsq(damped, self.gradient, rcond=1e-13)[0]
+
+    def length(self, step: Array) -> float:
+        """Return the RMS length of a step in posterior standard deviations."""
+        scaled = step / self.scale
+        return float(np.sqrt(max(scaled @ self.normal @ scaled, 0.0) / max(len(step), 1)))
+
+
+def _problem(blocks: Sequence[Block], view: View, weights: Array, values: Array, prior: Array) -> _Problem:
     columns, residual = whitened_columns(blocks, view, weights), whitened_residual(view, weights)
     precision = prior**-2.0
     normal = columns.T @ columns + np.diag(precision)
-    # Scaled by the parameters' own information, so that metres, radians and relative numbers weigh alike.
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     gradient = columns.T @ residual - precision * np.where(np.isfinite(prior), values, 0.0)
-    step = scale * np.linalg.lstsq(normal * np.outer(scale, scale), scale * gradient, rcond=1e-13)[0]
-    return step, float(np.sqrt(max(step @ normal @ step, 0.0) / max(len(step), 1)))
+    return _Problem(normal * np.outer(scale, scale), scale * gradient, scale)
 
 
 def _descend(
     declared: Setup,
     blocks: Sequence[Block],
     measurements: Measurements,
-    rows: np.ndarray,
+    here: View,
     values: Array,
-    step: Array,
+    problem: _Problem,
     before: float,
     limit: float,
-    halvings: int,
-) -> tuple[Array, View, float] | None:
-    """Return values, view and cost after the step, halved until the cost falls or is flat; None where it never does."""
+    trials: int,
+    damping: float,
+) -> tuple[Array, View, float, float] | None:
+    """Return values, view, cost and damping after a step, damped until the cost falls or is flat; None if it never is.
+
+    Laws have kinks, and along some directions only priors hold: a full step may be far too long in a few of them.
+    """
     prior = prior_of(blocks)
-    for halving in range(halvings):
-        trial = values + 0.5**halving * step
-        try:
-            view = look(realise(declared, blocks, trial), measurements, rows)
-        except ArmflexError:
-            continue
-        cost = _objective(view, trial, prior, limit)
-        if cost <= before + 1e-9 * abs(before):
-            return trial, view, cost
+    for _ in range(trials):
+        trial = values + problem.step(damping)
+        with contextlib.suppress(ArmflexError):
+            view = look(realise(declared, blocks, trial), measurements, here.rows, near=here)
+            cost = _objective(view, trial, prior, limit)
+            if cost <= before + 1e-9 * abs(before):
+                return trial, view, cost, damping / 10.0 if damping > LIGHT else 0.0
+        damping = max(10.0 * damping, LIGHT)
     return None
