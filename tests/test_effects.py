@@ -20,6 +20,7 @@ from armflex.calibrate.view import Setup, View, look
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects import Effect, EffectLaw, LoadLaw, Spot, TwistLaw
 from armflex.effects.catalogue import CATALOGUE, EVERY
+from armflex.effects.guide import GUIDE
 from armflex.effects.remember import known_rows
 from armflex.effects.scene import Scene, survey
 from armflex.effects.unnamed import PRODUCT, SHAPES
@@ -104,6 +105,9 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
             found.append(candidate.effect(values * np.min(largest / np.maximum(np.abs(values), largest))))
         if len(found) == count:
             return found
+    if law is GUIDE and not any(joint.kind == "prismatic" for joint in stage.scene.robot.moving):
+        assert not spots
+        pytest.skip("nothing slides")
     assert found, law.name
     return found
 

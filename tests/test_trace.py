@@ -149,7 +149,7 @@ def test_chance_exceeds_the_null_as_often_as_it_should(before):
         projection = noisy(known, seed)
         sifted = Sifted(candidates, projection, known.half @ candidates.columns)
         best = screen(sifted).evidence.max()
-        ranks.append((1 + (null_maximum(sifted, before.groups, seed, 99) >= best).sum()) / 100.0)
+        ranks.append((1 + (null_maximum(sifted, before.groups, seed=seed, flips=99) >= best).sum()) / 100.0)
     # A residual has lost what was fitted, and its flips lose that once more: a little smaller than chance is.
     assert np.mean(np.array(ranks) <= 0.05) < 0.15 and 0.3 < np.mean(ranks) < 0.6
 

@@ -15,6 +15,7 @@ import numpy as np
 from armflex.declaration import Declaration
 from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.cross_coupling import CROSS_COUPLING
+from armflex.effects.guide import GUIDE
 from armflex.effects.law import Effect, EffectLaw, Inner, Values, full
 from armflex.effects.scene import AXES, Scene
 from armflex.effects.session_frame import SESSION_FRAME
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 UNNAMED = "unnamed"
 SHAPES: dict[str, EffectLaw] = {
+    "guide": GUIDE,
     "line": LINE,
     "wave": WAVE,
     "bump": BUMP,

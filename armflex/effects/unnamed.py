@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.effects.guide import GUIDE
 from armflex.effects.law import Amplitude, Inner, TwistLaw, Values
 from armflex.effects.scene import AXES, Scene, column_of
 from armflex.effects.shapes import along, on_axis
@@ -163,5 +164,5 @@ PRODUCT = TwistLaw(
     (LOW, HIGH, MIDDLE),
 )
 
-SHAPES = {law.name: law for law in (LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, PRODUCT)}
+SHAPES = {law.name: law for law in (GUIDE, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, PRODUCT)}
 """Name in files -> shape; the plainer first."""

@@ -57,6 +57,11 @@ LAWS = {
     "gravity_tilt": Words("gravity tilt", "down is not where the frame says", "rotation of gravity"),
     "tracker_scale": Words("instrument scale", "distances are read too long or too short", "λ · range"),
     "session_frame": Words("session frame", "the frame of one session differs", "a frame per session"),
+    "unnamed_guide": Words(
+        "play in the guides",
+        "a tube rocks in its guides, the more the less they overlap",
+        "(g · clip(τ / τ₀) + c τ) / overlap",
+    ),
     "unnamed_line": Words("unnamed trend", "it grows steadily with a column", "slope · x + curvature · x²"),
     "unnamed_wave": Words("unnamed wave", "it goes up and down with a column", "A sin kx + B cos kx"),
     "unnamed_bump": Words("unnamed bump", "it happens near one value", "height · exp(−(x − centre)² / 2 width²)"),
@@ -90,7 +95,7 @@ def place_words(spot: Spot) -> str:
 def called(effect: Effect) -> str:
     """Return an effect in words: 'backlash at A5 (rz)'; one without a name says which column it goes with."""
     title = words(effect.law.name).title
-    if effect.law.name in SHAPES:
+    if effect.law.name in SHAPES and title.startswith("unnamed "):
         shape, columns = title.removeprefix("unnamed "), " and ".join(effect.spot.covariates)
         title = f"something without a name (a {shape} in {columns})"
     partner = f" with {effect.spot.partner}" if effect.spot.partner else ""

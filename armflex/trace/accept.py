@@ -19,7 +19,9 @@ BELIEVED = 0.5
 """Robust weight below which a row is left out of held-out errors: a lost beam says nothing about a model."""
 
 
-def null_maximum(sifted: Sifted, groups: np.ndarray, seed: int = 0, flips: int = FLIPS) -> Array:
+def null_maximum(
+    sifted: Sifted, groups: np.ndarray, laws: frozenset[str] | None = None, seed: int = 0, flips: int = FLIPS
+) -> Array:
     """Return (F,) the best evidence of any candidate when the residual of every pose has a random sign.
 
     Winkler et al. 2014 (NeuroImage 92): signs of exchangeable blocks, reduced-model residuals, maximum statistic.
@@ -27,6 +29,7 @@ def null_maximum(sifted: Sifted, groups: np.ndarray, seed: int = 0, flips: int =
     Args:
         sifted: Projected candidates.
         groups: (M,) pose number of every row.
+        laws: Names of those that compete; all when not given.
         seed: Of the signs.
         flips: How many.
     """
@@ -35,7 +38,8 @@ def null_maximum(sifted: Sifted, groups: np.ndarray, seed: int = 0, flips: int =
     rows = np.repeat(signs[groups], projection.count // len(groups), axis=0)
     gains = sifted.gains(projection.residual[:, None] * rows, stationary=False)
     worth = evidence(gains, projection.objective, projection.count, sifted.bank.parameters[:, None])
-    return np.asarray(worth).max(axis=0)
+    competes = [laws is None or candidate.law.name in laws for candidate in sifted.bank.candidates]
+    return np.asarray(worth)[competes].max(axis=0, initial=-np.inf)
 
 
 @dataclass(frozen=True, eq=False)

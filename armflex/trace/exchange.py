@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from armflex.calibrate.fit import robust_limit
 from armflex.effects.catalogue import LAWS
 from armflex.effects.law import Effect
 from armflex.effects.unnamed import SHAPES, shaped_places
@@ -15,7 +16,7 @@ from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import Projection, evidence, projected, shyness
 from armflex.trace.search import PLAIN
-from armflex.trace.state import State, add, information, moved_to, without
+from armflex.trace.state import State, add, information, moved_to, stands, without
 
 SAME = 14.0
 """Evidence within which two candidates are not told apart."""
@@ -107,7 +108,9 @@ def _swapped(state: State, index: int, say: Callable[[str], None]) -> State:
         trial = moved_to(add(without(state, index), better[0]), index)
     except ArmflexError:
         return state
-    return trial if information(trial) < information(state) - SAME else state
+    limit = robust_limit(state.fit.view)
+    is_better = stands(trial) and information(trial, limit) < information(state, limit) - SAME
+    return trial if is_better else state
 
 
 def _pruned(state: State, say: Callable[[str], None]) -> tuple[State, list[int]]:
@@ -119,7 +122,10 @@ def _pruned(state: State, say: Callable[[str], None]) -> tuple[State, list[int]]
             break
         weakest = int(np.argmin(worths))
         trial = without(state, weakest)
-        if information(trial) > information(state) + SAME:  # the linear estimate misses how much the rest must bend
+        limit = robust_limit(state.fit.view)
+        if (
+            information(trial, limit) > information(state, limit) + SAME
+        ):  # the linear estimate misses how much the rest must bend
             break
         say(f"dropping {state.effects[weakest].effect.name}")
         dropped.append(places.pop(weakest))

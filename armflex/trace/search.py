@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.calibrate.fit import Fit
 from armflex.effects.catalogue import CATALOGUE, EVERY, LAWS
+from armflex.effects.guide import GUIDE
 from armflex.effects.scene import Scene
 from armflex.effects.spot import LINK, Spot
 from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, suspects
@@ -51,7 +52,9 @@ TIE = 2.0
 """Evidence within which the plainer candidate is taken."""
 
 ORDER = tuple(EVERY)
-NAMED = frozenset(CATALOGUE)
+NAMED = frozenset(CATALOGUE) | {GUIDE.name}
+"""What is physics, whether the catalogue names it or not."""
+
 PLAIN = NAMED - {"umbilical", "magnetic_pull"}
 """Laws without a place in space to be searched, which bends like a free shape."""
 
@@ -134,14 +137,13 @@ class Round:
 def preferred(ranking: Sequence[Polished]) -> Polished:
     """Return the plainest of those that the data hardly tell from the best: catalogue order, then a joint's drive."""
     level = [one for one in ranking if one.evidence > ranking[0].evidence - TIE]
-    return min(
-        level,
-        key=lambda one: (
-            ORDER.index(one.candidate.law.name),
-            one.candidate.spot.site.startswith(LINK),
-            not one.candidate.spot.turns,
-        ),
-    )
+    return min(level, key=plainness)
+
+
+def plainness(one: Polished) -> tuple[int, bool, bool]:
+    """Return how far down a candidate is among those that the data do not tell apart."""
+    spot = one.candidate.spot
+    return ORDER.index(one.candidate.law.name), spot.site.startswith(LINK), not spot.turns
 
 
 def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
@@ -153,7 +155,7 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
         groups: (M,) pose number of every measured row.
     """
     projection = project(fit)
-    named = bank(candidates_of(LAWS, scene), fit, scene)
+    named = bank(candidates_of((*LAWS, GUIDE), scene), fit, scene)
     free = bank(candidates_of((LINE, SPLINE, SPLINE_COMPLIANCE), scene), fit, scene)
     sifted = (sift(named, projection), sift(free, projection))
     screened, shaped = (screen(one) for one in sifted)

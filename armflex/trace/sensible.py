@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from armflex.arm import Arm
 from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
 from armflex.effects.in_arm import BoundTwist
-from armflex.effects.law import TwistLaw
+from armflex.effects.law import Effect, TwistLaw
+from armflex.effects.link_mass import LinkMass
 from armflex.effects.scene import Scene
-from armflex.effects.spot import resolve
-from armflex.laws import Row
+from armflex.effects.spot import link_of, resolve
+from armflex.laws.linear import SOFTEST
 from armflex.trace.candidates import Candidate
 
 ROWS = 15
@@ -23,6 +25,9 @@ ROWS = 15
 LARGEST_SHIFT, LARGEST_TURN = 0.05, 0.03
 """RMS of a twist [m, rad] beyond which it is no small effect any more."""
 
+SOFT = 10.0
+"""Times the softest joint of steel that is believed: what would have to give more is no compliance."""
+
 SLACK = 2.0
 """Coupling over the most that two compliances allow: while it is missing, calibration bends them to make up for it."""
 
@@ -30,18 +35,31 @@ FREE = ("even_in_load", "friction_windup")
 """Laws that are no compliance: their way does not follow the load's, but nothing or the side one came from."""
 
 
-def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene) -> bool:
-    """Return whether a candidate with these amplitudes is possible on the fitted arm."""
-    acting = [candidate.law.amplitudes[i] for i in candidate.spot.terms]
+def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, present: bool = False) -> bool:
+    """Return whether a candidate with these amplitudes is possible on the fitted arm, or is `present` in it."""
+    law, spot = candidate.law, candidate.spot
+    acting = [law.amplitudes[i] for i in spot.terms]
     for amplitude, value in zip(acting, amplitudes.tolist(), strict=True):
         if (value < 0.0 and amplitude.positive) or abs(value) > amplitude.most:
             return False
-    law = candidate.law
+    if isinstance(law, LinkMass):
+        return _weighs(candidate.effect(amplitudes), fit.setup.arm)
     if not isinstance(law, TwistLaw):
         return True
-    if not _is_small(law.features(candidate.spot, candidate.inner, fit.view, scene), amplitudes):
+    if not _is_small(law.features(spot, candidate.inner, fit.view, scene), amplitudes):
         return False
-    return not law.loaded or law.memory is not None or law.name in FREE or _gives(candidate, amplitudes, fit, scene)
+    if law.name == "hysteresis":
+        return _is_stiff(np.abs(amplitudes[0]) * resolve(spot, fit.setup.arm.robot, ()).direction)
+    if not law.loaded or law.memory is not None:
+        return True
+    return _gives(candidate.effect(amplitudes), fit, scene, present)
+
+
+def _weighs(effect: Effect, arm: Arm) -> bool:
+    """Return whether a link keeps a mass, and not more than all of the arm."""
+    link = arm.robot.urdf.links[link_of(effect.spot.site, arm.robot)]
+    own = link.inertial.mass if link.inertial else 0.0
+    return -own <= effect.amplitudes[0] <= arm.weight / np.linalg.norm(arm.robot.gravity)
 
 
 def _is_small(features: Array, amplitudes: Array) -> bool:
@@ -50,24 +68,26 @@ def _is_small(features: Array, amplitudes: Array) -> bool:
     return bool((sizes[:3] < LARGEST_SHIFT).all() and (sizes[3:] < LARGEST_TURN).all())
 
 
-def _gives(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene) -> bool:
+def _gives(effect: Effect, fit: Fit, scene: Scene, present: bool) -> bool:
+    """Return whether in most rows the joint gives the way it is pushed, and no more than a joint can."""
     arm, view = fit.setup.arm, fit.view
-    here = resolve(candidate.spot, arm.robot, arm.modelled)
-    bound = BoundTwist(candidate.effect(amplitudes), resolve(candidate.spot, arm.robot, arm.flexures))
+    here = resolve(effect.spot, arm.robot, arm.modelled)
+    bound = BoundTwist(effect, resolve(effect.spot, arm.robot, arm.flexures))
     some = np.unique(np.linspace(0, len(view.rows) - 1, ROWS).astype(int))
-    wrenches = view.line.load_at(candidate.spot.site)
-    good = []
-    for i in some:
-        row = _one(scene.row, int(view.rows[i]))
-        total = bound.tangent(wrenches[i], row)
-        if here.base_law is not None:
-            total = total + here.base_law.tangent(wrenches[i], row)
-        good.append(_is_compliance(total))
+    wrenches, row = view.line.load_at(effect.spot.site)[some], scene.row.some(view.rows[some])
+    own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
+    total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
+    total = np.broadcast_to(total, own.shape) + (0.0 if present else own)
+    good = [
+        _is_stiff(np.diag(a)) and (effect.law.name in FREE or _is_compliance(b))
+        for a, b in zip(own, total, strict=True)
+    ]
     return 2 * sum(good) >= len(good)
 
 
-def _one(row: Row, index: int) -> Row:
-    return Row(row.q[index], row.joint_index, {name: values[index] for name, values in row.covariates.items()})
+def _is_stiff(own: Array) -> bool:
+    """Return whether a (6,) compliance is no softer than a joint can be."""
+    return bool((own[:3] < SOFT * SOFTEST[0]).all() and (own[3:] < SOFT * SOFTEST[1]).all())
 
 
 def _is_compliance(tangent: Array) -> bool:

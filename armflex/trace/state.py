@@ -15,15 +15,17 @@ from armflex.calibrate.effect_block import EffectBlock, shy_prior
 from armflex.calibrate.fit import ROUGH, Fit, fit
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
+from armflex.effects.law import Effect
 from armflex.effects.remember import known_rows
 from armflex.effects.scene import Scene, survey
 from armflex.linearise import Linearisation, Linearizer
 from armflex.measurements import Measurements
-from armflex.trace.candidates import candidate_columns
+from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.projection import project
 from armflex.trace.search import Round, search
+from armflex.trace.sensible import sensible
 
 LOST = 0.1
 """Robust weight below which a reading is a lost beam and left out: no effect is forty standard deviations long."""
@@ -109,23 +111,41 @@ def _line(arm: Arm, measurements: Measurements, known: Mapping[str, Array], rows
 
 
 def add(state: State, found: Polished) -> State:
-    """Return the state with a candidate added and everything refitted."""
-    absorbed, start = _beginning(state, found)
+    """Return the state with a candidate added, or joined to the effect that it widens, and everything refitted."""
+    values = _beginning(state, found)
     what = found.candidate.effect(found.amplitudes)
+    starts = [values[state.fit.places(block)] for block in state.effects]
+    widened = [i for i, block in enumerate(state.effects) if _is_same_law(block.effect, what)]
+    place = widened[0] if widened else len(starts)
+    if widened:
+        what = _joined(state.effects[place].at(starts[place]), what)
     prior = shy_prior(what, found.free, state.fit.view, state.scene)
-    ordinal = len(state.declared.arm.effects) + len(state.effects)
-    effect = EffectBlock(what, found.free, state.scene, ordinal, prior)
-    return refit(state, (*state.effects, effect), state.random, np.concatenate([start, effect.start, absorbed]))
+    ordinal = len(state.declared.arm.effects) + place
+    block = EffectBlock(what, found.free, state.scene, ordinal, prior)
+    effects = (*state.effects[:place], block, *state.effects[place + 1 :])
+    starts[place : place + 1] = [block.start]
+    declared = sum(len(block.labels) for block in state.blocks)
+    random = values[state.fit.places(state.random)] if state.random else np.zeros(0)
+    return refit(state, effects, state.random, np.concatenate([values[:declared], *starts, random]))
 
 
-def _beginning(state: State, found: Polished) -> tuple[Array, Array]:
-    """Return starting values of the random twist and of everything else, moved to make room for the effect."""
-    projection = project(state.fit)
-    values = state.fit.values - projection.absorbed(
-        candidate_columns(found.candidate, state.fit, state.scene) @ found.amplitudes
-    )
-    count = 0 if state.random is None else len(state.random.labels)
-    return values[len(values) - count :], values[: len(values) - count]
+def _beginning(state: State, found: Polished) -> Array:
+    """Return values of what is fitted already, moved to make room for an effect."""
+    change = candidate_columns(found.candidate, state.fit, state.scene) @ found.amplitudes
+    return state.fit.values - project(state.fit).absorbed(change)
+
+
+def _is_same_law(one: Effect, other: Effect) -> bool:
+    """Return whether two effects are one with more terms: same law and place, nothing searched between them."""
+    places = [(effect.law.name, replace(effect.spot, terms=())) for effect in (one, other)]
+    return places[0] == places[1] and not one.law.inner
+
+
+def _joined(one: Effect, other: Effect) -> Effect:
+    """Return the sum of two effects of the same law and place."""
+    terms = tuple(sorted({*one.spot.terms, *other.spot.terms}))
+    values = tuple(a + b for a, b in zip(one.values, other.values, strict=True))
+    return replace(one, spot=replace(one.spot, terms=terms), values=values)
 
 
 def without(state: State, index: int) -> State:
@@ -168,8 +188,22 @@ def moved_to(state: State, index: int) -> State:
     return _with(state, [state.effects[old] for old in order])
 
 
-def information(state: State) -> float:
-    """Return n log J + k log n of a state: the smaller the better."""
-    projection = project(state.fit)
+def information(state: State, limit: float) -> float:
+    """Return n log J + k log n of a state: the smaller the better.
+
+    J is what the fit reached, not what its linear problem promises. States are compared at one `limit` of lengths
+    beyond which rows count less (`robust_limit`).
+    """
+    count = len(state.fit.residual)
     searched = sum(len(block.labels) for block in state.effects)
-    return projection.count * float(np.log(projection.objective)) + searched * float(np.log(projection.count))
+    return count * float(np.log(max(state.fit.cost(limit), count))) + searched * float(np.log(count))
+
+
+def stands(state: State) -> bool:
+    """Return whether every effect is still possible with what the fit made of it."""
+    for block in state.effects:
+        effect = block.at(state.values_of(block))
+        acting = np.array([effect.amplitudes[i] for i in effect.spot.terms])
+        if not sensible(Candidate(effect.law, effect.spot, effect.inner), acting, state.fit, state.scene, present=True):
+            return False
+    return True

@@ -10,9 +10,8 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, calibrate
-from armflex.calibrate.fit import Fit
+from armflex.calibrate.fit import Fit, robust_limit
 from armflex.calibrate.spread import certainty_of
-from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.scene import POSE
 from armflex.errors import ArmflexError
 from armflex.measurements import Measurements
@@ -25,8 +24,8 @@ from armflex.trace.next_measurement import next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.result import Found, Proof, Trace
-from armflex.trace.search import Round
-from armflex.trace.state import State, add, begin, information, with_random
+from armflex.trace.search import MUCH, NAMED, TIE, Round, plainness
+from armflex.trace.state import State, add, begin, information, stands, with_random
 
 Report = Callable[[str], None]
 """Called with what is being done."""
@@ -73,8 +72,9 @@ def trace(arm: Arm, measurements: Measurements, rows: np.ndarray | None = None, 
             found = _accept(state, looked, say)
         if found is None:
             break
-        state, step = found
-        steps.append(step)
+        before, (state, step) = state, found
+        new = [i for i, block in enumerate(state.effects) if block not in before.effects]
+        steps[new[0] : new[0] + 1] = [step]
         looked = _look(state, say)
     return _conclude(calibration, first, state, looked, places, steps, say)
 
@@ -110,12 +110,14 @@ def _accept(state: State, looked: Round, say: Report, apart: float = APART) -> t
 
     Held-out errors must fall by `apart` standard errors; where that is more than usual, only the catalogue will do.
     """
-    if apart > APART and looked.best.candidate.law.name not in CATALOGUE:
+    if apart > APART and looked.best.candidate.law.name not in NAMED:
         return None
     best = looked.best
     if best.evidence < ENOUGH:
         return None
-    null = max(float(null_maximum(sifted, state.groups).max()) for sifted in looked.sifted)
+    # Chance gives a few laws less to boast of than all of them; what the best was chosen among is what counts.
+    laws = looked.plain if best.candidate.law.name in looked.plain else None
+    null = max(float(null_maximum(sifted, state.groups, laws).max()) for sifted in looked.sifted)
     if best.evidence < null + MARGIN:
         return None
     for candidate, after in _refitted(state, looked, say):
@@ -129,10 +131,17 @@ def _accept(state: State, looked: Round, say: Report, apart: float = APART) -> t
 
 def _refitted(state: State, looked: Round, say: Report) -> list[tuple[Polished, State]]:
     """Return the shortlist with everything refitted, the best first; a contender before it where nothing is left."""
-    contender = [] if looked.contender is None else _added(state, [looked.contender], say)
+    could = looked.contender is not None and looked.contender.gain > MUCH * _excess(looked)
+    contender = _added(state, [looked.contender], say) if could else []
     if contender and _is_settled(contender[0][1]):
         return contender
-    return sorted(_added(state, looked.shortlist, say), key=lambda one: information(one[1])) or contender
+    added = _added(state, looked.shortlist, say)
+    limit = robust_limit(state.fit.view)
+    worths = {id(one): information(after, limit) for one, after in added}
+    least = min(worths.values(), default=0.0)
+    # What the data do not tell apart goes by plainness, as in the search.
+    added.sort(key=lambda one: (max(worths[id(one[0])], least + TIE), *plainness(one[0])))
+    return added or contender
 
 
 def _added(state: State, candidates: Sequence[Polished], say: Report) -> list[tuple[Polished, State]]:
@@ -140,7 +149,9 @@ def _added(state: State, candidates: Sequence[Polished], say: Report) -> list[tu
     for candidate in candidates:
         say(f"refitting with {candidate.candidate.effect(candidate.amplitudes).name}")
         with contextlib.suppress(ArmflexError):  # an arm that buckles or a fit that does not settle is no answer
-            found.append((candidate, add(state, candidate)))
+            after = add(state, candidate)
+            if stands(after):
+                found.append((candidate, after))
     return found
 
 
