@@ -94,6 +94,8 @@ class _Lockstep:
                 break
             tangents[active] = self._tangents(active, found)
             active = self._move(active, residual, tangents[active], found)
+            if not len(active):
+                break
         return settled
 
     def _residual(self, active: np.ndarray, found: Equilibria) -> tuple[Array, Array]:

@@ -73,7 +73,7 @@ def scene() -> Scene:
 @functools.cache
 def spots(law: EffectLaw) -> list[Spot]:
     if law.name not in CATALOGUE:
-        columns = ("q_J2", "humidity")[: 2 if law is SHAPES["product"] else 1]
+        columns = ("q_J2", "humidity")[: 2 if law.name.endswith("product") else 1]
         return [Spot("J3", "rz", columns, tuple(range(len(law.amplitudes)))), Spot("base", "dx", columns, (0,))]
     return list(law.spots(scene()))
 

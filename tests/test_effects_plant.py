@@ -251,7 +251,7 @@ def test_a_spring_at_the_end_of_a_link(arm, end, tmp_path):
         push.loads.append((end - 1, amplitude * line * np.maximum(1.0 - rest / length, 0.0), point))
 
     hidden = Hidden("umbilical", site, None, (), act, lambda x: {"k": x}, 1.0, k, amplitude=k)
-    effect = amplitudes("umbilical", Spot(site), (*anchor.tolist(), rest), k=k)
+    effect = amplitudes("umbilical", Spot(site), (*anchor.tolist(), rest, 1.0), k=k)
     compare(replace(one, told=replace(one.told, name="umbilical")), with_effects(one.setup, (effect,)), (hidden,))
 
 

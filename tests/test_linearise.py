@@ -33,7 +33,7 @@ EFFECTS = (
     ("link_flexure", Spot("link:roll", terms=(3, 4, 5)), (0.0, 0.0, 0.0, 1e-6, 2e-6, 5e-7)),
     ("base_compliance", Spot("base"), (3e-7, 0.0, 0.0, 0.0)),
     ("link_geometry", Spot("tool", "dx", terms=(0,)), (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)),
-    ("umbilical", Spot("link:roll"), (900.0, 1.0, 2.0, 3.0, 0.3)),
+    ("umbilical", Spot("link:roll"), (900.0, 1.0, 2.0, 3.0, 0.3, 0.8)),
     ("magnetic_pull", Spot("tool"), (400.0, 2.5, 0.5, 1.0, 0.2)),
 )
 

@@ -12,7 +12,7 @@ from armflex.calibrate.blocks import declared_blocks
 from armflex.calibrate.enough import check_readings
 from armflex.calibrate.fit import Fit, fit
 from armflex.calibrate.identify import Parameter, parameters
-from armflex.calibrate.spread import certainty_of
+from armflex.calibrate.spread import INSTRUMENT, SESSIONS, certainty_of
 from armflex.calibrate.view import Progress, Setup, look
 from armflex.effects.law import LoadLaw, TwistLaw
 from armflex.effects.remember import known_rows
@@ -87,7 +87,11 @@ class Calibration:
 
 
 def calibrate(
-    arm: Arm, measurements: Measurements, rows: np.ndarray | None = None, progress: Progress | None = None
+    arm: Arm,
+    measurements: Measurements,
+    rows: np.ndarray | None = None,
+    progress: Progress | None = None,
+    keep: bool = False,
 ) -> Calibration:
     """Return the arm with everything that its [prior] frees fitted to a campaign.
 
@@ -96,6 +100,7 @@ def calibrate(
         measurements: Where the tip was seen.
         rows: Row numbers to use; every measured row when not given.
         progress: Called with (steps done, steps at most).
+        keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames are fitted.
 
     Raises:
         InputError: Too few rows were measured, or see `check_readings`.
@@ -108,9 +113,11 @@ def calibrate(
     fixed = [effect.name for effect in arm.effects if not isinstance(effect.law, TwistLaw | LoadLaw)]
     if fixed:
         raise UnsupportedError(f"effects that change the model itself cannot be fitted about: {listing(fixed)}")
-    declared = first_guess(arm, measurements, used)
-    blocks = declared_blocks(declared, measurements)
-    frame = [block for block in blocks if block.name == "instrument"]
+    declared = first_guess(arm if keep else replace(arm, certainty=None), measurements, used)
+    blocks = [
+        block for block in declared_blocks(declared, measurements) if not keep or block.name in (INSTRUMENT, SESSIONS)
+    ]
+    frame = [block for block in blocks if block.name == INSTRUMENT]
     before = fit(declared, frame, measurements, used) if frame else None
     seen = before.view if before else look(declared, measurements, used)
     found = fit(declared, blocks, measurements, used, progress=progress)

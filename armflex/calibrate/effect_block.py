@@ -112,5 +112,6 @@ def shy_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -
     moved = np.sqrt((columns[:, :3] ** 2).sum(axis=1).mean(axis=0))
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
+    amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.spot.terms])
     searched = [LOOSE if effect.law.inner[i].positive else np.inf for i in free]
     return np.concatenate([amplitudes, searched])

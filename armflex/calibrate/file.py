@@ -54,7 +54,9 @@ def _write(declared: Path, calibration: dict[str, Any], effects: Sequence[dict[s
 
     document = tomlkit.parse(declared.read_text(encoding="utf-8-sig"))
     _move_files(document, declared.parent.resolve(), path.parent.resolve())
-    document.pop("calibration", None)
+    earlier = document.pop("calibration", None)
+    if earlier is not None:
+        calibration = calibration | {"compliance": dict(earlier.get("compliance", {})) | calibration["compliance"]}
     if effects and "effect" not in document:
         document.append("effect", tomlkit.aot())
     for effect in effects:

@@ -24,11 +24,14 @@ MEDIAN_LENGTH = {3: 1.538, 6: 2.313}
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""
 
+MOVING = 10
+"""Steps after which the length beyond which rows count less stays as it is."""
+
 LIGHT = 1e-4
 """Least damping, relative to a parameter's own information."""
 
 FLAT = 1e-2
-"""Fall of the cost (-2 log posterior density) below which there is nothing left to gain."""
+"""Fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as stated."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Effort:
     content: bool
 
 
-THOROUGH = Effort(30, 8, FLAT, content=False)
+THOROUGH = Effort(60, 8, FLAT, content=False)
 ROUGH = Effort(10, 4, 0.3, content=True)
 """To compare candidates: a fall of 0.3 is a tenth of what tells two apart, and some laws have kinks."""
 
@@ -203,9 +206,10 @@ def fit(
     values = np.zeros(len(prior)) if start is None else start
     view = look(realise(declared, blocks, values), measurements, used)
     history: list[float] = []
-    damping = 0.0
+    damping, limit = 0.0, np.inf
     for iteration in range(effort.iterations):
-        limit = robust_limit(view)
+        # A limit that goes on moving with the residuals' median could keep the fit going round in circles.
+        limit = robust_limit(view) if iteration < MOVING else limit
         before = _objective(view, values, prior, limit)
         problem = _problem(blocks, view, huber_weights(view, limit), values, prior)
         found = _descend(declared, blocks, measurements, view, values, problem, before, limit, effort.trials, damping)
@@ -217,7 +221,8 @@ def fit(
         history.append(cost)
         if progress:
             progress(iteration + 1, effort.iterations)
-        if size < SETTLED or before - cost < effort.flat:
+        # While the model is wrong the residual is many times the noise, and a fall counts by that measure.
+        if size < SETTLED or before - cost < effort.flat * max(1.0, cost / view.residual.size):
             break
     else:
         if not effort.content:

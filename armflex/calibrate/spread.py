@@ -32,16 +32,34 @@ from armflex.laws import LinearLaw, PositionDependentLaw
 from armflex.measurements import Measurements
 
 COMPLIANCE, EFFECT, RANDOM = "compliance", "effect", "unexplained"
+INSTRUMENT, SESSIONS = "instrument", "session_frame"
 
 
 def certainty_of(fit: Fit) -> Certainty:
-    """Return what a fit leaves behind; a random twist per pose is kept by its size, not by its values."""
+    """Return what a fit leaves behind; a random twist per pose is kept by its size, not by its values.
+
+    Where the declared arm was fitted before, what is known of it stays known; only frames are of one campaign.
+    """
     random = [block for block in fit.blocks if block.name.startswith(f"{RANDOM} ")]
     names = {block.name for block in random}
     kept = np.array([i for i, (block, _) in enumerate(fit.labels) if block not in names], dtype=int)
     labels = tuple(f"{block} {label}" for block, label in (fit.labels[i] for i in kept))
     unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None
-    return Certainty(labels, fit.covariance[np.ix_(kept, kept)], unexplained)
+    found = Certainty(labels, fit.covariance[np.ix_(kept, kept)], unexplained)
+    earlier = fit.declared.arm.certainty
+    return found if earlier is None else _joined(earlier, found)
+
+
+def _joined(earlier: Certainty, found: Certainty) -> Certainty:
+    """Return both, as independent, but for the earlier campaign's frames: declared parameters first, then effects."""
+    kept = [i for i, label in enumerate(earlier.labels) if label.split(" ", 1)[0] not in (INSTRUMENT, SESSIONS)]
+    labels = (*(earlier.labels[i] for i in kept), *found.labels)
+    covariance = np.zeros((len(labels),) * 2)
+    covariance[: len(kept), : len(kept)] = earlier.covariance[np.ix_(kept, kept)]
+    covariance[len(kept) :, len(kept) :] = found.covariance
+    order = sorted(range(len(labels)), key=lambda i: labels[i].startswith(f"{EFFECT} "))
+    unexplained = found.unexplained or earlier.unexplained
+    return Certainty(tuple(labels[i] for i in order), covariance[np.ix_(order, order)], unexplained)
 
 
 def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[Flag, ...]]:
@@ -119,9 +137,9 @@ def _declared(name: str, labels: list[str], view: View, rows: Measurements) -> B
     """Return a declared block from its labels; its prior no longer matters."""
     arm, pairs = view.setup.arm, [label.rpartition(" ")[::2] for label in labels]
     parts = tuple(dict.fromkeys(part for part, _ in pairs))
-    if name == "instrument":
+    if name == INSTRUMENT:
         return FrameBlock(view.setup.instrument.pose, arm.measurement.gravity_in == "measurement")
-    if name == "session_frame":
+    if name == SESSIONS:
         return SessionBlock(parts, rows.session, 0.0, 0.0)
     if name == "tool":
         return TargetBlock(0.0)

@@ -17,6 +17,7 @@ from armflex.cli.options import (
     declared_arm,
     json_option,
     keep_inputs,
+    keep_option,
     points_options,
     progress,
     show_flags,
@@ -32,6 +33,7 @@ from armflex.point_export import PointExport
 @click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Calibrated arm.toml to write.")
 @click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
+@keep_option
 @points_options
 @json_option
 def command(
@@ -39,15 +41,16 @@ def command(
     measurements_path: Path,
     output: Path,
     show_all: bool,
+    keep: bool,
     points: PointExport | None,
     json_path: Path | None,
 ) -> None:
     """Fit what [prior] frees, on the deflected arm, and say what the data cannot tell."""
     keep_inputs(output)
-    arm = declared_arm(arm_path, "calibrate")
+    arm = declared_arm(arm_path, "calibrate", keep)
     measurements = read_measurements(measurements_path, arm, points=points)
     with progress("calibrating") as tick:
-        found = calibrate(arm, measurements, progress=tick)
+        found = calibrate(arm, measurements, progress=tick, keep=keep)
     print_calibration(found, show_all)
     show_flags(measurements.flags)
     write_json(json_path, as_json(found))

@@ -56,13 +56,23 @@ def arm_argument(function: Callable) -> Callable:
     return with_arm
 
 
-def declared_arm(path: Path, command: str) -> Arm:
+keep_option = click.option(
+    "--keep",
+    is_flag=True,
+    help="ARM is calibrated or traced already: keep it, and fit only where the instrument stands.",
+)
+
+
+def declared_arm(path: Path, command: str, keep: bool = False) -> Arm:
     """Return the arm of an arm.toml that a command fits; a bare URDF says nothing of what may move."""
     if path.suffix != ".toml":
         raise InputError(f"{path}: {command} needs an arm.toml, whose [prior] says what may move")
     arm = load_arm(path)
-    if arm.certainty is not None:
-        raise InputError(f"{path} is calibrated already: {command} starts from the arm as declared")
+    if arm.certainty is not None and not keep:
+        text = f"{path} is calibrated already: {command} starts from the arm as declared, or with --keep from this one"
+        raise InputError(text)
+    if keep and arm.certainty is None:
+        raise InputError(f"{path} is not calibrated: there is nothing to keep")
     return arm
 
 

@@ -17,6 +17,7 @@ from armflex.cli.options import (
     declared_arm,
     json_option,
     keep_inputs,
+    keep_option,
     points_options,
     show_flags,
     write_json,
@@ -41,6 +42,7 @@ MOST_LINES = 8
 @click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Traced arm.toml to write.")
 @click.option("--report", "report_path", type=OutputPath(), help="HTML page of what was found to write.")
+@keep_option
 @points_options
 @json_option
 def command(
@@ -48,15 +50,16 @@ def command(
     measurements_path: Path,
     output: Path,
     report_path: Path | None,
+    keep: bool,
     points: PointExport | None,
     json_path: Path | None,
 ) -> None:
     """Calibrate, find what residual is left, trace it to an effect the arm lacks, add it, and say what it was worth."""
     for written in filter(None, (output, report_path)):
         keep_inputs(written)
-    arm = declared_arm(arm_path, "trace")
+    arm = declared_arm(arm_path, "trace", keep)
     measurements = read_measurements(measurements_path, arm, points=points)
-    found = trace(arm, measurements, report=_say())
+    found = trace(arm, measurements, report=_say(), keep=keep)
     print_trace(found)
     show_flags(measurements.flags)
     write_json(json_path, as_json(found))

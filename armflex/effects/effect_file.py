@@ -20,7 +20,7 @@ from armflex.effects.law import Effect, EffectLaw, Inner, Values, full
 from armflex.effects.scene import AXES, Scene
 from armflex.effects.session_frame import SESSION_FRAME
 from armflex.effects.spot import BASE, TOOL, Spot
-from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE
+from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT
 from armflex.errors import ArmFileError, did_you_mean, listing
 from armflex.laws import Row
 
@@ -35,6 +35,7 @@ SHAPES: dict[str, EffectLaw] = {
     "bump": BUMP,
     "spline": SPLINE,
     "spline_compliance": SPLINE_COMPLIANCE,
+    "wave_product": WAVE_PRODUCT,
     "product": PRODUCT,
 }
 """Key `shape` of an unnamed effect -> shape."""
@@ -42,9 +43,9 @@ SHAPES: dict[str, EffectLaw] = {
 TEMPERATURE = "temperature"
 """Column of a law that depends on a temperature, where a table names none."""
 
-DEFAULTS = {"reference": 20.0, "lag": 0.0, "along": 1.0, "since": -1.0, "rest": 0.0, "reach": 0.0}
+DEFAULTS = {"reference": 20.0, "lag": 0.0, "along": 1.0, "since": -1.0, "rest": 0.0, "reach": 0.0, "hook": 1.0}
 """Inner parameters that may be left out: the temperature of manufacture, no lag, a bend at the link's root, a tool that
-moved before the first row, a taut line, a pull that has no core."""
+moved before the first row, a taut line, a pull that has no core, a hook at the link's end."""
 
 
 def read_effect(table: Declaration, arm: Arm) -> Effect:
@@ -234,7 +235,7 @@ def _covariates(table: Declaration, law: EffectLaw, spot: Spot, arm: Arm) -> tup
 def _wanted(law: EffectLaw, spot: Spot) -> int:
     """Return how many columns of any name a law takes: a temperature, or what a shape depends on."""
     if law in SHAPES.values():
-        return 2 if law is PRODUCT else 1
+        return 2 if law in (PRODUCT, WAVE_PRODUCT) else 1
     return int(spot.covariates == (TEMPERATURE,))
 
 

@@ -46,6 +46,8 @@ class Inner:
         positive: Whether only values above zero make sense; such are refined on a logarithmic scale.
         polished: Whether it is refined after the grid.
         smooth: Whether the law changes smoothly with it, so that a fit may move it.
+        usual: What it is without evidence to the contrary, for one that is chosen rather than refined.
+        tried: Further values that only the best candidates are tried with.
     """
 
     name: str
@@ -54,6 +56,8 @@ class Inner:
     positive: bool = True
     polished: bool = True
     smooth: bool = True
+    usual: float | None = None
+    tried: Values = ()
 
     def moved(self, value: float, by: float) -> float:
         """Return a value moved: by a factor's logarithm where only positive ones make sense, else by a difference."""

@@ -30,8 +30,8 @@ class LinkMass:
     inner: tuple[Inner, ...] = ()
 
     def spots(self, scene: Scene) -> Iterable[Spot]:
-        """Return every link with extra mass or a moved centre."""
-        return [Spot(link, terms=terms) for link in scene.links for terms in ((0,), (1, 2, 3))]
+        """Return every link with extra mass or a moved centre, along an axis or anyhow."""
+        return [Spot(link, terms=terms) for link in scene.links for terms in ((0,), (1,), (2,), (3,), (1, 2, 3))]
 
     def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
         """Return (M, d, k) changes of the readings."""

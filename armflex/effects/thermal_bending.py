@@ -26,6 +26,6 @@ THERMAL_BENDING = TwistLaw(
     lambda scene: with_temperature(lambda name: at_links(scene, AXES_TURN, name), scene),
     (Amplitude("beta", "rad/K"),),
     _basis,
-    (Inner("along", "1", lambda spot, scene: (1.0, 0.5, 0.0), polished=False), *WARM),
+    (Inner("along", "1", lambda spot, scene: (1.0, 0.5, 0.0), polished=False, usual=1.0), *WARM),
     memory=LAGGED,
 )

@@ -1,4 +1,4 @@
-"""An umbilical: a spring from the end of a link to a fixed point, pulling once it is longer than at rest."""
+"""An umbilical: a spring from a point of a link to a fixed point, pulling once it is longer than at rest."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def _places(scene: Scene) -> list[Spot]:
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
-    """Return k (|d| - rest) along d, the way from the link's end to the anchor; slack pushes nothing."""
-    lever = pose[..., :3, :3] @ end_of(here)
+    """Return k (|d| - rest) along d, the way from the hook on the link to the anchor; slack pushes nothing."""
+    lever = pose[..., :3, :3] @ (inner[4] * end_of(here))
     way = np.array(inner[:3]) - pose[..., :3, 3] - lever
     distance = np.linalg.norm(way, axis=-1, keepdims=True)
     stretched = np.maximum(distance - inner[3], 0.0) / np.maximum(distance, 1e-9)
@@ -30,10 +30,13 @@ def _rests(spot: Spot, scene: Scene) -> Iterable[float]:
     return (0.0, 0.25 * float(np.linalg.norm(np.ptp(scene.box, axis=0))))
 
 
+HOOK = Inner("hook", "1", lambda spot, scene: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0))
+"""Where on the link it is hooked, as a part of the way to the link's end."""
+
 UMBILICAL = LoadLaw(
     "umbilical",
     _places,
     (Amplitude("k", "N/m", positive=True),),
     _pull,
-    (*coordinates("anchor", 3), Inner("rest", "m", _rests, positive=False)),
+    (*coordinates("anchor", 3), Inner("rest", "m", _rests, positive=False), HOOK),
 )

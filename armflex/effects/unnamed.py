@@ -22,8 +22,8 @@ from armflex.laws import Row
 KNOTS = 8
 """Hats of a free shape over the recorded range; the mean is left to the constant parameters."""
 
-PERIODS = 6.0
-"""Most periods of a wave over a column's recorded range."""
+LEAST_PERIODS, PERIODS = 0.5, 6.0
+"""Fewest and most periods of a wave over a column's recorded range; less of one is a trend."""
 
 
 def suspects(scene: Scene) -> tuple[str, ...]:
@@ -69,6 +69,12 @@ def _product(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     return on_axis(here, *tents, *(tent * (second - inner[2]) for tent in [*tents, 1.0 - sum(tents)]))
 
 
+def _wave_product(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    first, second = (column_of(row, name) for name in here.spot.covariates)
+    sine, cosine = np.sin(inner[0] * first), np.cos(inner[0] * first)
+    return on_axis(here, *(wave * factor for factor in (1.0, second - inner[1]) for wave in (sine, cosine)))
+
+
 def lowest(spot: Spot, scene: Scene, place: int = 0) -> Iterable[float]:
     """Return the lowest recorded value of one of the spot's columns."""
     return (float(scene.column(spot.covariates[place]).min()),)
@@ -94,7 +100,7 @@ def _widths(spot: Spot, scene: Scene) -> Iterable[float]:
 
 def _waves(spot: Spot, scene: Scene) -> Iterable[float]:
     span = float(np.ptp(scene.column(spot.covariates[0])))
-    return 2.0 * np.pi / span * np.arange(1.0 / 6.0, PERIODS, 1.0 / 3.0)
+    return 2.0 * np.pi / span * np.arange(LEAST_PERIODS, PERIODS, 1.0 / 3.0)
 
 
 LOW = Inner("low", "as recorded", lowest, positive=False, polished=False)
@@ -163,6 +169,13 @@ PRODUCT = TwistLaw(
     _product,
     (LOW, HIGH, MIDDLE),
 )
+WAVE_PRODUCT = TwistLaw(
+    "unnamed_wave_product",
+    lambda scene: [],
+    tuple(Amplitude(name, "{m}" + unit) for name, unit in zip("ABCD", ("", "", *2 * (" per recorded",)), strict=True)),
+    _wave_product,
+    (Inner("k", "per recorded", _waves), MIDDLE),
+)
 
-SHAPES = {law.name: law for law in (GUIDE, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, PRODUCT)}
+SHAPES = {law.name: law for law in (GUIDE, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, WAVE_PRODUCT, PRODUCT)}
 """Name in files -> shape; the plainer first."""

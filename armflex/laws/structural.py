@@ -124,7 +124,7 @@ class StructuralLaw(Law):
     def _each(ask: Callable[[Array, Row], Array], wrenches: Array, row: Row) -> Array:
         """Return what is asked at every load: each has an inner equilibrium of its own."""
         rows = row.spread(len(wrenches))
-        return np.array([ask(wrench, rows.some(i)) for i, wrench in enumerate(wrenches)])
+        return np.stack([ask(wrench, rows.some(i)) for i, wrench in enumerate(wrenches)])
 
     def covariance(self, wrench: Array, row: Row) -> Array | None:
         """Return the (6, 6) covariance that the sub-joints' uncertainties give the tip, None when all are certain."""

@@ -67,6 +67,9 @@ LAWS = {
     "unnamed_bump": Words("unnamed bump", "it happens near one value", "height · exp(−(x − centre)² / 2 width²)"),
     "unnamed_shape": Words("unnamed shape", "it follows a column freely", "f(x), straight between knots"),
     "unnamed_compliance": Words("unnamed compliance", "it gives with the load, as a column goes", "f(x) · w"),
+    "unnamed_wave_product": Words(
+        "unnamed wave product", "a wave in one column grows with another", "(A + C y) sin kx + (B + D y) cos kx"
+    ),
     "unnamed_product": Words("unnamed product", "two columns act together", "f(x) · (1, y)"),
 }
 

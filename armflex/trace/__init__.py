@@ -19,6 +19,7 @@ def trace(
     measurements: Measurements,
     rows: np.ndarray | None = None,
     report: Callable[[str], None] | None = None,
+    keep: bool = False,
 ) -> Trace:
     """Return the arm with the effects that a campaign shows it lacks, and an account of them.
 
@@ -27,6 +28,7 @@ def trace(
         measurements: The campaign, rows in the order driven; unmeasured rows count for effects with a memory.
         rows: Measured rows to use; all when not given.
         report: Called with what is being done, in words.
+        keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames are fitted.
 
     Raises:
         InputError: Too few rows were measured.
@@ -34,4 +36,4 @@ def trace(
     """
     from armflex.trace.trace import trace as run
 
-    return run(arm, measurements, rows, report)
+    return run(arm, measurements, rows, report, keep)

@@ -27,8 +27,10 @@ class Candidate:
 
     @property
     def parameters(self) -> int:
-        """How many numbers it takes: amplitudes, and inner parameters that are searched and in use."""
-        return len(self.spot.terms) + len(self.searched)
+        """How many numbers it takes: amplitudes, and inner parameters that are searched and in use, or not as usual."""
+        inner = zip(self.law.inner, self.inner, strict=True)
+        unusual = sum(one.usual is not None and value != one.usual for one, value in inner)
+        return len(self.spot.terms) + len(self.searched) + unusual
 
     @property
     def searched(self) -> tuple[int, ...]:

@@ -13,10 +13,14 @@ import numpy as np
 from armflex.calibrate.fit import Fit
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects.scene import Scene
+from armflex.effects.spot import LINK
 from armflex.trace.projection import Projection
 
 RATIOS = np.logspace(-4.0, 8.0, 61)
 """Variances tried, in units of what the mean pose could tell at all."""
+
+LEVEL = 1.0
+"""Log-likelihood ratio by which a link's end must be likelier than a joint."""
 
 NOTICED = 10.0
 """Log-likelihood ratio from which a place counts; noise alone stays below about 3."""
@@ -60,7 +64,8 @@ def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray)
             square = np.bincount(groups, squares[:, axis], count)
             ratio, variance = _likelihood(score, square, residual)
             found.append(Place(site, name, ratio, float(np.sqrt(variance))))
-    return tuple(sorted(found, key=lambda place: -place.ratio))
+    # What stands level goes by its joint rather than by the link that ends there.
+    return tuple(sorted(found, key=lambda place: -place.ratio + LEVEL * place.site.startswith(LINK)))
 
 
 def _likelihood(score: Array, square: Array, residual: Array) -> tuple[float, float]:

@@ -106,7 +106,9 @@ def _offered(state: State, seed: int = 0) -> Measurements:
 
 
 def _seen(state: State, offer: Measurements) -> View | None:
-    arm = replace(state.fit.setup.arm, effects=state.fit.setup.arm.effects[: len(state.effects)])
+    arm = state.fit.setup.arm
+    known = len(state.declared.arm.effects) + len(state.effects)  # a random twist knows only the poses it was fitted to
+    arm = replace(arm, effects=arm.effects[:known])
     try:
         return look(replace(state.fit.setup, arm=arm), offer, np.arange(OFFERED))
     except ArmflexError:  # a mixture of positions that the arm does not hold: no proposal is better than a wrong one

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,6 +41,18 @@ class Polished:
 
 def polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection) -> Polished:
     """Return a candidate with those inner parameters refined that are worth their number."""
+    return max((_polish(one, fit, scene, projection) for one in _variants(candidate)), key=lambda one: one.evidence)
+
+
+def _variants(candidate: Candidate) -> Iterator[Candidate]:
+    """Yield a candidate, and the same with other values of inner parameters that are chosen rather than refined."""
+    yield candidate
+    for index, inner in enumerate(candidate.law.inner):
+        for value in inner.tried:
+            yield replace(candidate, inner=(*candidate.inner[:index], value, *candidate.inner[index + 1 :]))
+
+
+def _polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection) -> Polished:
     plain = _weigh(candidate, (), fit, scene, projection)
     for index, inner in enumerate(candidate.law.inner):
         if inner.polished and not inner.smooth:

@@ -13,7 +13,7 @@ from armflex.effects.catalogue import CATALOGUE, EVERY, LAWS
 from armflex.effects.guide import GUIDE
 from armflex.effects.scene import Scene
 from armflex.effects.spot import LINK, Spot
-from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, suspects
+from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT, suspects
 from armflex.trace.candidates import (
     Candidate,
     Screening,
@@ -199,8 +199,22 @@ def _second_look(
     found = _best(tried, fit, scene, projection, 4)
     excess = projection.objective - projection.count
     if most < MUCH * excess:
-        found += _best(_products(places, scene), fit, scene, projection, 1)
+        found += _found_products(places, fit, scene, projection)
     return found
+
+
+def _found_products(places: tuple[Place, ...], fit: Fit, scene: Scene, projection: Projection) -> list[Candidate]:
+    """Return the best free product of two columns, and the best in which one of the two goes in waves."""
+    best = _best(_products(places, scene), fit, scene, projection, 1)
+    waves = (
+        _with(WAVE_PRODUCT, spot, inner)
+        for product in best
+        for place in places[:PLACES]
+        for pair in permutations(product.spot.covariates)
+        for spot in (Spot(place.site, place.axis, pair),)
+        for inner in grid(WAVE_PRODUCT, spot, scene)
+    )
+    return best + _best(waves, fit, scene, projection, 1)
 
 
 def _with(law, spot: Spot, inner) -> Candidate:

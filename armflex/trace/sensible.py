@@ -16,6 +16,7 @@ from armflex.effects.law import Effect, TwistLaw
 from armflex.effects.link_mass import LinkMass
 from armflex.effects.scene import Scene
 from armflex.effects.spot import link_of, resolve
+from armflex.effects.unnamed import LEAST_PERIODS, WAVE, WAVE_PRODUCT
 from armflex.laws.linear import SOFTEST
 from armflex.trace.candidates import Candidate
 
@@ -25,7 +26,10 @@ ROWS = 15
 LARGEST_SHIFT, LARGEST_TURN = 0.05, 0.03
 """RMS of a twist [m, rad] beyond which it is no small effect any more."""
 
-SOFT = 10.0
+LEAST_ANGLE = 2.0 * np.pi * LEAST_PERIODS
+"""Angle that a wave goes through over what was recorded."""
+
+SOFT = 100.0
 """Times the softest joint of steel that is believed: what would have to give more is no compliance."""
 
 SLACK = 2.0
@@ -46,6 +50,8 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, pr
         return _weighs(candidate.effect(amplitudes), fit.setup.arm)
     if not isinstance(law, TwistLaw):
         return True
+    if law in (WAVE, WAVE_PRODUCT) and candidate.inner[0] * np.ptp(scene.column(spot.covariates[0])) < LEAST_ANGLE:
+        return False
     if not _is_small(law.features(spot, candidate.inner, fit.view, scene), amplitudes):
         return False
     if law.name == "hysteresis":

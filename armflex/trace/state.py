@@ -195,7 +195,8 @@ def information(state: State, limit: float) -> float:
     beyond which rows count less (`robust_limit`).
     """
     count = len(state.fit.residual)
-    searched = sum(len(block.labels) for block in state.effects)
+    effects = [block.at(state.values_of(block)) for block in state.effects]
+    searched = sum(Candidate(effect.law, effect.spot, effect.inner).parameters for effect in effects)
     return count * float(np.log(max(state.fit.cost(limit), count))) + searched * float(np.log(count))
 
 

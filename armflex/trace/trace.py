@@ -53,11 +53,17 @@ class Step:
     witness: bool
 
 
-def trace(arm: Arm, measurements: Measurements, rows: np.ndarray | None = None, report: Report | None = None) -> Trace:
+def trace(
+    arm: Arm,
+    measurements: Measurements,
+    rows: np.ndarray | None = None,
+    report: Report | None = None,
+    keep: bool = False,
+) -> Trace:
     """Return the traced arm and its account; `armflex.trace` says what goes in."""
     say = report or (lambda text: None)
     say("calibrating")
-    calibration = calibrate(arm, measurements, rows)
+    calibration = calibrate(arm, measurements, rows, keep=keep)
     state = begin(calibration)
     first = state.fit
     looked = _look(state, say)
@@ -72,9 +78,9 @@ def trace(arm: Arm, measurements: Measurements, rows: np.ndarray | None = None, 
             found = _accept(state, looked, say)
         if found is None:
             break
-        before, (state, step) = state, found
-        new = [i for i, block in enumerate(state.effects) if block not in before.effects]
-        steps[new[0] : new[0] + 1] = [step]
+        state, step = found
+        if len(state.effects) > len(steps):  # else it widened one whose proof is known
+            steps.append(step)
         looked = _look(state, say)
     return _conclude(calibration, first, state, looked, places, steps, say)
 
