@@ -230,8 +230,8 @@ def test_too_large_a_file_is_not_opened(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_what_has_no_file_form(tmp_path: Path) -> None:
     made = trained(3)
-    with pytest.raises(UnknownNameError, match="no model with a file form named 'structural'"):
-        save_law(TrainedLaw(made.law, "structural", {}), tmp_path / "a.safetensors")
+    with pytest.raises(UnknownNameError, match="no model with a file form named 'spline'"):
+        save_law(TrainedLaw(made.law, "spline", {}), tmp_path / "a.safetensors")
     with pytest.raises(ValueError, match="Out of range float"):
         save_law(TrainedLaw(made.law, "linear", {"rms": float("nan")}), tmp_path / "a.safetensors")
     assert not list(tmp_path.iterdir())

@@ -23,7 +23,7 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     "position_dependent_compliance",
     _places,
-    (Amplitude("C1", "{m}/{w}/rad"), Amplitude("C2", "{m}/{w}/rad^2")),
+    (Amplitude("C1", "{m}/{w} per q"), Amplitude("C2", "{m}/{w} per q^2")),
     _basis,
     loaded=True,
 )

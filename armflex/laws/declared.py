@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.declaration import Declaration
+from armflex.declaration import Declaration, read_toml
 from armflex.errors import LawError, ModelFileError, UnknownNameError
 from armflex.laws.at_node import AtNode
 from armflex.laws.beam import Beam, Section, stiffness
@@ -62,6 +63,20 @@ def read_structural(table: Declaration, joint: str, ranges: Ranges) -> Structura
         return StructuralLaw(nodes, tip, subjoints, beams, int(components))
     except LawError as error:
         raise table.fail("model", str(error)) from None
+
+
+def read_assembly(path: Path) -> StructuralLaw:
+    """Return the structure of a TOML file that holds what a structural [flexure.NAME] does: nodes, sub-joints, beams.
+
+    Raises:
+        ArmFileError: It is incomplete or its numbers are not physical.
+    """
+    root = read_toml(path)
+    if root.has("model"):
+        root.choice("model", ("structural",), "structural")
+    law = read_structural(root, "", {})
+    root.finish()
+    return law
 
 
 def _check_node(table: Declaration, key: str, name: str, nodes: Mapping[str, Array]) -> None:

@@ -55,6 +55,7 @@ class StructuralLaw(Law):
         subjoints: What stands between ground and nodes.
         beams: What joins nodes.
         components: 6, or 3 for nodes that only translate, as in the paper.
+        noise: (6,) scatter of the tip node about the law it was fitted to [m, rad], None where it was declared.
     """
 
     nodes: Mapping[str, Array]
@@ -62,6 +63,7 @@ class StructuralLaw(Law):
     subjoints: tuple[SubJoint, ...]
     beams: tuple[Beam, ...]
     components: int = 6
+    noise: Array | None = None
 
     def __post_init__(self) -> None:
         for name in (self.tip, *(s.node for s in self.subjoints), *(e for b in self.beams for e in (b.start, b.end))):
@@ -129,11 +131,12 @@ class StructuralLaw(Law):
     def covariance(self, wrench: Array, row: Row) -> Array | None:
         """Return the (6, 6) covariance that the sub-joints' uncertainties give the tip, None when all are certain."""
         _, tangents, loads = self._solve(wrench, row)
+        scatter = np.zeros((6, 6)) if self.noise is None else np.diag(self.noise**2)
         covariances = [sub.law.covariance(load, row) for sub, load in zip(self.subjoints, loads, strict=True)]
-        if all(covariance is None for covariance in covariances):
+        if self.noise is None and all(covariance is None for covariance in covariances):
             return None
         inverse = np.linalg.inv(self._system(tangents))
-        total = np.zeros((6, 6))
+        total = scatter
         for start, (_, own), covariance in zip(self._load_places, self.held, covariances, strict=True):
             if covariance is not None:
                 gain = self._seen @ inverse[: self._size, start : start + len(own)]
@@ -144,6 +147,10 @@ class StructuralLaw(Law):
     def trained(self) -> bool:
         """Whether any sub-joint was trained."""
         return any(sub.law.trained for sub in self.subjoints)
+
+    def loads_on_subjoints(self, wrench: Array, row: Row) -> list[Array]:
+        """Return the (6,) load that each sub-joint carries under a (6,) wrench at the tip node."""
+        return self._solve(wrench, row)[2]
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return the doubts about the loads on the sub-joints."""

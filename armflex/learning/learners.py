@@ -1,0 +1,153 @@
+"""The joint deformation models that can be learned, by name, each made with its options."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from armflex.conventions import Array
+from armflex.errors import InputError, UnknownNameError
+from armflex.laws.structural import StructuralLaw
+from armflex.learning.choose import Rival
+from armflex.learning.linear import fit_compliance
+from armflex.learning.model import Fitted, Learner
+
+SAMPLERS = ("closed-form", "laplace", "nuts", "metropolis")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a model is learned with; each model takes what concerns it.
+
+    Attributes:
+        structure: Of a linear model: "full", "symmetric" or "diagonal".
+        features: Of a polynomial model; see `armflex.laws.polynomial`.
+        neurons: Hidden neurons of a network.
+        starts: Trainings from different weights, the best of which is kept.
+        prior: "evidence" weighs a network's weights by a Gaussian prior, "none" is the paper's plain training.
+        sampler: How a posterior is found: "metropolis" for linear and bayesian, "laplace" or "nuts" for bayesian.
+        seed: Of everything random.
+        allow_unconverged: Take a chain that has not converged, and say so, rather than refuse it.
+        assembly: The structure whose sub-joints a structural model fits.
+    """
+
+    structure: str = "full"
+    features: tuple[str, ...] = ("radial", "magnitude")
+    neurons: int = 20
+    starts: int = 10
+    prior: str = "evidence"
+    sampler: str | None = None
+    seed: int = 0
+    allow_unconverged: bool = False
+    assembly: StructuralLaw | None = None
+
+
+def learner(model: str, options: Options) -> Learner:
+    """Return the function that learns a model from loads and deflections.
+
+    Raises:
+        UnknownNameError: No such model.
+        InputError: The options do not go with it.
+    """
+    if model not in LEARNERS:
+        raise UnknownNameError("joint deformation model to train", model, (*LEARNERS, "auto"))
+    return LEARNERS[model](options)
+
+
+def _linear(options: Options) -> Learner:
+    if options.sampler in (None, "closed-form"):
+        return lambda loads, deflections, seed: _in_closed_form(loads, deflections, options.structure)
+    _one_of(options.sampler, ("closed-form", "metropolis"), "linear")
+
+    def learn(loads: Array, deflections: Array, seed: int) -> Fitted:
+        from armflex.learning.linear_chain import fit_linear_chain
+
+        return fit_linear_chain(
+            loads, deflections, options.structure, seed=seed, allow_unconverged=options.allow_unconverged
+        )
+
+    return learn
+
+
+def _in_closed_form(loads: Array, deflections: Array, structure: str) -> Fitted:
+    found = fit_compliance(loads, deflections, structure)
+    parameters = {"structure": structure, "compliance": found.compliance.tolist(), "unit": "m/N, rad/Nm"}
+    return Fitted(found.law(loads), parameters)
+
+
+def _polynomial(options: Options) -> Learner:
+    from armflex.learning.polynomial import learner as polynomial
+
+    return polynomial(options.features)
+
+
+def _structural(options: Options) -> Learner:
+    from armflex.learning.structural import fit_structural
+
+    assembly = options.assembly
+    if assembly is None:
+        raise InputError("a structural model needs its assembly: nodes, sub-joints and beams, as in an arm.toml")
+    return lambda loads, deflections, seed: fit_structural(loads, deflections, assembly)
+
+
+def _neural(options: Options) -> Learner:
+    from armflex.learning.network import fit_network
+
+    _one_of(options.prior, ("evidence", "none"), "neural")
+    prior = None if options.prior == "none" else options.prior
+    return lambda loads, deflections, seed: fit_network(
+        loads, deflections, options.neurons, starts=options.starts, seed=seed, prior=prior
+    )
+
+
+def _bayesian(options: Options) -> Learner:
+    from armflex.learning.bayesian import fit_bayesian
+
+    sampler = options.sampler or "laplace"
+    _one_of(sampler, ("laplace", "nuts", "metropolis"), "bayesian")
+    return lambda loads, deflections, seed: fit_bayesian(
+        loads,
+        deflections,
+        options.neurons,
+        sampler=sampler,
+        seed=seed,
+        allow_unconverged=options.allow_unconverged,
+    )
+
+
+def _one_of(value: str, known: tuple[str, ...], model: str) -> None:
+    if value not in known:
+        raise UnknownNameError(f"option of a {model} model", value, known)
+
+
+LEARNERS: dict[str, Callable[[Options], Learner]] = {
+    "linear": _linear,
+    "polynomial": _polynomial,
+    "structural": _structural,
+    "neural": _neural,
+    "bayesian": _bayesian,
+}
+"""Model name -> its learner, given options."""
+
+MODELS = (*LEARNERS, "auto")
+
+
+def rivals(options: Options) -> tuple[Rival, ...]:
+    """Return what `auto` chooses among, the plainest first."""
+    ladder = [
+        ("linear, diagonal", "linear", replace(options, structure="diagonal", sampler=None)),
+        ("linear, symmetric", "linear", replace(options, structure="symmetric", sampler=None)),
+        ("linear, full", "linear", replace(options, structure="full", sampler=None)),
+        ("full + radial", "polynomial", replace(options, features=("radial",))),
+        ("full + radial + magnitude", "polynomial", replace(options, features=("radial", "magnitude"))),
+        ("quadratic", "polynomial", replace(options, features=("quadratic",))),
+        (f"network of {options.neurons}", "neural", replace(options, prior="evidence")),
+    ]
+    return tuple(Rival(name, learner(model, chosen)) for name, model, chosen in ladder)
+
+
+def model_of(rival: str) -> str:
+    """Return the model that a rival of `auto` is."""
+    if rival.startswith("linear"):
+        return "linear"
+    return "neural" if rival.startswith("network") else "polynomial"
