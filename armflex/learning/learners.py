@@ -12,6 +12,9 @@ from armflex.learning.choose import Rival
 from armflex.learning.linear import fit_compliance
 from armflex.learning.model import Fitted, Learner
 
+FOUND = "found"
+"""Features that are found in the data; see `armflex.learning.terms`."""
+
 SAMPLERS = ("closed-form", "laplace", "nuts", "metropolis")
 
 
@@ -21,7 +24,7 @@ class Options:
 
     Attributes:
         structure: Of a linear model: "full", "symmetric" or "diagonal".
-        features: Of a polynomial model; see `armflex.laws.polynomial`.
+        features: Of a polynomial model; see `armflex.laws.polynomial.features_of`. "found" looks for them.
         neurons: Hidden neurons of a network.
         starts: Trainings from different weights, the best of which is kept.
         prior: "evidence" weighs a network's weights by a Gaussian prior, "none" is the paper's plain training.
@@ -76,6 +79,10 @@ def _in_closed_form(loads: Array, deflections: Array, structure: str) -> Fitted:
 
 
 def _polynomial(options: Options) -> Learner:
+    if options.features == (FOUND,):
+        from armflex.learning.terms import fit_terms
+
+        return fit_terms
     from armflex.learning.polynomial import learner as polynomial
 
     return polynomial(options.features)
@@ -140,6 +147,7 @@ def rivals(options: Options) -> tuple[Rival, ...]:
         ("linear, full", "linear", replace(options, structure="full", sampler=None)),
         ("full + radial", "polynomial", replace(options, features=("radial",))),
         ("full + radial + magnitude", "polynomial", replace(options, features=("radial", "magnitude"))),
+        ("terms as found", "polynomial", replace(options, features=(FOUND,))),
         ("quadratic", "polynomial", replace(options, features=("quadratic",))),
         (f"network of {options.neurons}", "neural", replace(options, prior="evidence")),
     ]
