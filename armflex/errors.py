@@ -147,7 +147,7 @@ class ConvergenceError(ArmflexError):
 
     def __init__(self, problem: str, history: Sequence[float]) -> None:
         shown = ", ".join(f"{value:.1e}" for value in history[-5:])
-        super().__init__(f"{problem} (last residuals: {shown})")
+        super().__init__(f"{problem} (last residuals: {shown})" if shown else problem)
         self.history = tuple(history)
 
 

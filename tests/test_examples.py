@@ -41,3 +41,11 @@ def test_close_the_loop():
 def test_no_example_is_forgotten():
     source = Path(__file__).read_text()
     assert all(f'run("{file.stem}"' in source for file in EXAMPLES.glob("*.py"))
+
+
+def test_a4_rows(tmp_path):
+    errors = run("06_a4_rows", str(tmp_path / "a4.png"))
+    assert errors["full 3 x 3"].round(3).tolist() == [0.172, 0.121, 0.415]
+    assert errors["full + radial load"].round(3).tolist() == [0.098, 0.133, 0.232]
+    assert (errors["terms as found, the search left one out too"] < [0.1, 0.145, 0.19]).all()
+    assert (tmp_path / "a4.png").stat().st_size > 10_000

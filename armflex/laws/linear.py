@@ -69,7 +69,7 @@ class LinearLaw(Law):
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return a flag for every component of the load that the fit has not seen."""
-        return () if self.fit is None else _beyond(self.fit.loads, wrench)
+        return () if self.fit is None else beyond(self.fit.loads, wrench)
 
 
 def entry_covariance(compliance: Array, wrench: Array, relative_std: float) -> Array:
@@ -80,7 +80,8 @@ def entry_covariance(compliance: Array, wrench: Array, relative_std: float) -> A
     return relative_std**2 * shared
 
 
-def _beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
+def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
+    """Return a flag for every component of a (6,) wrench outside the (2, k) smallest and largest loads seen."""
     flags = []
     for name, low, high, load in zip(WRENCH_NAMES, *seen, wrench, strict=False):  # a fit may be of forces only
         slack = 1e-9 * max(abs(low), abs(high))

@@ -14,6 +14,9 @@ from armflex.errors import InputError, did_you_mean
 from armflex.laws.law import embed
 from armflex.laws.linear import LinearFit, LinearLaw
 
+ROUNDS = 100
+"""Most reweightings by the rows' own scatter."""
+
 STRUCTURES = ("full", "symmetric", "diagonal")
 
 
@@ -43,17 +46,20 @@ def fit_compliance(loads: Array, deflections: Array, structure: str = "full") ->
     Raises:
         InputError: The loads do not span the components, so that some entries are not determined.
     """
-    basis = _basis(loads.shape[1], structure)
+    basis = basis_of(loads.shape[1], structure)
     _check_span(loads)
     scatter = np.ones(loads.shape[1])
-    for _ in range(3 if structure == "symmetric" else 1):  # rows share parameters: weigh them by their own scatter
+    for _ in range(ROUNDS if structure == "symmetric" else 1):  # rows share parameters: weigh them by their own scatter
+        before = scatter
         theta, covariance, scatter = _solve(loads, deflections, basis, scatter)
+        if np.allclose(scatter, before, rtol=1e-9, atol=0.0):
+            break
     compliance = np.tensordot(theta, basis, axes=1)
     rows = np.einsum("pik,pq,qil->ikl", basis, covariance, basis)
     return FittedCompliance(compliance, rows, scatter)
 
 
-def _basis(size: int, structure: str) -> Array:
+def basis_of(size: int, structure: str) -> Array:
     """Return the (P, k, k) matrices that the compliance is a sum of."""
     if structure not in STRUCTURES:
         hint = did_you_mean(structure, STRUCTURES)

@@ -1,0 +1,245 @@
+"""Adaptive Metropolis: a random walk whose steps are shaped like all that the chain has seen so far.
+
+Haario, Saksman and Tamminen (2001), An adaptive Metropolis algorithm, Bernoulli 7(2); the paper's eqs (12) to (14).
+Eq. (13) is printed with a running mean where the current draw belongs, see `updated`. Noise variances, where a target
+has them, are drawn from their exact conditional after every step (Gibbs).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf  # numpy's wrapper takes eight times as long on ten parameters
+
+from armflex.conventions import Array
+from armflex.errors import InputError, NotFiniteError, ShapeError
+
+Seed = int | np.random.SeedSequence
+Terms = Callable[[Array], Array]
+Redraw = Callable[[Array, np.random.Generator], Array] | None
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """How proposals are made; parameters are best scaled to be of order one, for `epsilon` counts alike in all.
+
+    Attributes:
+        covariance: (d, d) C_0 of the first proposals; None for s_d times the identity.
+        after: i_0, the number of steps that keep C_0.
+        epsilon: e, what keeps the covariance from becoming singular.
+        every: Steps between two adaptations; 1 as in the paper, more saves time where there are many parameters.
+    """
+
+    covariance: Array | None = None
+    after: int = 200
+    epsilon: float = 1e-6
+    every: int = 1
+
+    def __post_init__(self) -> None:
+        if self.after < 1 or self.every < 1 or not self.epsilon > 0.0:
+            raise InputError(f"after {self.after}, every {self.every}, epsilon {self.epsilon:g}: expected more than 0")
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What a chain found after its burn-in.
+
+    Attributes:
+        draws: (n, d), one row a step.
+        acceptance: Share of proposals accepted.
+        covariance: (d, d) of the proposals at the end, s_d Cov + s_d e I.
+        variances: (n, k) noise variances; k = 0 for a target without.
+    """
+
+    draws: Array
+    acceptance: float
+    covariance: Array
+    variances: Array
+
+
+@dataclass(frozen=True)
+class Running:
+    """What the draws so far say: their `count`, (d,) `mean` and (d, d) proposal `covariance` (C_i for i draws)."""
+
+    count: int
+    mean: Array
+    covariance: Array
+
+
+def adaptive_metropolis(
+    log_density: Callable[[Array], float],
+    start: Array,
+    steps: int,
+    seed: Seed,
+    adaptation: Adaptation | None = None,
+    burn_in: int | None = None,
+) -> Chain:
+    """Return a chain whose draws are distributed as a density says.
+
+    Args:
+        log_density: Of a (d,) point, up to a constant; -inf where the density is zero.
+        start: (d,) where the density is not zero.
+        steps: Number of steps, burn-in included.
+        seed: The same seed gives the same chain.
+        adaptation: How proposals are made.
+        burn_in: Steps that are not kept; half of them by default.
+
+    Raises:
+        NotFiniteError: The density is NaN or infinite somewhere.
+        InputError: `start` has no density; sizes or counts do not fit.
+    """
+
+    def terms(theta: Array) -> Array:
+        return np.array([log_density(theta)], dtype=float)
+
+    return _sample(terms, None, start, steps, seed, adaptation, burn_in)
+
+
+def adaptive_metropolis_gibbs(
+    squares: Callable[[Array], Array],
+    rows: int,
+    start: Array,
+    steps: int,
+    seed: Seed,
+    adaptation: Adaptation | None = None,
+    burn_in: int | None = None,
+    log_prior: Callable[[Array], float] | None = None,
+    noise_prior: tuple[float, float] = (0.0, 0.0),
+) -> Chain:
+    """Return a chain of parameters and of the noise variances of k columns of normal residuals.
+
+    The density is p(theta) prod_k (2 pi s_k^2)^(-n/2) exp(-squares_k / (2 s_k^2)) p(s_k^2): the paper's eq. (10), with
+    its factor once per datum. Given theta, s_k^2 is inverse gamma and is drawn exactly.
+
+    Args:
+        squares: (d,) parameters -> (k,) sums of squared residuals.
+        rows: n, residuals in each sum.
+        start, steps, seed, adaptation, burn_in: See `adaptive_metropolis`.
+        log_prior: Of the parameters; None for a flat one.
+        noise_prior: Shape and scale of the inverse gamma prior of each variance; (0, 0) is Jeffreys' 1 / s^2.
+
+    Raises:
+        NotFiniteError, InputError: As `adaptive_metropolis`.
+    """
+    shape, scale = noise_prior
+
+    def terms(theta: Array) -> Array:
+        sums = squares(theta)
+        found = np.empty(1 + len(sums))
+        found[0], found[1:] = log_prior(theta) if log_prior else 0.0, sums
+        return found
+
+    def redraw(found: Array, rng: np.random.Generator) -> Array:
+        return rng.standard_gamma(shape + 0.5 * rows, len(found) - 1) / (-2.0 * scale - found[1:])
+
+    return _sample(terms, redraw, start, steps, seed, adaptation, burn_in)
+
+
+def updated(running: Running, block: Array, epsilon: float) -> Running:
+    """Return what is known after (b, d) further draws.
+
+    With one draw this is C_{i+1} = (i-1)/i C_i + s_d/i (i m_{i-1} m_{i-1}^T - (i+1) m_i m_i^T + x_i x_i^T + e I), m the
+    running mean and x_i the draw. The three products are i/(i+1) (x_i - m_{i-1}) (x_i - m_{i-1})^T, which is how they
+    are computed: a mean far from zero would cancel in them.
+    """
+    added, dimension = block.shape
+    count, total = running.count, running.count + added
+    middle = np.add.reduce(block) / added
+    shift, about = middle - running.mean, block - middle
+    scatter = about.T @ about + (count * added / total) * (shift[:, None] * shift)
+    scatter.flat[:: dimension + 1] += added * epsilon
+    old, new = (count - 1) / (total - 1), scale_of(dimension) / (total - 1)
+    return Running(total, running.mean + (added / total) * shift, old * running.covariance + new * scatter)
+
+
+def scale_of(dimension: int) -> float:
+    """Return s_d = 2.4^2 / d, the best for a normal density (Gelman, Roberts and Gilks 1996)."""
+    return 2.4**2 / dimension
+
+
+class _Walker:
+    """A chain at work. Its log density is weights @ terms(theta); Gibbs steps change the weights, not the terms."""
+
+    def __init__(self, terms: Terms, start: Array, covariance: Array) -> None:
+        self.terms, self.theta, self.found = terms, start, terms(start)
+        self.factor = _factor(covariance)
+        if not np.isfinite(self.found).all():
+            raise NotFiniteError(f"a chain cannot start at {start}, where its log density is {self.found}")
+
+    def step(self, normal: Array, log_uniform: float, weights: Array) -> None:
+        """Propose, and accept or stay: the paper's eq. (14)."""
+        candidate = self.theta + self.factor @ normal
+        found = self.terms(candidate)
+        gain = float(weights @ (found - self.found))
+        if not gain < np.inf:  # or NaN
+            raise NotFiniteError(f"log density at {candidate}: expected a number or -inf, got {found}")
+        if log_uniform < gain:
+            self.theta, self.found = candidate, found
+
+
+def _sample(
+    terms: Terms,
+    redraw: Redraw,
+    start: Array,
+    steps: int,
+    seed: Seed,
+    adaptation: Adaptation | None,
+    burn_in: int | None,
+) -> Chain:
+    start, adaptation = np.asarray(start, dtype=float), adaptation or Adaptation()
+    burn_in = steps // 2 if burn_in is None else burn_in
+    _check(start, steps, burn_in)
+    rng = np.random.default_rng(seed)
+    walker = _Walker(terms, start, _start_covariance(adaptation, start.size))
+    draws = rng.standard_normal((steps, start.size))  # holds the proposals' normals until draws take their place
+    log_uniforms = np.log1p(-rng.random(steps))
+    weights = np.ones((steps, walker.found.size))
+    running = Running(1, start, np.zeros((start.size, start.size)))
+    for first in range(0, steps, adaptation.every):
+        block = slice(first, first + adaptation.every)
+        _advance(walker, redraw, rng, draws[block], log_uniforms[block], weights[block])
+        running = updated(running, draws[block], adaptation.epsilon)
+        if running.count > adaptation.after:
+            walker.factor = _factor(running.covariance)
+    kept = draws[burn_in:]
+    return Chain(kept, _moves(kept), running.covariance, -0.5 / weights[burn_in:, 1:])
+
+
+def _advance(
+    walker: _Walker, redraw: Redraw, rng: np.random.Generator, rows: Array, log_uniforms: Array, weights: Array
+) -> None:
+    """Take a step for each row of normals, which the draw replaces; `weights` takes those of each step's Gibbs draw."""
+    for row, log_uniform, weight in zip(rows, log_uniforms, weights, strict=True):
+        if redraw is not None:
+            weight[1:] = redraw(walker.found, rng)
+        walker.step(row, log_uniform, weight)
+        row[:] = walker.theta
+
+
+def _moves(draws: Array) -> float:
+    """Return the share of steps that were accepted: a chain that stays repeats itself to the last digit."""
+    return float((draws[1:] != draws[:-1]).any(axis=1).mean())
+
+
+def _factor(covariance: Array) -> Array:
+    factor, info = dpotrf(covariance, lower=1)
+    if info:
+        raise InputError("the covariance of the proposals is not positive definite: scale the parameters to order one")
+    return factor
+
+
+def _start_covariance(adaptation: Adaptation, dimension: int) -> Array:
+    if adaptation.covariance is None:
+        return scale_of(dimension) * np.eye(dimension)
+    if adaptation.covariance.shape != (dimension, dimension):
+        raise ShapeError(f"start covariance: expected {(dimension, dimension)}, got {adaptation.covariance.shape}")
+    return adaptation.covariance
+
+
+def _check(start: Array, steps: int, burn_in: int) -> None:
+    if start.ndim != 1 or start.size == 0:
+        raise ShapeError(f"start of a chain: expected (d,), got {start.shape}")
+    if not 0 <= burn_in <= steps - 2:
+        raise InputError(f"{steps} steps with a burn-in of {burn_in}: expected at least two steps to keep")
