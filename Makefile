@@ -26,6 +26,7 @@ test: $(VENV)/.test
 
 bench: $(VENV)/.test
 	$(VENV)/bin/python tests/benchmarks/equilibrium.py
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python tests/benchmarks/network.py
 
 study: $(VENV)/.test
 	$(VENV)/bin/python tests/study.py -o study.csv

@@ -13,7 +13,7 @@ from armflex.errors import LawError, ModelFileError, UnknownNameError
 from armflex.laws.at_node import AtNode
 from armflex.laws.beam import Beam, Section, stiffness
 from armflex.laws.law import Law, Ranges
-from armflex.laws.law_file import load_law
+from armflex.laws.law_file import READERS, load_law
 from armflex.laws.linear import read_linear
 from armflex.laws.position_dependent import read_position_dependent
 from armflex.laws.structural import StructuralLaw, SubJoint
@@ -30,7 +30,10 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     Raises:
         ArmFileError: The declaration is incomplete or its numbers are not physical.
     """
-    model = table.choice("model", tuple(LAWS), "linear")
+    known = tuple(dict.fromkeys((*LAWS, *READERS)))
+    model = table.choice("model", known, "linear")
+    if not table.has("file") and model not in LAWS:
+        raise table.fail("model", f"a {model} law is learned: give the 'file' that `armflex train` wrote")
     law = _read_file(table, model) if table.has("file") else LAWS[model](table, joint, ranges)
     if table.has("node"):
         return AtNode(law, table.numbers("node", (3,)))

@@ -18,7 +18,7 @@ from safetensors.numpy import save
 
 from armflex.conventions import Array
 from armflex.errors import LawError, ModelFileError, Place, UnknownNameError, did_you_mean
-from armflex.laws import polynomial, structural_file
+from armflex.laws import network, polynomial, structural_file
 from armflex.laws.law import Law, embed
 from armflex.laws.linear import LinearFit, LinearLaw
 from armflex.whole_file import write_whole
@@ -152,10 +152,14 @@ WRITERS: dict[str, Callable[[Any], dict[str, Array]]] = {
     "linear": _write_linear,
     "polynomial": polynomial.to_tensors,
     "structural": structural_file.to_tensors,
+    "neural": network.to_tensors,
+    "bayesian": network.to_tensors,
 }
 READERS: dict[str, Callable[[Mapping[str, Array]], Law]] = {
     "linear": _read_linear,
     "polynomial": polynomial.polynomial_from_tensors,
     "structural": structural_file.structural_from_tensors,
+    "neural": network.network_from_tensors,
+    "bayesian": network.network_from_tensors,
 }
 """Model name -> how its arrays are written and read."""

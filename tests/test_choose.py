@@ -1,0 +1,115 @@
+"""`train --model auto`: the plainest model that the data ask for, judged with the choice inside the loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_arms import ROBOTS
+from test_cli import Run, fine, strict_json
+
+from armflex import InputError, read_joint_data, train
+from armflex.joint_data import JointData
+from armflex.laws.law_file import load_law
+from armflex.learning.choose import Compared, assess, chosen, compare
+from armflex.learning.held_out import NOWHERE, hold_out, random_folds
+from armflex.learning.learners import Options, learner, rivals
+
+TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
+QUICK = Options(neurons=4, starts=1)
+NOISE = 1e-6
+
+
+def bench(kind: str, seed: int, rows: int = 50) -> JointData:
+    rng = np.random.default_rng(seed)
+    loads = rng.normal(size=(rows, 3)) * 2e3
+    compliance = np.diag([4e-9, 6e-9, 9e-9])
+    if kind != "diagonal":
+        compliance = compliance + 2e-9 * np.array([[0.0, 1.0, -0.5], [0.4, 0.0, 1.0], [-1.0, 0.3, 0.0]])
+    exact = loads @ compliance.T
+    if kind == "radial":
+        exact += np.outer(np.hypot(loads[:, 0], loads[:, 1]), [3e-9, 0.0, -4e-9])
+    if kind == "wavy":
+        exact += 1e-5 * np.sin(loads / 700.0)
+    deflections = exact + NOISE * rng.normal(size=exact.shape)
+    return JointData(loads, deflections, ("m",) * 3, np.ones(3), "0" * 64, Path("made.csv"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [
+        ("diagonal", ("linear, diagonal",)),
+        ("full", ("linear, full",)),
+        ("radial", ("full + radial", "terms as found")),
+    ],
+)
+def test_the_plainest_that_the_data_ask_for(kind: str, names: tuple[str, ...]) -> None:
+    result = train(bench(kind, 1), "auto", options=QUICK)
+    assert result.parameters["chosen"] in names
+    np.testing.assert_allclose(result.held_out_rms, NOISE, rtol=0.35)
+    assert result.held_out.endswith("choice inside")
+    assert "not_worth_its_weights" in {flag.code for flag in result.flags}
+
+
+def test_a_network_is_taken_where_nothing_plain_will_do() -> None:
+    result = train(bench("wavy", 2, 160), "auto", options=Options(neurons=12, starts=2))
+    assert result.trained.model == "neural"
+    assert not {flag.code for flag in result.flags} & {"not_worth_its_weights"}
+    plain = min(rms.mean() for name, rms in result.compared if not name.startswith("network"))
+    assert result.held_out_rms.mean() < 0.6 * plain
+
+
+def test_within_one_standard_error_the_plainer_is_taken() -> None:
+    squares = np.random.default_rng(0).chisquare(1, size=(40, 3))
+    near, far = Compared("near", 1.05 * squares), Compared("far", 2.0 * squares)
+    best = Compared("best", squares)
+    assert chosen([far, near, best]) == 1
+    assert chosen([far, best]) == 1
+    broken = Compared("broken", np.full((40, 3), np.inf))
+    assert chosen([broken, best]) == 1
+    with pytest.raises(InputError, match="more rows are needed"):
+        chosen([broken])
+
+
+def test_rivals_are_compared_on_the_same_rows() -> None:
+    data = bench("full", 3)
+    among = [rival for rival in rivals(QUICK) if rival.name.startswith("linear")]
+    compared = compare(among, data, seed=4, folds=7, repeats=1)
+    again = hold_out(learner("linear", Options()), data, random_folds(len(data), 7, 4))
+    np.testing.assert_allclose(compared[2].rms, again.rms)
+
+
+def test_the_choice_is_made_anew_in_every_fold() -> None:
+    held, count = assess([r for r in rivals(QUICK) if not r.name.startswith("network")], bench("radial", 5))
+    assert sum(count.values()) == 10
+    assert held.residual.shape == (50, 3)
+
+
+def test_auto_on_the_published_rows(armflex: Run, tmp_path: Path) -> None:
+    asked = ["train", TABLE, "--model", "auto", "--neurons", "4", "--starts", "1", "-o", "a.safetensors"]
+    fine(armflex(*asked, "--json", "a.json"))
+    found = strict_json(tmp_path / "a.json")
+    assert found["model"] == "polynomial"
+    assert len(found["compared"]) == 8
+    np.testing.assert_array_less(found["held_out_rms"], [0.13, 0.17, 0.3])
+    law = load_law(tmp_path / "a.safetensors").law
+    data = read_joint_data(TABLE)
+    wrench = np.concatenate([data.loads[3], np.zeros(3)])
+    np.testing.assert_allclose(law.twist(wrench, NOWHERE)[:3], data.deflections[3], atol=5e-4)
+
+
+@pytest.mark.parametrize("model", ["polynomial", "neural", "bayesian"])
+def test_every_model_is_written_and_answers_in_an_arm(armflex: Run, tmp_path: Path, model: str) -> None:
+    asked = ["train", TABLE, "--model", model, "--neurons", "3", "--starts", "1", "--read-as", "mm=um"]
+    fine(armflex(*asked, "-o", "law.safetensors"))
+    arm = (
+        (ROBOTS / "tarm_like" / "arm.toml")
+        .read_text()
+        .replace('urdf = "robot.urdf"', f'urdf = "{ROBOTS}/tarm_like/robot.urdf"')
+    )
+    arm = arm.split("[flexure.A4]")[0] + f'[flexure.A4]\njoint = "A4"\nmodel = "{model}"\nfile = "law.safetensors"\n'
+    (tmp_path / "arm.toml").write_text(arm)
+    shown = fine(armflex("deflect", "arm.toml", "--q", "A1=0.1", "--json", "d.json"))
+    assert shown.stdout
+    assert all(np.isfinite(strict_json(tmp_path / "d.json")["displacement"]))
