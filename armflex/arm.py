@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from armflex.arm_doubts import payload_doubts, sag_doubts, wrench_doubts
 from armflex.certainty import Certainty
 from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
 from armflex.deflection import Deflection, DeflectionBatch, Names, stack_rows
@@ -20,11 +21,11 @@ from armflex.equilibrium import LawStack, find_equilibrium
 from armflex.errors import (
     ArmflexWarning,
     ArrayTypeError,
+    ExtrapolationError,
     Flag,
     InputError,
     JointLimitError,
     NotFiniteError,
-    PayloadError,
     ShapeError,
     UnknownNameError,
 )
@@ -35,13 +36,6 @@ from armflex.loads import NO_PAYLOAD, Payload, Wrench
 from armflex.mechanics import LoadCase, Mechanics
 from armflex.prior import Measurement, Prior
 from armflex.robot import Corrections, Robot, build_model
-
-FORCE_BAND = 10.0
-"""External forces beyond this many times the arm's weight are flagged: kN or kgf given as N?"""
-
-SAG_BAND = 0.1
-"""Displacements beyond this fraction of the reach are flagged."""
-
 
 MAX_PAYLOADS = 64
 """Payloads whose models are kept; objects made in a loop must not fill the memory."""
@@ -114,6 +108,11 @@ class Arm:
         return tuple(flexure.name for flexure in self.modelled)
 
     @cached_property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of the links at and beyond the base."""
+        return tuple(self._mechanics_of(NO_PAYLOAD).flex.links)
+
+    @cached_property
     def modelled(self) -> tuple[Flexure, ...]:
         """The flexures with what effects add to their laws, and those that only effects make."""
         return with_twists(self.flexures, self.effects, self.robot)
@@ -182,6 +181,7 @@ class Arm:
         method: str = "newton",
         enforce_limits: bool = True,
         allow_large: bool = False,
+        strict: bool = False,
     ) -> Deflection | DeflectionBatch:
         """Return what the loaded arm does at joint positions q.
 
@@ -195,14 +195,16 @@ class Arm:
             method: "newton", "fixed_point" or "first_order"; see `find_equilibrium`.
             enforce_limits: Refuse positions outside the joint limits instead of flagging them.
             allow_large: Flag rather than refuse flexures turning by more than 0.1 rad.
+            strict: Refuse rather than flag loads beyond those that a trained law has seen.
 
         Raises:
             ShapeError, ArrayTypeError, NotFiniteError, JointLimitError: q, v or a cannot be used.
             UnknownNameError: No such payload or link.
             MissingCovariateError: An effect depends on something that was not given.
             ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: See `find_equilibrium`.
+            ExtrapolationError: A trained law was asked beyond the loads it has seen, and `strict` holds.
         """
-        options = {"method": method, "enforce_limits": enforce_limits, "allow_large": allow_large}
+        options = {"method": method, "enforce_limits": enforce_limits, "allow_large": allow_large, "strict": strict}
         positions = real_array(q, "q").copy()
         count = len(positions) if positions.ndim == 2 else 0
         known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
@@ -237,8 +239,8 @@ class Arm:
     ) -> Deflection:
         checked, flags = self.check_position(q, options["enforce_limits"])
         body = self.payload(payload)
-        flags = (*self.flags, *flags, *self._check_payload(body, motion[1] is not None))
-        flags = (*flags, *self._check_wrenches(wrenches))
+        flags = (*self.flags, *flags, *payload_doubts(self, body, motion[1] is not None))
+        flags = (*flags, *wrench_doubts(self, wrenches))
         mechanics = self._mechanics_of(body)
         case = LoadCase(checked, motion[0], motion[1], (*wrenches, *self.pulls))
         row = Row(checked, self._joint_index, {"payload_mass": np.asarray(body.mass), **known})
@@ -248,7 +250,10 @@ class Arm:
         pose, rigid = mechanics.tip_pose(found.configuration), mechanics.rigid_tip_pose(checked)
         displacement = displacement_between(rigid, pose)
         displacement.flags.writeable = False
-        flags = (*flags, *self._check_sag(displacement), *self.stack.doubts(found.wrenches, row))
+        unseen = self.stack.doubts(found.wrenches, row)
+        if options["strict"] and unseen:
+            raise ExtrapolationError("; ".join(flag.text for flag in unseen))
+        flags = (*flags, *sag_doubts(self, displacement), *unseen)
         return Deflection(
             checked, pose, rigid, displacement, self.names, body, flags, mechanics, self.stack, case, row, found
         )
@@ -288,38 +293,6 @@ class Arm:
         if array.ndim != 2 or len(array) != count:
             raise ShapeError(f"{name}: expected shape ({count}, {len(self.joint_names)}), got {array.shape}")
         return [self._checked(row, name) for row in array]
-
-    def _check_payload(self, payload: Payload, accelerated: bool) -> tuple[Flag, ...]:
-        distance = float(np.linalg.norm(payload.com))
-        if payload.mass and distance > max(self.robot.reach, 1.0):
-            raise PayloadError(f"payload CoM is {distance:g} m from the tip, more than the arm's reach: millimetres?")
-        flags: tuple[Flag, ...] = ()
-        if self.payload_rating is not None and payload.mass > self.payload_rating:
-            text = f"payload of {payload.mass:g} kg exceeds the rated {self.payload_rating:g} kg"
-            flags = (Flag("beyond_rating", text),)
-        if accelerated and payload.mass and payload.inertia is None:
-            flags = (*flags, Flag("no_inertia", "the payload's inertia is not given, so its turning adds no load"))
-        return flags
-
-    def _check_wrenches(self, wrenches: tuple[Wrench, ...]) -> tuple[Flag, ...]:
-        flags = []
-        for wrench in wrenches:
-            if wrench.frame not in self.robot.urdf.links or not self._mechanics_of(NO_PAYLOAD).flex.has(wrench.frame):
-                raise UnknownNameError("link", wrench.frame, self._mechanics_of(NO_PAYLOAD).flex.links)
-            if wrench.axes == "frame":
-                text = f"the load at {wrench.frame!r} turns with its link; buckling is checked, flutter is not"
-                flags.append(Flag("follower_load", text))
-            size = float(np.linalg.norm(wrench.force))
-            if 0.0 < FORCE_BAND * self.weight < size:
-                text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
-                flags.append(Flag("large_force", text))
-        return tuple(flags)
-
-    def _check_sag(self, displacement: Array) -> tuple[Flag, ...]:
-        sag = float(np.linalg.norm(displacement[:3]))
-        if sag <= SAG_BAND * self.robot.reach:
-            return ()
-        return (Flag("large_sag", f"the tip moves {sag:.3g} m, over {SAG_BAND:.0%} of the reach"),)
 
     @cached_property
     def _joint_index(self) -> dict[str, int]:

@@ -151,6 +151,10 @@ class ConvergenceError(ArmflexError):
         self.history = tuple(history)
 
 
+class ExtrapolationError(ArmflexError):
+    """A trained law was asked beyond the loads that it was trained on."""
+
+
 class UnstableEquilibriumError(ArmflexError):
     """An equilibrium exists but the arm would not stay in it; `eigenvalue` of the tangent is not positive."""
 

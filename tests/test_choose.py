@@ -113,3 +113,6 @@ def test_every_model_is_written_and_answers_in_an_arm(armflex: Run, tmp_path: Pa
     shown = fine(armflex("deflect", "arm.toml", "--q", "A1=0.1", "--json", "d.json"))
     assert shown.stdout
     assert all(np.isfinite(strict_json(tmp_path / "d.json")["displacement"]))
+    assert "outside" in shown.stderr
+    refused = armflex("deflect", "arm.toml", "--q", "A1=0.1", "--strict")
+    assert "outside" in fine(refused, 1).stderr

@@ -33,6 +33,7 @@ from armflex.trajectory import check_approaches
 @click.option("--payload", default="none", show_default=True, help="Name of a payload in ARM.")
 @click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ", help="Dead load in base axes, with unit.")
 @click.option("--method", type=click.Choice(METHODS), default="newton", show_default=True)
+@click.option("--strict", is_flag=True, help="Refuse loads beyond those that a trained law has seen.")
 @click.option("--allow-large", is_flag=True, help="Go on where a flexure turns by more than 0.1 rad.")
 @covariates_option
 @json_option
@@ -43,6 +44,7 @@ def command(
     forces: tuple[str, ...],
     method: str,
     allow_large: bool,
+    strict: bool,
     covariates: dict[str, float],
     json_path: Path | None,
 ) -> None:
@@ -54,7 +56,9 @@ def command(
     wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(parse_force, forces)]
     q = parse_positions(positions, arm)
     known = settled(arm, covariates)
-    found = arm.deflection(q, payload, covariates=known, wrenches=wrenches, method=method, allow_large=allow_large)
+    found = arm.deflection(
+        q, payload, covariates=known, wrenches=wrenches, method=method, allow_large=allow_large, strict=strict
+    )
     print_deflection(arm, found)
     show_flags((*found.flags, *overload(arm, found)))
     write_json(json_path, {"format": "armflex-deflect-1", "payload": payload, **as_json(found)})
