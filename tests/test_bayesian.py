@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -168,6 +169,7 @@ def first_attempts(patch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bayesian, "TUNE", 50)
     first_attempts(monkeypatch)
 
 
@@ -230,13 +232,14 @@ def test_second_attempt_walks_further(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("nutpie")
     walks, tried = bayesian.WALKS["nuts"], []
 
-    def noted(walk: partial) -> partial:
+    def noted(walk: partial) -> Callable:
         return lambda *given: tried.append(walk.keywords["depth"]) or walk(*given)
 
+    monkeypatch.setattr(bayesian, "TUNE", 20)
     monkeypatch.setitem(bayesian.WALKS, "nuts", tuple(noted(walk) for walk in walks))
     loads, deflections, _ = bench(1, 30)
     fit_bayesian(loads, deflections, 2, "nuts", chains=2, draws=10, allow_unconverged=True)
-    assert tried == [bayesian.DEPTHS[0]] * 2 + [bayesian.DEPTHS[1]] * 2
+    assert tried == [aims["depth"] for aims in bayesian.ATTEMPTS for _ in range(2)]
 
 
 def test_sampler_finds_a_known_density() -> None:
@@ -249,7 +252,7 @@ def test_sampler_finds_a_known_density() -> None:
         pull = precision @ (mean - point)
         return -0.5 * float((point - mean) @ precision @ (point - mean)), pull
 
-    walk = no_u_turn(density, np.zeros(2), np.diag([1.0, 3.0]), 4000, 300, 5, np.random.SeedSequence(0))
+    walk = no_u_turn(density, np.zeros(2), np.diag([1.0, 3.0]), 4000, 300, np.random.SeedSequence(0), 5)
     np.testing.assert_allclose(walk.draws.mean(axis=0), mean, atol=0.15)
     np.testing.assert_allclose(np.cov(walk.draws, rowvar=False), covariance, rtol=0.15)
     assert walk.divergences == 0 and 0.5 < walk.acceptance <= 1.0
@@ -259,8 +262,8 @@ def test_density_that_is_no_number() -> None:
     pytest.importorskip("nutpie")
     seed = np.random.SeedSequence(0)
     with pytest.raises(NotFiniteError, match="a chain cannot start where its log density is nan"):
-        no_u_turn(lambda point: (np.nan, point), np.zeros(2), np.eye(2), 10, 10, 5, seed)
-    half = no_u_turn(lambda p: (-0.5 * p @ p if p[0] < 0.3 else np.nan, -p), np.zeros(2), np.eye(2), 50, 50, 5, seed)
+        no_u_turn(lambda point: (np.nan, point), np.zeros(2), np.eye(2), 10, 10, seed)
+    half = no_u_turn(lambda p: (-0.5 * p @ p if p[0] < 0.3 else np.nan, -p), np.zeros(2), np.eye(2), 50, 50, seed)
     assert half.divergences > 0
     density = Collapsed(small())
     theta = somewhere(density)
@@ -281,5 +284,5 @@ def test_bad_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(InputError, match="prior of a network: expected 4 precisions"):
             Prior(precisions)
     monkeypatch.setitem(sys.modules, "nutpie", None)
-    with pytest.raises(UnsupportedError, match=r"needs nutpie: pip install 'armflex\[bayes\]'"):
+    with pytest.raises(UnsupportedError, match=r"needs .*: pip install 'armflex\[bayes\]'"):
         fit_bayesian(loads, deflections, neurons=2, sampler="nuts")

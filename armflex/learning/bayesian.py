@@ -5,7 +5,7 @@ averages weights: that is the prediction of no network, as neurons can change pl
 and convergence is judged on predictions and on the noise, never on weights.
 
 Three ways to find it:
-    laplace: a Gaussian about the best maximum, priors and noise by evidence. Fast; wider than it need be.
+    laplace: a Gaussian about the best maximum, priors and noise by evidence. Fast; its errors are a third larger.
     nuts: hidden layer and noise sampled with the output layer integrated out, which is then drawn exactly.
     metropolis: the paper's adaptive Metropolis on all weights, noise by Gibbs. It does not mix, and says so.
 """
@@ -38,10 +38,10 @@ STARTS = 3
 """Trainings for a Laplace approximation, which is there to be fast, and for the precisions of a prior."""
 
 TUNE = 300
-DEPTHS = (5, 8)
-"""Doublings of a trajectory of NUTS, and those of a second attempt where the first has not converged. With noise of 1 %
-of the deflections the short ones give three times as many effective predictions a second; with 0.1 %, where the
-posterior is far more curved, they do not get around at all."""
+ATTEMPTS = ({"depth": 5, "accept": 0.9}, {"depth": 8, "accept": 0.97})
+"""Trajectories of NUTS, and those of a second attempt where the first has not converged. With noise of 1 % of the
+deflections the short ones give three times as many effective predictions a second; with 0.1 %, where the posterior is
+far more curved, they do not get around at all, and longer steps diverge now and then."""
 
 KEPT = 1000
 """Most draws of a chain that are looked at: a random walk's neighbours say the same."""
@@ -172,9 +172,9 @@ class Drawn:
     acceptance: float
 
 
-def _nuts_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence, depth: int) -> Drawn:
+def _nuts_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence, **aims: float) -> Drawn:
     sampling, drawing = seed.spawn(2)
-    walk = no_u_turn(density, mode, whitening(density, mode), draws, TUNE, depth, sampling)
+    walk = no_u_turn(density, mode, whitening(density, mode), draws, TUNE, sampling, **aims)
     rng = np.random.default_rng(drawing)
     weights = np.array([density.redraw(theta, rng) for theta in walk.draws])
     return Drawn(weights, density.noise(walk.draws), walk.divergences, walk.acceptance)
@@ -201,7 +201,7 @@ def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.rand
     return Drawn(chain.draws[::stride], np.sqrt(chain.variances[::stride]), None, chain.acceptance)
 
 
-WALKS = {"nuts": tuple(partial(_nuts_chain, depth=depth) for depth in DEPTHS), "metropolis": (_metropolis_chain,)}
+WALKS = {"nuts": tuple(partial(_nuts_chain, **aims) for aims in ATTEMPTS), "metropolis": (_metropolis_chain,)}
 """Sampler -> ways to draw a chain, tried in turn until one has converged."""
 
 

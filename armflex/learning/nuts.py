@@ -12,9 +12,6 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import NotFiniteError, UnsupportedError
 
-ACCEPT = 0.9
-"""Aim of the step size adaptation; 0.8 is a quarter faster, at the cost of a divergence in some thousand draws."""
-
 JITTER = 0.1
 """Standard deviation of the chain's first point about the start, in whitened units; nutpie refuses a zero gradient."""
 
@@ -37,7 +34,14 @@ class Walk:
 
 
 def no_u_turn(
-    density: Density, start: Array, whiten: Array, draws: int, tune: int, depth: int, seed: np.random.SeedSequence
+    density: Density,
+    start: Array,
+    whiten: Array,
+    draws: int,
+    tune: int,
+    seed: np.random.SeedSequence,
+    depth: int = 10,
+    accept: float = 0.8,
 ) -> Walk:
     """Return a chain of (d,) points distributed as the density says.
 
@@ -48,8 +52,9 @@ def no_u_turn(
         whiten: (d, d) W; the chain walks in z, point = start + W z. Any regular W is right, a good one is fast.
         draws: Points to keep.
         tune: Further points before them, on which step size and the scale of each z are adapted.
-        depth: Most doublings of a trajectory, of 2^depth steps; it ends before where it turns back.
         seed: The same seed gives the same chain.
+        depth: Most doublings of a trajectory, of 2^depth steps; it ends before where it turns back.
+        accept: Aim of the step size adaptation. The nearer to 1, the shorter the steps and the fewer divergences.
 
     Raises:
         NotFiniteError: The density is not finite where the chain starts.
@@ -75,7 +80,7 @@ def no_u_turn(
         ["z"],
         make_initial_point_fn=lambda _: origin,
     )
-    options = {"maxdepth": depth, "target_accept": ACCEPT, "cores": 1, "progress_bar": False, "save_warmup": False}
+    options = {"maxdepth": depth, "target_accept": accept, "cores": 1, "progress_bar": False, "save_warmup": False}
     trace = nutpie.sample(model, draws=draws, tune=tune, chains=1, seed=int(rest), **options)
     found = start + trace.posterior["z"].values[0] @ whiten.T
     stats = trace.sample_stats
