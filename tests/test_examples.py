@@ -49,3 +49,21 @@ def test_a4_rows(tmp_path):
     assert errors["full + radial load"].round(3).tolist() == [0.098, 0.133, 0.232]
     assert (errors["terms as found, the search left one out too"] < [0.1, 0.145, 0.19]).all()
     assert (tmp_path / "a4.png").stat().st_size > 10_000
+
+
+def test_a4_surrogate(tmp_path, monkeypatch):
+    """Over ten benches: networks that weigh their weights follow to the noise, all that is plainer does not."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    found = run("07_a4_surrogate", str(tmp_path), True)
+    bayesian, plain = "Bayesian ANN, Laplace, 3-20-3", "ANN, plain LM, 3-20-3"
+    assert (found.new[bayesian] < 1.5).all() and (found.exact[bayesian] < 1.25).all()
+    assert (found.new[plain] > found.new[bayesian]).all() and found.new[plain][0] > 2.5
+    assert (found.new["terms as found"] > 1.9).all() and found.new["parametric (diagonal)"].min() > 9.0
+    assert found.coverage.shape == (10, 3) and 0.90 < found.coverage.mean() < 0.99
+    assert found.density[20] > found.density[5] + 0.5
+    assert len(found.figures) == 8 and all(file.stat().st_size > 10_000 for file in found.figures)
+
+
+def test_own_network():
+    pytest.importorskip("torch")
+    assert run("08_own_network") == pytest.approx(0.349e-3, rel=0.03)
