@@ -72,11 +72,11 @@ def chosen(compared: Sequence[Compared]) -> int:
     Columns count alike: each is measured by the smallest held-out error that any rival reaches on it.
     """
     scale = np.min([one.squares.mean(axis=0) for one in compared], axis=0)
+    if not np.isfinite(scale).all():
+        raise InputError("no model could be fitted without a part of the rows: more rows are needed")
     losses = [(one.squares / scale).mean(axis=1) for one in compared]
     means = [float(loss.mean()) for loss in losses]
     best = int(np.argmin(means))
-    if not np.isfinite(means[best]):
-        raise InputError("no model could be fitted without a part of the rows: more rows are needed")
     limit = means[best] + float(losses[best].std(ddof=1)) / np.sqrt(len(losses[best]))
     return next(i for i, mean in enumerate(means) if mean <= limit)
 
