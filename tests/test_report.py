@@ -211,3 +211,17 @@ def test_every_law_has_words(found: Trace) -> None:
     assert set(LAWS) == set(EVERY)
     effect = found.found[0].effect
     assert called(effect) == "thermal growth at the link ending at J4" and labelled(effect) == "thermal_growth link:J4"
+
+
+def test_of_many_effects_the_first_two_make_the_headline():
+    from types import SimpleNamespace
+
+    from armflex.effects import CATALOGUE, Effect, Spot
+    from armflex.report.summary import headline
+
+    law = CATALOGUE["backlash"]
+    effects = [Effect(law, Spot(f"A{i}", "ry", (f"approach_A{i}",)), (1e-3,)) for i in range(1, 5)]
+    found = tuple(SimpleNamespace(effect=effect, std={"gap": 1e-5}) for effect in effects)
+    said = headline(SimpleNamespace(found=found, unexplained=None))
+    assert said == "The arm lacked 4 effects, first of all backlash at A1 (ry) and backlash at A2 (ry)."
+    assert "; and " in headline(SimpleNamespace(found=found[:2], unexplained=None))

@@ -13,11 +13,18 @@ MOST_VALUES = 2
 """Values of an effect that the first sentence has room for."""
 
 
+MOST_NAMED = 2
+"""Effects that it has room for with their values; of more, the first two are named."""
+
+
 def headline(trace: Trace) -> str:
     """Return what was found, in one sentence."""
+    if len(trace.found) > MOST_NAMED:
+        several = joined([called(one.effect) for one in trace.found[:MOST_NAMED]])
+        return f"The arm lacked {len(trace.found)} effects, first of all {several}."
     if trace.found:
         parts = [called(one.effect) + _values(one) for one in trace.found]
-        return f"The arm lacked {'; '.join(parts[:-1])}{'; and ' if len(parts) > 1 else ''}{parts[-1]}."
+        return f"The arm lacked {'; and '.join(parts)}."
     if trace.unexplained:
         return f"Something moves this arm that no recorded column explains{_where(trace.unexplained)}."
     return "Nothing is missing that this campaign could show."
