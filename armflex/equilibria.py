@@ -108,12 +108,10 @@ class _Lockstep:
 
     def _tangents(self, active: np.ndarray, found: Equilibria) -> Array:
         laws = self.stack.tangent(found.wrenches[active], self.row.some(active))
-        turned = np.empty((len(active), *laws.shape[-2:]))
+        turned = np.empty_like(laws)
         for k, i in enumerate(active):
             one, twists = self.mechanics[i], found.twists[i]
-            places = np.ix_(one.flex.flexure_v, one.flex.flexure_v)
-            geometric = one.stiffness(one.bent(self.straight[i], twists), self.cases[i])[places]
-            turned[k] = geometric @ one.exponential_jacobian(self.straight[i], twists)
+            turned[k] = one.turning(self.straight[i], one.bent(self.straight[i], twists), twists, self.cases[i])
         return np.eye(laws.shape[-1]) + laws @ turned
 
     def _move(self, active: np.ndarray, residual: Array, tangents: Array, found: Equilibria) -> np.ndarray:

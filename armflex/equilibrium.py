@@ -70,10 +70,9 @@ class LawStack:
 
     def tangent(self, wrenches: Array, row: Row) -> Array:
         """Return the (..., 6 n, 6 n) block-diagonal derivative of the twists."""
-        total = np.broadcast_to(self.constant, (*wrenches.shape[:-1], *self.constant.shape))
-        if not self.others:
-            return total
-        total = total.copy()
+        if not self.others and wrenches.ndim == 1:
+            return self.constant
+        total = np.broadcast_to(self.constant, (*wrenches.shape[:-1], *self.constant.shape)).copy()
         for place, law in self.others:
             total[..., place, place] = law.tangent(wrenches[..., place], row)
         return total
@@ -196,10 +195,8 @@ class _Problem:
 
     def tangent(self, twists: Array, wrenches: Array, configuration: Array) -> Array:
         """Return the (6 n, 6 n) derivative of the residual with respect to the twists."""
-        places = self.mechanics.flex.flexure_v
-        geometric = self.mechanics.stiffness(configuration, self.case)[np.ix_(places, places)]
-        jacobian = self.mechanics.exponential_jacobian(self.straight, twists)
-        return np.eye(len(twists)) + self.stack.tangent(wrenches, self.row) @ geometric @ jacobian
+        turning = self.mechanics.turning(self.straight, configuration, twists, self.case)
+        return np.eye(len(twists)) + self.stack.tangent(wrenches, self.row) @ turning
 
     def solved(self, twists: Array, wrenches: Array, method: str, history: Sequence[float]) -> Equilibrium:
         configuration = self.mechanics.bent(self.straight, twists)

@@ -98,9 +98,9 @@ class Linearizer:
         `start` are (N, 6 n) twists of the flexures near those at rest, where known.
         """
         known = {name: np.asarray(values) for name, values in (covariates or {}).items()}
-        models = [self._model(self.arm.payload(payload)) for payload in payloads]
-        masses = np.array([self.arm.payload(payload).mass for payload in payloads])
-        row = Row(q, self._joint_index, {"payload_mass": masses, **known})
+        bodies = [self.arm.payload(payload) for payload in payloads]
+        models = [self._model(body) for body in bodies]
+        row = Row(q, self._joint_index, {"payload_mass": np.array([body.mass for body in bodies]), **known})
         parts = []
         for first in range(0, len(q), CHUNK):
             some = np.arange(first, min(first + CHUNK, len(q)))
@@ -168,6 +168,11 @@ class _Models:
         return tuple(models)
 
     @cached_property
+    def frames(self) -> tuple[int, ...]:
+        """Frames of the links, whose names are looked up once."""
+        return tuple(self.sited.flex.frame(link) for link in self.sited.flex.links)
+
+    @cached_property
     def places(self) -> np.ndarray:
         """(s, 6) places of the bearers' twists."""
         starts = [self.sited.flex.model.joints[joint].idx_v for joint in self.bearing]
@@ -231,7 +236,6 @@ def _pose(models: _Models, case: LoadCase, twists: Array) -> dict[str, Array]:
     gravity = [-pin.computeGeneralizedGravity(model, sited.data, bent)[models.flexures] for model in models.weighing]
     pin.computeJointJacobians(large.model, sited.data, bent)
     pin.updateFramePlacements(large.model, sited.data)
-    frames = [large.frame(link) for link in large.links]
     return {
         "tip": sited.data.oMf[large.tip].homogeneous,
         "exponential": exponential,
@@ -240,8 +244,8 @@ def _pose(models: _Models, case: LoadCase, twists: Array) -> dict[str, Array]:
         "gravity": np.array(gravity).T,
         "jacobian": _frame_jacobian(large, sited.data, large.tip),
         "turns": models.turns(),
-        "links": np.array([sited.data.oMf[frame].homogeneous for frame in frames]),
-        "at_links": np.array([_frame_jacobian(large, sited.data, frame)[:, models.flexures] for frame in frames]),
+        "links": np.array([sited.data.oMf[frame].homogeneous for frame in models.frames]),
+        "at_links": np.array([_frame_jacobian(large, sited.data, f)[:, models.flexures] for f in models.frames]),
     }
 
 

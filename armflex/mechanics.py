@@ -62,6 +62,12 @@ class Mechanics:
         whole = pin.dIntegrate(self.flex.model, straight, self._velocity(twists), pin.ArgumentPosition.ARG1)
         return whole[np.ix_(self.flex.flexure_v, self.flex.flexure_v)]
 
+    def turning(self, straight: Array, configuration: Array, twists: Array, case: LoadCase) -> Array:
+        """Return the (6 n, 6 n) fall of the flexures' loads per change of their twists, which bent the arm."""
+        places = self.flex.flexure_v
+        geometric = self.stiffness(configuration, case)[np.ix_(places, places)]
+        return geometric @ self.exponential_jacobian(straight, twists)
+
     def _velocity(self, twists: Array) -> Array:
         velocity = np.zeros(self.flex.model.nv)
         velocity[self.flex.flexure_v] = twists

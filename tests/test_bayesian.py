@@ -16,10 +16,10 @@ from armflex.errors import ConvergenceError, NotFiniteError, UnknownNameError, U
 from armflex.laws.law import Row
 from armflex.laws.network import layers
 from armflex.learning import bayesian
-from armflex.learning.bayesian import answers, fit_bayesian
+from armflex.learning.bayesian import fit_bayesian
 from armflex.learning.collapsed import Collapsed, Prior, maximum, whitening
 from armflex.learning.model import Fitted
-from armflex.learning.network_problem import NetworkProblem
+from armflex.learning.network_problem import NetworkProblem, predictions
 from armflex.learning.nuts import no_u_turn
 
 NOISE = 1e-5
@@ -149,8 +149,8 @@ def test_answers_are_the_networks() -> None:
     hidden, output = layers(weights[1], 3)
     values = 1.0 / (1.0 + np.exp(-(problem.inputs @ hidden.T)))
     expected = values @ output[:, :-1].T + output[:, -1]
-    np.testing.assert_allclose(answers(problem.x, weights, 3)[1], expected, rtol=1e-12)
-    np.testing.assert_allclose(answers(problem.x, weights[1], 3), expected, rtol=1e-12)
+    np.testing.assert_allclose(predictions(problem, weights)[1], expected, rtol=1e-12)
+    np.testing.assert_allclose(predictions(problem, weights[1]), expected, rtol=1e-12)
 
 
 def test_laplace_is_quick_and_single() -> None:

@@ -62,11 +62,11 @@ def test_a_network_is_taken_where_nothing_plain_will_do() -> None:
 
 def test_within_one_standard_error_the_plainer_is_taken() -> None:
     squares = np.random.default_rng(0).chisquare(1, size=(40, 3))
-    near, far = Compared("near", 1.05 * squares), Compared("far", 2.0 * squares)
-    best = Compared("best", squares)
+    near, far = Compared("near", "linear", 1.05 * squares), Compared("far", "linear", 2.0 * squares)
+    best = Compared("best", "linear", squares)
     assert chosen([far, near, best]) == 1
     assert chosen([far, best]) == 1
-    broken = Compared("broken", np.full((40, 3), np.inf))
+    broken = Compared("broken", "linear", np.full((40, 3), np.inf))
     assert chosen([broken, best]) == 1
     with pytest.raises(InputError, match="more rows are needed"):
         chosen([broken])

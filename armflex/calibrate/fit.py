@@ -200,34 +200,31 @@ def fit(
         ConvergenceError: The steps did not settle.
         ArmflexError: The arm has no equilibrium at the first guess.
     """
-    blocks = tuple(blocks)
     used = np.flatnonzero(measurements.measured) if rows is None else rows
-    prior = prior_of(blocks)
-    values = np.zeros(len(prior)) if start is None else start
-    view = look(realise(declared, blocks, values), measurements, used)
+    task = _Task(declared, tuple(blocks), measurements, prior_of(blocks))
+    here = task.at(np.zeros(len(task.prior)) if start is None else start, used)
     history: list[float] = []
     damping, limit = 0.0, np.inf
     for iteration in range(effort.iterations):
         # A limit that goes on moving with the residuals' median could keep the fit going round in circles.
-        limit = robust_limit(view) if iteration < MOVING else limit
-        before = _objective(view, values, prior, limit)
-        problem = _problem(blocks, view, huber_weights(view, limit), values, prior)
-        found = _descend(declared, blocks, measurements, view, values, problem, before, limit, effort.trials, damping)
+        limit = robust_limit(here.view) if iteration < MOVING else limit
+        before, problem = task.cost(here, limit), task.problem(here, limit)
+        found = task.descend(here, problem, limit, effort.trials, damping)
         if found is None and effort.content:
             break
         if found is None:
             raise ConvergenceError("calibration finds no better values along its step", [before])
-        size, (values, view, cost, damping) = problem.length(found[0] - values), found
-        history.append(cost)
+        size, (here, damping) = problem.length(found[0].values - here.values), found
+        history.append(task.cost(here, limit))
         if progress:
             progress(iteration + 1, effort.iterations)
         # While the model is wrong the residual is many times the noise, and a fall counts by that measure.
-        if size < SETTLED or before - cost < effort.flat * max(1.0, cost / view.residual.size):
+        if size < SETTLED or before - history[-1] < effort.flat * max(1.0, history[-1] / here.view.residual.size):
             break
     else:
         if not effort.content:
             raise ConvergenceError("calibration did not settle", history)
-    return Fit(declared, blocks, values, view, huber_weights(view), tuple(history))
+    return Fit(declared, task.blocks, here.values, here.view, huber_weights(here.view), tuple(history))
 
 
 def _objective(view: View, values: Array, prior: Array, limit: float) -> float:
@@ -256,38 +253,53 @@ class _Problem:
         return float(np.sqrt(max(scaled @ self.normal @ scaled, 0.0) / max(len(step), 1)))
 
 
-def _problem(blocks: Sequence[Block], view: View, weights: Array, values: Array, prior: Array) -> _Problem:
-    columns, residual = whitened_columns(blocks, view, weights), whitened_residual(view, weights)
-    precision = prior**-2.0
-    normal = columns.T @ columns + np.diag(precision)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    gradient = columns.T @ residual - precision * np.where(np.isfinite(prior), values, 0.0)
-    return _Problem(normal * np.outer(scale, scale), scale * gradient, scale)
+@dataclass(frozen=True)
+class _Place:
+    """(P,) values, and what is seen there."""
+
+    values: Array
+    view: View
 
 
-def _descend(
-    declared: Setup,
-    blocks: Sequence[Block],
-    measurements: Measurements,
-    here: View,
-    values: Array,
-    problem: _Problem,
-    before: float,
-    limit: float,
-    trials: int,
-    damping: float,
-) -> tuple[Array, View, float, float] | None:
-    """Return values, view, cost and damping after a step, damped until the cost falls or is flat; None if it never is.
+@dataclass(frozen=True)
+class _Task:
+    """What stays the same while a fit goes on."""
 
-    Laws have kinks, and along some directions only priors hold: a full step may be far too long in a few of them.
-    """
-    prior = prior_of(blocks)
-    for _ in range(trials):
-        trial = values + problem.step(damping)
-        with contextlib.suppress(ArmflexError):
-            view = look(realise(declared, blocks, trial), measurements, here.rows, near=here)
-            cost = _objective(view, trial, prior, limit)
-            if cost <= before + 1e-9 * abs(before):
-                return trial, view, cost, damping / 10.0 if damping > LIGHT else 0.0
-        damping = max(10.0 * damping, LIGHT)
-    return None
+    declared: Setup
+    blocks: tuple[Block, ...]
+    measurements: Measurements
+    prior: Array
+
+    def at(self, values: Array, rows: np.ndarray, near: View | None = None) -> _Place:
+        """Return the place of (P,) values; a view near it helps."""
+        return _Place(values, look(realise(self.declared, self.blocks, values), self.measurements, rows, near=near))
+
+    def cost(self, place: _Place, limit: float) -> float:
+        """Return the cost of a place."""
+        return _objective(place.view, place.values, self.prior, limit)
+
+    def problem(self, place: _Place, limit: float) -> _Problem:
+        """Return the normal equations at a place."""
+        weights = huber_weights(place.view, limit)
+        columns, residual = whitened_columns(self.blocks, place.view, weights), whitened_residual(place.view, weights)
+        precision = self.prior**-2.0
+        normal = columns.T @ columns + np.diag(precision)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        gradient = columns.T @ residual - precision * np.where(np.isfinite(self.prior), place.values, 0.0)
+        return _Problem(normal * np.outer(scale, scale), scale * gradient, scale)
+
+    def descend(
+        self, here: _Place, problem: _Problem, limit: float, trials: int, damping: float
+    ) -> tuple[_Place, float] | None:
+        """Return the place after a step, damped until the cost falls or is flat, and the next damping; None if never.
+
+        Laws have kinks, and along some directions only priors hold: a full step may be far too long in a few of them.
+        """
+        before = self.cost(here, limit)
+        for _ in range(trials):
+            with contextlib.suppress(ArmflexError):
+                trial = self.at(here.values + problem.step(damping), here.view.rows, here.view)
+                if self.cost(trial, limit) <= before + 1e-9 * abs(before):
+                    return trial, damping / 10.0 if damping > LIGHT else 0.0
+            damping = max(10.0 * damping, LIGHT)
+        return None

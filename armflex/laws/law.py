@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import Flag, MissingCovariateError
+from armflex.errors import Flag, LawError, MissingCovariateError
 
 Ranges = Mapping[str, tuple[float, float]]
 """Moving joints of a chain: lowest and highest position [rad or m]."""
@@ -84,6 +84,13 @@ class Law(Protocol):
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return what is doubtful about the answer to a (6,) wrench: loads beyond those trained on."""
         return ()
+
+
+def check_shapes(tensors: Mapping[str, Array], shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Raise `LawError` where an array of a law's file has not its shape."""
+    for name, shape in shapes.items():
+        if tensors[name].shape != shape:
+            raise LawError(f"{name!r} has shape {tensors[name].shape}, expected {shape}")
 
 
 def embed(block: Array) -> Array:

@@ -19,7 +19,7 @@ from safetensors.numpy import save
 from armflex.conventions import Array
 from armflex.errors import LawError, ModelFileError, Place, UnknownNameError, did_you_mean
 from armflex.laws import network, polynomial, structural_file
-from armflex.laws.law import Law, embed
+from armflex.laws.law import Law, check_shapes, embed
 from armflex.laws.linear import LinearFit, LinearLaw
 from armflex.whole_file import write_whole
 
@@ -141,9 +141,9 @@ def _write_linear(law: LinearLaw) -> dict[str, Array]:
 def _read_linear(tensors: Mapping[str, Array]) -> LinearLaw:
     size = tensors["residual_std"].size
     shapes = {"compliance": (size, size), "row_covariance": (size,) * 3, "residual_std": (size,), "loads": (2, size)}
-    for name, shape in shapes.items():
-        if tensors[name].shape != shape or size not in (3, 6):
-            raise LawError(f"{name!r} has shape {tensors[name].shape}, expected {shape}")
+    if size not in (3, 6):
+        raise LawError(f"'residual_std' has {size} numbers, expected 3 or 6")
+    check_shapes(tensors, shapes)
     fit = LinearFit(tensors["row_covariance"], tensors["residual_std"], tensors["loads"])
     return LinearLaw(embed(tensors["compliance"]), fit=fit)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag, LawError
-from armflex.laws.law import Law, Row, embed
+from armflex.laws.law import Law, Row, check_shapes, embed
 from armflex.laws.linear import beyond
 
 CHUNK = 2**17
@@ -235,9 +235,8 @@ def network_from_tensors(tensors: Mapping[str, Array]) -> NetworkLaw:
     shapes = _shapes(tensors)
     for name in sorted(shapes.keys() ^ tensors.keys()):
         raise LawError(f"{name!r} is {'missing' if name in shapes else 'no array of a network'}")
+    check_shapes(tensors, shapes)
     for name, tensor in tensors.items():
-        if tensor.shape != shapes[name]:
-            raise LawError(f"{name!r} has shape {tensor.shape}, expected {shapes[name]}")
         if tensor.dtype != np.float64 or not np.isfinite(tensor).all():
             raise LawError(f"{name!r} is not finite 64-bit floats")
     _check_possible(tensors)

@@ -14,7 +14,7 @@ import numpy as np
 
 from armflex.conventions import WRENCH_NAMES, Array
 from armflex.errors import Flag, LawError, UnknownNameError, did_you_mean, listing
-from armflex.laws.law import Law, Row
+from armflex.laws.law import Law, Row, check_shapes
 from armflex.laws.linear import beyond
 
 _NORMS = {
@@ -185,9 +185,7 @@ def _check_shapes(law: PolynomialLaw) -> None:
     if size not in (3, 6) or count == 0:
         raise LawError(f"{count} features and {size} components: expected some, and 3 or 6")
     shapes = {"coefficients": (count, size), "row_covariance": (size, count, count), "residual_std": (size,)}
-    for name, shape in (shapes | {"loads": (2, size)}).items():
-        if getattr(law, name).shape != shape:
-            raise LawError(f"{name!r} has shape {getattr(law, name).shape}, expected {shape}")
+    check_shapes(vars(law), shapes | {"loads": (2, size)})
     if (law.loads[0] > law.loads[1]).any() or (law.residual_std < 0.0).any():
         raise LawError("the smallest loads are not below the largest, or a scatter is negative")
 

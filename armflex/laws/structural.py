@@ -156,7 +156,7 @@ class StructuralLaw(Law):
         """Return the doubts about the loads on the sub-joints."""
         if not self.trained:
             return ()
-        asked = zip(self.subjoints, self._solve(wrench, row)[2], strict=True)
+        asked = zip(self.subjoints, self.loads_on_subjoints(wrench, row), strict=True)
         doubts = [(sub.node, flag) for sub, load in asked for flag in sub.law.doubts(load, row)]
         return tuple(Flag(flag.code, f"sub-joint at {node!r}: {flag.text}") for node, flag in doubts)
 

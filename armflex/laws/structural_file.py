@@ -9,6 +9,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import LawError
 from armflex.laws.beam import Beam, Section
+from armflex.laws.law import check_shapes
 from armflex.laws.linear import LinearFit, LinearLaw, check_compliance
 from armflex.laws.structural import StructuralLaw, SubJoint
 
@@ -45,9 +46,9 @@ def structural_from_tensors(tensors: Mapping[str, Array]) -> StructuralLaw:
     shapes = {"nodes": (nodes, 3), "tip": (2,), "noise": (6,), "at": (subjoints,), "holds": (subjoints, 6)}
     shapes |= {"compliance": (subjoints, 6, 6), "row_covariance": (subjoints, 6, 6, 6), "loads": (subjoints, 2, 6)}
     shapes |= {"beams": (beams, 11)}
-    for name, shape in shapes.items():
-        if tensors[name].shape != shape or max(shape) > MOST:
-            raise LawError(f"{name!r} has shape {tensors[name].shape}, expected {shape}")
+    if max(nodes, subjoints, beams) > MOST:
+        raise LawError(f"{nodes} nodes, {subjoints} sub-joints and {beams} beams: at most {MOST} of each are read")
+    check_shapes(tensors, shapes)
     names = [str(i + 1) for i in range(nodes)]
     tip, components = (int(value) for value in tensors["tip"])
     if components not in (3, 6):

@@ -19,15 +19,14 @@ from functools import partial
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import ConvergenceError, InputError, UnknownNameError
-from armflex.laws.network import layers
+from armflex.errors import InputError, UnknownNameError
 from armflex.learning.collapsed import Collapsed, Prior, maximum, whitening
-from armflex.learning.diagnostics import check_converged, diagnose
+from armflex.learning.diagnostics import check_converged, diagnose, has_converged, judges
 from armflex.learning.evidence import find_modes, laplace
 from armflex.learning.metropolis import Adaptation, adaptive_metropolis_gibbs, scale_of
 from armflex.learning.model import Diagnostics, Fitted
 from armflex.learning.network import fit_network, network_law
-from armflex.learning.network_problem import GROUPS, NetworkProblem, scaled_problem, start_weights
+from armflex.learning.network_problem import GROUPS, NetworkProblem, predictions, scaled_problem, start_weights
 from armflex.learning.nuts import no_u_turn
 
 SAMPLERS = ("laplace", "nuts", "metropolis")
@@ -137,24 +136,16 @@ def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws:
     """
     if chains < 2 or draws < 4:
         raise InputError(f"{chains} chains of {draws} draws: expected at least 2 of 4, to compare them")
-    diagnose(np.arange(8.0).reshape(2, 4, 1))  # where the library for it is missing, say so before hours of work
+    judges()  # where the library for it is missing, say so before hours of work
     began, density = time.perf_counter(), Collapsed(problem, prior)
     modes = [_mode(density, start) for start in start_weights(problem, chains, seed)]
     for walk in WALKS[sampler]:
         seeds = np.random.SeedSequence(seed).spawn(chains)
         found = [walk(density, mode, draws, own) for mode, own in zip(modes, seeds, strict=True)]
         posterior = _judged(problem, found, time.perf_counter() - began)
-        if _has_converged(posterior.diagnostics):
+        if has_converged(posterior.diagnostics):
             break
     return posterior
-
-
-def _has_converged(diagnostics: Diagnostics) -> bool:
-    try:
-        check_converged(diagnostics)
-    except ConvergenceError:
-        return False
-    return True
 
 
 def _mode(density: Collapsed, start: Array) -> Array:
@@ -187,7 +178,7 @@ def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.rand
     start, noise = density.mean(mode), density.noise(mode)
     covariance = scale_of(problem.count) * laplace(problem, start, prior.precisions, noise).covariance
     chain = adaptive_metropolis_gibbs(
-        lambda weights: ((answers(problem.x, weights, problem.size) - problem.y) ** 2).sum(axis=0),
+        lambda weights: ((predictions(problem, weights) - problem.y) ** 2).sum(axis=0),
         len(problem.x),
         start,
         2 * draws,
@@ -205,17 +196,9 @@ WALKS = {"nuts": tuple(partial(_nuts_chain, **aims) for aims in ATTEMPTS), "metr
 """Sampler -> ways to draw a chain, tried in turn until one has converged."""
 
 
-def answers(x: Array, weights: Array, size: int) -> Array:
-    """Return the (..., N, k) scaled deflections that (..., P) weights give to (N, k) scaled loads."""
-    hidden, output = layers(weights, size)
-    net = x @ np.swapaxes(hidden[..., :-1], -1, -2) + hidden[..., None, :, -1]
-    values = 0.5 + 0.5 * np.tanh(0.5 * net)
-    return values @ np.swapaxes(output[..., :-1], -1, -2) + output[..., None, :, -1]
-
-
 def _judged(problem: NetworkProblem, chains: list[Drawn], seconds: float) -> Posterior:
     weights, noise = (np.array([getattr(chain, name) for chain in chains]) for name in ("weights", "noise"))
-    given = np.array([answers(problem.x, each, problem.size) for each in weights])
+    given = np.array([predictions(problem, each) for each in weights])
     parts = {"predictions": diagnose(given.reshape(*given.shape[:2], -1)), "noise": diagnose(np.log(noise))}
     lost = [chain.divergences for chain in chains]
     divergences = None if None in lost else sum(lost)

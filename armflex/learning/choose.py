@@ -24,9 +24,10 @@ INNER = 5
 
 @dataclass(frozen=True)
 class Rival:
-    """A model that may be chosen; rivals are listed the plainest first."""
+    """A model that may be chosen, by a `name` that tells its options; rivals are listed the plainest first."""
 
     name: str
+    model: str
     learner: Learner
 
 
@@ -35,11 +36,12 @@ class Compared:
     """A rival and its held-out errors.
 
     Attributes:
-        name: Of the rival.
+        name, model: Of the rival.
         squares: (N, k) mean squared error of every number over the repeats; infinite where it could not be fitted.
     """
 
     name: str
+    model: str
     squares: Array
 
     @property
@@ -55,7 +57,7 @@ def compare(
     found = []
     for rival in rivals:
         squares = [_squares(rival.learner, data, folds, seed + repeat) for repeat in range(repeats)]
-        found.append(Compared(rival.name, np.mean(squares, axis=0)))
+        found.append(Compared(rival.name, rival.model, np.mean(squares, axis=0)))
     return tuple(found)
 
 

@@ -59,6 +59,11 @@ def check_converged(diagnostics: Diagnostics, allow_unconverged: bool = False) -
         raise ConvergenceError(f"the chains have not converged: {', '.join(problems)}", ())
 
 
+def has_converged(diagnostics: Diagnostics) -> bool:
+    """Return whether chains can be trusted."""
+    return not _problems(diagnostics)
+
+
 def _problems(diagnostics: Diagnostics) -> list[str]:
     # Written as 'not better than', for NaN is not.
     problems = []
@@ -77,7 +82,7 @@ def _per_quantity(name: str, draws: Array, stuck: float) -> Array:
         raise ShapeError(f"draws: expected (chains > 1, n >= {FEWEST_DRAWS}, q > 0), got {draws.shape}")
     still = (draws == draws[:, :1]).all(axis=1).any(axis=0)
     found = np.full(draws.shape[2], stuck)
-    found[~still] = getattr(_arviz(), name)(_standardised(draws[..., ~still]), chain_axis=0, draw_axis=1)
+    found[~still] = getattr(judges(), name)(_standardised(draws[..., ~still]), chain_axis=0, draw_axis=1)
     return found
 
 
@@ -86,7 +91,8 @@ def _standardised(draws: Array) -> Array:
     return (draws - draws.mean(axis=(0, 1))) / draws.std(axis=(0, 1))
 
 
-def _arviz() -> Any:
+def judges() -> Any:
+    """Return the module that judges chains; raise `UnsupportedError` where it is not installed."""
     try:
         from arviz_stats.base import array_stats
     except ImportError:

@@ -110,13 +110,11 @@ def _neural(options: Options) -> Learner:
 def _bayesian(options: Options) -> Learner:
     from armflex.learning.bayesian import fit_bayesian
 
-    sampler = options.sampler or "laplace"
-    _one_of(sampler, ("laplace", "nuts", "metropolis"), "bayesian")
     return lambda loads, deflections, seed: fit_bayesian(
         loads,
         deflections,
         options.neurons,
-        sampler=sampler,
+        sampler=options.sampler or "laplace",
         seed=seed,
         allow_unconverged=options.allow_unconverged,
     )
@@ -151,11 +149,4 @@ def rivals(options: Options) -> tuple[Rival, ...]:
         ("quadratic", "polynomial", replace(options, features=("quadratic",))),
         (f"network of {options.neurons}", "neural", replace(options, prior="evidence")),
     ]
-    return tuple(Rival(name, learner(model, chosen)) for name, model, chosen in ladder)
-
-
-def model_of(rival: str) -> str:
-    """Return the model that a rival of `auto` is."""
-    if rival.startswith("linear"):
-        return "linear"
-    return "neural" if rival.startswith("network") else "polynomial"
+    return tuple(Rival(name, model, learner(model, chosen)) for name, model, chosen in ladder)

@@ -30,8 +30,7 @@ class FittedCompliance:
 
     def law(self, loads: Array) -> LinearLaw:
         """Return the law, remembering the (N, k) loads it was fitted on."""
-        seen = np.array([loads.min(axis=0), loads.max(axis=0)])
-        fit = LinearFit(self.row_covariance, self.residual_std, seen)
+        fit = LinearFit(self.row_covariance, self.residual_std, seen_loads(loads))
         return LinearLaw(embed(self.compliance), fit=fit)
 
 
@@ -57,6 +56,16 @@ def fit_compliance(loads: Array, deflections: Array, structure: str = "full") ->
     compliance = np.tensordot(theta, basis, axes=1)
     rows = np.einsum("pik,pq,qil->ikl", basis, covariance, basis)
     return FittedCompliance(compliance, rows, scatter)
+
+
+def seen_loads(loads: Array) -> Array:
+    """Return the (2, k) smallest and largest of (N, k) loads: what a law remembers of its training."""
+    return np.array([loads.min(axis=0), loads.max(axis=0)])
+
+
+def least_scatter(deflections: Array) -> float:
+    """Return the scatter that a fit has at least: a column may be followed exactly."""
+    return max(1e-12 * float(np.abs(deflections).max()), 1e-30)
 
 
 def basis_of(size: int, structure: str) -> Array:
@@ -96,7 +105,7 @@ def _solve(loads: Array, deflections: Array, basis: Array, scatter: Array) -> tu
     theta = np.linalg.lstsq(flat / scale, target, rcond=None)[0] / scale
     residual = deflections - loads @ np.tensordot(theta, basis, axes=1).T
     freedom = len(loads) - len(basis) / loads.shape[1]
-    floor = max(1e-12 * float(np.abs(deflections).max()), 1e-30)  # a column may be followed exactly
+    floor = least_scatter(deflections)
     found = np.maximum(np.sqrt((residual**2).sum(axis=0) / max(freedom, 1.0)), floor)
     weighted = np.einsum("pik,nk->nip", basis, loads) / found[:, None]
     normal = weighted.reshape(-1, len(basis)) / scale

@@ -14,10 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.law import embed
-from armflex.laws.linear import LinearFit, LinearLaw
 from armflex.learning.diagnostics import check_converged, diagnose
-from armflex.learning.linear import FittedCompliance, basis_of, fit_compliance
+from armflex.learning.linear import FittedCompliance, basis_of, fit_compliance, least_scatter
 from armflex.learning.metropolis import Adaptation, Chain, adaptive_metropolis_gibbs, scale_of
 from armflex.learning.model import Diagnostics, Fitted
 
@@ -87,14 +85,13 @@ def fit_linear_chain(
     posterior = sample_compliance(loads, deflections, structure, seed=seed, chains=chains, draws=draws)
     check_converged(posterior.diagnostics, allow_unconverged)
     found = posterior.fitted()
-    fit = LinearFit(found.row_covariance, found.residual_std, np.array([loads.min(axis=0), loads.max(axis=0)]))
     parameters = {
         "structure": structure,
         "compliance": found.compliance.tolist(),
         "unit": "m/N, rad/Nm",
         "noise_std": found.residual_std.tolist(),
     }
-    return Fitted(LinearLaw(embed(found.compliance), fit=fit), parameters, posterior.diagnostics)
+    return Fitted(found.law(loads), parameters, posterior.diagnostics)
 
 
 def sample_compliance(
@@ -131,7 +128,7 @@ def _chain(
 ) -> tuple[Array, Array, float]:
     """Return (n, P) parameters, (n, k) variances and the acceptance of one chain of every group of rows."""
     groups = _groups(scaled.steps)
-    floor = max(1e-12 * float(np.abs(deflections).max()), 1e-30)  # a column may be followed exactly
+    floor = least_scatter(deflections)
     parts = []
     for rows, own in zip(groups, seed.spawn(len(groups)), strict=True):
         mine = scaled.steps[:, rows].any(axis=(1, 2))

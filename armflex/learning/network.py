@@ -11,6 +11,7 @@ from armflex.errors import InputError, did_you_mean
 from armflex.laws.network import NetworkLaw, unpack
 from armflex.learning.evidence import find_modes
 from armflex.learning.levenberg import PAPER, RELATIVE, Damping, minimise
+from armflex.learning.linear import seen_loads
 from armflex.learning.model import Fitted
 from armflex.learning.network_problem import (
     GROUPS,
@@ -100,7 +101,7 @@ def network_law(
         **vars(scaling),
         noise=noise * scaling.output_scale,
         weight_covariance=covariance,
-        seen=np.array([loads.min(axis=0), loads.max(axis=0)]),
+        seen=seen_loads(loads),
         load_mean=mean,
         load_precision=0.5 * (precision + precision.T),
         furthest=float(distances.max()),

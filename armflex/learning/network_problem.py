@@ -195,8 +195,11 @@ def least_squares(problem: NetworkProblem) -> Weighted:
 
 
 def predictions(problem: NetworkProblem, weights: Array) -> Array:
-    """Return the (N, k) scaled deflections that (P,) weights give."""
-    return least_squares(problem).evaluate(weights).rest[1] + problem.y
+    """Return the (..., N, k) scaled deflections that (..., P) weights give."""
+    hidden, output = layers(weights, problem.size)
+    net = problem.x @ np.swapaxes(hidden[..., :-1], -1, -2) + hidden[..., None, :, -1]
+    values = 0.5 + 0.5 * np.tanh(0.5 * net)
+    return values @ np.swapaxes(output[..., :-1], -1, -2) + output[..., None, :, -1]
 
 
 def jacobian(problem: NetworkProblem, weights: Array) -> Array:

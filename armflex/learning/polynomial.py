@@ -13,6 +13,7 @@ from armflex.conventions import Array
 from armflex.errors import IdentifiabilityError
 from armflex.laws.polynomial import FEATURES, PolynomialLaw, feature_values, features_of
 from armflex.learning.held_out import wrenches
+from armflex.learning.linear import least_scatter, seen_loads
 from armflex.learning.model import Fitted, Learner
 
 PLAIN = ("linear+radial", "linear+radial+magnitude", "quadratic")
@@ -53,13 +54,12 @@ def fit_polynomial(loads: Array, deflections: Array, features: str | Sequence[st
     coefficients = np.linalg.lstsq(scaled, deflections, rcond=None)[0] / scale[:, None]
     scatter = _scatter(deflections, deflections - values @ coefficients, len(names))
     inverse = np.linalg.inv(scaled.T @ scaled) / np.outer(scale, scale)
-    seen = np.array([loads.min(axis=0), loads.max(axis=0)])
-    return PolynomialLaw(names, coefficients, scatter[:, None, None] ** 2 * inverse, scatter, seen)
+    return PolynomialLaw(names, coefficients, scatter[:, None, None] ** 2 * inverse, scatter, seen_loads(loads))
 
 
 def _scatter(deflections: Array, residual: Array, count: int) -> Array:
-    floor = max(1e-12 * float(np.abs(deflections).max()), 1e-30)  # a column may be followed exactly
-    return np.maximum(np.sqrt((residual**2).sum(axis=0) / (len(residual) - count)), floor)
+    found = np.sqrt((residual**2).sum(axis=0) / (len(residual) - count))
+    return np.maximum(found, least_scatter(deflections))
 
 
 def _check_determined(scaled: Array, names: Sequence[str]) -> None:

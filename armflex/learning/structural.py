@@ -18,6 +18,7 @@ from armflex.errors import InputError
 from armflex.laws.linear import LinearFit, LinearLaw
 from armflex.laws.structural import StructuralLaw, SubJoint
 from armflex.learning.held_out import NOWHERE, predicted, wrenches
+from armflex.learning.linear import seen_loads
 from armflex.learning.model import Fitted
 
 WIDE = 3.0
@@ -96,9 +97,9 @@ def _certain(
     for i, sub in enumerate(law.subjoints):
         seen = np.array([one[i] for one in at_subjoints])
         relative = np.zeros(6)
-        for (j, axis), std in zip(free, stds, strict=True):
-            relative[axis] = std if j == i else relative[axis]
-        subjoints.append(_seen(sub, relative, np.array([seen.min(axis=0), seen.max(axis=0)])))
+        for (_, axis), std in ((place, std) for place, std in zip(free, stds, strict=True) if place[0] == i):
+            relative[axis] = std
+        subjoints.append(_seen(sub, relative, seen_loads(seen)))
     noise = np.concatenate([scatter, np.zeros(6 - len(scatter))])
     return replace(law, subjoints=tuple(subjoints), noise=noise)
 

@@ -9,7 +9,7 @@ everything is fitted again. What no longer earns its place goes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from armflex.conventions import WRENCH_NAMES, Array
 from armflex.errors import InputError
 from armflex.laws.polynomial import FEATURES, PolynomialLaw, feature_values, features_of
 from armflex.learning.held_out import wrenches
+from armflex.learning.linear import least_scatter, seen_loads
 from armflex.learning.model import Fitted
 
 FLIPS = 400
@@ -78,10 +79,14 @@ class Bench:
     def residual(self, terms: Sequence[str]) -> Array:
         """Return the (N, k) residual of a fit with some terms."""
         left = np.empty_like(self.deflections)
-        for i, target in enumerate(self.deflections.T):
-            inside = self.features[:, self.places(terms, i)]
-            left[:, i] = target - inside @ np.linalg.lstsq(inside, target, rcond=None)[0]
+        for i in range(left.shape[1]):
+            left[:, i] = self.left(self.places(terms, i), i)
         return left
+
+    def left(self, places: Sequence[int], column: int) -> Array:
+        """Return the (N,) residual of one deflection fitted with some features."""
+        inside, target = self.features[:, places], self.deflections[:, column]
+        return target - inside @ np.linalg.lstsq(inside, target, rcond=None)[0]
 
     def evidence(self, terms: Sequence[str], candidate: str, residuals: Array) -> Array:
         """Return the (R,) evidence of a candidate beside some terms for (N, k, R) residuals."""
@@ -134,7 +139,7 @@ def _next(bench: Bench, terms: list[str], rng: np.random.Generator) -> Term | No
     if not left or count - taken < size + 2:
         return None
     residual = bench.residual(terms)
-    evidence = [float(bench.evidence(terms, name, residual[:, :, None])[0]) for name in left]
+    evidence = [_worth(bench, name, terms) for name in left]
     flipped = residual[:, :, None] * rng.choice([-1.0, 1.0], (count, 1, FLIPS))
     best = np.max([bench.evidence(terms, name, flipped) for name in left], axis=0)
     chance = float(np.quantile(best, 1.0 - CHANCE))
@@ -145,10 +150,7 @@ def _next(bench: Bench, terms: list[str], rng: np.random.Generator) -> Term | No
 def _pruned(bench: Bench, terms: list[str]) -> list[str]:
     """Return the terms without those that are no longer worth `LEAST` beside the others."""
     while terms:
-        worth: Mapping[str, float] = {}
-        for name in terms:
-            rest = [other for other in terms if other != name]
-            worth[name] = float(bench.evidence(rest, name, bench.residual(rest)[:, :, None])[0])
+        worth = {name: _worth(bench, name, [other for other in terms if other != name]) for name in terms}
         weakest = min(worth, key=lambda name: worth[name])
         if worth[weakest] >= LEAST:
             break
@@ -156,13 +158,17 @@ def _pruned(bench: Bench, terms: list[str]) -> list[str]:
     return terms
 
 
+def _worth(bench: Bench, name: str, rest: Sequence[str]) -> float:
+    """Return the evidence of a candidate beside some terms, in the data."""
+    return float(bench.evidence(rest, name, bench.residual(rest)[:, :, None])[0])
+
+
 def _earning(bench: Bench, column: int, places: list[int]) -> list[int]:
     """Return the features that one deflection is better off with; its own load stays."""
-    target, count = bench.deflections[:, column], len(bench.deflections)
+    count = len(bench.deflections)
 
     def cost(chosen: list[int]) -> float:
-        inside = bench.features[:, chosen]
-        left = target - inside @ np.linalg.lstsq(inside, target, rcond=None)[0]
+        left = bench.left(chosen, column)
         return count * float(np.log(max(float(left @ left), 1e-300))) + len(chosen) * float(np.log(count))
 
     while len(places) > 1:
@@ -186,8 +192,8 @@ def _law(bench: Bench, terms: Sequence[str]) -> PolynomialLaw:
         inverse = np.linalg.pinv(inside.T @ inside)
         values = inverse @ (inside.T @ target)
         left = float(np.sqrt(((target - inside @ values) ** 2).sum() / max(count - len(own), 1)))
-        scatter.append(max(left, 1e-12 * float(np.abs(target).max()), 1e-30))
+        scatter.append(max(left, least_scatter(target)))
         coefficients[places, i] = values / scale
         covariance[i][np.ix_(places, places)] = scatter[-1] ** 2 * inverse / np.outer(scale, scale)
-    seen = np.array([bench.loads.min(axis=0), bench.loads.max(axis=0)])
-    return PolynomialLaw(tuple(bench.names[i] for i in used), coefficients, covariance, np.array(scatter), seen)
+    names, seen = tuple(bench.names[i] for i in used), seen_loads(bench.loads)
+    return PolynomialLaw(names, coefficients, covariance, np.array(scatter), seen)

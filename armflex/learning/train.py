@@ -16,7 +16,7 @@ from armflex.laws.law_file import TrainedLaw
 from armflex.laws.linear import LinearLaw, softness
 from armflex.learning.choose import Compared, assess, chosen, compare
 from armflex.learning.held_out import HeldOut, hold_out, predicted, random_folds, single_folds
-from armflex.learning.learners import MODELS, Options, learner, model_of, rivals
+from armflex.learning.learners import MODELS, Options, learner, rivals
 from armflex.learning.model import Diagnostics, Fitted
 from armflex.version import __version__
 
@@ -98,7 +98,7 @@ def _plainer(data: JointData, model: str, options: Options) -> tuple[Compared, .
     """Return how models without weights do beside a network, nothing beside other models."""
     if model not in ("neural", "bayesian"):
         return ()
-    return compare([rival for rival in rivals(options) if model_of(rival.name) != "neural"], data, options.seed)
+    return compare([rival for rival in rivals(options) if rival.model != "neural"], data, options.seed)
 
 
 def _choose(data: JointData, options: Options) -> TrainResult:
@@ -108,7 +108,7 @@ def _choose(data: JointData, options: Options) -> TrainResult:
     fitted = best.learner(data.loads, data.deflections, options.seed)
     held, count = assess(among, data, options.seed)
     parameters = {**fitted.parameters, "chosen": best.name, "chosen_in_folds": count}
-    return _result(data, model_of(best.name), replace(fitted, parameters=parameters), held, options, compared)
+    return _result(data, best.model, replace(fitted, parameters=parameters), held, options, compared)
 
 
 def _result(
@@ -149,8 +149,8 @@ def _doubts(law: Law) -> tuple[Flag, ...]:
 
 def _worth(model: str, held: HeldOut, others: Sequence[Compared]) -> tuple[Flag, ...]:
     """Return a flag where a model without weights does as well as a network, by the mean of the columns' ratios."""
-    plain = [one for one in others if model_of(one.name) != "neural" and np.isfinite(one.squares).all()]
-    networks = [one.rms for one in others if model_of(one.name) == "neural"]
+    plain = [one for one in others if one.model != "neural" and np.isfinite(one.squares).all()]
+    networks = [one.rms for one in others if one.model == "neural"]
     if model in ("neural", "bayesian"):
         networks = [held.rms]
     if not plain or not networks or not np.isfinite(networks[0]).all():

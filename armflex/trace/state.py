@@ -124,9 +124,7 @@ def add(state: State, found: Polished) -> State:
     block = EffectBlock(what, found.free, state.scene, ordinal, prior)
     effects = (*state.effects[:place], block, *state.effects[place + 1 :])
     starts[place : place + 1] = [block.start]
-    declared = sum(len(block.labels) for block in state.blocks)
-    random = values[state.fit.places(state.random)] if state.random else np.zeros(0)
-    return refit(state, effects, state.random, np.concatenate([values[:declared], *starts, random]))
+    return refit(state, effects, state.random, _with_starts(state, values, starts))
 
 
 def _beginning(state: State, found: Polished) -> Array:
@@ -159,10 +157,15 @@ def _with(state: State, kept: Sequence[EffectBlock]) -> State:
     effects = tuple(
         replace(block, effect=block.at(state.values_of(block)), ordinal=first + i) for i, block in enumerate(kept)
     )
-    base = sum(len(block.labels) for block in state.blocks)
-    start = np.concatenate([state.fit.values[:base], *(block.start for block in effects)])
-    random = state.values_of(state.random) if state.random else np.zeros(0)
-    return refit(state, effects, state.random, np.concatenate([start, random]))
+    starts = [block.start for block in effects]
+    return refit(state, effects, state.random, _with_starts(state, state.fit.values, starts))
+
+
+def _with_starts(state: State, values: Array, starts: Sequence[Array]) -> Array:
+    """Return the values of declared blocks and of the random twist, and between them where the effects start."""
+    declared = sum(len(block.labels) for block in state.blocks)
+    random = values[state.fit.places(state.random)] if state.random else np.zeros(0)
+    return np.concatenate([values[:declared], *starts, random])
 
 
 def with_random(state: State, random: PoseBlock | None) -> State:
