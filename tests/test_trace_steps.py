@@ -10,13 +10,15 @@ import test_trace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armflex.conventions import Array
+from armflex.calibrate.fit import moved
+from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects import CATALOGUE, Spot
 from armflex.laws.linear import SOFTEST
 from armflex.trace.accept import null_maximum
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import project
+from armflex.trace.search import TIE, preferred
 from armflex.trace.sensible import SOFT, sensible
 from armflex.trace.state import State, add, stands
 
@@ -34,6 +36,14 @@ def is_sensible(state: State, candidate: Candidate, *amplitudes: float) -> bool:
 
 
 # What is possible.
+
+
+@pytest.mark.parametrize("lag", [0.0, 3000.0])
+def test_a_joint_does_not_double_its_give_with_ten_degrees(before, lag):
+    soft = candidate_of(before, "thermal_softening", "J2", "ry")
+    soft = replace(soft, inner=(soft.inner[0], lag))
+    assert is_sensible(before, soft, 0.01) and is_sensible(before, soft, -0.09)
+    assert not is_sensible(before, soft, 0.11) and not is_sensible(before, soft, -46.7)
 
 
 def masses(state: State) -> tuple[float, float]:
@@ -225,3 +235,49 @@ def test_the_null_of_all_laws_is_the_largest_of_each(before, sifted):
 
 def test_where_no_law_competes_chance_has_nothing(before, sifted):
     assert (null_maximum(sifted, before.groups, frozenset(["slip_step"]), flips=5) == -np.inf).all()
+
+
+# What is plainer.
+
+
+def evident(state: State, law: str, site: str, axis: str | None, evidence: float, *amplitudes: float) -> Polished:
+    terms = (TWIST_NAMES.index(axis),) if law == "link_geometry" else (0,)
+    return Polished(candidate_of(state, law, site, axis, terms), 0.0, evidence, np.array(amplitudes), ())
+
+
+def test_of_what_the_data_do_not_tell_apart_the_plainest_is_taken(before):
+    drawn = evident(before, "encoder_scale", "J3", "ry", 99.0, 1e-3)
+    laid = evident(before, "dress_pack", "J3", "ry", 100.0, 500.0)
+    assert preferred([laid, drawn]) is drawn
+    assert preferred([replace(laid, evidence=99.0 + TIE + 0.1), drawn]).candidate.law.name == "dress_pack"
+
+
+def test_a_constant_is_plainer_than_a_load(before):
+    load = evident(before, "even_in_load", "J2", "rz", 101.0, 1e-7)
+    constant = evident(before, "link_geometry", "link:J3", "rz", 100.0, 1e-3)
+    assert preferred([load, constant]) is constant
+
+
+def test_of_one_law_at_two_places_that_where_less_is_needed_is_taken(before):
+    more = evident(before, "link_geometry", "link:J6", "rz", 101.0, -5.5e-3)
+    less = evident(before, "link_geometry", "link:J5", "dy", 100.0, -0.47e-3)
+    alike = evident(before, "link_geometry", "link:J6", "dy", 100.5, -0.471e-3)
+    assert preferred([more, less]) is less
+    assert preferred([alike, less]) is alike and preferred([less, alike]) is less
+
+
+# How a fit moves.
+
+
+def test_a_factor_moves_in_a_straight_line_and_never_below_nothing(before):
+    blocks = before.blocks
+    logs = np.array([block.name == "compliance" for block in blocks for _ in block.labels])
+    assert 0 < logs.sum() < len(logs)
+    steps = np.random.default_rng(0).normal(0.0, 3.0, len(logs))
+    values = np.random.default_rng(1).normal(0.0, 0.3, len(logs))
+    after = moved(blocks, values, steps)
+    np.testing.assert_allclose(after[~logs], (values + steps)[~logs])
+    factor = np.exp(after - values)[logs]
+    np.testing.assert_allclose(factor, np.where(steps > 0.0, 1.0 + steps, 1.0 / (1.0 - steps))[logs])
+    small = moved(blocks, values, 1e-6 * steps) - values
+    np.testing.assert_allclose(small, 1e-6 * steps, rtol=1e-4)

@@ -43,6 +43,11 @@ class Block(Protocol):
         """(k,) standard deviations about zero; infinite where nothing is known."""
         ...
 
+    @property
+    def logarithmic(self) -> bool:
+        """Whether a parameter is the logarithm of a factor: its column then changes as fast as what it stands for."""
+        ...
+
     def columns(self, view: View) -> Array:
         """Return (M, d, k) changes of the readings per parameter at the view's setup."""
         ...
@@ -59,6 +64,7 @@ class FrameBlock:
     start: pin.SE3
     level: bool
     name: str = "instrument"
+    logarithmic: bool = False
     labels: tuple[str, ...] = TWIST_NAMES
     units: tuple[str, ...] = ("m",) * 3 + ("rad",) * 3
 
@@ -96,6 +102,7 @@ class SessionBlock:
     translation: float
     rotation: float
     name: str = "session_frame"
+    logarithmic: bool = False
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -130,6 +137,7 @@ class TargetBlock:
 
     std: float
     name: str = "tool"
+    logarithmic: bool = False
     labels: tuple[str, ...] = TWIST_NAMES[:3]
     units: tuple[str, ...] = ("m",) * 3
 
@@ -158,6 +166,7 @@ class OffsetBlock:
     std: float
     units: tuple[str, ...]
     name: str = "joint_offset"
+    logarithmic: bool = False
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -188,6 +197,7 @@ class GeometryBlock:
     joints: tuple[str, ...]
     std: float
     name: str = "geometry"
+    logarithmic: bool = False
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -225,6 +235,7 @@ class ComplianceBlock:
     axes: tuple[tuple[int, ...], ...]
     std: float
     name: str = "compliance"
+    logarithmic: bool = True
 
     @property
     def labels(self) -> tuple[str, ...]:

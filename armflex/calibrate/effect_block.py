@@ -38,6 +38,7 @@ class EffectBlock:
     scene: Scene
     ordinal: int
     prior: Array
+    logarithmic: bool = False
 
     @property
     def name(self) -> str:

@@ -104,9 +104,7 @@ class Fit:
     @cached_property
     def covariance(self) -> Array:
         """(P, P) posterior covariance."""
-        normal = self.columns.T @ self.columns + np.diag(self.prior**-2.0)
-        scale = 1.0 / np.sqrt(np.diag(normal))
-        return np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+        return posterior_covariance(self.columns, self.prior)
 
     @property
     def rms(self) -> float:
@@ -135,6 +133,26 @@ class Fit:
 def prior_of(blocks: Sequence[Block]) -> Array:
     """Return the (P,) prior standard deviations of all blocks."""
     return np.concatenate([np.zeros(0), *(block.prior for block in blocks)])
+
+
+def posterior_covariance(columns: Array, prior: Array) -> Array:
+    """Return the (P, P) covariance of (n, P) whitened columns and (P,) prior standard deviations."""
+    normal = columns.T @ columns + np.diag(prior**-2.0)
+    scale = 1.0 / np.sqrt(np.diag(normal))
+    return np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+
+
+def moved(blocks: Sequence[Block], values: Array, step: Array) -> Array:
+    """Return the (P,) values after a step that is meant to first order.
+
+    A factor's logarithm follows as the factor itself would in a straight line: exp(4) times is never meant by a column.
+    """
+    return values + np.where(_logarithmic(blocks), np.sign(step) * np.log1p(np.abs(step)), step)
+
+
+def _logarithmic(blocks: Sequence[Block]) -> np.ndarray:
+    """Return (P,) whether a value is the logarithm of a factor."""
+    return np.array([block.logarithmic for block in blocks for _ in block.labels], dtype=bool)
 
 
 def realise(declared: Setup, blocks: Sequence[Block], values: Array) -> Setup:
@@ -282,10 +300,13 @@ class _Task:
         """Return the normal equations at a place."""
         weights = huber_weights(place.view, limit)
         columns, residual = whitened_columns(self.blocks, place.view, weights), whitened_residual(place.view, weights)
-        precision = self.prior**-2.0
-        normal = columns.T @ columns + np.diag(precision)
+        precision, pull = self.prior**-2.0, columns.T @ residual
+        # Gauss and Newton leave out second derivatives; a log factor's is its column, and without it a compliance that
+        # is drawn towards zero goes past it and back for ever.
+        bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
+        normal = columns.T @ columns + np.diag(precision + bend)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        gradient = columns.T @ residual - precision * np.where(np.isfinite(self.prior), place.values, 0.0)
+        gradient = pull - precision * np.where(np.isfinite(self.prior), place.values, 0.0)
         return _Problem(normal * np.outer(scale, scale), scale * gradient, scale)
 
     def descend(
@@ -298,7 +319,7 @@ class _Task:
         before = self.cost(here, limit)
         for _ in range(trials):
             with contextlib.suppress(ArmflexError):
-                trial = self.at(here.values + problem.step(damping), here.view.rows, here.view)
+                trial = self.at(moved(self.blocks, here.values, problem.step(damping)), here.view.rows, here.view)
                 if self.cost(trial, limit) <= before + 1e-9 * abs(before):
                     return trial, damping / 10.0 if damping > LIGHT else 0.0
             damping = max(10.0 * damping, LIGHT)

@@ -11,6 +11,9 @@ from armflex.effects.shapes import LAGGED, WARM, at_joints, warmth, with_tempera
 from armflex.effects.spot import Here, Spot
 from armflex.laws import Row
 
+MOST = 0.1
+"""Largest beta that is believed [1/K]: plastics near their softening point; steel and gears have a thousandth."""
+
 
 def _places(scene: Scene) -> list[Spot]:
     whole = [Spot(joint, None, (name,)) for joint in scene.joints for name in scene.temperatures]
@@ -25,5 +28,5 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 
 THERMAL_SOFTENING = TwistLaw(
-    "thermal_softening", _places, (Amplitude("beta", "1/K"),), _basis, WARM, loaded=True, memory=LAGGED
+    "thermal_softening", _places, (Amplitude("beta", "1/K", most=MOST),), _basis, WARM, loaded=True, memory=LAGGED
 )

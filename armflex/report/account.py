@@ -141,7 +141,7 @@ def _counts(trace: Trace) -> str:
 def _numbers(trace: Trace, accurate: Accuracy) -> Table:
     """Return name, before and after of every error there is; where nothing was found, name and value."""
     found = trace.found
-    sessions = [found[0].proof.sessions_before, found[-1].proof.sessions_after] if found else [None, None]
+    sessions = trace.held_out_sessions or (None, None)
     rows = [
         ("Poses held out", *(millimetres(errors.rms, errors.std) for errors in (accurate.before, accurate.after))),
         ("Whole sessions held out", *(millimetres(one) for one in sessions)),

@@ -118,8 +118,8 @@ def sure(found: Found) -> str:
     if proof.errors_apart <= 0.0:
         fall = "The squared error of poses held out did not fall"
     parts.append(fall + ".")
-    if proof.sessions_before is None:
-        parts.append("There is one session only: nothing is known about another day.")
+    if proof.sessions_before is None:  # one session only, or a step between two
+        parts.append("No session can be left out and the others still show it: nothing is known about another day.")
     if found.witness:
         parts.append("It is believed because fitted parameters no longer strain against their priors.")
     return " ".join(parts)

@@ -7,13 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.calibrate.fit import Fit
+from armflex.calibrate.blocks import Block
+from armflex.calibrate.fit import Fit, posterior_covariance
 from armflex.conventions import Array
 from armflex.trace.candidates import Sifted
 from armflex.trace.projection import evidence
 
 FLIPS = 200
 FOLDS = 5
+
+SHOWN = 2.0
+"""Standard deviations by which an effect must still show for rows that were left out to say anything about it."""
 
 BELIEVED = 0.5
 """Robust weight below which a row is left out of held-out errors: a lost beam says nothing about a model."""
@@ -57,7 +61,11 @@ class HeldOut:
     @property
     def rms(self) -> float:
         """RMS of the 3-D error over believed rows [m]."""
-        return float(np.sqrt(self.squares[self.believed].mean()))
+        return self.rms_of(self.believed)
+
+    def rms_of(self, rows: np.ndarray) -> float:
+        """Return the RMS of the 3-D error over the believed among (M,) rows [m]."""
+        return float(np.sqrt(self.squares[self.believed & rows].mean()))
 
 
 def held_out(fit: Fit, folds: np.ndarray, refitted: Sequence[np.ndarray] | None = None) -> HeldOut:
@@ -117,6 +125,34 @@ def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[n
         for name in names
     ]
     return folds, frames
+
+
+def sessions_held_out(
+    before: Fit, after: Fit, new: Sequence[Block], sessions: Sequence[str]
+) -> tuple[float, float] | None:
+    """Return the RMS of the 3-D error with whole sessions held out, before and after new blocks came in [m].
+
+    Over the sessions without which the others still show what is new: whether a tool slipped before the second of two
+    sessions nobody can tell from one of them. None where there are no such sessions.
+    """
+    if len(set(sessions)) < 2 or not new:
+        return None
+    folds, frames = session_folds(after, sessions)
+    able = _showing(after, np.concatenate([after.places(block) for block in new]), folds)
+    if not able.any():
+        return None
+    first = held_out(before, *session_folds(before, sessions))
+    return first.rms_of(able), held_out(after, folds, frames).rms_of(able)
+
+
+def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
+    """Return (M,) whether the rows of other folds than a row's own still show some parameters."""
+    size, values, able = fit.view.residual.shape[1], fit.values[some], np.zeros(len(folds), bool)
+    for number in range(int(folds.max()) + 1):
+        own = folds == number
+        known = posterior_covariance(fit.columns[~np.repeat(own, size)], fit.prior)[np.ix_(some, some)]
+        able[own] = values @ np.linalg.pinv(known, hermitian=True) @ values > len(some) * SHOWN**2
+    return able
 
 
 def improvement(before: HeldOut, after: HeldOut) -> float:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
+from armflex.calibrate.effect_block import EffectBlock
 from armflex.calibrate.fit import robust_limit
 from armflex.effects.catalogue import LAWS
 from armflex.effects.law import Effect
@@ -28,39 +30,61 @@ COMPARED = 12
 """Best rivals whose inner parameters are refined."""
 
 
-def leave_out(state: State, index: int) -> tuple[Projection, np.ndarray]:
-    """Return the projection of the fit with one effect's columns and values taken out, and those columns' places."""
-    fit, block = state.fit, state.effects[index]
-    own = fit.places(block)
+@dataclass(frozen=True, eq=False)
+class Exchanged:
+    """Effects after second thoughts.
+
+    Attributes:
+        state: The state with them.
+        steps: For each, the number of the step in which it, or what it stands for, was added.
+        fresh: Places of those that took another's place.
+    """
+
+    state: State
+    steps: tuple[int, ...]
+    fresh: frozenset[int] = frozenset()
+
+
+def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
+    """Return the projection of the fit with some effects' columns and values taken out, and those columns' places."""
+    fit = state.fit
+    places = [fit.places(state.effects[index]) for index in indices]
+    own = np.concatenate(places)
     rest = np.setdiff1d(np.arange(len(fit.values)), own)
-    amplitudes = own[: len(block.effect.spot.terms)]
+    terms = (len(state.effects[index].effect.spot.terms) for index in indices)
+    amplitudes = np.concatenate([place[:count] for place, count in zip(places, terms, strict=True)])
     # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
     data = fit.residual + fit.columns[:, amplitudes] @ fit.values[amplitudes] + fit.columns[:, rest] @ fit.values[rest]
     return projected(fit.columns[:, rest], fit.prior[rest] ** -2.0, data, shyness(fit)), own
 
 
-def rivals_of(state: State, index: int) -> tuple[float, tuple[Polished, ...]]:
-    """Return an effect's evidence beside the others, and the best candidates that could stand in its place."""
-    projection, own = leave_out(state, index)
+def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]:
+    """Return the evidence of some effects beside the others, and the best candidates that could take their place."""
+    projection, own = leave_out(state, *indices)
     gain = projection.gain(state.fit.columns[:, own])[0]
-    block = state.effects[index]
-    itself = Candidate(block.effect.law, block.effect.spot, block.at(state.values_of(block)).inner)
-    worth = float(evidence(gain, projection.objective, projection.count, itself.parameters))
-    screened = screen(sift(bank(_alternatives(itself, state), state.fit, state.scene), projection))
+    themselves = [_candidate(state, state.effects[index]) for index in indices]
+    parameters = sum(one.parameters for one in themselves)
+    worth = float(evidence(gain, projection.objective, projection.count, parameters))
+    screened = screen(sift(bank(_alternatives(themselves, state), state.fit, state.scene), projection))
     rivals = []
     for i in best_per_spot(screened, COMPARED + 1):
         candidate = screened.bank.candidates[i]
-        if not _same_place(candidate, itself):
+        if not any(_same_place(candidate, one) for one in themselves):
             rivals.append(polish(candidate, state.fit, state.scene, projection))
     return worth, tuple(sorted(rivals, key=lambda one: -one.evidence))
 
 
-def _alternatives(itself: Candidate, state: State) -> Iterator[Candidate]:
+def _candidate(state: State, block: EffectBlock) -> Candidate:
+    return Candidate(block.effect.law, block.effect.spot, block.at(state.values_of(block)).inner)
+
+
+def _alternatives(themselves: Sequence[Candidate], state: State) -> Iterator[Candidate]:
     """Yield the catalogue, and for a shape without a name the same shape at every other place."""
     yield from candidates_of(LAWS, state.scene)
-    if itself.law.name in SHAPES:
-        for site, axis in shaped_places(state.scene):
-            yield replace(itself, spot=replace(itself.spot, site=site, axis=axis))
+    for one in themselves:
+        if one.law.name in SHAPES:
+            for site, axis in shaped_places(state.scene):
+                yield replace(one, spot=replace(one.spot, site=site, axis=axis))
 
 
 def _same_place(one: Candidate, other: Candidate) -> bool:
@@ -83,54 +107,84 @@ def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, fl
     return worth, tuple(found.values())
 
 
-def exchanged(state: State, say: Callable[[str], None]) -> tuple[State, list[int]]:
-    """Return the state without effects that are no longer worth `SAME`, and which those were.
+def exchanged(state: State, say: Callable[[str], None]) -> Exchanged:
+    """Return the effects without those that are no longer worth `SAME`.
 
     Where several were added one by one, the first were chosen while the others were missing: what now stands clearly
-    better in an effect's place takes it.
+    better in an effect's place takes it, and one that does as well as two takes theirs.
     """
-    state, dropped = _pruned(state, say)
-    if 1 < len(state.effects) <= SWAPPED:
-        for index in range(len(state.effects)):
-            state = _swapped(state, index, say)
-    return state, dropped
+    now = _pruned(state, say)
+    if not 1 < len(now.state.effects) <= SWAPPED:
+        return now
+    for index in range(len(now.state.effects)):
+        now = _swapped(now, index, say)
+    for pair in combinations(range(len(now.state.effects)), 2):
+        merged = _merged(now, *pair, say)
+        if merged is not None:
+            return merged
+    return now
 
 
-def _swapped(state: State, index: int, say: Callable[[str], None]) -> State:
-    """Return the state with a clearly better candidate in place of one effect, as it is where there is none."""
+def _swapped(now: Exchanged, index: int, say: Callable[[str], None]) -> Exchanged:
+    """Return the effects with a clearly better candidate in place of one, as they are where there is none."""
+    state = now.state
     worth, rivals = rivals_of(state, index)
     was_plain = state.effects[index].effect.law.name in PLAIN
     better = [one for one in rivals if one.evidence > worth + SAME and was_plain <= (one.candidate.law.name in PLAIN)]
+    trial = _trial(state, (index,), better, say)
+    if trial is None or _information(trial, state) > _information(state, state) - SAME:
+        return now
+    return Exchanged(trial, now.steps, now.fresh | {index})
+
+
+def _merged(now: Exchanged, first: int, second: int, say: Callable[[str], None]) -> Exchanged | None:
+    """Return the effects with one in place of two, None where none does as well."""
+    state = now.state
+    worth, rivals = rivals_of(state, first, second)
+    trial = _trial(state, (first, second), [one for one in rivals if one.evidence > worth], say)
+    if trial is None or _information(trial, state) > _information(state, state):
+        return None
+    steps = tuple(step for i, step in enumerate(now.steps) if i != second)
+    return Exchanged(trial, steps, frozenset(i - (i > second) for i in now.fresh if i != second) | {first})
+
+
+def _trial(
+    state: State, indices: Sequence[int], better: Sequence[Polished], say: Callable[[str], None]
+) -> State | None:
+    """Return the state with the first of some candidates in place of effects, None where it cannot stand there."""
     if not better:
-        return state
-    say(f"trying {better[0].candidate.effect(better[0].amplitudes).name} for {state.effects[index].effect.name}")
+        return None
+    names = " and ".join(state.effects[index].effect.name for index in indices)
+    say(f"trying {better[0].candidate.effect(better[0].amplitudes).name} for {names}")
+    kept = state
+    for index in sorted(indices, reverse=True):
+        kept = without(kept, index)
     try:
-        trial = moved_to(add(without(state, index), better[0]), index)
+        trial = moved_to(add(kept, better[0]), indices[0])
     except ArmflexError:
-        return state
-    limit = robust_limit(state.fit.view)
-    is_better = stands(trial) and information(trial, limit) < information(state, limit) - SAME
-    return trial if is_better else state
+        return None
+    return trial if stands(trial) and len(trial.effects) == len(state.effects) - len(indices) + 1 else None
 
 
-def _pruned(state: State, say: Callable[[str], None]) -> tuple[State, list[int]]:
-    dropped: list[int] = []
-    places = list(range(len(state.effects)))
-    for _ in range(len(places)):
+def _information(trial: State, state: State) -> float:
+    return information(trial, robust_limit(state.fit.view))
+
+
+def _pruned(state: State, say: Callable[[str], None]) -> Exchanged:
+    steps = list(range(len(state.effects)))
+    while state.effects:
         worths = [_worth(state, i) for i in range(len(state.effects))]
-        if not worths or min(worths) >= SAME:
-            break
         weakest = int(np.argmin(worths))
+        if worths[weakest] >= SAME:
+            break
         trial = without(state, weakest)
-        limit = robust_limit(state.fit.view)
-        if (
-            information(trial, limit) > information(state, limit) + SAME
-        ):  # the linear estimate misses how much the rest must bend
+        # The linear estimate misses how much the rest must bend.
+        if _information(trial, state) > _information(state, state) + SAME:
             break
         say(f"dropping {state.effects[weakest].effect.name}")
-        dropped.append(places.pop(weakest))
+        steps.pop(weakest)
         state = trial
-    return state, dropped
+    return Exchanged(state, tuple(steps))
 
 
 def _worth(state: State, index: int) -> float:

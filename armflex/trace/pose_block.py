@@ -34,6 +34,7 @@ class PoseBlock:
     std: float
     groups: np.ndarray
     alike: tuple[Place, ...] = ()
+    logarithmic: bool = False
 
     @property
     def name(self) -> str:

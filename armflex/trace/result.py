@@ -22,7 +22,8 @@ class Proof:
 
     Attributes:
         before, after: RMS of the 3-D error, poses held out.
-        sessions_before, sessions_after: The same with whole sessions held out, None with one session.
+        sessions_before, sessions_after: The same with whole sessions held out, over those without which it
+            still shows; None where there are none.
         errors_apart: Standard errors by which the mean squared error falls.
         null: Best evidence that any candidate had under random signs, 200 times.
     """
@@ -111,6 +112,7 @@ class Trace:
         smallest: What the campaign could have shown at least.
         noise: Standard deviation of the readings over the stated one, from the final residual.
         held_out_before, held_out_after: RMS of the 3-D error on held-out poses [m].
+        held_out_sessions: The same before and after with whole sessions held out, None where none can judge.
         next_measurement: What to measure next, in words.
     """
 
@@ -125,6 +127,7 @@ class Trace:
     noise: float
     held_out_before: float
     held_out_after: float
+    held_out_sessions: tuple[float, float] | None
     next_measurement: tuple[str, ...]
 
     @property

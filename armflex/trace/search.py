@@ -51,6 +51,9 @@ TIMED = frozenset({"slip_step", "base_drift", "tool_shift"})
 TIE = 2.0
 """Evidence within which the plainer candidate is taken."""
 
+CONSTANT = frozenset({"encoder_offset", "link_geometry"})
+"""Laws that depend on nothing: nothing is plainer."""
+
 ORDER = tuple(EVERY)
 NAMED = frozenset(CATALOGUE) | {GUIDE.name}
 """What is physics, whether the catalogue names it or not."""
@@ -135,15 +138,19 @@ class Round:
 
 
 def preferred(ranking: Sequence[Polished]) -> Polished:
-    """Return the plainest of those that the data hardly tell from the best: catalogue order, then a joint's drive."""
-    level = [one for one in ranking if one.evidence > ranking[0].evidence - TIE]
-    return min(level, key=plainness)
+    """Return the plainest of those that the data hardly tell from the best."""
+    return min((one for one in ranking if one.evidence > ranking[0].evidence - TIE), key=plainness)
 
 
-def plainness(one: Polished) -> tuple[int, bool, bool]:
-    """Return how far down a candidate is among those that the data do not tell apart."""
-    spot = one.candidate.spot
-    return ORDER.index(one.candidate.law.name), spot.site.startswith(LINK), not spot.turns
+def plainness(one: Polished) -> tuple[bool, int, bool, int]:
+    """Return how far down a candidate is among those that the data do not tell apart.
+
+    First what is constant, then in the order of the catalogue, a joint's before a link's; of one law at several places
+    that where the least of it is needed, in steps of a quarter, 1 mrad counted as 1 mm.
+    """
+    law, spot = one.candidate.law.name, one.candidate.spot
+    size = round(10.0 * float(np.log10(np.abs(one.amplitudes).sum() + 1e-300)))
+    return law not in CONSTANT, ORDER.index(law), spot.site.startswith(LINK), size
 
 
 def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:

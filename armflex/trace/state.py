@@ -12,7 +12,7 @@ from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.calibrate import Calibration
 from armflex.calibrate.effect_block import EffectBlock, shy_prior
-from armflex.calibrate.fit import ROUGH, Fit, fit
+from armflex.calibrate.fit import ROUGH, Fit, fit, moved
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
 from armflex.effects.law import Effect
@@ -130,7 +130,7 @@ def add(state: State, found: Polished) -> State:
 def _beginning(state: State, found: Polished) -> Array:
     """Return values of what is fitted already, moved to make room for an effect."""
     change = candidate_columns(found.candidate, state.fit, state.scene) @ found.amplitudes
-    return state.fit.values - project(state.fit).absorbed(change)
+    return moved(state.fit.blocks, state.fit.values, -project(state.fit).absorbed(change))
 
 
 def _is_same_law(one: Effect, other: Effect) -> bool:

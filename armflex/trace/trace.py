@@ -15,17 +15,17 @@ from armflex.calibrate.spread import certainty_of
 from armflex.effects.scene import POSE
 from armflex.errors import ArmflexError
 from armflex.measurements import Measurements
-from armflex.trace.accept import held_out, improvement, null_maximum, pose_folds, session_folds
+from armflex.trace.accept import held_out, improvement, null_maximum, pose_folds, sessions_held_out
 from armflex.trace.advice import lacking
 from armflex.trace.afterwards import as_likely, not_identifiable, smallest, unexplained
-from armflex.trace.exchange import equivalents, exchanged
+from armflex.trace.exchange import Exchanged, equivalents, exchanged
 from armflex.trace.localise import NOTICED, Place
 from armflex.trace.next_measurement import next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.result import Found, Proof, Trace
 from armflex.trace.search import MUCH, NAMED, TIE, Round, plainness
-from armflex.trace.state import State, add, begin, information, stands, with_random
+from armflex.trace.state import State, add, begin, information, stands, with_random, without
 
 Report = Callable[[str], None]
 """Called with what is being done."""
@@ -112,21 +112,35 @@ def _set_aside(state: State, places: tuple[Place, ...], say: Report) -> State:
 
 
 def _accept(state: State, looked: Round, say: Report, apart: float = APART) -> tuple[State, Step] | None:
-    """Return the state with the best candidate in it, None where it is not better than chance.
+    """Return the state with the best candidate in it, None where none is better than chance.
 
     Held-out errors must fall by `apart` standard errors; where that is more than usual, only the catalogue will do.
     """
     if apart > APART and looked.best.candidate.law.name not in NAMED:
         return None
-    best = looked.best
+    null = _beyond_chance(state, looked, looked.best)
+    found = None if null is None else _proven(state, looked, _refitted(state, looked, say), null, apart)
+    if found is None and looked.contender is not None and apart == APART:
+        null = _beyond_chance(state, looked, looked.contender)
+        found = None if null is None else _proven(state, looked, _added(state, [looked.contender], say), null, apart)
+    return found
+
+
+def _beyond_chance(state: State, looked: Round, best: Polished) -> float | None:
+    """Return the best evidence that chance gives; None where a candidate has not clearly more."""
     if best.evidence < ENOUGH:
         return None
     # Chance gives a few laws less to boast of than all of them; what the best was chosen among is what counts.
     laws = looked.plain if best.candidate.law.name in looked.plain else None
     null = max(float(null_maximum(sifted, state.groups, laws).max()) for sifted in looked.sifted)
-    if best.evidence < null + MARGIN:
-        return None
-    for candidate, after in _refitted(state, looked, say):
+    return null if best.evidence >= null + MARGIN else None
+
+
+def _proven(
+    state: State, looked: Round, refitted: Sequence[tuple[Polished, State]], null: float, apart: float
+) -> tuple[State, Step] | None:
+    """Return the first state that rows it has not seen speak for."""
+    for candidate, after in refitted:
         proof = prove(state, after, null)
         if proof.errors_apart > apart and _sessions_agree(proof):
             return after, Step(looked.ranking, proof, False)
@@ -151,12 +165,12 @@ def _refitted(state: State, looked: Round, say: Report) -> list[tuple[Polished, 
 
 
 def _added(state: State, candidates: Sequence[Polished], say: Report) -> list[tuple[Polished, State]]:
-    found = []
+    found, limit = [], robust_limit(state.fit.view)
     for candidate in candidates:
         say(f"refitting with {candidate.candidate.effect(candidate.amplitudes).name}")
         with contextlib.suppress(ArmflexError):  # an arm that buckles or a fit that does not settle is no answer
             after = add(state, candidate)
-            if stands(after):
+            if stands(after) and after.fit.cost(limit) < state.fit.cost(limit):
                 found.append((candidate, after))
     return found
 
@@ -170,14 +184,10 @@ def prove(before: State, after: State, null: float) -> Proof:
     """Return the errors of held-out poses and sessions before and after."""
     folds = pose_folds(before.groups)
     poses = [held_out(state.fit, folds) for state in (before, after)]
-    sessions: list[float | None] = [None, None]
-    if len(set(before.sessions)) > 1:
-        sessions = []
-        for state in (before, after):
-            numbers, frames = session_folds(state.fit, state.sessions)
-            sessions.append(held_out(state.fit, numbers, frames).rms)
-    apart = improvement(*poses)
-    return Proof(poses[0].rms, poses[1].rms, sessions[0], sessions[1], apart, null)
+    known = {block.name for block in before.effects}
+    new = [block for block in after.effects if block.name not in known] or after.effects
+    sessions = sessions_held_out(before.fit, after.fit, new, after.sessions)
+    return Proof(poses[0].rms, poses[1].rms, *(sessions or (None, None)), improvement(*poses), null)
 
 
 def _sessions_agree(proof: Proof) -> bool:
@@ -202,11 +212,12 @@ def _conclude(
     say: Report,
 ) -> Trace:
     before = state
-    state, dropped = exchanged(state, say)
+    kept = exchanged(state, say)
+    state = kept.state
     if state is not before:
         looked = _look(state, say)
     say("comparing what else would do")
-    found = _account(state, [step for i, step in enumerate(steps) if i not in dropped])
+    found = _account(kept, steps)
     folds = pose_folds(state.groups)
     rivals = [[rival for rival, _ in one.equivalent] for one in found]
     return Trace(
@@ -221,14 +232,18 @@ def _conclude(
         float(np.sqrt((state.fit.residual**2).sum() / max(len(state.fit.residual) - len(state.fit.values), 1))),
         held_out(first, folds).rms,
         held_out(state.fit, folds).rms,
+        sessions_held_out(first, state.fit, state.effects, state.sessions),
         (*next_rows(state, rivals), *lacking(state.measurements)),
     )
 
 
-def _account(state: State, steps: list[Step]) -> tuple[Found, ...]:
+def _account(kept: Exchanged, steps: Sequence[Step]) -> tuple[Found, ...]:
     """Return what is to be said about every effect, in the order added."""
-    found = []
-    for index, (step, block) in enumerate(zip(steps, state.effects, strict=True)):
+    found, state = [], kept.state
+    for index, (number, block) in enumerate(zip(kept.steps, state.effects, strict=True)):
+        step = steps[number]
+        if index in kept.fresh:  # what was proven then was another effect
+            step = replace(step, proof=prove(without(state, index), state, step.proof.null))
         values = state.values_of(block)
         std = block.std(values, state.stds_of(block))
         worth, others = equivalents(state, index)
