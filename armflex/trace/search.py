@@ -64,6 +64,9 @@ PLAIN = NAMED - {"umbilical", "magnetic_pull"}
 CLOSE, SHARE, SHORT = 10.0, 0.03, 4
 """Evidence, or share of it, within which candidates are refitted in full before one is chosen, and how many at most."""
 
+MORE = 3.0
+"""Times of an effect's size at one place that make another place with the same law less likely."""
+
 ALIKE = 0.05
 """Difference of gains below which two candidates are the same to the data."""
 
@@ -139,18 +142,28 @@ class Round:
 
 def preferred(ranking: Sequence[Polished]) -> Polished:
     """Return the plainest of those that the data hardly tell from the best."""
-    return min((one for one in ranking if one.evidence > ranking[0].evidence - TIE), key=plainness)
+    return plainest([one for one in ranking if one.evidence > ranking[0].evidence - TIE])
 
 
-def plainness(one: Polished) -> tuple[bool, int, bool, int]:
-    """Return how far down a candidate is among those that the data do not tell apart.
+def plainest(alike: Sequence[Polished]) -> Polished:
+    """Return the plainest of some candidates, the best first, that the data do not tell apart.
 
-    First what is constant, then in the order of the catalogue, a joint's before a link's; of one law at several places
-    that where the least of it is needed, in steps of a quarter, 1 mrad counted as 1 mm.
+    First what is constant, then in the order of the catalogue, a joint's before a link's; one law at several places
+    not where more than `MORE` times of it is needed, 1 mrad counted as 1 mm.
     """
-    law, spot = one.candidate.law.name, one.candidate.spot
-    size = round(10.0 * float(np.log10(np.abs(one.amplitudes).sum() + 1e-300)))
-    return law not in CONSTANT, ORDER.index(law), spot.site.startswith(LINK), size
+    least = min(_kind(one) for one in alike)
+    same = [one for one in alike if _kind(one) == least]
+    most = MORE * min(_size(one) for one in same)
+    return next(one for one in same if _size(one) <= most)
+
+
+def _kind(one: Polished) -> tuple[bool, int, bool]:
+    law = one.candidate.law.name
+    return law not in CONSTANT, ORDER.index(law), one.candidate.spot.site.startswith(LINK)
+
+
+def _size(one: Polished) -> float:
+    return float(np.abs(one.amplitudes).sum())
 
 
 def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:

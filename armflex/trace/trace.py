@@ -24,7 +24,7 @@ from armflex.trace.next_measurement import next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.result import Found, Proof, Trace
-from armflex.trace.search import MUCH, NAMED, TIE, Round, plainness
+from armflex.trace.search import MUCH, NAMED, TIE, Round, plainest
 from armflex.trace.state import State, add, begin, information, stands, with_random, without
 
 Report = Callable[[str], None]
@@ -155,13 +155,18 @@ def _refitted(state: State, looked: Round, say: Report) -> list[tuple[Polished, 
     contender = _added(state, [looked.contender], say) if could else []
     if contender and _is_settled(contender[0][1]):
         return contender
-    added = _added(state, looked.shortlist, say)
-    limit = robust_limit(state.fit.view)
+    return _in_order(_added(state, looked.shortlist, say), robust_limit(state.fit.view)) or contender
+
+
+def _in_order(added: Sequence[tuple[Polished, State]], limit: float) -> list[tuple[Polished, State]]:
+    """Return refitted candidates, the best first; what the data do not tell apart goes by plainness."""
     worths = {id(one): information(after, limit) for one, after in added}
-    least = min(worths.values(), default=0.0)
-    # What the data do not tell apart goes by plainness, as in the search.
-    added.sort(key=lambda one: (max(worths[id(one[0])], least + TIE), *plainness(one[0])))
-    return added or contender
+    ordered = sorted(added, key=lambda one: worths[id(one[0])])
+    if ordered:
+        least = worths[id(ordered[0][0])]
+        plain = plainest([one for one, _ in ordered if worths[id(one)] <= least + TIE])
+        ordered.sort(key=lambda one: one[0] is not plain)
+    return ordered
 
 
 def _added(state: State, candidates: Sequence[Polished], say: Report) -> list[tuple[Polished, State]]:
