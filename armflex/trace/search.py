@@ -64,7 +64,7 @@ PLAIN = NAMED - {"umbilical", "magnetic_pull"}
 CLOSE, SHARE, SHORT = 10.0, 0.03, 4
 """Evidence, or share of it, within which candidates are refitted in full before one is chosen, and how many at most."""
 
-MORE = 3.0
+MORE = 5.0
 """Times of an effect's size at one place that make another place with the same law less likely."""
 
 ALIKE = 0.05
@@ -149,12 +149,13 @@ def plainest(alike: Sequence[Polished]) -> Polished:
     """Return the plainest of some candidates, the best first, that the data do not tell apart.
 
     First what is constant, then in the order of the catalogue, a joint's before a link's; one law at several places
-    not where more than `MORE` times of it is needed, 1 mrad counted as 1 mm.
+    not where more than `MORE` times of it is needed, 1 mrad counted as 1 mm, and rather where it turns: joints do.
     """
     least = min(_kind(one) for one in alike)
     same = [one for one in alike if _kind(one) == least]
     most = MORE * min(_size(one) for one in same)
-    return next(one for one in same if _size(one) <= most)
+    little = [one for one in same if _size(one) <= most]
+    return min(little, key=lambda one: not one.candidate.spot.turns)
 
 
 def _kind(one: Polished) -> tuple[bool, int, bool]:
