@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from armflex.conventions import TWIST_NAMES, UNITS, WRENCH_NAMES, Array
-from armflex.errors import Place, TableError, UnitError, did_you_mean
+from armflex.conventions import TWIST_NAMES, UNITS, WRENCH_NAMES, Array, finite_array
+from armflex.errors import NotFiniteError, Place, ShapeError, TableError, UnitError, did_you_mean, listing
 from armflex.table import Table, read_table
 
 KINDS = {
@@ -20,6 +20,9 @@ KINDS = {
     **dict.fromkeys(TWIST_NAMES[:3], "length"),
     **dict.fromkeys(TWIST_NAMES[3:], "angle"),
 }
+
+LARGEST = 1e12
+"""No bench loads or deflects by more of any SI unit; the square of anything within is far from overflowing."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,10 @@ class JointData:
         sha256: Of the file.
         path: Where it was read from.
         covariates: Further columns, as text.
+
+    Raises:
+        ShapeError: Loads and deflections are not both (N, 3) or (N, 6), or there is not a unit for each column.
+        ArrayTypeError, NotFiniteError: One holds something other than numbers up to 1e12.
     """
 
     loads: Array
@@ -43,6 +50,18 @@ class JointData:
     sha256: str
     path: Path
     covariates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.loads)
+        if len(shape) != 2 or shape[1] not in (3, 6):
+            raise ShapeError(f"loads: expected (rows, 3) or (rows, 6), got {shape}")
+        for name in ("loads", "deflections"):
+            values = finite_array(getattr(self, name), name, shape).astype(np.float64, copy=False)
+            if np.abs(values).max(initial=0.0) > LARGEST:
+                raise NotFiniteError(f"{name}: a number is beyond {LARGEST:g} of its SI unit")
+            object.__setattr__(self, name, values)  # a list of rows is taken, too
+        if len(self.units) != shape[1] or np.shape(self.factors) != shape[1:]:
+            raise ShapeError(f"units {self.units} and factors {self.factors}: expected one for each of {shape[1]}")
 
     def __len__(self) -> int:
         return len(self.loads)
@@ -61,23 +80,22 @@ def read_joint_data(path: str | Path, read_as: Mapping[str, str] | None = None) 
         read_as: Units to be taken for others, such as {"mm": "um"}, where a header is believed to be wrong.
 
     Raises:
-        TableError: A column is missing, misspelt or not numeric, or there are fewer rows than components.
-        UnitError: A column has no unit.
+        TableError: A column is missing, misspelt or not numeric, or there are no more rows than components.
+        UnitError: A column has no unit, or `read_as` names one that is not in the header or not of its kind.
     """
-    table = read_table(path, KINDS)
-    has_rotation = any(name in table.columns for name in (*WRENCH_NAMES[3:], *TWIST_NAMES[3:]))
-    size = 6 if has_rotation else 3
+    table, read_as = read_table(path, KINDS), read_as or {}
+    others = _covariates(table)
+    size = _size(table)
     loads, deflections = WRENCH_NAMES[:size], TWIST_NAMES[:size]
     table.require([*loads, *deflections])
-    others = _covariates(table)
-    units, factors = _units(table, deflections, read_as or {})
-    _units(table, loads, read_as or {})
+    units, factors = _units(table, deflections, read_as)
+    load_factors = _units(table, loads, read_as)[1]
+    _check_read_as(table, (*loads, *deflections), read_as)
     if len(table) <= size:
         raise TableError(Place(table.path), f"has {len(table)} rows, {size} components need more")
-    written = np.array([table.columns[name].factor for name in deflections])
     return JointData(
-        table.matrix(loads),
-        table.matrix(deflections) * (factors / written),
+        _matrix(table, loads, load_factors),
+        _matrix(table, deflections, factors),
         units,
         factors,
         hashlib.sha256(table.path.read_bytes()).hexdigest(),
@@ -86,13 +104,44 @@ def read_joint_data(path: str | Path, read_as: Mapping[str, str] | None = None) 
     )
 
 
+def _size(table: Table) -> int:
+    """Return 6 where a table has moments and rotations, 3 where it has neither."""
+    some = [[name for name in names if name in table.columns] for names in (WRENCH_NAMES[3:], TWIST_NAMES[3:])]
+    if any(some) and not all(some):
+        has, lacks = ("moments", "rotations rx, ry, rz") if some[0] else ("rotations", "moments mx, my, mz")
+        problem = f"has no {lacks} beside the {has} {listing(some[0] + some[1])}: give both, or forces and shifts alone"
+        raise TableError(Place(table.path, 1), problem)
+    return 6 if all(some) else 3
+
+
+def _matrix(table: Table, names: tuple[str, ...], factors: Array) -> Array:
+    """Return columns as (N, k) in SI by (k,) factors, which may not be those of the header."""
+    written = np.array([table.columns[name].factor for name in names])
+    with np.errstate(over="ignore"):  # what overflows is too large, and refused below
+        values = table.matrix(names) * (factors / written)
+    for row, column in np.argwhere(~(np.abs(values) <= LARGEST))[:1]:
+        cell = table.columns[names[column]]
+        problem = f"column {cell.header!r} is {cell.cells[row]!r}, which no bench reaches"
+        raise TableError(Place(table.path, table.lines[row]), problem)
+    return values
+
+
+def _check_read_as(table: Table, names: tuple[str, ...], read_as: Mapping[str, str]) -> None:
+    written = list(dict.fromkeys(table.columns[name].unit for name in names))
+    for unit in read_as:
+        if unit not in written:
+            hint = did_you_mean(unit, written)
+            raise UnitError(f"{Place(table.path, 1)}: no column is in {unit!r}{hint} (its units: {listing(written)})")
+
+
 def _units(table: Table, names: tuple[str, ...], read_as: Mapping[str, str]) -> tuple[tuple[str, ...], Array]:
     units, factors = [], []
     for name in names:
         column, known = table.columns[name], UNITS[KINDS[name]]
         if not column.unit:
             example = f"{name}_{next(iter(known))}"
-            raise UnitError(f"{table.path}: column {name!r} has no unit; write one in the header, such as {example}")
+            problem = f"column {name!r} has no unit; write one in the header, such as {example}"
+            raise UnitError(f"{Place(table.path, 1)}: {problem}")
         unit = read_as.get(column.unit, column.unit)
         if unit not in known:
             raise UnitError(f"{unit!r} is no unit of {KINDS[name]}{did_you_mean(unit, known)} ({', '.join(known)})")
@@ -106,7 +155,8 @@ def _covariates(table: Table) -> dict[str, tuple[str, ...]]:
     for name in others:
         if (meant := _meant(name)) is not None:
             header = table.columns[name].header
-            raise TableError(Place(table.path, 1), f"unknown column {header!r}, did you mean {meant!r}?")
+            seen = f"expected: {listing(KINDS)}, the forces and shifts alone or all, each with its unit"
+            raise TableError(Place(table.path, 1), f"unknown column {header!r}, did you mean {meant!r}? ({seen})")
     return {name: table.texts(name) for name in others}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ from test_cli import Run, fine, strict_json
 from armflex import InputError, read_joint_data, train
 from armflex.joint_data import JointData
 from armflex.laws.law_file import load_law
-from armflex.learning.choose import Compared, assess, chosen, compare
+from armflex.learning.choose import INNER, OUTER, Compared, Rival, assess, chosen, compare, negligible
 from armflex.learning.held_out import NOWHERE, hold_out, random_folds
 from armflex.learning.learners import Options, learner, rivals
+from armflex.learning.model import Fitted
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 QUICK = Options(neurons=4, starts=1)
@@ -66,10 +68,22 @@ def test_within_one_standard_error_the_plainer_is_taken() -> None:
     best = Compared("best", "linear", squares)
     assert chosen([far, near, best]) == 1
     assert chosen([far, best]) == 1
-    broken = Compared("broken", "linear", np.full((40, 3), np.inf))
+    broken = Compared("broken", "linear", np.full((40, 3), np.inf), "3 rows are too few")
     assert chosen([broken, best]) == 1
-    with pytest.raises(InputError, match="more rows are needed"):
+    with pytest.raises(InputError, match="not even 'broken': 3 rows are too few"):
         chosen([broken])
+
+
+def test_a_column_that_is_followed_exactly_does_not_decide() -> None:
+    """Ten times as large an error on two columns counts, 1e-15 against 1e-18 on a third does not."""
+    squares = np.random.default_rng(0).chisquare(1, size=(40, 3))
+    exact, other = squares * [1.0, 1.0, 0.0], squares * [0.01, 0.01, 1e-30]
+    among = [Compared("exact", "linear", exact), Compared("other", "neural", other)]
+    assert chosen(among, np.array([1e-6, 1e-6, 1e-6])) == 1
+    data = bench("full", 1)
+    least = negligible(data.deflections * [1.0, 0.0, 1.0])
+    np.testing.assert_allclose(least[[0, 2]], 1e-6 * np.sqrt((data.deflections[:, [0, 2]] ** 2).mean(axis=0)))
+    assert least[1] == least.max()
 
 
 def test_rivals_are_compared_on_the_same_rows() -> None:
@@ -84,6 +98,27 @@ def test_the_choice_is_made_anew_in_every_fold() -> None:
     held, count = assess([r for r in rivals(QUICK) if not r.name.startswith("network")], bench("radial", 5))
     assert sum(count.values()) == 10
     assert held.residual.shape == (50, 3)
+
+
+def test_the_choice_sees_no_row_that_is_held_out() -> None:
+    """Every fit that leads to the choice in a fold, and the fit chosen, is without that fold's rows."""
+    data, seen = bench("full", 5, 40), []
+
+    def watched(rival: Rival) -> Rival:
+        def learn(loads: np.ndarray, deflections: np.ndarray, seed: int) -> Fitted:
+            seen.append(set(loads[:, 0]))
+            return rival.learner(loads, deflections, seed)
+
+        return replace(rival, learner=learn)
+
+    assess([watched(rival) for rival in rivals(QUICK)[:2]], data, seed=3)
+    per_fold = 2 * INNER + 1
+    assert len(seen) == OUTER * per_fold
+    fold = random_folds(40, OUTER, 3)
+    for i, fits in enumerate(np.array(seen).reshape(OUTER, per_fold)):
+        out = set(data.loads[fold == i, 0])
+        assert not any(fitted & out for fitted in fits)
+        assert len(fits[-1]) == 40 - len(out)
 
 
 def test_auto_on_the_published_rows(armflex: Run, tmp_path: Path) -> None:
@@ -101,8 +136,8 @@ def test_auto_on_the_published_rows(armflex: Run, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("model", ["polynomial", "neural", "bayesian"])
 def test_every_model_is_written_and_answers_in_an_arm(armflex: Run, tmp_path: Path, model: str) -> None:
-    asked = ["train", TABLE, "--model", model, "--neurons", "3", "--starts", "1", "--read-as", "mm=um"]
-    fine(armflex(*asked, "-o", "law.safetensors"))
+    small = {"polynomial": [], "neural": ["--neurons", "3", "--starts", "1"], "bayesian": ["--neurons", "3"]}[model]
+    fine(armflex("train", TABLE, "--model", model, *small, "--read-as", "mm=um", "-o", "law.safetensors"))
     arm = (
         (ROBOTS / "tarm_like" / "arm.toml")
         .read_text()

@@ -188,6 +188,7 @@ HEADERS = {
     "NaN": (json.dumps(GOOD | {"metadata": {"rms": float("nan")}}), "armflex", "NaN in the metadata"),
     "infinite": (json.dumps(GOOD | {"metadata": {"rms": float("-inf")}}), "armflex", "-Infinity in the metadata"),
     "deep": ("[" * 100_000, "armflex", "not strict JSON"),
+    "a key twice": (json.dumps(GOOD).replace("{", '{"model": "neural", ', 1), "armflex", "a key is there twice"),
 }
 
 

@@ -105,6 +105,37 @@ def test_schedule_of_the_damping(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(seen, [1e-2, 2.5e-3, 1e-3, 1e-3], rtol=1e-9)
 
 
+@dataclass(frozen=True)
+class Gains:
+    """An objective whose every step helps, by these parts of the cost in turn."""
+
+    parts: tuple[float, ...]
+    solved: int = 0
+
+    def evaluate(self, weights: np.ndarray) -> Point:
+        return Point(weights, float(np.prod(1.0 - np.array(self.parts[: round(float(weights[0]))]))), None)
+
+    def normal(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        return -np.ones(1), np.zeros((1, 1))
+
+
+@pytest.mark.parametrize(
+    ("parts", "steps", "converged"),
+    [
+        ((0.5, 1e-4, 1e-4, 1e-4, 0.5, 0.5), 4, True),
+        ((0.5, 1e-4, 1e-4, 0.5, 1e-4, 1e-4, 1e-4, 0.5), 7, True),  # in a row: a large gain counts anew
+        ((0.5, 1e-4, 1e-4, 0.5, 1e-4, 1e-4), 6, False),
+    ],
+)
+def test_ends_after_three_small_gains_in_a_row(
+    parts: tuple[float, ...], steps: int, converged: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armflex.learning.levenberg.damped_step", lambda gradient, *_: gradient)
+    found = minimise(Gains(parts), np.zeros(1), len(parts), tolerance=1e-3)
+    assert len(found.costs) == steps + 1 and found.converged == converged
+    assert minimise(Gains(parts), np.zeros(1), len(parts)).converged is False  # no tolerance, no end
+
+
 def test_damped_step() -> None:
     rng = np.random.default_rng(0)
     root, gradient = rng.normal(size=(5, 5)), rng.normal(size=5)

@@ -23,6 +23,15 @@ from armflex.learning.learners import Options
 from armflex.learning.structural import fit_structural
 
 NOWHERE = Row(np.zeros(0), {})
+BEAM = """[[beam]]
+between = ["{}", "3"]
+E = 210e9
+G = 81e9
+A = 0.024
+Iy = 1.28e-5
+Iz = 1.8e-4
+J = 4.26e-5
+"""
 ASSEMBLY = """tip = "3"
 [nodes]
 1 = [0.0, 0.0, 0.25]
@@ -40,23 +49,8 @@ holds = ["dx", "dy", "dz"]
 at = "2"
 compliance = [0, 0, 0, 0, 0, 2e-7]
 holds = ["rz"]
-[[beam]]
-between = ["1", "3"]
-E = 210e9
-G = 81e9
-A = 0.024
-Iy = 1.28e-5
-Iz = 1.8e-4
-J = 4.26e-5
-[[beam]]
-between = ["2", "3"]
-E = 210e9
-G = 81e9
-A = 0.024
-Iy = 1.28e-5
-Iz = 1.8e-4
-J = 4.26e-5
 """
+ASSEMBLY += BEAM.format("1") + BEAM.format("2")
 FACTORS = ((2.0, 0.5, 1.5), (0.7, 3.0, 1.2), (1.8,))
 NOISE = np.array([2e-7, 2e-7, 2e-7, 1e-6, 1e-6, 1e-6])
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from click.core import ParameterSource
 
 from armflex.cli.options import OutputPath, PathArgument, json_option, keep_inputs, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
@@ -17,28 +18,34 @@ from armflex.errors import InputError
 from armflex.joint_data import read_joint_data
 from armflex.laws.declared import read_assembly
 from armflex.laws.law_file import save_law
-from armflex.learning.learners import MODELS, SAMPLERS, Options
+from armflex.learning.learners import CONCERNS, MODELS, SAMPLERS, Options
 from armflex.learning.linear import STRUCTURES
 from armflex.learning.train import TrainResult, train
 
 
 def learning_options(command: Callable) -> Callable:
-    """Add what models are learned with."""
-    for option in reversed(
+    """Add what models are learned with, each option saying which models it concerns."""
+    whole, chosen = click.IntRange, click.Choice
+    for name, kind, default, text in reversed(
         [
-            click.option("--structure", type=click.Choice(STRUCTURES), default="full", show_default=True),
-            click.option("--features", default="radial,magnitude", show_default=True, help="Of a polynomial model."),
-            click.option("--neurons", type=click.IntRange(1, 200), default=20, show_default=True),
-            click.option("--starts", type=click.IntRange(1, 100), default=10, show_default=True),
-            click.option("--prior", type=click.Choice(("evidence", "none")), default="evidence", show_default=True),
-            click.option("--sampler", type=click.Choice(SAMPLERS), help="How a posterior is found."),
-            click.option("--seed", type=int, default=0, show_default=True),
-            click.option("--allow-unconverged", is_flag=True, help="Take a chain that has not converged."),
-            click.option("--assembly", type=PathArgument, help="TOML with the structural model's nodes and beams."),
+            ("structure", chosen(STRUCTURES), "full", "Of the compliance"),
+            ("features", str, "radial,magnitude", "What deflections are linear in beside the load; found looks for it"),
+            ("neurons", whole(1, 200), 20, "In the hidden layer"),
+            ("starts", whole(1, 100), 10, "Trainings, of which the best is kept"),
+            ("prior", chosen(("evidence", "none")), "evidence", "none trains plainly, as the paper does"),
+            ("sampler", chosen(SAMPLERS), None, "How a posterior is found"),
+            ("seed", whole(0), 0, "Of everything random"),
+            ("assembly", PathArgument, None, "TOML with nodes, sub-joints and beams"),
         ]
     ):
-        command = option(command)
-    return command
+        given = {"type": kind, "default": default, "show_default": True}
+        command = click.option(f"--{name}", help=_help(name, text), **given)(command)
+    text = _help("allow_unconverged", "Take a chain that has not converged")
+    return click.option("--allow-unconverged", is_flag=True, help=text)(command)
+
+
+def _help(option: str, text: str) -> str:
+    return f"{text} ({', '.join(CONCERNS[option])})." if option in CONCERNS else f"{text}."
 
 
 @click.command()
@@ -59,19 +66,34 @@ def command(
     json_path: Path | None,
     **others: Any,
 ) -> None:
-    """A joint deformation model, with its error on rows it has not seen."""
+    """Learn a joint deformation model, with its error on rows it has not seen.
+
+    JOINT.csv has loads fx fy fz [mx my mz] on the joint and deflections dx dy dz [rx ry rz], each column with its unit,
+    such as fx_kN and dx_mm.
+    """
     keep_inputs(output)
+    _check_concern(model)
     data = read_joint_data(data_path, dict(_pair(text) for text in read_as))
     if output.suffix != ".safetensors":
         raise InputError(f"{output}: a law is a .safetensors file; name it so")
-    names = tuple(name.strip() for name in features.split(",") if name.strip())
     built = read_assembly(assembly) if assembly else None
+    names = tuple(name.strip() for name in features.split(",") if name.strip())
     result = train(data, model, structure, Options(features=names, assembly=built, **others))
     print_training(result)
     show_flags(result.flags)
-    write_json(json_path, as_json(result))
     save_law(result.trained, output)
-    console().print(f"Written to {output}.")
+    write_json(json_path, as_json(result))
+    console().print(f'Written to {output}. In an arm.toml: model = "{result.trained.model}", file = "{output.name}"')
+
+
+def _check_concern(model: str) -> None:
+    """Raise where an option was given that the model has no use for."""
+    context = click.get_current_context()
+    for option, models in CONCERNS.items():
+        given = context.get_parameter_source(option) is ParameterSource.COMMANDLINE
+        if given and model not in models:
+            name = option.replace("_", "-")
+            raise InputError(f"--{name} does not concern --model {model} (it does: {', '.join(models)})")
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -140,9 +162,10 @@ def _diagnostics(result: TrainResult) -> dict[str, float | None]:
     sampled = asdict(result.diagnostics)
     always = {"rhat_max": sampled.pop("rhat_max"), "ess_min": sampled.pop("ess_min")}
     more = {name: value for name, value in sampled.items() if value is not None}
-    return always | {"coverage_95": result.coverage_95} | more
+    found = always | {"coverage_95": result.coverage_95} | more
+    return {name: None if value is None else _finite([value])[0] for name, value in found.items()}
 
 
-def _finite(values: np.ndarray) -> list[float | None]:
-    """Return numbers for JSON, null where a model could not be fitted."""
-    return [float(value) if np.isfinite(value) else None for value in values]
+def _finite(values: Iterable[float]) -> list[float | None]:
+    """Return numbers for JSON, null for one that is not finite: of a model that could not be fitted, a stuck chain."""
+    return [value if isinstance(value, int) else float(value) if np.isfinite(value) else None for value in values]

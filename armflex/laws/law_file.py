@@ -106,7 +106,7 @@ def _read_content(path: Path, text: str | None) -> dict[str, Any]:
     if text is None:
         raise ModelFileError(Place(path), f"is no law of armflex: no {KEY!r} in its header")
     try:
-        content = json.loads(text, parse_constant=_refuse_constant)
+        content = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_once_each)
     except (ValueError, RecursionError) as error:
         raise ModelFileError(Place(path), f"header {KEY!r} is not strict JSON: {error}") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
@@ -129,6 +129,13 @@ def _floats(tensors: Mapping[str, np.ndarray]) -> dict[str, Array]:
 
 def _refuse_constant(name: str) -> None:
     raise ValueError(f"{name} in the metadata")
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key is there twice")
+    return found
 
 
 def _write_linear(law: LinearLaw) -> dict[str, Array]:

@@ -28,6 +28,7 @@ from armflex.learning.model import Diagnostics, Fitted
 from armflex.learning.network import fit_network, network_law
 from armflex.learning.network_problem import GROUPS, NetworkProblem, predictions, scaled_problem, start_weights
 from armflex.learning.nuts import no_u_turn
+from armflex.parallel import in_order
 
 SAMPLERS = ("laplace", "nuts", "metropolis")
 DRAWS = {"nuts": 1000, "metropolis": 50_000}
@@ -130,6 +131,8 @@ def evident_prior(problem: NetworkProblem, seed: int) -> Prior:
 def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws: int, prior: Prior) -> Posterior:
     """Return the draws of "nuts" or "metropolis" with what they are worth, converged or not.
 
+    Chains run where `joblib.parallel_config` says, with the same draws.
+
     Raises:
         InputError: Fewer than two chains or than four draws.
         NotFiniteError, UnsupportedError: As `fit_bayesian`.
@@ -138,10 +141,11 @@ def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws:
         raise InputError(f"{chains} chains of {draws} draws: expected at least 2 of 4, to compare them")
     judges()  # where the library for it is missing, say so before hours of work
     began, density = time.perf_counter(), Collapsed(problem, prior)
-    modes = [_mode(density, start) for start in start_weights(problem, chains, seed)]
+    modes = list(in_order(partial(_mode, density, start) for start in start_weights(problem, chains, seed)))
     for walk in WALKS[sampler]:
         seeds = np.random.SeedSequence(seed).spawn(chains)
-        found = [walk(density, mode, draws, own) for mode, own in zip(modes, seeds, strict=True)]
+        walks = (partial(walk, density, mode, draws, own) for mode, own in zip(modes, seeds, strict=True))
+        found = list(in_order(walks))
         posterior = _judged(problem, found, time.perf_counter() - began)
         if has_converged(posterior.diagnostics):
             break

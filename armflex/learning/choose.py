@@ -17,6 +17,9 @@ from armflex.joint_data import JointData
 from armflex.learning.held_out import HeldOut, hold_out, random_folds
 from armflex.learning.model import Fitted, Learner
 
+NEGLIGIBLE = 1e-6
+"""Part of what a deflection moves that no bench can tell from nothing."""
+
 FOLDS, REPEATS = 10, 2
 OUTER = 10
 INNER = 5
@@ -38,11 +41,13 @@ class Compared:
     Attributes:
         name, model: Of the rival.
         squares: (N, k) mean squared error of every number over the repeats; infinite where it could not be fitted.
+        reason: Why it could not.
     """
 
     name: str
     model: str
     squares: Array
+    reason: str = ""
 
     @property
     def rms(self) -> Array:
@@ -56,26 +61,36 @@ def compare(
     """Return every rival's errors on the same random folds."""
     found = []
     for rival in rivals:
-        squares = [_squares(rival.learner, data, folds, seed + repeat) for repeat in range(repeats)]
-        found.append(Compared(rival.name, rival.model, np.mean(squares, axis=0)))
+        try:
+            squares = [_squares(rival.learner, data, folds, seed + repeat) for repeat in range(repeats)]
+            found.append(Compared(rival.name, rival.model, np.mean(squares, axis=0)))
+        except InputError as error:  # too few rows for this model: it is no rival
+            found.append(Compared(rival.name, rival.model, np.full_like(data.deflections, np.inf), str(error)))
     return tuple(found)
 
 
 def _squares(learner: Learner, data: JointData, folds: int, seed: int) -> Array:
-    try:
-        return hold_out(learner, data, random_folds(len(data), folds, seed), seed).residual ** 2
-    except InputError:  # too few rows for this model: it is no rival
-        return np.full_like(data.deflections, np.inf)
+    return hold_out(learner, data, random_folds(len(data), folds, seed), seed).residual ** 2
 
 
-def chosen(compared: Sequence[Compared]) -> int:
+def negligible(deflections: Array) -> Array:
+    """Return the (k,) RMS errors below which models of (N, k) deflections are equally good."""
+    moved = np.sqrt((deflections**2).mean(axis=0))
+    return NEGLIGIBLE * np.where(moved > 0.0, moved, moved.max())
+
+
+def chosen(compared: Sequence[Compared], least: Array | float = 0.0) -> int:
     """Return the number of the plainest rival within one standard error of the best.
 
-    Columns count alike: each is measured by the smallest held-out error that any rival reaches on it.
+    Columns count alike: each is measured by the smallest held-out error that any rival reaches on it, or by the (k,)
+    `least` error that counts.
+
+    Raises:
+        InputError: None of them could be fitted.
     """
-    scale = np.min([one.squares.mean(axis=0) for one in compared], axis=0)
+    scale = np.maximum(np.min([one.squares.mean(axis=0) for one in compared], axis=0), np.square(least))
     if not np.isfinite(scale).all():
-        raise InputError("no model could be fitted without a part of the rows: more rows are needed")
+        raise InputError(f"no model could be fitted, not even {compared[0].name!r}: {compared[0].reason}")
     losses = [(one.squares / scale).mean(axis=1) for one in compared]
     means = [float(loss.mean()) for loss in losses]
     best = int(np.argmin(means))
@@ -90,7 +105,7 @@ def assess(rivals: Sequence[Rival], data: JointData, seed: int = 0) -> tuple[Hel
 
     def learner(loads: Array, deflections: Array, inner_seed: int) -> Fitted:
         part = replace(data, loads=loads, deflections=deflections)
-        rival = rivals[chosen(compare(rivals, part, inner_seed, INNER, 1))]
+        rival = rivals[chosen(compare(rivals, part, inner_seed, INNER, 1), negligible(deflections))]
         count[rival.name] = count.get(rival.name, 0) + 1
         return rival.learner(loads, deflections, inner_seed)
 

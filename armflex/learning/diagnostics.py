@@ -54,17 +54,19 @@ def check_converged(diagnostics: Diagnostics, allow_unconverged: bool = False) -
     Raises:
         ConvergenceError: R-hat is 1.01 or more, fewer than 400 draws are effective, or transitions diverged.
     """
-    problems = _problems(diagnostics)
+    problems = shortcomings(diagnostics)
     if problems and not allow_unconverged:
-        raise ConvergenceError(f"the chains have not converged: {', '.join(problems)}", ())
+        text = f"the chains have not converged: {', '.join(problems)}"
+        raise ConvergenceError(f"{text}; another sampler or a smaller model may do, allow_unconverged takes them", ())
 
 
 def has_converged(diagnostics: Diagnostics) -> bool:
     """Return whether chains can be trusted."""
-    return not _problems(diagnostics)
+    return not shortcomings(diagnostics)
 
 
-def _problems(diagnostics: Diagnostics) -> list[str]:
+def shortcomings(diagnostics: Diagnostics) -> list[str]:
+    """Return why chains cannot be trusted, nothing where they can."""
     # Written as 'not better than', for NaN is not.
     problems = []
     if diagnostics.rhat_max is not None and not diagnostics.rhat_max < RHAT_LIMIT:

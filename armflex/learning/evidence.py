@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.learning.levenberg import RELATIVE, Damping, minimise
 from armflex.learning.network_problem import GROUPS, NetworkProblem, Weighted, jacobian, predictions, start_weights
+from armflex.parallel import in_order
 
 PRECISIONS = (1e-6, 1e6)
 NOISES = (1e-6, 1e1)
@@ -50,7 +52,8 @@ def find_modes(
     damping: Damping = RELATIVE,
 ) -> tuple[Mode, ...]:
     """Return the posterior's maxima reached from random starts, that of the highest evidence first."""
-    modes = [find_mode(problem, start, iterations, damping) for start in start_weights(problem, starts, seed)]
+    begun = start_weights(problem, starts, seed)
+    modes = in_order(partial(find_mode, problem, start, iterations, damping) for start in begun)
     return tuple(sorted(modes, key=lambda mode: -mode.log_evidence))
 
 

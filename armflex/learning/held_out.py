@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import InputError
+from armflex.errors import ConvergenceError, InputError
 from armflex.joint_data import JointData
 from armflex.laws.law import Law, Row
 from armflex.learning.model import Learner
@@ -61,6 +61,7 @@ def hold_out(learner: Learner, data: JointData, fold: np.ndarray, seed: int = 0)
 
     Raises:
         InputError: The other rows do not determine the model.
+        ConvergenceError: A chain on the other rows has not converged.
     """
     residual, std = np.empty_like(data.deflections), np.empty_like(data.deflections)
     for label in np.unique(fold):
@@ -75,9 +76,11 @@ def hold_out(learner: Learner, data: JointData, fold: np.ndarray, seed: int = 0)
 def _without(learner: Learner, data: JointData, out: np.ndarray, seed: int) -> Law:
     try:
         return learner(data.loads[~out], data.deflections[~out], seed).law
-    except InputError as error:
-        text = f"the held-out error needs more rows: without data row {int(out.argmax()) + 1}, {error}"
-        raise InputError(text) from None
+    except (InputError, ConvergenceError) as error:
+        rows = f"data row {int(out.argmax()) + 1}{f' and {out.sum() - 1} others' if out.sum() > 1 else ''}"
+        if isinstance(error, ConvergenceError):
+            raise ConvergenceError(f"held-out error, without {rows}: {error}", error.history) from None
+        raise InputError(f"the held-out error needs more rows: without {rows}, {error}") from None
 
 
 def predicted(law: Law, loads: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from numbers import Integral
 
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError
@@ -24,7 +25,8 @@ class Options:
 
     Attributes:
         structure: Of a linear model: "full", "symmetric" or "diagonal".
-        features: Of a polynomial model; see `armflex.laws.polynomial.features_of`. "found" looks for them.
+        features: Of a polynomial model; see `armflex.laws.polynomial.features_of`. "found" looks for them. A text
+            holds several joined by "+".
         neurons: Hidden neurons of a network.
         starts: Trainings from different weights, the best of which is kept.
         prior: "evidence" weighs a network's weights by a Gaussian prior, "none" is the paper's plain training.
@@ -32,6 +34,9 @@ class Options:
         seed: Of everything random.
         allow_unconverged: Take a chain that has not converged, and say so, rather than refuse it.
         assembly: The structure whose sub-joints a structural model fits.
+
+    Raises:
+        InputError: A number is not a whole one, or below the least that it may be.
     """
 
     structure: str = "full"
@@ -43,6 +48,28 @@ class Options:
     seed: int = 0
     allow_unconverged: bool = False
     assembly: StructuralLaw | None = None
+
+    def __post_init__(self) -> None:
+        for name, least in (("neurons", 1), ("starts", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if not isinstance(value, Integral) or value < least:
+                raise InputError(f"{name} {value!r}: expected a whole number from {least}")
+            object.__setattr__(self, name, int(value))
+        if isinstance(self.features, str):
+            object.__setattr__(self, "features", tuple(name.strip() for name in self.features.split("+")))
+
+
+CONCERNS = {
+    "structure": ("linear",),
+    "features": ("polynomial",),
+    "neurons": ("neural", "bayesian", "auto"),
+    "starts": ("neural", "auto"),
+    "prior": ("neural",),
+    "sampler": ("linear", "bayesian"),
+    "allow_unconverged": ("linear", "bayesian"),
+    "assembly": ("structural",),
+}
+"""Option -> the models that it concerns; one that is not here concerns all."""
 
 
 def learner(model: str, options: Options) -> Learner:
@@ -79,7 +106,9 @@ def _in_closed_form(loads: Array, deflections: Array, structure: str) -> Fitted:
 
 
 def _polynomial(options: Options) -> Learner:
-    if options.features == (FOUND,):
+    if FOUND in options.features:
+        if tuple(options.features) != (FOUND,):
+            raise InputError(f"features {', '.join(options.features)}: {FOUND!r} looks for all terms, give it alone")
         from armflex.learning.terms import fit_terms
 
         return fit_terms

@@ -13,6 +13,7 @@ from armflex.conventions import Array
 from armflex.errors import InputError, did_you_mean
 from armflex.laws.law import embed
 from armflex.laws.linear import LinearFit, LinearLaw
+from armflex.learning.span import check_span
 
 ROUNDS = 100
 """Most reweightings by the rows' own scatter."""
@@ -43,10 +44,13 @@ def fit_compliance(loads: Array, deflections: Array, structure: str = "full") ->
         structure: "full", "symmetric" (Betti) or "diagonal" (the paper's eq. (7)).
 
     Raises:
-        InputError: The loads do not span the components, so that some entries are not determined.
+        InputError: No such structure, or no more rows than components.
+        IdentifiabilityError: The loads do not span the components, so that some entries are not determined.
     """
     basis = basis_of(loads.shape[1], structure)
-    _check_span(loads)
+    if len(loads) <= loads.shape[1]:
+        raise InputError(f"{len(loads)} rows of loads do not determine {loads.shape[1]} components")
+    check_span(loads)
     scatter = np.ones(loads.shape[1])
     for _ in range(ROUNDS if structure == "symmetric" else 1):  # rows share parameters: weigh them by their own scatter
         before = scatter
@@ -71,7 +75,7 @@ def least_scatter(deflections: Array) -> float:
 def basis_of(size: int, structure: str) -> Array:
     """Return the (P, k, k) matrices that the compliance is a sum of."""
     if structure not in STRUCTURES:
-        hint = did_you_mean(structure, STRUCTURES)
+        hint = did_you_mean(str(structure), STRUCTURES)
         raise InputError(f"structure {structure!r} is not known{hint} (known: {', '.join(STRUCTURES)})")
     pairs = [(i, j) for i in range(size) for j in range(size)]
     if structure == "diagonal":
@@ -84,18 +88,6 @@ def basis_of(size: int, structure: str) -> Array:
         if structure == "symmetric":
             matrix[j, i] = 1.0
     return basis
-
-
-def _check_span(loads: Array) -> None:
-    if len(loads) <= loads.shape[1]:
-        raise InputError(f"{len(loads)} rows of loads do not determine {loads.shape[1]} components")
-    scaled = loads / np.maximum(np.abs(loads).max(axis=0), 1e-300)
-    values = np.linalg.svd(scaled, compute_uv=False)
-    if values[-1] < 1e-6 * values[0]:
-        raise InputError(
-            f"loads do not span their {loads.shape[1]} components (singular values "
-            f"{', '.join(f'{value:.2g}' for value in values)}): some entries of the compliance are not determined"
-        )
 
 
 def _solve(loads: Array, deflections: Array, basis: Array, scatter: Array) -> tuple[Array, Array, Array]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from armflex.learning.diagnostics import check_converged, diagnose
 from armflex.learning.linear import FittedCompliance, basis_of, fit_compliance, least_scatter
 from armflex.learning.metropolis import Adaptation, Chain, adaptive_metropolis_gibbs, scale_of
 from armflex.learning.model import Diagnostics, Fitted
+from armflex.parallel import in_order
 
 
 @dataclass(frozen=True)
@@ -103,11 +105,14 @@ def sample_compliance(
     chains: int = 4,
     draws: int | None = None,
 ) -> LinearPosterior:
-    """Return draws of the compliance of (N, k) loads and deflections; see `fit_linear_chain`."""
+    """Return draws of the compliance of (N, k) loads and deflections; see `fit_linear_chain`.
+
+    Chains run where `joblib.parallel_config` says, with the same draws.
+    """
     begun = time.perf_counter()
     scaled = _scaled(loads, deflections, structure)
     seeds = np.random.SeedSequence(seed).spawn(chains)
-    found = [_chain(scaled, loads, deflections, each, draws) for each in seeds]
+    found = list(in_order(partial(_chain, scaled, loads, deflections, each, draws) for each in seeds))
     parameters, variances = (np.array(each) for each in zip(*(one[:2] for one in found), strict=True))
     judged = np.concatenate([parameters, np.log(variances)], axis=2)
     acceptance = float(np.mean([one[2] for one in found]))

@@ -14,6 +14,7 @@ from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.laws.network import hidden_values, layers, weight_count, weight_jacobian
 from armflex.learning.levenberg import ROUNDING, Point, damped_step
+from armflex.learning.span import check_span
 
 GROUPS = ("hidden weights", "hidden biases", "output weights", "offsets")
 """What has a prior precision of its own."""
@@ -154,7 +155,8 @@ def scaled_problem(loads: Array, deflections: Array, neurons: int) -> tuple[Netw
     """Return (N, k) loads and deflections at zero mean and unit deviation, and how they became so.
 
     Raises:
-        InputError: Shapes differ, k is not 3 or 6, a number is not finite, or the loads do not span k components.
+        InputError: Shapes differ, k is not 3 or 6, a number is not finite, or there are too few rows.
+        IdentifiabilityError: The loads, less their mean, do not span their components.
     """
     if neurons < 1:
         raise InputError(f"a network needs at least one neuron, got {neurons}")
@@ -162,7 +164,9 @@ def scaled_problem(loads: Array, deflections: Array, neurons: int) -> tuple[Netw
         raise InputError(f"loads {loads.shape} and deflections {deflections.shape} are not both (rows, 3 or 6)")
     if not (np.isfinite(loads).all() and np.isfinite(deflections).all()):
         raise InputError("loads and deflections must be finite")
-    _check_span(loads)
+    if len(loads) <= loads.shape[1] + 1:
+        raise InputError(f"{len(loads)} rows of loads do not determine {loads.shape[1]} components and an offset")
+    check_span(_varying(loads))
     spread = deflections.std(axis=0)
     moves = spread > 1e-12 * np.abs(deflections).max(axis=0)
     scale = np.where(moves, spread, spread.max() or 1.0)  # a column may be constant: the offset holds it
@@ -171,13 +175,10 @@ def scaled_problem(loads: Array, deflections: Array, neurons: int) -> tuple[Netw
     return NetworkProblem(x, (deflections - scaling.output_mean) / scaling.output_scale, neurons), scaling
 
 
-def _check_span(loads: Array) -> None:
-    if len(loads) <= loads.shape[1] + 1:
-        raise InputError(f"{len(loads)} rows of loads do not determine {loads.shape[1]} components and an offset")
-    spread = loads.std(axis=0)
-    values = np.linalg.svd((loads - loads.mean(axis=0)) / np.maximum(spread, 1e-300), compute_uv=False)
-    if spread.min() <= 1e-12 * np.abs(loads).max() or values[-1] < 1e-6 * values[0]:
-        raise InputError(f"loads do not span their {loads.shape[1]} components: a network cannot tell them apart")
+def _varying(loads: Array) -> Array:
+    """Return (N, k) loads less their mean; a constant load leaves zeros, not the mean's rounding."""
+    off = loads - loads.mean(axis=0)
+    return np.where(np.abs(off).max(axis=0) > 1e-12 * np.abs(loads).max(axis=0), off, 0.0)
 
 
 def start_weights(problem: NetworkProblem, starts: int, seed: int) -> Array:
@@ -205,15 +206,3 @@ def predictions(problem: NetworkProblem, weights: Array) -> Array:
 def jacobian(problem: NetworkProblem, weights: Array) -> Array:
     """Return the (N, k, P) derivative of `predictions`."""
     return weight_jacobian(problem.x, weights, problem.size)
-
-
-def log_likelihood(problem: NetworkProblem, weights: Array, noise: Array) -> float:
-    """Return log p(y | weights, noise) with (k,) scaled noise."""
-    errors = (predictions(problem, weights) - problem.y) / noise
-    return float(-0.5 * (errors**2).sum() - len(errors) * np.log(noise * np.sqrt(2.0 * np.pi)).sum())
-
-
-def log_prior(problem: NetworkProblem, weights: Array, precisions: Array) -> float:
-    """Return log p(weights | precisions) with a precision for each of `GROUPS`."""
-    own = precisions[problem.groups]
-    return float(0.5 * (np.log(own / (2.0 * np.pi)) - own * weights**2).sum())

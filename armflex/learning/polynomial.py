@@ -15,11 +15,10 @@ from armflex.laws.polynomial import FEATURES, PolynomialLaw, feature_values, fea
 from armflex.learning.held_out import wrenches
 from armflex.learning.linear import least_scatter, seen_loads
 from armflex.learning.model import Fitted, Learner
+from armflex.learning.span import check_determined
 
 PLAIN = ("linear+radial", "linear+radial+magnitude", "quadratic")
 """The features that any network has to beat to be worth having."""
-
-WORST_CONDITION = 1e6
 
 
 def learner(features: str | Sequence[str]) -> Learner:
@@ -63,17 +62,8 @@ def _scatter(deflections: Array, residual: Array, count: int) -> Array:
 
 
 def _check_determined(scaled: Array, names: Sequence[str]) -> None:
-    """Raise where some mixture of the features is as good as zero on all rows, naming what takes part in it."""
     count = scaled.shape[1]
     if len(scaled) <= count:
         problem = f"{len(scaled)} rows of loads do not determine {count} features"
         raise IdentifiabilityError(problem, min(len(scaled), count), np.inf, names)
-    _, values, directions = np.linalg.svd(scaled, full_matrices=False)
-    lost = values * WORST_CONDITION < values[0]
-    if lost.any():
-        free = np.abs(directions[lost]).max(axis=0) > 0.1
-        names = [name for name, each in zip(names, free, strict=True) if each]
-        condition = float(values[0] / max(values[-1], 1e-300))
-        raise IdentifiabilityError(
-            "loads do not tell the features of a polynomial apart", int((~lost).sum()), condition, names
-        )
+    check_determined(scaled, names, "loads do not tell the features of a polynomial apart")

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.errors import InputError
+from armflex.errors import IdentifiabilityError, InputError
 from armflex.laws.linear import LinearFit, LinearLaw
 from armflex.laws.structural import StructuralLaw, SubJoint
 from armflex.learning.held_out import NOWHERE, predicted, wrenches
@@ -23,6 +23,9 @@ from armflex.learning.model import Fitted
 
 WIDE = 3.0
 """Prior standard deviation of a factor's logarithm: a sub-joint within a factor of 400 of the declared one."""
+
+UNKNOWN = 0.9 * WIDE
+"""From here on a factor's deviation is the prior's: the data say nothing of that compliance."""
 
 
 def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) -> Fitted:
@@ -34,9 +37,13 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
         assembly: Nodes, beams, and sub-joints with starting compliances, all linear.
 
     Raises:
-        InputError: A sub-joint is not linear, or there are fewer readings than compliances.
+        InputError: A sub-joint is not linear, the assembly answers no moments but was given some, or there are no more
+            readings than compliances.
+        IdentifiabilityError: The loads determine none of the compliances.
     """
     free = _free(assembly)
+    if loads.shape[1] > assembly.components:
+        raise InputError("loads and deflections have 6 components, the assembly 3: expected components = 6 in its file")
     if deflections.size <= len(free):
         raise InputError(f"{deflections.size} readings do not determine {len(free)} compliances of sub-joints")
     scatter = np.maximum(np.sqrt((deflections**2).mean(axis=0)), 1e-12)
@@ -47,11 +54,16 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
         scatter = np.maximum(np.sqrt((residual**2).sum(axis=0) / freedom), 1e-9 * scatter)
     covariance = np.linalg.inv(solved.jac.T @ solved.jac)
     stds = np.sqrt(np.diag(covariance))
-    law = _certain(_with(assembly, free, solved.x), free, stds, loads, scatter)
     names = [f"{assembly.subjoints[i].node} C_{TWIST_NAMES[axis]}" for i, axis in free]
+    if (stds > UNKNOWN).all():
+        raise IdentifiabilityError("loads do not determine the compliances of the sub-joints", 0, np.inf, names)
+    law = _certain(_with(assembly, free, solved.x), free, stds, loads, scatter)
     compliances = [float(law.subjoints[i].law.compliance[axis, axis]) for i, axis in free]
-    values = zip(names, compliances, stds.tolist(), strict=True)
-    return Fitted(law, {name: {"value": value, "relative_std": std} for name, value, std in values})
+    found = {
+        name: {"value": value, "relative_std": std, "determined": std <= UNKNOWN}
+        for name, value, std in zip(names, compliances, stds.tolist(), strict=True)
+    }
+    return Fitted(law, found)
 
 
 def _free(assembly: StructuralLaw) -> list[tuple[int, int]]:

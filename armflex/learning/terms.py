@@ -20,6 +20,7 @@ from armflex.laws.polynomial import FEATURES, PolynomialLaw, feature_values, fea
 from armflex.learning.held_out import wrenches
 from armflex.learning.linear import least_scatter, seen_loads
 from armflex.learning.model import Fitted
+from armflex.learning.span import check_span
 
 FLIPS = 400
 CHANCE = 0.05
@@ -112,6 +113,7 @@ def fit_terms(loads: Array, deflections: Array, seed: int) -> Fitted:
 
     Raises:
         InputError: There are too few rows.
+        IdentifiabilityError: The loads do not span the components: a deflection's own load must be there.
     """
     bench = _bench(loads, deflections)
     found: list[Term] = []
@@ -125,6 +127,7 @@ def _bench(loads: Array, deflections: Array) -> Bench:
     size = loads.shape[1]
     if len(loads) < size + 4:
         raise InputError(f"{len(loads)} rows are too few to look for terms, expected {size + 4} or more")
+    check_span(loads)
     names = features_of(("radial", "magnitude", "absolute", "quadratic"), size)
     values = feature_values(wrenches(loads))[:, [FEATURES.index(name) for name in names]]
     lengths = np.maximum(np.linalg.norm(values, axis=0), 1e-300)

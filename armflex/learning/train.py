@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import Flag, UnknownNameError
+from armflex.errors import Flag, InputError, UnknownNameError
 from armflex.joint_data import JointData
-from armflex.laws.law import Law
 from armflex.laws.law_file import TrainedLaw
-from armflex.laws.linear import LinearLaw, softness
-from armflex.learning.choose import Compared, assess, chosen, compare
+from armflex.learning.choose import Compared, assess, chosen, compare, negligible
+from armflex.learning.doubts import bench_doubts, law_doubts
 from armflex.learning.held_out import HeldOut, hold_out, predicted, random_folds, single_folds
 from armflex.learning.learners import MODELS, Options, learner, rivals
 from armflex.learning.model import Diagnostics, Fitted
+from armflex.learning.span import check_span
 from armflex.version import __version__
 
 LEAVE_ONE_OUT_LIMIT = 500
@@ -27,6 +27,9 @@ SLOW = ("neural", "bayesian", "structural")
 """Models that are held out by folds beyond a few rows: each fit takes a while."""
 
 FEW = 25
+
+CHAIN_FOLDS = 5
+"""Of a model that chains are run for: each fit takes seconds to a minute."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,8 @@ class TrainResult:
         parameters: What was found, by name.
         diagnostics: Of the sampler, if one ran.
         compared: Every model that was compared, with its held-out error per column in the file's unit.
-        flags: Doubts: softer than any steel joint, asymmetric, a network that is not worth its weights.
+        flags: Doubts: about the table, softer than any steel joint, asymmetric, compliances that the loads do not
+            determine, chains that have not converged, a network that is not worth its weights.
     """
 
     trained: TrainedLaw
@@ -73,25 +77,30 @@ def train(
 
     Raises:
         UnknownNameError: No such model or option.
-        InputError: The loads do not determine the model.
+        InputError: The loads do not determine the model, or the table cannot be that of a joint.
         ConvergenceError: A chain has not converged and `allow_unconverged` is not set.
     """
+    if not isinstance(data, JointData):
+        raise InputError(f"expected JointData, such as read_joint_data gives, got {type(data).__name__}")
     if model not in MODELS:
-        raise UnknownNameError("joint deformation model to train", model, MODELS)
+        raise UnknownNameError("joint deformation model to train", str(model), MODELS)
     options = replace(options or Options(), structure=structure)
+    doubts = bench_doubts(data)
     if model == "auto":
-        return _choose(data, options)
+        return _choose(data, options, doubts)
     learn = learner(model, options)
     fitted = learn(data.loads, data.deflections, options.seed)
-    held = hold_out(learn, data, _folds(data, model, options.seed), options.seed)
+    held = hold_out(learn, data, _folds(data, model, options), options.seed)
     plain = _plainer(data, model, options)
-    return _result(data, model, fitted, held, options, plain)
+    return _result(data, model, fitted, held, options, plain, doubts)
 
 
-def _folds(data: JointData, model: str, seed: int) -> np.ndarray:
+def _folds(data: JointData, model: str, options: Options) -> np.ndarray:
+    if model in ("linear", "bayesian") and options.sampler in ("nuts", "metropolis"):
+        return random_folds(len(data), CHAIN_FOLDS, options.seed)
     if len(data) <= (FEW if model in SLOW else LEAVE_ONE_OUT_LIMIT):
         return single_folds(len(data))
-    return random_folds(len(data), FOLDS, seed)
+    return random_folds(len(data), FOLDS, options.seed)
 
 
 def _plainer(data: JointData, model: str, options: Options) -> tuple[Compared, ...]:
@@ -101,23 +110,30 @@ def _plainer(data: JointData, model: str, options: Options) -> tuple[Compared, .
     return compare([rival for rival in rivals(options) if rival.model != "neural"], data, options.seed)
 
 
-def _choose(data: JointData, options: Options) -> TrainResult:
+def _choose(data: JointData, options: Options, doubts: tuple[Flag, ...]) -> TrainResult:
+    check_span(data.loads)  # else the first rival's first fold would be blamed
     among = rivals(options)
     compared = compare(among, data, options.seed)
-    best = among[chosen(compared)]
+    best = among[chosen(compared, negligible(data.deflections))]
     fitted = best.learner(data.loads, data.deflections, options.seed)
     held, count = assess(among, data, options.seed)
     parameters = {**fitted.parameters, "chosen": best.name, "chosen_in_folds": count}
-    return _result(data, best.model, replace(fitted, parameters=parameters), held, options, compared)
+    return _result(data, best.model, replace(fitted, parameters=parameters), held, options, compared, doubts)
 
 
 def _result(
-    data: JointData, model: str, fitted: Fitted, held: HeldOut, options: Options, others: Sequence[Compared]
+    data: JointData,
+    model: str,
+    fitted: Fitted,
+    held: HeldOut,
+    options: Options,
+    others: Sequence[Compared],
+    doubts: tuple[Flag, ...],
 ) -> TrainResult:
     train_rms = _rms(data.deflections - predicted(fitted.law, data.loads)) / data.factors
     held_out_rms = held.rms / data.factors
     compared = tuple((one.name, one.rms / data.factors) for one in others) or ((model, held_out_rms),)
-    metadata = _provenance(data, options, train_rms, held_out_rms, held.how)
+    metadata = _provenance(data, options, train_rms, held_out_rms, held.how) | _sampled(fitted.diagnostics)
     return TrainResult(
         TrainedLaw(fitted.law, model, metadata),
         len(data),
@@ -129,7 +145,7 @@ def _result(
         fitted.parameters,
         fitted.diagnostics,
         compared,
-        (*_doubts(fitted.law), *_worth(model, held, others)),
+        (*doubts, *law_doubts(data, fitted), *_worth(model, held, others, negligible(data.deflections))),
     )
 
 
@@ -137,17 +153,14 @@ def _rms(residual: Array) -> Array:
     return np.sqrt((residual**2).mean(axis=0))
 
 
-def _doubts(law: Law) -> tuple[Flag, ...]:
-    if not isinstance(law, LinearLaw):
-        return ()
-    flags = softness(law.compliance)
-    skew = np.abs(law.compliance - law.compliance.T).max()
-    if skew > 1e-9 * np.abs(law.compliance).max():
-        flags = (*flags, Flag("asymmetric", f"fitted compliance is not symmetric, by up to {skew:.3g} m/N (Betti)"))
-    return flags
+def _sampled(diagnostics: Diagnostics) -> dict[str, Any]:
+    """Return what the sampler says of itself for a file, nothing where none ran; null for what is not finite."""
+    said = {name: value for name, value in asdict(diagnostics).items() if value is not None and name != "seconds"}
+    finite = {name: value if np.isfinite(value) else None for name, value in said.items()}
+    return {"diagnostics": finite} if finite else {}
 
 
-def _worth(model: str, held: HeldOut, others: Sequence[Compared]) -> tuple[Flag, ...]:
+def _worth(model: str, held: HeldOut, others: Sequence[Compared], least: Array) -> tuple[Flag, ...]:
     """Return a flag where a model without weights does as well as a network, by the mean of the columns' ratios."""
     plain = [one for one in others if one.model != "neural" and np.isfinite(one.squares).all()]
     networks = [one.rms for one in others if one.model == "neural"]
@@ -155,8 +168,8 @@ def _worth(model: str, held: HeldOut, others: Sequence[Compared]) -> tuple[Flag,
         networks = [held.rms]
     if not plain or not networks or not np.isfinite(networks[0]).all():
         return ()
-    best = min(plain, key=lambda one: float(np.log(one.rms).mean()))
-    ratio = float(np.exp(np.log(networks[0] / best.rms).mean()))
+    best = min(plain, key=lambda one: float(np.log(np.maximum(one.rms, least)).mean()))
+    ratio = float(np.exp(np.log(np.maximum(networks[0], least) / np.maximum(best.rms, least)).mean()))
     if ratio < 0.95:
         return ()
     text = f"a network is not worth its weights here: {ratio:.2f} times the held-out error of {best.name!r}"
