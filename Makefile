@@ -14,6 +14,10 @@ $(VENV)/.test: $(VENV)/.demo
 	$(PIP) --editable '.[test]'
 	touch $@
 
+$(VENV)/.bench: $(VENV)/.test
+	$(PIP) --editable '.[bench]'
+	touch $@
+
 $(VENV)/.lint: $(VENV)/.demo
 	$(PIP) --editable '.[lint]'
 	touch $@
@@ -24,9 +28,8 @@ demo: $(VENV)/.demo
 test: $(VENV)/.test
 	$(VENV)/bin/python -m pytest -n auto
 
-bench: $(VENV)/.test
-	$(VENV)/bin/python tests/benchmarks/equilibrium.py
-	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python tests/benchmarks/network.py
+bench: $(VENV)/.bench
+	$(VENV)/bin/python tests/benchmarks/run.py -o bench.md
 
 study: $(VENV)/.test
 	$(VENV)/bin/python tests/study.py -o study.csv

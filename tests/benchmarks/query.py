@@ -1,0 +1,129 @@
+"""One query on a boom of eight joints that sags 30 mm: `arm.deflection`, `arm.prepared`, and the slowest of many calls.
+
+OPENBLAS_NUM_THREADS=1 python tests/benchmarks/query.py
+"""
+
+from __future__ import annotations
+
+import gc
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from baseline import machine, medians_us, rigid_baseline
+from boom import Boom, make_boom
+
+from armflex import Arm
+from armflex.conventions import Array
+from armflex.effects.catalogue import EVERY
+from armflex.effects.law import Effect
+from armflex.effects.spot import Spot
+from armflex.laws.network import NetworkLaw
+
+NEURONS, CALLS = 20, 100_000
+GOALS = {
+    ("linear", "first order", "deflection"): 5,
+    ("linear", "exact", "deflection"): 20,
+    ("networks", "exact", "deflection"): 30,
+    ("linear", "first order", "prepared"): 3,
+    ("linear", "exact", "prepared"): 12,
+    ("networks", "exact", "prepared"): 16,
+}
+METHODS = {"first order": "first_order", "exact": "exact"}
+KNOWN = {"temperature": 27.0, "approach_A3": 1.0}
+
+
+def network_like(compliance: Array, wrench: Array, seed: int) -> NetworkLaw:
+    """Return a 6-20-6 network that gives about as a compliance does for loads about a wrench."""
+    rng, scale = np.random.default_rng(seed), 1.5 * np.maximum(np.abs(wrench), 0.05 * np.abs(wrench).max())
+    hidden, bias = 0.5 * rng.normal(size=(NEURONS, 6)), 0.5 * rng.normal(size=NEURONS)
+    loads = rng.uniform(-1.0, 1.0, size=(500, 6))
+    twists = (loads * scale) @ compliance.T
+    size = np.abs(twists).max(axis=0)
+    values = np.hstack([1.0 / (1.0 + np.exp(-loads @ hidden.T - bias)), np.ones((500, 1))])
+    weights = np.linalg.lstsq(values, twists / size, rcond=None)[0].T
+    zero, precision, seen = np.zeros(6), np.diag(scale**-2), np.array([-2.0, 2.0])[:, None] * scale
+    layers = (hidden[None], bias[None], weights[None, :, :-1], weights[None, :, -1])
+    return NetworkLaw(*layers, zero, scale, zero, size, 1e-6 * np.ones(6), None, seen, zero, precision, 10.0)
+
+
+def arms(boom: Boom) -> dict[str, Arm]:
+    """Return the boom with compliances, with a network at every joint, and with effects that need covariates."""
+    wrenches = boom.arm.deflection(boom.q).wrenches
+    pairs = enumerate(zip(boom.arm.flexures, wrenches, strict=True))
+    networks = tuple(replace(one, law=network_like(one.law.compliance, load, i)) for i, (one, load) in pairs)
+    warm = Effect(EVERY["thermal_growth"], Spot("link:A4", None, ("temperature",)), (1.2e-5, 20.0, 0.0))
+    soft = Effect(EVERY["thermal_softening"], Spot("A2", None, ("temperature",)), (1e-3, 20.0, 0.0))
+    play = Effect(EVERY["backlash"], Spot("A3", "rz", ("approach_A3",)), (3e-4,))
+    return {
+        "linear": boom.arm,
+        "networks": replace(boom.arm, flexures=networks),
+        "an effect": replace(boom.arm, effects=(warm,)),
+        "three effects": replace(boom.arm, effects=(warm, soft, play)),
+    }
+
+
+def ratios(boom: Boom) -> None:
+    calls: dict[tuple[str, ...], Callable[[], object]] = {("baseline",): rigid_baseline(boom.arm)}
+    for name, arm in arms(boom).items():
+        known = KNOWN if arm.effects else {}
+        for order, method in METHODS.items():
+            loop = arm.prepared(method=method)
+            ask = {"method": method, "covariates": known}
+            calls[name, order, "deflection"] = lambda arm=arm, ask=ask: arm.deflection(boom.q, **ask)
+            calls[name, order, ".displacement"] = lambda arm=arm, ask=ask: arm.deflection(boom.q, **ask).displacement
+            calls[name, order, "prepared"] = lambda loop=loop, known=known: loop(boom.q, **known)
+    times = medians_us(calls, rounds=60, repeats=None)
+    print(f"{'laws':>14} {'':>12} {'asked by':>14} {'x baseline':>10} {'goal':>5}")
+    for key, value in list(times.items())[1:]:
+        goal = GOALS.get(key, "")
+        print(f"{key[0]:>14} {key[1]:>12} {key[2]:>14} {value / times['baseline',]:10.1f} {goal:>5}")
+
+
+def slowest(boom: Boom, collected: bool) -> None:
+    """Print the quantiles and the worst of many calls along a path, and what the process met meanwhile."""
+    loop, clock = boom.arm.prepared(), time.perf_counter_ns
+    path = boom.q + 0.2 * np.sin(np.linspace(0.0, 20.0, CALLS))[:, None]
+    taken = np.empty(CALLS)
+    gc.collect()
+    (gc.enable if collected else gc.disable)()
+    begun, before = gc.get_stats()[2]["collections"], resource.getrusage(resource.RUSAGE_SELF)
+    for i, q in enumerate(path):
+        start = clock()
+        loop(q)
+        taken[i] = clock() - start
+    after = resource.getrusage(resource.RUSAGE_SELF)
+    gc.enable()
+    p50, p99, p999 = np.quantile(taken, [0.5, 0.99, 0.999])
+    switches, faults = after.ru_nivcsw - before.ru_nivcsw, after.ru_minflt - before.ru_minflt
+    over = int((taken > 10.0 * p50).sum())
+    full = gc.get_stats()[2]["collections"] - begun
+    print(
+        f"garbage collector {'on' if collected else 'off':>3}: 99 % within {p99 / p50:.1f} medians, 99.9 % within"
+        f" {p999 / p50:.1f}, all within {taken.max() / p50:.0f} ({taken.max() / 1e6:.2f} ms); {over} over 10;"
+        f" other processes came between {switches} times, {faults} page faults, {full} full collections"
+    )
+
+
+def main() -> None:
+    print(machine())
+    with tempfile.TemporaryDirectory() as folder:
+        boom = make_boom(Path(folder), drives_only=False, sag=0.03)
+        found = boom.arm.deflection(boom.q)
+        print(f"{found!r}: residuals {', '.join(f'{size:.0e}' for size in found.residuals)}")
+        ratios(boom)
+        print(f"\n{CALLS} calls of the prepared object, exact:")
+        for collected in (True, False):
+            slowest(boom, collected)
+
+
+if __name__ == "__main__":
+    main()
