@@ -11,17 +11,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.arm_doubts import payload_doubts, sag_doubts, wrench_doubts
+from armflex.batch import deflect_batch
 from armflex.certainty import Certainty
 from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
-from armflex.deflection import Deflection, DeflectionBatch, Names, stack_rows
+from armflex.deflect import Asked, deflect, deflect_moving
+from armflex.deflection import Deflection, Names
+from armflex.deflection_batch import DeflectionBatch
 from armflex.effects.in_arm import Pulling, pulling, with_twists
 from armflex.effects.law import Effect
-from armflex.equilibrium import LawStack, find_equilibrium
 from armflex.errors import (
     ArmflexWarning,
     ArrayTypeError,
-    ExtrapolationError,
     Flag,
     InputError,
     JointLimitError,
@@ -31,14 +31,18 @@ from armflex.errors import (
 )
 from armflex.flexure import Flexure as Flexure
 from armflex.instrument import Instrument
-from armflex.laws import Row
+from armflex.law_stack import LawStack, PlacedLaws, place_laws
+from armflex.loaded import LoadedArm
 from armflex.loads import NO_PAYLOAD, Payload, Wrench
-from armflex.mechanics import LoadCase, Mechanics
+from armflex.prepared import Prepared
 from armflex.prior import Measurement, Prior
-from armflex.robot import Corrections, Robot, build_model
+from armflex.robot import Corrections, FlexModel, Robot
 
 MAX_PAYLOADS = 64
 """Payloads whose models are kept; objects made in a loop must not fill the memory."""
+
+SLACK = 1e-9
+"""How far beyond a limit [rad or m] a joint may stand: rounding is no fault."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -110,7 +114,7 @@ class Arm:
     @cached_property
     def link_names(self) -> tuple[str, ...]:
         """Names of the links at and beyond the base."""
-        return tuple(self._mechanics_of(NO_PAYLOAD).flex.links)
+        return self.loaded(None).links
 
     @cached_property
     def modelled(self) -> tuple[Flexure, ...]:
@@ -135,8 +139,7 @@ class Arm:
     @cached_property
     def weight(self) -> float:
         """Weight of everything that moves [N]."""
-        model = self._mechanics_of(NO_PAYLOAD).rigid.model
-        return float(pin.computeTotalMass(model) * np.linalg.norm(self.robot.gravity))
+        return self.loaded(None).mass * float(np.linalg.norm(self.robot.gravity))
 
     def payload(self, payload: str | Payload | None) -> Payload:
         """Return a payload by name; None and "none" mean nothing carried.
@@ -162,12 +165,12 @@ class Arm:
             if name not in self.joint_names:
                 raise UnknownNameError("joint", name, self.joint_names)
             q[self.joint_names.index(name)] = value
-        return self._checked(q, "q")
+        return self.checked(q, "q")
 
     def rigid_pose(self, q: ArrayLike, enforce_limits: bool = True) -> pin.SE3:
         """Return the tip pose of the rigid arm at q (nq,) in the base frame."""
         checked, _ = self.check_position(q, enforce_limits)
-        return self._mechanics_of(NO_PAYLOAD).rigid_tip_pose(checked)
+        return self.loaded(None).mechanics.rigid_tip_pose(checked)
 
     def deflection(
         self,
@@ -178,10 +181,11 @@ class Arm:
         a: ArrayLike | None = None,
         covariates: Mapping[str, ArrayLike] | None = None,
         wrenches: Sequence[Wrench] = (),
-        method: str = "newton",
+        method: str = "exact",
         enforce_limits: bool = True,
         allow_large: bool = False,
         strict: bool = False,
+        jobs: int | None = None,
     ) -> Deflection | DeflectionBatch:
         """Return what the loaded arm does at joint positions q.
 
@@ -192,10 +196,11 @@ class Arm:
             a: Joint accelerations like q [rad/s^2 or m/s^2].
             covariates: What the arm's effects depend on, by name: a number, or one per row of a batch.
             wrenches: Loads from outside at named links.
-            method: "newton", "fixed_point" or "first_order"; see `find_equilibrium`.
+            method: "exact", "newton", "fixed_point" or "first_order"; see `find_equilibrium`.
             enforce_limits: Refuse positions outside the joint limits instead of flagging them.
             allow_large: Flag rather than refuse flexures turning by more than 0.1 rad.
             strict: Refuse rather than flag loads beyond those that a trained law has seen.
+            jobs: Processes that share a batch, -1 for one on each core; see `armflex.parallel`.
 
         Raises:
             ShapeError, ArrayTypeError, NotFiniteError, JointLimitError: q, v or a cannot be used.
@@ -204,59 +209,29 @@ class Arm:
             ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: See `find_equilibrium`.
             ExtrapolationError: A trained law was asked beyond the loads it has seen, and `strict` holds.
         """
-        options = {"method": method, "enforce_limits": enforce_limits, "allow_large": allow_large, "strict": strict}
-        positions = real_array(q, "q").copy()
+        positions = real_array(q, "q")
         count = len(positions) if positions.ndim == 2 else 0
-        known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
+        given = (covariates or {}).items()
+        known = {name: covariate_array(values, name, count) for name, values in given}
+        asked = Asked(method, enforce_limits, allow_large, strict)
         if positions.ndim == 2:
-            return self._batch(positions, payload, v, a, known, tuple(wrenches), options)
-        motion = [None if values is None else self._checked(values, name) for values, name in ((v, "v"), (a, "a"))]
-        return self._single(positions, payload, motion, known, tuple(wrenches), options)
+            return deflect_batch(self, positions, payload, (v, a), known, tuple(wrenches), asked, jobs)
+        checked, flags = self.check_position(positions, enforce_limits)
+        loaded = self.loaded(payload)
+        if v is None and a is None and not wrenches:
+            return deflect(loaded, checked, flags, known, asked)
+        motion = [None if values is None else self.checked(values, name) for values, name in ((v, "v"), (a, "a"))]
+        return deflect_moving(loaded, checked, flags, known, asked, motion, tuple(wrenches))
 
-    def _batch(
-        self, q: Array, payload: object, v: object, a: object, known: dict[str, Array], wrenches: tuple, options: dict
-    ) -> DeflectionBatch:
-        count = len(q)
-        payloads = [payload] * count if payload is None or isinstance(payload, (str, Payload)) else list(payload)
-        if len(payloads) != count:
-            raise ShapeError(f"payload: expected one name or {count}, got {len(payloads)}")
-        motions = [[None] * count if x is None else self._rows(x, name, count) for x, name in ((v, "v"), (a, "a"))]
-        rows = (
-            self._single(
-                q[i],
-                payloads[i],
-                [motions[0][i], motions[1][i]],
-                {name: values[i] if values.ndim else values for name, values in known.items()},
-                wrenches,
-                options,
-            )
-            for i in range(count)
-        )
-        return stack_rows(q, rows, self.names)
+    def prepared(
+        self, payload: str | Payload | None = None, *, method: str = "exact", enforce_limits: bool = True
+    ) -> Prepared:
+        """Return a function of q alone for a control loop, for one thread; see `Prepared`.
 
-    def _single(
-        self, q: Array, payload: object, motion: list, known: dict[str, Array], wrenches: tuple, options: dict
-    ) -> Deflection:
-        checked, flags = self.check_position(q, options["enforce_limits"])
-        body = self.payload(payload)
-        flags = (*self.flags, *flags, *payload_doubts(self, body, motion[1] is not None))
-        flags = (*flags, *wrench_doubts(self, wrenches))
-        mechanics = self._mechanics_of(body)
-        case = LoadCase(checked, motion[0], motion[1], (*wrenches, *self.pulls))
-        row = Row(checked, self._joint_index, {"payload_mass": np.asarray(body.mass), **known})
-        found = find_equilibrium(
-            mechanics, self.stack, case, row, options["method"], allow_large=options["allow_large"]
-        )
-        pose, rigid = mechanics.tip_pose(found.configuration), mechanics.rigid_tip_pose(checked)
-        displacement = displacement_between(rigid, pose)
-        displacement.flags.writeable = False
-        unseen = self.stack.doubts(found.wrenches, row)
-        if options["strict"] and unseen:
-            raise ExtrapolationError("; ".join(flag.text for flag in unseen))
-        flags = (*flags, *sag_doubts(self, displacement), *unseen)
-        return Deflection(
-            checked, pose, rigid, displacement, self.names, body, flags, mechanics, self.stack, case, row, found
-        )
+        Raises:
+            UnknownNameError, InputError: No such payload or method.
+        """
+        return Prepared(self.loaded(payload), method, enforce_limits)
 
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
         """Return q as (nq,) floats with the doubts about it.
@@ -265,10 +240,11 @@ class Arm:
             ShapeError, ArrayTypeError, NotFiniteError: q is no finite (nq,) of sensible size.
             JointLimitError: q is outside the limits and `enforce_limits` holds.
         """
-        checked = self._checked(q, "q")
-        outside = (checked < self.robot.lower - 1e-9) | (checked > self.robot.upper + 1e-9)
-        if not outside.any():
-            return checked, ()
+        array = real_array(q, "q")
+        if array.ndim == 1 and self.within_limits(array.tolist()):
+            return array.copy(), ()
+        checked = self.checked(array, "q")
+        outside = (checked < self.robot.lower - SLACK) | (checked > self.robot.upper + SLACK)
         joint = self.robot.moving[int(outside.argmax())]
         value = checked[int(outside.argmax())]
         text = f"joint {joint.name!r} at {value:.6g} is outside its limits [{joint.lower:.6g}, {joint.upper:.6g}]"
@@ -276,7 +252,24 @@ class Arm:
             raise JointLimitError(text)
         return checked, (Flag("outside_limits", text),)
 
-    def _checked(self, values: ArrayLike, name: str) -> Array:
+    def within_limits(self, values: Sequence[float]) -> bool:
+        """Return whether numbers are positions of all joints, each within its limits and of sensible size."""
+        lower, upper = self.bounds
+        if len(values) != len(lower):
+            return False
+        for least, value, most in zip(lower, values, upper):  # noqa: B905, SIM110 - as fast as can be
+            if not least <= value <= most:
+                return False
+        return True
+
+    @cached_property
+    def bounds(self) -> tuple[list[float], list[float]]:
+        """Least and largest positions of all joints that are within their limits and of sensible size."""
+        lower, upper = self.robot.lower - SLACK, self.robot.upper + SLACK
+        return np.maximum(lower, -LARGEST_POSITION).tolist(), np.minimum(upper, LARGEST_POSITION).tolist()
+
+    def checked(self, values: ArrayLike, name: str) -> Array:
+        """Return a copy of a number for each joint; raise what `check_position` does but for limits."""
         array = real_array(values, name)
         expected = (len(self.joint_names),)
         if array.shape != expected:
@@ -288,37 +281,42 @@ class Arm:
             raise NotFiniteError(f"{name} of joint {joint!r} is {array[int(bad.argmax())]:g}, not a usable number")
         return array.copy()  # results are lazy; a caller's buffer must not change them
 
-    def _rows(self, values: object, name: str, count: int) -> list[Array]:
-        array = real_array(values, name)
-        if array.ndim != 2 or len(array) != count:
-            raise ShapeError(f"{name}: expected shape ({count}, {len(self.joint_names)}), got {array.shape}")
-        return [self._checked(row, name) for row in array]
-
     @cached_property
-    def _joint_index(self) -> dict[str, int]:
+    def joint_index(self) -> dict[str, int]:
+        """Place of every joint in q."""
         return {name: i for i, name in enumerate(self.joint_names)}
 
-    @cached_property
-    def _mechanics(self) -> dict[tuple, Mechanics]:
-        return {}
-
-    def _mechanics_of(self, payload: Payload) -> Mechanics:
-        key = (payload.mass, tuple(payload.com), None if payload.inertia is None else tuple(payload.inertia))
-        known = self._mechanics.get(key)
+    def loaded(self, payload: str | Payload | None) -> LoadedArm:
+        """Return the arm with a payload, whose models are kept; raises what `payload` does."""
+        known = self._named.get(payload) if payload is None or isinstance(payload, str) else None
+        if known is not None:
+            return known
+        body = self.payload(payload)
+        key = (body.mass, tuple(body.com), None if body.inertia is None else tuple(body.inertia))
+        known = self._carried.get(key)
         if known is None:
-            sites = [flexure.site for flexure in self.modelled]
-            body = payload.body if payload.mass else None
-            flex = build_model(self.robot, sites, body, self.corrections)
-            known = Mechanics(build_model(self.robot, (), body), flex)
-            if len(self._mechanics) >= MAX_PAYLOADS:
-                self._mechanics.clear()
-            self._mechanics[key] = known
+            if len(self._carried) >= MAX_PAYLOADS:
+                self._carried.clear()
+                self._named.clear()
+            known = self._carried[key] = LoadedArm(self, body)
+        if payload is None or isinstance(payload, str):
+            self._named[payload] = known
         return known
 
+    @cached_property
+    def _carried(self) -> dict[tuple, LoadedArm]:
+        return {}
 
-def displacement_between(rigid: pin.SE3, flexed: pin.SE3) -> Array:
-    """Return (6,) shift of the origin [m] and rotation vector of R_flexed R_rigid^T [rad], base axes."""
-    return np.concatenate([flexed.translation - rigid.translation, pin.log3(flexed.rotation @ rigid.rotation.T)])
+    @cached_property
+    def _named(self) -> dict[str | None, LoadedArm]:
+        return {}
+
+    def placed_laws(self, flex: FlexModel) -> PlacedLaws:
+        """Return the laws as a model of this arm has its numbers; they are the same with every payload."""
+        if "_placed" not in self.__dict__:
+            places = flex.flexure_v.reshape(-1, 6)
+            self.__dict__["_placed"] = place_laws(self.stack, places, flex.model.nv)
+        return self.__dict__["_placed"]
 
 
 def warn(flags: Sequence[Flag]) -> None:

@@ -94,7 +94,7 @@ def check(
     trajectory: Trajectory,
     tolerance: float,
     angle: float | None = None,
-    method: str = "newton",
+    method: str = "exact",
     progress: Progress | None = None,
     covariates: Mapping[str, float] | None = None,
 ) -> CheckReport:

@@ -1,18 +1,22 @@
-"""What a loaded arm does: one configuration, or many."""
+"""What a loaded arm does at one configuration."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from armflex.arm_doubts import sag_doubts
 from armflex.conventions import Array
-from armflex.equilibrium import Equilibrium, LawStack, tangent_of
+from armflex.equilibrium import Equilibrium, tangent_of
 from armflex.errors import Flag
+from armflex.law_stack import LawStack
 from armflex.laws import Row
+from armflex.loaded import LoadedArm
 from armflex.loads import Payload
 from armflex.mechanics import LoadCase, Mechanics
 
@@ -27,6 +31,34 @@ class Names:
     tip: str
 
 
+class Solved(NamedTuple):
+    """What the solver leaves, in the order and signs of Pinocchio's flexible model.
+
+    Attributes:
+        loaded: The arm with its payload.
+        straight: Configuration with flexures at zero.
+        motion: (nv,) exponential coordinates of the flexures, zero for joints [m, rad].
+        torque: (nv,) generalized torque: minus the loads on the flexures [N, Nm]; None for that of the motion.
+        method: How it was found.
+        history: Squared length of the residual before each step [m^2 or rad^2].
+        flags: Doubts about the question.
+        covariates: What the laws know beyond positions.
+        case: Motion and loads from outside, None where there are none.
+        tangent: (6 n, 6 n), where stability was checked with it.
+    """
+
+    loaded: LoadedArm
+    straight: Array
+    motion: Array
+    torque: Array | None
+    method: str
+    history: Sequence[float]
+    flags: tuple[Flag, ...]
+    covariates: dict[str, Array]
+    case: LoadCase | None = None
+    tangent: Array | None = None
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class Deflection:
     """The arm at one configuration under one load.
@@ -34,28 +66,16 @@ class Deflection:
     Derivatives and covariance of the rotation are those of a further small rotation in base axes, which differ from
     those of the rotation vector itself by half its length (1 % at 22 mrad).
 
+    The equilibrium is found, and refused where there is none, before there is a `Deflection`; what follows from it is
+    computed when it is asked for, and kept.
+
     Attributes:
         q: (nq,) joint positions [rad or m].
-        pose: Tip pose of the flexed arm in the base frame.
-        rigid_pose: Tip pose of the rigid arm.
-        displacement: (6,) flexed minus rigid: shift of the tip origin [m] and rotation vector [rad], base axes.
-        names: Joints, flexures, base and tip.
-        payload: What is carried.
-        flags: Doubts about this result.
+        solved: What the solver left.
     """
 
     q: Array
-    pose: pin.SE3
-    rigid_pose: pin.SE3
-    displacement: Array
-    names: Names
-    payload: Payload
-    flags: tuple[Flag, ...]
-    _mechanics: Mechanics
-    _stack: LawStack
-    _case: LoadCase
-    _row: Row
-    _equilibrium: Equilibrium
+    solved: Solved
 
     def __repr__(self) -> str:
         """Two lines: how far the tip moves, and what is doubtful."""
@@ -65,24 +85,56 @@ class Deflection:
         return f"<Deflection: {moves} under {self.payload.mass:g} kg ({self.method}); doubts: {doubts}>"
 
     @property
-    def wrenches(self) -> Array:
-        """(n_flexures, 6) loads on the flexures, local axes [N, Nm]."""
-        return self._equilibrium.wrenches.reshape(-1, 6)
+    def names(self) -> Names:
+        """Joints, flexures, base and tip."""
+        return self.solved.loaded.arm.names
 
     @property
+    def payload(self) -> Payload:
+        """What is carried."""
+        return self.solved.loaded.payload
+
+    @cached_property
+    def displacement(self) -> Array:
+        """(6,) flexed minus rigid: shift of the tip origin [m] and rotation vector [rad], base axes."""
+        found = self.solved.loaded.solver.displacement(self._configuration, self.q)
+        found.flags.writeable = False
+        return found
+
+    @cached_property
+    def pose(self) -> pin.SE3:
+        """Tip pose of the flexed arm in the base frame."""
+        return self._mechanics.tip_pose(self._configuration)
+
+    @cached_property
+    def rigid_pose(self) -> pin.SE3:
+        """Tip pose of the rigid arm."""
+        return self._mechanics.rigid_tip_pose(self.q)
+
+    @cached_property
+    def flags(self) -> tuple[Flag, ...]:
+        """Doubts about this result."""
+        return (*self.solved.flags, *sag_doubts(self.solved.loaded.arm, self.displacement), *self.unseen)
+
+    @cached_property
+    def wrenches(self) -> Array:
+        """(n_flexures, 6) loads on the flexures, local axes [N, Nm]."""
+        return -self._at_rest[1][self._mechanics.flex.flexure_v].reshape(-1, 6)
+
+    @cached_property
     def twists(self) -> Array:
         """(n_flexures, 6) local deflections [m, rad]."""
-        return self._equilibrium.twists.reshape(-1, 6)
+        return self._at_rest[0][self._mechanics.flex.flexure_v].reshape(-1, 6)
 
     @property
     def method(self) -> str:
         """How the equilibrium was found."""
-        return self._equilibrium.method
+        return self.solved.method
 
     @property
     def residuals(self) -> tuple[float, ...]:
-        """Largest residual of the equilibrium before each step [m or rad]; empty for first order."""
-        return self._equilibrium.history
+        """Length of the equilibrium's residual before each step [m or rad]; empty for first order."""
+        return tuple(float(size) ** 0.5 for size in self.solved.history)
 
     @cached_property
     def joint_loads(self) -> Array:
@@ -92,7 +144,7 @@ class Deflection:
     @cached_property
     def tangent(self) -> Array:
         """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution."""
-        known = self._equilibrium.tangent
+        known = self.solved.tangent
         if known is not None:
             return known
         return tangent_of(self._mechanics, self._stack, self._case, self._row, self._equilibrium)
@@ -162,68 +214,50 @@ class Deflection:
         gain = np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T
         return gain @ laws @ gain.T
 
+    @property
+    def _mechanics(self) -> Mechanics:
+        return self.solved.loaded.mechanics
+
+    @property
+    def _stack(self) -> LawStack:
+        return self.solved.loaded.arm.stack
+
+    @cached_property
+    def _configuration(self) -> Array:
+        return self.solved.loaded.solver.bent(self.solved.straight, self.solved.motion)
+
+    @cached_property
+    def _at_rest(self) -> tuple[Array, Array]:
+        """(nv,) motion and torque, the one what the laws say of the other to the last digit."""
+        motion, torque, loaded = self.solved.motion, self.solved.torque, self.solved.loaded
+        if torque is not None:
+            return motion, torque
+        solver = loaded.solver
+        if loaded.laws.others:
+            solver.know(self._row)
+        torque = solver.torque(self._configuration)
+        return solver.motion(torque), torque
+
+    @cached_property
+    def _case(self) -> LoadCase:
+        known = self.solved.case
+        return self.solved.loaded.case(self.q) if known is None else known
+
+    @cached_property
+    def _row(self) -> Row:
+        return self.solved.loaded.row(self.q, self.solved.covariates)
+
+    @cached_property
+    def unseen(self) -> tuple[Flag, ...]:
+        """Doubts about loads beyond those that a trained law has seen."""
+        return self._stack.doubts(self.wrenches.ravel(), self._row) if self._stack.trained else ()
+
+    @cached_property
+    def _equilibrium(self) -> Equilibrium:
+        solved, loads = self.solved, (self.twists.ravel(), self.wrenches.ravel())
+        return Equilibrium(*loads, solved.straight, self._configuration, solved.method, self.residuals, solved.tangent)
+
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
         """Return the (4, 4) pose of every link with the flexures' twists magnified; 0 gives the rigid arm."""
         twists = magnification * self._equilibrium.twists
         return self._mechanics.link_poses(self._mechanics.bent(self._equilibrium.straight, twists))
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class DeflectionBatch:
-    """The arm at N configurations; the arrays of `Deflection` with a leading N.
-
-    Attributes:
-        q: (N, nq) joint positions.
-        pose, rigid_pose: (N, 4, 4) tip poses in the base frame.
-        displacement: (N, 6) flexed minus rigid, base axes [m, rad].
-        wrenches, twists: (N, n_flexures, 6) local loads and deflections.
-        contributions: (N, n_flexures, 6) first-order share of each flexure in the displacement.
-        covariance: (N, 6, 6), or None where no law carries an uncertainty.
-        names: Joints, flexures, base and tip.
-        flags: Doubts, each with the first row it concerns.
-    """
-
-    q: Array
-    pose: Array
-    rigid_pose: Array
-    displacement: Array
-    wrenches: Array
-    twists: Array
-    contributions: Array
-    covariance: Array | None
-    names: Names
-    flags: tuple[Flag, ...]
-
-    def __repr__(self) -> str:
-        """One line: how many rows and the largest shift."""
-        most = float(np.linalg.norm(self.displacement[:, :3], axis=1).max(initial=0.0))
-        return f"<DeflectionBatch: {len(self.q)} rows, {self.names.tip} moves up to {most * 1e3:.4g} mm>"
-
-
-def stack_rows(q: Array, rows: Iterable[Deflection], names: Names) -> DeflectionBatch:
-    """Return many single results as one batch; each is let go once its numbers are taken."""
-    flags: dict[str, Flag] = {}
-    taken = [_take(number, row, flags) for number, row in enumerate(rows)]
-    shapes = {"pose": (4, 4), "rigid_pose": (4, 4), "displacement": (6,), "covariance": (6, 6)}
-    shapes |= dict.fromkeys(("wrenches", "twists", "contributions"), (len(names.flexures), 6))
-    arrays = {name: np.array([part[name] for part in taken]).reshape(-1, *shape) for name, shape in shapes.items()}
-    certain = not taken or all(part["certain"] for part in taken)
-    if certain:
-        arrays["covariance"] = None
-    return DeflectionBatch(q=q, names=names, flags=tuple(flags.values()), **arrays)
-
-
-def _take(number: int, row: Deflection, flags: dict[str, Flag]) -> dict[str, Array | bool]:
-    for flag in row.flags:
-        flags.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
-    covariance = row.covariance
-    return {
-        "pose": row.pose.homogeneous,
-        "rigid_pose": row.rigid_pose.homogeneous,
-        "displacement": row.displacement,
-        "wrenches": row.wrenches,
-        "twists": row.twists,
-        "contributions": row.contributions,
-        "covariance": np.zeros((6, 6)) if covariance is None else covariance,
-        "certain": covariance is None,
-    }

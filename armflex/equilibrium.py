@@ -9,110 +9,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import (
     ConvergenceError,
-    Flag,
     InputError,
     SmallDisplacementError,
     UnstableEquilibriumError,
     did_you_mean,
 )
-from armflex.laws import Law, LinearLaw, Row, StructuralLaw
+from armflex.law_stack import LawStack as LawStack
+from armflex.laws import Row
 from armflex.mechanics import LoadCase, Mechanics
 
-METHODS = ("newton", "fixed_point", "first_order")
+METHODS = ("newton", "fixed_point", "first_order", "exact")
+TOLERANCE = 1e-12
+"""Largest residual of an equilibrium, of any flexure coordinate [m, rad]."""
 MAX_NEWTON = 50
 MAX_FIXED_POINT = 200
+QUICK = 12
+"""Steps of the fixed point after which `exact` takes Newton's: an arm that is drawn in so slowly is a soft one."""
 POLISHED = 0.01
 """One more step is made where the residual is not this far below the tolerance: a lever of metres magnifies it."""
 MAX_ROTATION = 0.1
 """A flexure that turns further [rad] is outside what a compliance describes."""
-
-
-@dataclass(frozen=True)
-class LawStack:
-    """The laws of all flexures as one map from (..., 6 n) wrenches to (..., 6 n) twists.
-
-    Constant linear laws are one block-diagonal matrix, so that asking costs one product.
-    """
-
-    names: tuple[str, ...]
-    laws: tuple[Law, ...]
-
-    @cached_property
-    def constant(self) -> Array:
-        """(6 n, 6 n) block-diagonal compliance of the constant laws, zero elsewhere."""
-        total = np.zeros((6 * len(self.laws),) * 2)
-        for i, law in enumerate(self.laws):
-            compliance = _constant_compliance(law)
-            if compliance is not None:
-                total[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = compliance
-        return total
-
-    @cached_property
-    def others(self) -> tuple[tuple[slice, Law], ...]:
-        """Places and laws that must be asked one by one."""
-        return tuple(
-            (slice(6 * i, 6 * i + 6), law) for i, law in enumerate(self.laws) if _constant_compliance(law) is None
-        )
-
-    def twists(self, wrenches: Array, row: Row) -> Array:
-        """Return the (..., 6 n) twists."""
-        twists = wrenches @ self.constant.T
-        for place, law in self.others:
-            twists[..., place] = law.twist(wrenches[..., place], row)
-        return twists
-
-    def tangent(self, wrenches: Array, row: Row) -> Array:
-        """Return the (..., 6 n, 6 n) block-diagonal derivative of the twists."""
-        if not self.others and wrenches.ndim == 1:
-            return self.constant
-        total = np.broadcast_to(self.constant, (*wrenches.shape[:-1], *self.constant.shape)).copy()
-        for place, law in self.others:
-            total[..., place, place] = law.tangent(wrenches[..., place], row)
-        return total
-
-    def change_with_position(self, wrenches: Array, row: Row) -> Array:
-        """Return the (6 n, nq) derivative of the twists with respect to the joint positions at given loads."""
-        change = np.zeros((len(wrenches), len(row.q)))
-        if self.others:
-            for i, step in enumerate(1e-4 * np.eye(len(row.q))):
-                ends = [self.twists(wrenches, replace(row, q=row.q + side * step)) for side in (1.0, -1.0)]
-                change[:, i] = (ends[0] - ends[1]) / 2e-4
-        return change
-
-    def covariance(self, wrenches: Array, row: Row) -> Array | None:
-        """Return the (6 n, 6 n) covariance of the twists at given loads, None when no law carries one."""
-        parts = [law.covariance(wrenches[6 * i : 6 * i + 6], row) for i, law in enumerate(self.laws)]
-        if all(part is None for part in parts):
-            return None
-        total = np.zeros((len(wrenches),) * 2)
-        for i, part in enumerate(parts):
-            if part is not None:
-                total[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = part
-        return total
-
-    @cached_property
-    def trained(self) -> tuple[tuple[str, slice, Law], ...]:
-        """Names, places and laws of the flexures whose law was trained."""
-        named = enumerate(zip(self.names, self.laws, strict=True))
-        return tuple((name, slice(6 * i, 6 * i + 6), law) for i, (name, law) in named if law.trained)
-
-    def doubts(self, wrenches: Array, row: Row) -> tuple[Flag, ...]:
-        """Return where (6 n,) wrenches are beyond what a law was trained on."""
-        asked = [(name, law.doubts(wrenches[place], row)) for name, place, law in self.trained]
-        return tuple(Flag(flag.code, f"flexure {name!r}: {flag.text}") for name, flags in asked for flag in flags)
-
-
-def _constant_compliance(law: Law) -> Array | None:
-    if isinstance(law, LinearLaw):
-        return law.compliance
-    return law.linear_compliance if isinstance(law, StructuralLaw) else None
 
 
 @dataclass(frozen=True)
@@ -144,7 +66,7 @@ def find_equilibrium(
     case: LoadCase,
     row: Row,
     method: str = "newton",
-    tolerance: float = 1e-12,
+    tolerance: float = TOLERANCE,
     allow_large: bool = False,
 ) -> Equilibrium:
     """Return where the arm comes to rest.
@@ -154,8 +76,8 @@ def find_equilibrium(
         stack: Laws of its flexures.
         case: Joint positions, motion and external wrenches.
         row: What the laws may know.
-        method: "newton" (exact), "fixed_point" (exact where it converges), both with the tangent checked, or
-            "first_order" (loads of the undeflected arm).
+        method: "newton", "fixed_point" (which does not settle an arm that its load stiffens much), "exact" (whichever
+            of them is quicker), all with the tangent checked, or "first_order" (loads of the undeflected arm).
         tolerance: Largest residual of any flexure coordinate [m, rad].
         allow_large: Go on where a flexure turns by more than `MAX_ROTATION`.
 
@@ -164,19 +86,24 @@ def find_equilibrium(
         UnstableEquilibriumError: One was found, but the arm would leave it.
         SmallDisplacementError: A flexure turned by more than `MAX_ROTATION`.
     """
-    if method not in METHODS:
-        raise InputError(f"method {method!r} is not known{did_you_mean(method, METHODS)} (known: {', '.join(METHODS)})")
+    check_method(method)
     problem = _Problem(mechanics, stack, case, row, mechanics.straight(case))
     if method == "first_order":
         solved = _first_order(problem)
     else:
-        solved = (_newton if method == "newton" else _fixed_point)(problem, tolerance)
+        solved = SOLVERS[method](problem, tolerance)
         tangent = tangent_of(mechanics, stack, case, row, solved)
         check_stable(tangent)
         solved = replace(solved, tangent=tangent)
     if not allow_large:
         check_small(solved.twists, stack.names)
     return solved
+
+
+def check_method(method: str) -> None:
+    """Raise `InputError` where a method is not known."""
+    if method not in METHODS:
+        raise InputError(f"method {method!r} is not known{did_you_mean(method, METHODS)} (known: {', '.join(METHODS)})")
 
 
 @dataclass(frozen=True)
@@ -209,14 +136,23 @@ def _first_order(problem: _Problem) -> Equilibrium:
     return problem.solved(twists, wrenches, "first_order", ())
 
 
-def _fixed_point(problem: _Problem, tolerance: float) -> Equilibrium:
+def _exact(problem: _Problem, tolerance: float) -> Equilibrium:
+    try:
+        return _fixed_point(problem, POLISHED * tolerance, QUICK)
+    except ConvergenceError:
+        return _newton(problem, tolerance)
+
+
+def _fixed_point(problem: _Problem, tolerance: float, most: int = MAX_FIXED_POINT) -> Equilibrium:
     twists = np.zeros(len(problem.mechanics.flex.flexure_v))
     history: list[float] = []
-    for _ in range(MAX_FIXED_POINT):
+    for _ in range(most):
         residual, wrenches, _ = problem.residual(twists)
         history.append(_largest(residual))
         if history[-1] <= tolerance:
-            return problem.solved(twists, wrenches, "fixed_point", history)
+            # Once more, so that loads and twists are each other's to the last digit.
+            residual, wrenches, _ = problem.residual(twists := twists - residual)
+            return problem.solved(twists - residual, wrenches, "fixed_point", history)
         if not history[-1] < 1e3:
             break
         twists = twists - residual
@@ -240,6 +176,9 @@ def _newton(problem: _Problem, tolerance: float) -> Equilibrium:
         twists, state = _damped(problem, twists, step, history[-1])
         history.append(_largest(state[0]))
     raise ConvergenceError("the equilibrium did not converge", history)
+
+
+SOLVERS = {"newton": _newton, "fixed_point": _fixed_point, "exact": _exact}
 
 
 def _damped(problem: _Problem, twists: Array, step: Array, before: float) -> tuple[Array, tuple[Array, Array, Array]]:

@@ -115,4 +115,4 @@ def test_many_payloads_from_many_threads(tarm):
         thread.start()
     for thread in threads:
         thread.join()
-    assert not wrong and len(fresh._mechanics) <= 64
+    assert not wrong and len(fresh._carried) <= 64

@@ -67,3 +67,11 @@ def test_a4_surrogate(tmp_path, monkeypatch):
 def test_own_network():
     pytest.importorskip("torch")
     assert run("08_own_network") == pytest.approx(0.349e-3, rel=0.03)
+
+
+def test_workspace_map(tmp_path):
+    """A third of the space, near the mast, keeps 100 mm for sure; at full length the boom sags by 197 mm."""
+    found = run("09_workspace_map", str(tmp_path / "map.png"))
+    assert found["worst"] == pytest.approx(0.197, abs=1e-3)
+    assert 0.25 < found["ok"] < 0.4 < found["ok"] + found["uncertain"] < 0.7
+    assert (tmp_path / "map.png").stat().st_size > 10_000

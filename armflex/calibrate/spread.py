@@ -33,6 +33,12 @@ from armflex.measurements import Measurements
 
 COMPLIANCE, EFFECT, RANDOM = "compliance", "effect", "unexplained"
 INSTRUMENT, SESSIONS = "instrument", "session_frame"
+OF_THE_INSTRUMENT = (INSTRUMENT, SESSIONS, "tool", f"{EFFECT} tracker_scale", f"{EFFECT} {SESSIONS}")
+"""How blocks begin that change what is read, not where the tip is."""
+
+OTHER_PARAMETERS = Flag(
+    "no_certainty", "the arm no longer has every fitted parameter (another preset?): sigma leaves all of them out"
+)
 
 
 def certainty_of(fit: Fit) -> Certainty:
@@ -79,11 +85,40 @@ def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[F
     view = look(setup, rows, np.arange(len(rows)))
     blocks = _rebuilt(arm.certainty, view, rows)
     if blocks is None:
-        text = "the arm no longer has every fitted parameter (another preset?): sigma leaves all of them out"
-        return None, (Flag("no_certainty", text),)
-    columns = np.concatenate([np.zeros((len(rows), 3, 0)), *(block.columns(view)[:, :3] for block in blocks)], axis=2)
+        return None, (OTHER_PARAMETERS,)
+    columns = _columns(blocks, view)
     variance = np.einsum("ndp,pq,ndq->nd", columns, arm.certainty.covariance, columns, optimize=True)
     return np.maximum(variance, 0.0) + _unforeseen(arm, view, rows), ()
+
+
+def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[Flag, ...]]:
+    """Return the (N, 3, 3) covariance of the tip's shift, base axes, that is due to fitted parameters, and doubts.
+
+    Where the instrument stands and what it looks at has no part in it, nor has what a tilted instrument would say of
+    gravity. None where nothing was fitted, or where the arm no longer has what was.
+    """
+    if arm.certainty is None:
+        return None, ()
+    view = look(Setup(arm, Instrument()), rows, np.arange(len(rows)))
+    blocks = _rebuilt(arm.certainty, view, rows)
+    if blocks is None:
+        return None, (OTHER_PARAMETERS,)
+    moving = np.repeat(
+        [not block.name.startswith(OF_THE_INSTRUMENT) for block in blocks], [len(b.labels) for b in blocks]
+    )
+    columns = _columns(blocks, view)[:, :, moving]
+    known = arm.certainty.covariance[np.ix_(moving, moving)]
+    covariance = np.einsum("ndp,pq,neq->nde", columns, known, columns, optimize=True)
+    if arm.certainty.unexplained is not None:
+        site, axis, size = arm.certainty.unexplained
+        along = size * view.to_twist(site)[:, :3, TWIST_NAMES.index(axis)]
+        covariance += along[:, :, None] * along[:, None]
+    return covariance, ()
+
+
+def _columns(blocks: Sequence[Block], view: View) -> Array:
+    """Return (N, 3, P) changes of the position that is read."""
+    return np.concatenate([np.zeros((len(view.rows), 3, 0)), *(block.columns(view)[:, :3] for block in blocks)], axis=2)
 
 
 def without_declared_doubt(arm: Arm) -> Arm:

@@ -30,7 +30,7 @@ from armflex.trajectory import read_trajectory
 @click.argument("trajectory_path", metavar="TRAJ.csv", type=PathArgument)
 @click.option("--tolerance", required=True, metavar="5mm", help="Largest displacement of the tip, with unit.")
 @click.option("--angle", metavar="1mrad", help="Largest rotation of the tip, with unit.")
-@click.option("--method", type=click.Choice(METHODS), default="newton", show_default=True)
+@click.option("--method", type=click.Choice(METHODS), default="exact", show_default=True)
 @covariates_option
 @json_option
 def command(

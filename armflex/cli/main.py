@@ -20,6 +20,7 @@ COMMANDS = {
     "calibrate": "fit what [prior] frees to a measured campaign",
     "trace": "calibrate, and trace what is left to an effect that the arm lacks",
     "train": "learn a joint deformation model from loads and deflections",
+    "map": "worst displacement, uncertainty and margin over the whole workspace",
     "view": "write a page of the arm that opens in a browser",
     "demo": "all of it on the bundled TARM-like arm",
 }

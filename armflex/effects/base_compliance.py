@@ -27,4 +27,5 @@ BASE_COMPLIANCE = TwistLaw(
     tuple(Amplitude(name, "rad/Nm", positive=True) for name in ("C", "C_rx", "C_ry", "C_rz")),
     _basis,
     loaded=True,
+    linear=True,
 )

@@ -30,4 +30,5 @@ COMPLIANCE = TwistLaw(
     ),
     _basis,
     loaded=True,
+    linear=True,
 )

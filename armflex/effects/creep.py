@@ -30,4 +30,5 @@ CREEP = TwistLaw(
     ),
     (Inner("t0", "s", _times),),
     loaded=True,
+    linear=True,
 )

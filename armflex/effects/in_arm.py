@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -13,29 +14,35 @@ from armflex.effects.law import Effect, LoadLaw, TwistLaw, Values
 from armflex.effects.spot import Here, link_of, resolve, same_site, site_of
 from armflex.errors import Flag, MissingCovariateError
 from armflex.flexure import Flexure
-from armflex.laws import Law, Row
+from armflex.laws import Law, LinearLaw, PositionDependentLaw, Row
+from armflex.laws.law import Ranges
 from armflex.robot import Robot
 
 STEP = 1e-4
 """Relative step of numerical derivatives; they steer Newton's steps and do not enter the solution."""
+UNLOADED = np.zeros((6, 6))
+UNLOADED.flags.writeable = False
 
 
 @dataclass(frozen=True)
-class BoundTwist:
+class BoundTwist(Law):
     """An effect's twist at its place on one arm."""
 
     effect: Effect
     here: Here
+
+    @cached_property
+    def _amplitudes(self) -> Array:
+        return np.array(self.effect.amplitudes)
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) twist; raise `MissingCovariateError` where the row lacks what the effect needs."""
         law = self.effect.law
         assert isinstance(law, TwistLaw)
         try:
-            basis = law.basis(self.here, wrench, row, self.effect.inner)
+            return self._amplitudes @ law.basis(self.here, wrench, row, self.effect.inner)
         except MissingCovariateError as error:
             raise MissingCovariateError(error.name, error.given, self.effect.name) from None
-        return np.tensordot(np.array(self.effect.amplitudes), basis, axes=(0, basis.ndim - 2))
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, 6) derivative with respect to a (..., 6) wrench, by central differences in one call."""
@@ -49,6 +56,25 @@ class BoundTwist:
         ends = self.twist(np.concatenate([here + steps, here - steps], axis=-2), row.widened())
         return np.swapaxes((ends[..., :6, :] - ends[..., 6:, :]) / (2.0 * size[..., None]), -1, -2)
 
+    def affine(self, row: Row) -> tuple[Array, Array] | None:
+        """Return the twist without load and the compliance, None where a loaded effect is not proportional."""
+        law, own = self.effect.law, self.here.base_law
+        assert isinstance(law, TwistLaw)
+        if (law.loaded and not law.linear) or (own is not None and own.affine(row) is None):
+            return None
+        many = row.q.shape[:-1]
+        if not law.loaded:
+            return self.twist(np.zeros((*many, 6)), row), UNLOADED
+        units = np.broadcast_to(np.eye(6), (*many, 6, 6))
+        return UNLOADED[0], np.swapaxes(self.twist(units, row.widened()), -1, -2)
+
+    def steepest(self, ranges: Ranges) -> Array | None:
+        """Return zero where the effect does not depend on the load."""
+        law, own = self.effect.law, self.here.base_law
+        assert isinstance(law, TwistLaw)
+        constant = not law.loaded and (own is None or isinstance(own, LinearLaw | PositionDependentLaw))
+        return np.zeros((2, 2)) if constant else None
+
 
 @dataclass(frozen=True)
 class WithEffects(Law):
@@ -56,6 +82,11 @@ class WithEffects(Law):
 
     law: Law | None
     effects: tuple[BoundTwist, ...]
+
+    @property
+    def parts(self) -> tuple[Law, ...]:
+        """The flexure's law, if it has one, and the effects."""
+        return (*(() if self.law is None else self.law.parts), *self.effects)
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the sum of all twists."""
@@ -74,6 +105,10 @@ class WithEffects(Law):
     def covariance(self, wrench: Array, row: Row) -> Array | None:
         """Return the law's own; the effects' parameters go by the calibration's covariance."""
         return None if self.law is None else self.law.covariance(wrench, row)
+
+    def draw(self, rng: np.random.Generator) -> WithEffects:
+        """Return a draw of the law with the same effects."""
+        return self if self.law is None else WithEffects(self.law.draw(rng), self.effects)
 
     @property
     def trained(self) -> bool:

@@ -166,6 +166,7 @@ class TwistLaw:
         basis: The twist per amplitude.
         inner: Nonlinear parameters.
         loaded: Whether the twist depends on the wrench.
+        linear: Whether it is proportional to it, at given positions and covariates, where the flexure's own law is.
         memory: State it needs, if any.
     """
 
@@ -176,6 +177,7 @@ class TwistLaw:
     inner: tuple[Inner, ...] = ()
     loaded: bool = False
     memory: Memory | None = None
+    linear: bool = False
 
     def __reduce__(self) -> tuple:
         """Return the name: a law is found in the catalogue again where it is sent."""

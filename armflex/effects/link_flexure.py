@@ -20,4 +20,5 @@ LINK_FLEXURE = TwistLaw(
     tuple(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm", positive=True) for axis in AXES),
     lambda here, wrench, row, inner: unit_twists(wrench),
     loaded=True,
+    linear=True,
 )

@@ -26,4 +26,5 @@ POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     (Amplitude("C1", "{m}/{w} per q"), Amplitude("C2", "{m}/{w} per q^2")),
     _basis,
     loaded=True,
+    linear=True,
 )

@@ -28,5 +28,12 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 
 THERMAL_SOFTENING = TwistLaw(
-    "thermal_softening", _places, (Amplitude("beta", "1/K", most=MOST),), _basis, WARM, loaded=True, memory=LAGGED
+    "thermal_softening",
+    _places,
+    (Amplitude("beta", "1/K", most=MOST),),
+    _basis,
+    WARM,
+    loaded=True,
+    memory=LAGGED,
+    linear=True,
 )

@@ -77,6 +77,26 @@ class Law(Protocol):
         ...
 
     @property
+    def parts(self) -> tuple[Law, ...]:
+        """Laws whose twists add up to this one's."""
+        return (self,)
+
+    def affine(self, row: Row) -> tuple[Array, Array] | None:
+        """Return the (..., 6) twist without load and the (..., 6, 6) compliance, None where the law is curved."""
+        return None
+
+    def steepest(self, ranges: Ranges) -> Array | None:
+        """Return (2, 2) bounds of the tangent's 3 x 3 blocks, by their 2-norm, None where none is known.
+
+        They hold under every load, and wherever the joints are within their ranges.
+        """
+        return None
+
+    def draw(self, rng: np.random.Generator) -> Law:
+        """Return a law drawn from what is known of this one: its parameters, not the scatter of single readings."""
+        return self
+
+    @property
     def trained(self) -> bool:
         """Whether the law knows the loads that it was trained on, so that `doubts` is worth asking."""
         return False
@@ -91,6 +111,12 @@ def check_shapes(tensors: Mapping[str, Array], shapes: Mapping[str, tuple[int, .
     for name, shape in shapes.items():
         if tensors[name].shape != shape:
             raise LawError(f"{name!r} has shape {tensors[name].shape}, expected {shape}")
+
+
+def block_norms(tangent: Array) -> Array:
+    """Return the (..., 2, 2) Frobenius norms of the 3 x 3 blocks of (..., 6, 6) matrices: bounds of their 2-norms."""
+    squares = (tangent * tangent).reshape(*tangent.shape[:-2], 2, 3, 2, 3)
+    return np.sqrt(squares.sum(axis=(-3, -1)))
 
 
 def embed(block: Array) -> Array:

@@ -9,9 +9,11 @@ import numpy as np
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, LawError
-from armflex.laws.law import Law, Ranges, Row
+from armflex.laws.law import Law, Ranges, Row, block_norms
 
 SYMMETRY = 1e-9
+NOTHING = np.zeros(6)
+NOTHING.flags.writeable = False
 SOFTEST = (1e-5, 1e-3)
 """m/N and rad/Nm beyond which a single joint of steel is not believed; a hint at a wrong unit, no more."""
 
@@ -54,6 +56,14 @@ class LinearLaw(Law):
         """Return C."""
         return np.broadcast_to(self.compliance, (*wrench.shape[:-1], 6, 6))
 
+    def affine(self, row: Row) -> tuple[Array, Array]:
+        """Return no twist and C, the same in every row."""
+        return NOTHING, self.compliance
+
+    def steepest(self, ranges: Ranges) -> Array:
+        """Return the norms of C's blocks."""
+        return block_norms(self.compliance)
+
     def covariance(self, wrench: Array, row: Row) -> Array | None:
         """Return the (6, 6) covariance of C w: the fit's prediction variance, or that of the relative entries."""
         if self.fit is not None:
@@ -61,6 +71,17 @@ class LinearLaw(Law):
         if self.relative_std == 0.0:
             return None
         return entry_covariance(self.compliance, wrench, self.relative_std)
+
+    def draw(self, rng: np.random.Generator) -> LinearLaw:
+        """Return the law with other entries: rows as fitted, or pairs of entries off by the relative error."""
+        if self.fit is None:
+            factor = 1.0 + self.relative_std * symmetric_normal(rng)
+            return LinearLaw(self.compliance * factor)
+        size = len(self.fit.residual_std)
+        drawn = self.compliance.copy()
+        for i, covariance in enumerate(self.fit.row_covariance):
+            drawn[i, :size] = rng.multivariate_normal(drawn[i, :size], covariance, method="eigh")
+        return LinearLaw(drawn)
 
     @property
     def trained(self) -> bool:
@@ -70,6 +91,12 @@ class LinearLaw(Law):
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return a flag for every component of the load that the fit has not seen."""
         return () if self.fit is None else beyond(self.fit.loads, wrench)
+
+
+def symmetric_normal(rng: np.random.Generator) -> Array:
+    """Return (6, 6) standard normal numbers, those above the diagonal the same as below."""
+    upper = np.triu(rng.normal(size=(6, 6)))
+    return upper + np.triu(upper, 1).T
 
 
 def entry_covariance(compliance: Array, wrench: Array, relative_std: float) -> Array:

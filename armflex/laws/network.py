@@ -7,14 +7,14 @@ weights and its bias, then for each output its H weights and its offset. They be
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag, LawError
-from armflex.laws.law import Law, Row, check_shapes, embed
+from armflex.laws.law import Law, Ranges, Row, check_shapes, embed
 from armflex.laws.linear import beyond
 
 CHUNK = 2**17
@@ -102,6 +102,22 @@ class NetworkLaw(Law):
         whole[..., : self.size, : self.size] = slopes
         return whole
 
+    def steepest(self, ranges: Ranges) -> Array:
+        """Return the sum over all neurons of what each gives where it is steepest."""
+        (units, _), (gains, _) = self._units, self._answers
+        norms = np.zeros((2, 2))
+        for i, out in enumerate(np.split(gains, self.size // 3, axis=1)):
+            for j, into in enumerate(np.split(units, self.size // 3, axis=0)):
+                norms[i, j] = np.linalg.norm(out, axis=1) @ np.linalg.norm(into, axis=0)
+        return norms
+
+    def neurons(self) -> tuple[Array, Array, Array, Array]:
+        """Return the law as `gains.T @ tanh(units.T @ load + bias) + constant`, loads and twists in SI.
+
+        (k, S H) units, (S H,) bias, (S H, k) gains, (k,) constant.
+        """
+        return *self._units, *self._answers
+
     def _twist(self, load: Array) -> Array:
         (units, bias), (gains, constant) = self._units, self._answers
         return np.tanh(load @ units + bias) @ gains + constant
@@ -116,6 +132,17 @@ class NetworkLaw(Law):
         curves = np.tanh(load @ units + bias).reshape(self.bias.shape)
         values = self.offset + (self.output @ (0.5 + 0.5 * curves)[..., None])[..., 0]
         return self.output_mean + self.output_scale * values
+
+    def draw(self, rng: np.random.Generator) -> NetworkLaw:
+        """Return one of the networks, or the only one with weights drawn from their Laplace covariance."""
+        if len(self.hidden) > 1:
+            chosen = slice(i := int(rng.integers(len(self.hidden))), i + 1)
+            parts = {name: getattr(self, name)[chosen] for name in ("hidden", "bias", "output", "offset")}
+            return replace(self, **parts)
+        if self.weight_covariance is None:
+            return self
+        weights = rng.multivariate_normal(pack(self)[0], self.weight_covariance, method="eigh")
+        return replace(self, **unpack(weights, self.size), weight_covariance=None)
 
     def covariance(self, wrench: Array, row: Row) -> Array:
         """Return the (6, 6) covariance of the twist: what the weights leave open, and the noise.

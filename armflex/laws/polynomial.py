@@ -7,7 +7,7 @@ No feature is constant: no load, no deflection.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -86,6 +86,12 @@ class PolynomialLaw(Law):
         place = np.arange(self.residual_std.size)
         whole[..., place, place] = variance
         return whole
+
+    def draw(self, rng: np.random.Generator) -> PolynomialLaw:
+        """Return the law with coefficients drawn from their covariance."""
+        pairs = zip(self.coefficients.T, self.row_covariance, strict=True)
+        drawn = [rng.multivariate_normal(mean, covariance, method="eigh") for mean, covariance in pairs]
+        return replace(self, coefficients=np.array(drawn).T)
 
     @property
     def trained(self) -> bool:

@@ -12,8 +12,15 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import LawError, did_you_mean
-from armflex.laws.law import Law, Ranges, Row
-from armflex.laws.linear import check_compliance, declared_matrix, declared_std, entry_covariance
+from armflex.laws.law import Law, Ranges, Row, block_norms
+from armflex.laws.linear import (
+    NOTHING,
+    check_compliance,
+    declared_matrix,
+    declared_std,
+    entry_covariance,
+    symmetric_normal,
+)
 
 COEFFICIENTS = ("compliance", "compliance_q1", "compliance_q2", "compliance_q3")
 
@@ -47,6 +54,22 @@ class PositionDependentLaw(Law):
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return C(q)."""
         return self.compliance(row)
+
+    def affine(self, row: Row) -> tuple[Array, Array]:
+        """Return no twist and C(q)."""
+        return NOTHING, self.compliance(row)
+
+    def steepest(self, ranges: Ranges) -> Array | None:
+        """Return the sum of the coefficients' norms, each at the largest power that the joint's range allows."""
+        largest = np.abs(ranges[self.joint]).max()
+        if not np.isfinite(largest):
+            return None
+        return sum(largest**power * block_norms(part) for power, part in enumerate(self.coefficients))
+
+    def draw(self, rng: np.random.Generator) -> PositionDependentLaw:
+        """Return the law with every pair of entries off by its relative error, the same at all positions."""
+        factor = 1.0 + self.relative_std * symmetric_normal(rng)
+        return PositionDependentLaw(self.joint, self.coefficients * factor)
 
     def covariance(self, wrench: Array, row: Row) -> Array | None:
         """Return the (6, 6) covariance of C(q) w, None when the law is declared certain."""

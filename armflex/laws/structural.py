@@ -14,7 +14,7 @@ rigid. The arm's mission is equilibrium, so this solver is our own rather than a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,8 +22,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, Flag, LawError, UnknownNameError
 from armflex.laws.beam import Beam, stiffness
-from armflex.laws.law import Law, Row
-from armflex.laws.linear import LinearLaw
+from armflex.laws.law import Law, Ranges, Row, block_norms
+from armflex.laws.linear import NOTHING, LinearLaw
 
 MAX_ITERATIONS = 50
 TOLERANCE = 1e-12
@@ -122,6 +122,14 @@ class StructuralLaw(Law):
             return self._each(self.tangent, wrench, row)
         return self._condense(self._solve(wrench, row)[1])
 
+    def affine(self, row: Row) -> tuple[Array, Array] | None:
+        """Return no twist and the condensed compliance where every sub-joint is linear."""
+        return None if self.linear_compliance is None else (NOTHING, self.linear_compliance)
+
+    def steepest(self, ranges: Ranges) -> Array | None:
+        """Return the norms of the condensed compliance's blocks where every sub-joint is linear."""
+        return None if self.linear_compliance is None else block_norms(self.linear_compliance)
+
     @staticmethod
     def _each(ask: Callable[[Array, Row], Array], wrenches: Array, row: Row) -> Array:
         """Return what is asked at every load: each has an inner equilibrium of its own."""
@@ -142,6 +150,11 @@ class StructuralLaw(Law):
                 gain = self._seen @ inverse[: self._size, start : start + len(own)]
                 total += gain @ covariance[np.ix_(own, own)] @ gain.T
         return total
+
+    def draw(self, rng: np.random.Generator) -> StructuralLaw:
+        """Return the structure with a draw of every sub-joint."""
+        drawn = tuple(replace(sub, law=sub.law.draw(rng)) for sub in self.subjoints)
+        return replace(self, subjoints=drawn)
 
     @cached_property
     def trained(self) -> bool:

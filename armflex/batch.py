@@ -1,0 +1,149 @@
+"""Many questions to an arm at once: in arrays where the arm's own weight is all that acts, else one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armflex.arm_doubts import wrench_doubts
+from armflex.batch_laws import BatchLaws
+from armflex.batch_solver import BatchSolver
+from armflex.conventions import LARGEST_POSITION, Array, real_array
+from armflex.deflect import Asked, deflect, deflect_moving
+from armflex.deflection import Deflection
+from armflex.deflection_batch import Acting, DeflectionBatch
+from armflex.errors import ExtrapolationError, ShapeError, naming
+from armflex.loads import Payload, Wrench
+from armflex.parallel import in_order
+
+if TYPE_CHECKING:
+    from armflex.arm import Arm
+
+CHUNK = 512
+"""Configurations whose arrays stay near the processor; memory beside the results does not grow with N."""
+
+PIECE = 32 * CHUNK
+"""Configurations that a process is given at a time."""
+
+Found = tuple[Array, Array, Array]
+"""(N, 6) displacements, (N, n, 6) wrenches and twists."""
+
+
+def deflect_batch(
+    arm: Arm,
+    q: Array,
+    payload: object,
+    motion: Sequence[ArrayLike | None],
+    covariates: dict[str, Array],
+    wrenches: tuple[Wrench, ...],
+    asked: Asked,
+    jobs: int | None,
+) -> DeflectionBatch:
+    """Return what the arm does at (N, nq) positions; see `Arm.deflection`."""
+    q = check_positions(arm, q, asked.enforce_limits)
+    names = _payloads(payload, len(q))
+    moving = tuple(_motion(arm, values, name, q) for values, name in zip(motion, "va", strict=True))
+    acting = Acting(arm, names, moving, covariates, wrenches, asked)
+    wrench_doubts(arm, wrenches)  # raises where a link is not the arm's
+    pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
+    tasks = [partial(_answer, acting.some(rows), q[rows], rows.start, len(q)) for rows in pieces]
+    answers = _room(len(q), len(arm.modelled))
+    if jobs in (None, 1):
+        for rows, task in zip(pieces, tasks, strict=True):
+            task(tuple(into[rows] for into in answers))
+    else:
+        for rows, part in zip(pieces, in_order(tasks, jobs), strict=True):
+            for into, values in zip(answers, part, strict=True):
+                into[rows] = values
+    found = DeflectionBatch(q, *answers, arm.names, acting)
+    if asked.strict:
+        _check_seen(found)
+    return found
+
+
+def check_positions(arm: Arm, q: Array, enforce_limits: bool) -> Array:
+    """Return a copy of (N, nq) positions; raise as `Arm.check_position` does, naming the first row that is wrong."""
+    lower, upper = np.maximum(arm.robot.lower, -LARGEST_POSITION), np.minimum(arm.robot.upper, LARGEST_POSITION)
+    fits = q.shape[1] == len(lower)
+    odd = ~((q >= lower) & (q <= upper)).all(axis=1) if fits else np.ones(len(q), dtype=bool)
+    for i in np.flatnonzero(odd):
+        with naming(f"row {i}"):
+            arm.check_position(q[i], enforce_limits)
+    if not fits and not len(q):
+        raise ShapeError(f"q: expected shape (N, {len(lower)}), got {q.shape}")
+    return q.copy()
+
+
+def _payloads(payload: object, count: int) -> tuple:
+    if payload is None or isinstance(payload, str | Payload):
+        return (payload,)
+    names = tuple(payload)  # type: ignore[arg-type]
+    if len(names) != count:
+        raise ShapeError(f"payload: expected one name or {count}, got {len(names)}")
+    return names
+
+
+def _motion(arm: Arm, values: ArrayLike | None, name: str, q: Array) -> Array | None:
+    if values is None:
+        return None
+    array = real_array(values, name)
+    if array.shape != q.shape:
+        raise ShapeError(f"{name}: expected shape {q.shape}, got {array.shape}")
+    for i in np.flatnonzero(~(np.abs(array) <= LARGEST_POSITION).all(axis=1)):
+        with naming(f"row {i}"):
+            arm.checked(array[i], name)
+    return array.copy()
+
+
+def _check_seen(found: DeflectionBatch) -> None:
+    unseen = found.first_unseen
+    if unseen is not None:
+        raise ExtrapolationError(f"row {unseen[0]}: " + "; ".join(flag.text for flag in unseen[1]))
+
+
+def _room(count: int, n: int) -> Found:
+    return np.empty((count, 6)), np.empty((count, n, 6)), np.empty((count, n, 6))
+
+
+def _answer(acting: Acting, q: Array, first: int, total: int, room: Found | None = None) -> Found:
+    """Return the answers at some of `total` positions, from row `first` on; in a room for them where there is one."""
+    count, found = len(q), room or _room(len(q), len(acting.arm.modelled))
+    left = np.ones(count, dtype=bool)
+    for loaded, rows in acting.groups(count) if acting.still else ():
+        solver = BatchSolver(loaded, acting.asked.method == "exact", total)
+        for some in chunks(rows):
+            row = loaded.row(q[some], acting.known(some))
+            straight, wrenches = solver.straighten(row.q)
+            laws = BatchLaws(loaded.arm.stack, row)
+            answers = solver.settle(row, laws, straight, wrenches, loaded.softening)
+            for into, part in zip(found, (answers.displacement, answers.wrenches, answers.twists), strict=True):
+                into[some] = np.moveaxis(part, -1, 0)
+            left[some] = ~answers.fine
+    for i in np.flatnonzero(left):
+        with naming(f"row {first + i}"):
+            one = alone(acting, q, int(i))
+        for into, part in zip(found, (one.displacement, one.wrenches, one.twists), strict=True):
+            into[i] = part
+    return found
+
+
+def chunks(rows: np.ndarray) -> Iterator[slice | np.ndarray]:
+    """Yield rows some at a time, as slices where they follow each other: those are not copied."""
+    together = len(rows) > 0 and rows[-1] - rows[0] + 1 == len(rows)
+    for start in range(0, len(rows), CHUNK):
+        some = rows[start : start + CHUNK]
+        yield slice(int(some[0]), int(some[-1]) + 1) if together else some
+
+
+def alone(acting: Acting, q: Array, i: int) -> Deflection:
+    """Return the answer in one row, asked by itself."""
+    arm, asked = acting.arm, acting.asked
+    checked, flags = arm.check_position(q[i], asked.enforce_limits)
+    loaded, known, plain = arm.loaded(acting.payload(i)), acting.known(i), asked._replace(strict=False)
+    if acting.wrenches or acting.moves:
+        return deflect_moving(loaded, checked, flags, known, plain, acting.motion(i), acting.wrenches)
+    return deflect(loaded, checked, flags, known, plain)

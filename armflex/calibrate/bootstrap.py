@@ -1,0 +1,109 @@
+"""How much a calibration depends on the poses that happened to be measured: fitted again to poses drawn from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate.calibrate import FEWEST_ROWS, calibrate
+from armflex.calibrate.spread import INSTRUMENT
+from armflex.conventions import Array
+from armflex.errors import InputError, naming
+from armflex.measurements import Measurements
+from armflex.parallel import in_order
+from armflex.poses import pose_groups
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """Fits to resampled campaigns.
+
+    Attributes:
+        names: Block and label of each parameter, those of the instrument's frame left out: it has no value that
+            campaigns share.
+        values: (n, P) what each of n fits found, in the parameters' units.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+
+    @property
+    def std(self) -> Array:
+        """(P,) standard deviation over the fits. A parameter that only its prior determines hardly moves."""
+        return self.values.std(axis=0, ddof=1)
+
+    def interval(self, coverage: float = 0.95) -> Array:
+        """Return the (2, P) percentile interval of every parameter.
+
+        Raises:
+            InputError: The coverage is not between 0 and 1.
+        """
+        if not 0.0 < coverage < 1.0:
+            raise InputError(f"coverage is {coverage}, expected a number between 0 and 1")
+        return np.quantile(self.values, [0.5 - 0.5 * coverage, 0.5 + 0.5 * coverage], axis=0)
+
+
+def bootstrap(
+    arm: Arm,
+    measurements: Measurements,
+    draws: int = 200,
+    seed: int = 0,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+) -> Bootstrap:
+    """Calibrate an arm to campaigns whose poses are drawn, with replacement, from those of one.
+
+    The spread of the fits asks nothing of the stated noise, nor of rows of one pose being independent of each other;
+    the fit's own covariance does. Where the two differ, the statement is wrong. Efron (1979), Bootstrap methods.
+
+    Args:
+        arm: The arm as declared; see `calibrate`.
+        measurements: Where the tip was seen.
+        draws: Number of campaigns.
+        seed: The same seed gives the same campaigns, whatever the number of processes.
+        jobs: Processes, -1 for all cores; None for what `joblib.parallel_config` says, else one.
+        progress: Called with (fits done, in all).
+
+    Raises:
+        InputError: Fewer than two draws, or as `calibrate`.
+        ConvergenceError: A fit did not settle; its number is named.
+    """
+    if draws < 2:
+        raise InputError(f"{draws} draws: expected 2 or more")
+    poses = _rows_of_poses(measurements)
+    tasks = (
+        partial(_fitted, arm, measurements, poses, number, own)
+        for number, own in enumerate(np.random.SeedSequence(seed).spawn(draws))
+    )
+    fits = []
+    for fit in in_order(tasks, jobs):
+        fits.append(fit)
+        if progress:
+            progress(len(fits), draws)
+    return Bootstrap(fits[0][0], np.array([values for _, values in fits]))
+
+
+def _rows_of_poses(measurements: Measurements) -> list[np.ndarray]:
+    """Return the measured rows of every pose."""
+    used = np.flatnonzero(measurements.measured)
+    if len(used) < FEWEST_ROWS:
+        raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
+    groups = pose_groups(measurements)[used]
+    return [used[groups == group] for group in np.unique(groups)]
+
+
+def _fitted(
+    arm: Arm, measurements: Measurements, poses: list[np.ndarray], number: int, seed: np.random.SeedSequence
+) -> tuple[tuple[str, ...], Array]:
+    """Return the names and values of what a fit to one resampled campaign found."""
+    chosen = np.random.default_rng(seed).integers(len(poses), size=len(poses))
+    with naming(f"resampled campaign {number}"):
+        found = calibrate(arm, measurements, rows=np.concatenate([poses[i] for i in chosen]))
+    kept = [parameter for parameter in found.parameters if parameter.block != INSTRUMENT]
+    return tuple(parameter.name for parameter in kept), np.array([parameter.value for parameter in kept])

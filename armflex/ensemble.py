@@ -1,0 +1,83 @@
+"""What the arm does if its joints' laws are others that are as likely: draws from what is known of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armflex.batch import check_positions, chunks
+from armflex.batch_laws import BatchLaws
+from armflex.batch_solver import BatchSolver
+from armflex.conventions import Array, covariate_array, real_array
+from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
+from armflex.law_stack import LawStack
+from armflex.loads import Payload
+
+if TYPE_CHECKING:
+    from armflex.arm import Arm
+
+METHODS = ("exact", "first_order")
+
+
+def ensemble(
+    arm: Arm,
+    q: ArrayLike,
+    payload: str | Payload | None = None,
+    *,
+    draws: int = 100,
+    seed: int = 0,
+    covariates: Mapping[str, ArrayLike] | None = None,
+    method: str = "exact",
+) -> Array:
+    """Return the (draws, 6) or (draws, N, 6) displacements of the tip, each draw with one set of laws in all rows.
+
+    What is shared is computed once: where the rigid arm is, and the loads from which every draw comes to rest (to
+    first order they are the same for all). Laws are drawn by `Law.draw`: compliances by their relative uncertainty or
+    their fit's covariance, networks from their posterior. What effects and calibration leave open is not drawn.
+
+    Args:
+        arm: The arm.
+        q: (nq,) or (N, nq) joint positions [rad or m], within their limits.
+        payload: Name or object.
+        draws: How many.
+        seed: Of the random numbers; the same laws are drawn for any q.
+        covariates: What the arm's effects depend on: a number, or one per row.
+        method: "exact" or "first_order"; see `find_equilibrium`.
+
+    Raises:
+        InputError: As `Arm.deflection`, or no such method.
+        UnsupportedError: A draw has no equilibrium that is proven stable, or something pulls at the arm.
+    """
+    if method not in METHODS:
+        raise InputError(f"method {method!r} is not known{did_you_mean(method, METHODS)} (known: {', '.join(METHODS)})")
+    if arm.pulls:
+        raise UnsupportedError("an effect pulls at a link of the arm, which draws do not reckon with")
+    positions = real_array(q, "q")
+    if positions.ndim not in (1, 2):
+        raise ShapeError(f"q: expected shape (nq,) or (N, nq), got {positions.shape}")
+    rows = check_positions(arm, np.atleast_2d(positions), enforce_limits=True)
+    count = len(rows) if positions.ndim == 2 else 0
+    known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
+    rng = np.random.default_rng(seed)
+    stacks = [LawStack(arm.stack.names, tuple(law.draw(rng) for law in arm.stack.laws)) for _ in range(draws)]
+    loaded = arm.loaded(payload)
+    bounds = [None if loaded.softening is None else loaded.softening.with_laws(stack) for stack in stacks]
+    solver = BatchSolver(loaded, method == "exact", draws * len(rows))
+    found = np.empty((draws, len(rows), 6))
+    for some in chunks(np.arange(len(rows))):
+        given = {name: values[some] if values.ndim else values for name, values in known.items()}
+        row = loaded.row(rows[some], given)
+        straight, wrenches = solver.straighten(row.q)
+        if method == "exact":
+            laws = BatchLaws(arm.stack, row)
+            wrenches = solver.settle(row, laws, straight, wrenches, loaded.softening).wrenches
+        for number, stack in enumerate(stacks):
+            answers = solver.settle(row, BatchLaws(stack, row), straight, wrenches, bounds[number])
+            if not answers.fine.all():
+                with naming(f"draw {number}"):
+                    raise UnsupportedError("the arm so drawn is too soft: it turns too far, or may not stay")
+            found[number, some] = answers.displacement.T
+    return found if positions.ndim == 2 else found[:, 0]

@@ -1,0 +1,76 @@
+"""Pieces of work that do not need each other, through joblib: one after the other, in processes, or on a cluster.
+
+`with joblib.parallel_config(backend="dask"): ...` around a function of armflex that works in pieces puts them on a
+`dask.distributed` cluster; nothing else changes, and neither do the results.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
+from functools import partial
+from itertools import islice
+from typing import TypeVar
+
+Result = TypeVar("Result")
+
+WAVE = 32
+"""Tasks for each process that are begun together. joblib begins another task whenever one ends, even if nobody takes
+the results; between two waves it waits, so that what nobody took yet does not fill the memory."""
+
+
+def in_order(tasks: Iterable[Callable[[], Result]], jobs: int | None = None) -> Iterator[Result]:
+    """Yield what each task returns, in the order of the tasks.
+
+    A task carries its data (`functools.partial`): large arguments beside it would be put on one worker of a dask
+    cluster for all the others and be lost with it, whereas a task is sent again.
+
+    Args:
+        tasks: Functions without arguments that can be sent to another process.
+        jobs: Number of processes, -1 for one on each core; None for what `joblib.parallel_config` says, else one.
+    """
+    from joblib import Parallel, delayed, effective_n_jobs  # takes a tenth of a second
+
+    left, size = iter(tasks), WAVE * effective_n_jobs(jobs)
+    with Parallel(n_jobs=jobs, return_as="generator") as parallel:
+        wave = list(islice(left, size))
+        with _deaf_children() if size > WAVE else nullcontext():
+            results = parallel(delayed(partial(_alone, task))() for task in wave)
+        yield from _taken(results)
+        while wave := list(islice(left, size)):
+            yield from _taken(parallel(delayed(partial(_alone, task))() for task in wave))
+
+
+def _taken(results: Generator[Result, None, None]) -> Iterator[Result]:
+    """Yield results; where nobody takes the rest, end the work on it without joblib's advice."""
+    try:
+        for result in results:  # noqa: UP028 - `yield from` would close them before the warning is silenced
+            yield result
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            results.close()
+
+
+@contextmanager
+def _deaf_children() -> Iterator[None]:
+    """Ignore Ctrl-C while processes are begun, which inherit that: this one ends them, and they need not complain."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _alone(task: Callable[[], Result]) -> Result:
+    """Return what a task returns; pieces that it has itself stay where it is, instead of going out to all again."""
+    from joblib import parallel_config
+
+    with parallel_config(backend="sequential"):
+        return task()

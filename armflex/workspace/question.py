@@ -1,0 +1,169 @@
+"""What is asked of an arm at many configurations, and the answers of one chunk of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+from uuid import uuid4
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import (
+    ArmflexError,
+    ConvergenceError,
+    ExtrapolationError,
+    Flag,
+    SmallDisplacementError,
+    UnstableEquilibriumError,
+)
+from armflex.workspace.tally import Tally, cell_numbers, joined
+from armflex.workspace.uncertainty import length_sigma
+
+REASONS: dict[str, type[ArmflexError]] = {
+    "unstable": UnstableEquilibriumError,
+    "too_large": SmallDisplacementError,
+    "no_equilibrium": ConvergenceError,
+    "beyond_training": ExtrapolationError,
+}
+"""Why a configuration may have no answer. Whatever else goes wrong is wrong with the question."""
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """An arm, what it carries, and how its answers are told apart.
+
+    Attributes:
+        arm: The arm.
+        payloads: Names; "none" for nothing.
+        voxel: Edge of a cell [m].
+        options: Of `Arm.deflection`, covariates among them.
+        token: Names this question among all that a worker ever gets.
+    """
+
+    arm: Arm
+    payloads: tuple[str, ...]
+    voxel: float
+    options: Mapping[str, Any]
+    token: str = field(default_factory=lambda: uuid4().hex)
+
+    def __hash__(self) -> int:
+        return hash(self.token)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Question) and other.token == self.token
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a chunk of configurations gave, and the doubts met."""
+
+    tally: Tally
+    flags: tuple[Flag, ...]
+
+
+@lru_cache(maxsize=2)
+def _kept(question: Question) -> Arm:
+    """Return the arm as it first came here: its models are made already."""
+    return question.arm
+
+
+def answers(question: Question, q: Array) -> Answer:
+    """Return the answers at (N, nq) configurations under every payload."""
+    flags: dict[str, Flag] = {}
+    parts = []
+    for number, payload in enumerate(question.payloads):
+        for some, outcome in _outcomes(question, payload, q, np.arange(len(q))):
+            parts.append(_counted(outcome, q[some], question.voxel, number))
+            for flag in outcome.flags:
+                flags.setdefault(flag.code, flag)
+    return Answer(joined(parts), tuple(flags.values()))
+
+
+@dataclass(frozen=True, eq=False)
+class _Outcome:
+    """Rows that were answered together, or one that was refused.
+
+    Attributes:
+        tip: (n, 3) where the rigid tip is [m].
+        displacement: (n,) [m], -inf where refused.
+        reason: Why it was refused, '' where it was not.
+        flags: Doubts met.
+    """
+
+    tip: Array
+    displacement: Array
+    reason: str = ""
+    flags: tuple[Flag, ...] = ()
+
+
+def _outcomes(question: Question, payload: str, q: Array, rows: np.ndarray) -> Iterator[tuple[np.ndarray, _Outcome]]:
+    """Yield rows of q and their outcome; where one of them is refused, halves are asked until it stands alone."""
+    arm = _kept(question)
+    try:
+        found = arm.deflection(q[rows], payload, **question.options)
+    except tuple(REASONS.values()) as error:
+        if len(rows) == 1:
+            yield rows, _refused(arm, q[rows[0]], error)
+            return
+        for half in np.array_split(rows, 2):
+            yield from _outcomes(question, payload, q, half)
+        return
+    flags = tuple(Flag(flag.code, flag.text.partition(": ")[2]) for flag in found.flags)  # without "row 7: "
+    yield rows, _Outcome(found.rigid_pose[:, :3, 3], np.linalg.norm(found.displacement[:, :3], axis=1), flags=flags)
+
+
+def _refused(arm: Arm, q: Array, error: ArmflexError) -> _Outcome:
+    reason = next(name for name, kind in REASONS.items() if isinstance(error, kind))
+    return _Outcome(arm.rigid_pose(q).translation[None], np.array([-np.inf]), reason)
+
+
+def _counted(outcome: _Outcome, q: Array, voxel: float, payload: int) -> Tally:
+    """Return a row for each outcome; a configuration is counted with its first payload."""
+    count, given = len(q), not outcome.reason
+    refused = np.zeros((count, len(REASONS)), dtype=np.int64)
+    if not given:
+        refused[:, list(REASONS).index(outcome.reason)] = 1
+    return Tally(
+        cell=cell_numbers(outcome.tip, voxel),
+        configurations=np.full(count, payload == 0, dtype=np.int64),
+        answered=np.full(count, given, dtype=np.int64),
+        refused=refused,
+        total=outcome.displacement if given else np.zeros(count),
+        worst=outcome.displacement,
+        payload=np.full(count, payload, dtype=np.int64),
+        q=q,
+    )
+
+
+def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tuple[Flag, ...]]:
+    """Return the (n,) standard uncertainties of displacements that were found, and doubts about them.
+
+    Args:
+        question: What was asked.
+        q: (n, nq) configurations.
+        payload: (n,) numbers of the payloads.
+    """
+    found, flags = np.full(len(q), np.nan), {}
+    for number, name in enumerate(question.payloads):
+        rows = np.flatnonzero(payload == number)
+        if len(rows):
+            found[rows], doubts = _sigmas(question, q[rows], name)
+            flags |= {flag.code: flag for flag in doubts}
+    return found, tuple(flags.values())
+
+
+def _sigmas(question: Question, q: Array, payload: str) -> tuple[Array, tuple[Flag, ...]]:
+    """Return (n,) uncertainties under one payload, NaN at the brink of what has an answer."""
+    arm = _kept(question)
+    try:
+        batch = arm.deflection(q, payload, **question.options)
+        return length_sigma(arm, batch, payload, question.options["covariates"])
+    except tuple(REASONS.values()):
+        if len(q) == 1:
+            return np.array([np.nan]), ()
+        halves = [_sigmas(question, half, payload) for half in np.array_split(q, 2)]
+        return np.concatenate([half for half, _ in halves]), halves[0][1]
