@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from campaigns import draw
 from plant import Campaign, Plant
 from small_arms import ROBOTS
 
@@ -150,3 +151,41 @@ def test_a_wrong_declaration_is_a_finding(measured):
     wrong = arm.position(J3=5e-3)
     moved = dataclasses.replace(rows, q=rows.q + wrong)
     assert "joint_offset J3" in [parameter.name for parameter in calibrate(arm, moved).findings]
+
+
+def test_readings_that_scatter_more_than_stated_make_uncertainties_larger(measured, found):
+    rows = measured[2]
+    assert found.fit.noise == pytest.approx(1.0, abs=0.1)
+    claimed = calibrate(measured[1], dataclasses.replace(rows, sigma=0.5 * rows.sigma)).fit
+    assert claimed.noise == pytest.approx(2.0 * found.fit.noise, rel=0.05)
+    std = [np.sqrt(np.diag(fit.covariance)) for fit in (found.fit, claimed)]
+    assert np.abs(std[1] / std[0] - 1.0).max() < 0.1
+
+
+def test_what_priors_hold_takes_no_freedom(measured, found):
+    fit = found.fit
+    assert len(fit.residual) - len(fit.values) < fit.freedom < len(fit.residual) - 6.0
+    few = calibrate(measured[1], measured[2], np.flatnonzero(measured[2].measured)[::8]).fit
+    assert len(few.residual) < 2 * len(few.values) and few.freedom > 2 * (len(few.residual) - len(few.values))
+    assert few.noise == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.parametrize("sigma", [2e-4, 2e-5])
+def test_a_sharp_instrument_is_calibrated_as_quickly(tmp_path, sigma):
+    """Compliances that can stand in for each other leave a valley, the more curved the less noise there is."""
+    truth = draw("none", 1, "boom").write(tmp_path)
+    arm = load_arm(truth.arm)
+    rows = read_measurements(truth.train, arm)
+    noise = sigma * np.random.default_rng(0).normal(size=truth.clean.shape)
+    position = np.where(rows.measured[:, None], truth.clean + noise, np.nan)
+    sharp = dataclasses.replace(rows, position=position, sigma=np.full_like(rows.sigma, sigma))
+    found = calibrate(arm, sharp)
+    assert found.rms == pytest.approx(np.sqrt(3.0) * sigma, rel=0.1) and len(found.fit.history) < 10
+
+
+def test_a_compliance_that_would_vanish_settles(tmp_path):
+    """A scale error of 3 mm that calibration cannot express drives two compliances towards nothing."""
+    truth = draw("encoder_scale", 1001, "boom").write(tmp_path)
+    arm = load_arm(truth.arm)
+    found = calibrate(arm, read_measurements(truth.train, arm)).fit
+    assert found.value("compliance").min() < -2.0 and len(found.history) < 40

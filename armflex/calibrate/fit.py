@@ -10,16 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from armflex.calibrate.blocks import Block
+from armflex.calibrate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
 from armflex.calibrate.view import Progress, Setup, View, look
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
 from armflex.measurements import Measurements
-
-HUBER = 4.0
-"""Whitened length of a 3-D residual beyond which it counts less: one in a thousand exceeds it by chance."""
-
-MEDIAN_LENGTH = {3: 1.538, 6: 2.313}
-"""Median length of so many standard normal numbers."""
 
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""
@@ -29,6 +24,9 @@ MOVING = 10
 
 LIGHT = 1e-4
 """Least damping, relative to a parameter's own information."""
+
+BROKEN, KEPT = 0.25, 0.75
+"""Shares of the promised fall of the cost below which damping grows, and above which it shrinks."""
 
 FLAT = 1e-2
 """Fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as stated."""
@@ -102,9 +100,20 @@ class Fit:
         return whitened_residual(self.view, self.weights)
 
     @cached_property
+    def freedom(self) -> float:
+        """Number of readings less what was fitted to them: a parameter that its prior holds takes nothing."""
+        held = np.diag(posterior_covariance(self.columns, self.prior)) * self.prior**-2.0
+        return max(len(self.residual) - float((1.0 - held).sum()), 1.0)
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the readings over the stated one, if the residual is nothing else."""
+        return float(np.sqrt(self.residual @ self.residual / self.freedom))
+
+    @cached_property
     def covariance(self) -> Array:
-        """(P, P) posterior covariance."""
-        return posterior_covariance(self.columns, self.prior)
+        """(P, P) posterior covariance; readings that scatter more than was stated count that much less."""
+        return posterior_covariance(self.columns / max(1.0, self.noise), self.prior)
 
     @property
     def rms(self) -> float:
@@ -113,7 +122,7 @@ class Fit:
 
     def cost(self, limit: float) -> float:
         """Return -2 log posterior density but for a constant; rows longer than `limit` (whitened) count less."""
-        return _objective(self.view, self.values, self.prior, limit)
+        return objective(self.view, self.values, self.prior, limit)
 
     def places(self, block: Block) -> np.ndarray:
         """Return the places of one block's parameters among all."""
@@ -163,35 +172,6 @@ def realise(declared: Setup, blocks: Sequence[Block], values: Array) -> Setup:
         setup = block.apply(setup, values[start : start + count])
         start += count
     return setup
-
-
-def whitened_columns(blocks: Sequence[Block], view: View, weights: Array) -> Array:
-    """Return (M d, P) columns of all blocks, whitened and weighted."""
-    size = view.residual.size
-    scale = (np.sqrt(weights)[:, None] / view.sigma)[:, :, None]
-    parts = [(block.columns(view) * scale).reshape(size, -1) for block in blocks]
-    return np.hstack([np.zeros((size, 0)), *parts])
-
-
-def whitened_residual(view: View, weights: Array) -> Array:
-    """Return (M d,) residuals, whitened and weighted."""
-    return (np.sqrt(weights)[:, None] * view.whitened).ravel()
-
-
-def robust_limit(view: View) -> float:
-    """Return the whitened length beyond which a row counts less.
-
-    While the model is wrong all residuals are long; what is far is then judged by their median, not by the noise.
-    """
-    length = np.linalg.norm(view.whitened, axis=1)
-    expected = MEDIAN_LENGTH[view.residual.shape[1]]
-    return HUBER * max(1.0, float(np.median(length)) / expected)
-
-
-def huber_weights(view: View, limit: float | None = None) -> Array:
-    """Return the (M,) weights of the rows."""
-    length = np.linalg.norm(view.whitened, axis=1)
-    return np.minimum(1.0, (limit or robust_limit(view)) / np.maximum(length, 1e-300))
 
 
 def fit(
@@ -245,30 +225,45 @@ def fit(
     return Fit(declared, task.blocks, here.values, here.view, huber_weights(here.view), tuple(history))
 
 
-def _objective(view: View, values: Array, prior: Array, limit: float) -> float:
-    """Return the Huber cost plus the prior's, both as -2 log density."""
-    length = np.linalg.norm(view.whitened, axis=1)
-    cost = np.where(length > limit, 2.0 * limit * length - limit**2, length**2).sum()
-    return float(cost + ((values / prior) ** 2).sum())
-
-
 @dataclass(frozen=True)
 class _Problem:
-    """The normal equations of a step, in units of the parameters' own information: metres and radians weigh alike."""
+    """The normal equations of a step, in units of the parameters' own information: metres and radians weigh alike.
+
+    `bend` is what Gauss and Newton leave out of a logarithm's curvature: its column is its second derivative, too.
+    """
 
     normal: Array
     gradient: Array
     scale: Array
+    bend: Array
 
     def step(self, damping: float) -> Array:
-        """Return the Gauss-Newton step, damped as Levenberg and Marquardt do."""
-        damped = self.normal + damping * np.eye(len(self.scale))
+        """Return the Gauss-Newton step, damped as Levenberg and Marquardt do.
+
+        A compliance that is drawn towards zero would go past it and back for ever without its `bend`; where steps keep
+        their promises it is only in the way.
+        """
+        damped = self.normal + np.diag(damping + self.bend) if damping else self.normal
         return self.scale * np.linalg.lstsq(damped, self.gradient, rcond=1e-13)[0]
+
+    def promised(self, step: Array) -> float:
+        """Return the fall of the cost that the normal equations promise of a step."""
+        scaled = step / self.scale
+        return max(float(scaled @ (2.0 * self.gradient - self.normal @ scaled)), 1e-300)
 
     def length(self, step: Array) -> float:
         """Return the RMS length of a step in posterior standard deviations."""
         scaled = step / self.scale
         return float(np.sqrt(max(scaled @ self.normal @ scaled, 0.0) / max(len(step), 1)))
+
+
+def _next_damping(damping: float, kept: float) -> float:
+    """Return the damping after a step that kept so much of its promise: a step too long may fall, and fall back."""
+    if kept < BROKEN:
+        return max(10.0 * damping, LIGHT)
+    if kept < KEPT:
+        return damping
+    return damping / 10.0 if damping > LIGHT else 0.0
 
 
 @dataclass(frozen=True)
@@ -294,20 +289,18 @@ class _Task:
 
     def cost(self, place: _Place, limit: float) -> float:
         """Return the cost of a place."""
-        return _objective(place.view, place.values, self.prior, limit)
+        return objective(place.view, place.values, self.prior, limit)
 
     def problem(self, place: _Place, limit: float) -> _Problem:
         """Return the normal equations at a place."""
         weights = huber_weights(place.view, limit)
         columns, residual = whitened_columns(self.blocks, place.view, weights), whitened_residual(place.view, weights)
         precision, pull = self.prior**-2.0, columns.T @ residual
-        # Gauss and Newton leave out second derivatives; a log factor's is its column, and without it a compliance that
-        # is drawn towards zero goes past it and back for ever.
-        bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
-        normal = columns.T @ columns + np.diag(precision + bend)
+        normal = columns.T @ columns + np.diag(precision)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         gradient = pull - precision * np.where(np.isfinite(self.prior), place.values, 0.0)
-        return _Problem(normal * np.outer(scale, scale), scale * gradient, scale)
+        bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
+        return _Problem(normal * np.outer(scale, scale), scale * gradient, scale, scale**2 * bend)
 
     def descend(
         self, here: _Place, problem: _Problem, limit: float, trials: int, damping: float
@@ -319,8 +312,10 @@ class _Task:
         before = self.cost(here, limit)
         for _ in range(trials):
             with contextlib.suppress(ArmflexError):
-                trial = self.at(moved(self.blocks, here.values, problem.step(damping)), here.view.rows, here.view)
-                if self.cost(trial, limit) <= before + 1e-9 * abs(before):
-                    return trial, damping / 10.0 if damping > LIGHT else 0.0
+                step = problem.step(damping)
+                trial = self.at(moved(self.blocks, here.values, step), here.view.rows, here.view)
+                after = self.cost(trial, limit)
+                if after <= before + 1e-9 * abs(before):
+                    return trial, _next_damping(damping, (before - after) / problem.promised(step))
             damping = max(10.0 * damping, LIGHT)
         return None

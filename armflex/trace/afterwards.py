@@ -103,7 +103,7 @@ def _beyond_repeats(state: State) -> Unexplained | None:
     scatter, fit = known.same_session, state.fit
     noise = float((scatter.sigma**2).mean())
     squares = fit.view.residual[fit.weights >= 1.0, :3] ** 2  # tails make a mean of squares anything
-    freedom = max(squares.size - len(fit.values), 1)
+    freedom = max(squares.size - (len(fit.residual) - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
     if left < LARGER * noise or f.sf(left / noise, freedom, 3 * scatter.freedom) > UNLIKELY:
         return None

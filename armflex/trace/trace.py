@@ -234,7 +234,7 @@ def _conclude(
         places,
         not_identifiable(looked, state),
         smallest(looked, state),
-        float(np.sqrt((state.fit.residual**2).sum() / max(len(state.fit.residual) - len(state.fit.values), 1))),
+        state.fit.noise,
         held_out(first, folds).rms,
         held_out(state.fit, folds).rms,
         sessions_held_out(first, state.fit, state.effects, state.sessions),
