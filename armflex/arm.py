@@ -194,7 +194,8 @@ class Arm:
             payload: Name or object; for a batch also one name per row.
             v: Joint velocities like q, if inertial loads count [rad/s or m/s].
             a: Joint accelerations like q [rad/s^2 or m/s^2].
-            covariates: What the arm's effects depend on, by name: a number, or one per row of a batch.
+            covariates: What the arm's effects depend on, by name: a number, or one per row of a batch. A whole record
+                will do: names that no effect depends on have no part.
             wrenches: Loads from outside at named links.
             method: "exact", "newton", "fixed_point" or "first_order"; see `find_equilibrium`.
             enforce_limits: Refuse positions outside the joint limits instead of flagging them.

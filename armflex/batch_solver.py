@@ -52,6 +52,7 @@ class BatchSolver:
         straight = self._way.straighten(self._chain, np.ascontiguousarray(q.T))
         return straight, self._way.weigh(self._chain, straight)
 
+    @np.errstate(over="ignore", invalid="ignore")  # a row that runs away is not fine, and is asked alone
     def settle(
         self, row: Row, laws: BatchLaws, straight: Straight, wrenches: Array, softening: Softening | None
     ) -> Answers:

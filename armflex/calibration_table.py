@@ -34,6 +34,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         {name: sessions.numbers(name, (6,)) for name in sessions.table},
         table.numbers("target", (3,)),
         table.number("scale", 0.0),
+        table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3),
     )
     corrections = Corrections(
         {name: offset.number(name) for name in offset.table},

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from armflex.arm import Arm
+from armflex.calibrate.spread import without_declared_doubt
 from armflex.conventions import Array
 from armflex.deflection import Deflection
 from armflex.errors import Flag, InputError, JointLimitError, SmallDisplacementError, naming
+from armflex.tip_uncertainty import AT_REST, length_sigma, tip_covariance
 from armflex.trajectory import Trajectory
 
 COVERAGE = 2.0
@@ -20,6 +22,9 @@ LARGEST_STEP = 0.1
 """Joints move no further [rad or m] between the first samples of a stretch."""
 
 FEWEST_STEPS, MAX_HALVINGS = 4, 10
+TOGETHER = 64
+"""Stretches that are judged together: what fitted parameters do is found for many samples at once."""
+
 CLOSEST = 1e-6
 """Fraction of the tolerance below which a peak between samples no longer counts."""
 
@@ -35,7 +40,7 @@ class Point:
         time: [s].
         displacement_m: Length of the tip's shift [m].
         rotation_rad: Angle of its rotation [rad].
-        sigma_m: Standard uncertainty of `displacement_m`, None where no law carries one.
+        sigma_m: Standard uncertainty of `displacement_m`, of the laws and of what was fitted; None where there is none.
         margin_m: Tolerance minus displacement [m].
         margin_rad: Angle tolerance minus rotation, None where no angle is asked for.
         verdict: "ok", "fail" or "uncertain".
@@ -113,19 +118,21 @@ def check(
         covariates: What the arm's effects depend on and no column gives, the same in every row.
 
     Raises:
-        InputError: A tolerance is not positive, or a row cannot be used; the row and time are named.
+        InputError: A tolerance is not positive, a covariate is one that no effect depends on, or a row cannot be used;
+            the row and time are named.
         MissingCovariateError: An effect depends on something that was not given.
     """
     if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
         raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
-    trajectory = trajectory.for_arm(arm).with_constants(covariates or {}).prepared(arm)
-    judge = _Judge(arm, tolerance, angle, method)
-    rows = [judge.sample(trajectory, i).point for i in range(len(trajectory))]
-    segments = []
-    for segment in range(len(trajectory) - 1):
-        segments.append(_worst_between(judge, trajectory, segment))
+    trajectory = trajectory.with_constants(arm, covariates or {}).prepared(arm)
+    judge = _Judge(without_declared_doubt(arm), tolerance, angle, method)
+    rows = [sample.point for sample in judge.samples_of([trajectory])[0]]
+    segments: list[Point] = []
+    for first in range(0, len(trajectory) - 1, TOGETHER):
+        some = range(first, min(first + TOGETHER, len(trajectory) - 1))
+        segments += _worst_between(judge, trajectory, some)
         if progress:
-            progress(segment + 1, len(trajectory) - 1)
+            progress(len(segments), len(trajectory) - 1)
     vias = sorted((row for row in rows if row.name), key=lambda point: point.badness)
     everything = [*rows, *segments]
     worst = min(everything, key=lambda point: point.badness)
@@ -150,21 +157,53 @@ class _Judge:
         self.samples = 0
         self.flags: dict[str, Flag] = {}
 
-    def samples_at(self, trajectory: Trajectory, segment: int, fractions: Array) -> list[_Sample]:
-        """Return the verdicts at fractions (M,) of the way from row `segment` to the next."""
-        points = trajectory.at(segment, fractions)
-        return [self.sample(points, i) for i in range(len(points))]
+    def samples_at(self, trajectory: Trajectory, fractions: Mapping[int, Array]) -> dict[int, list[_Sample]]:
+        """Return the verdicts on stretches: at fractions (M,) of the way from each row to the next."""
+        found = self.samples_of([trajectory.at(segment, some) for segment, some in fractions.items()])
+        return dict(zip(fractions, found, strict=True))
 
-    def sample(self, trajectory: Trajectory, i: int) -> _Sample:
-        """Return the verdict on one row; errors are raised again with the row and its time."""
+    def samples_of(self, parts: Sequence[Trajectory]) -> list[list[_Sample]]:
+        """Return the verdicts on all rows of each part; errors are raised again with the row and its time."""
+        asked = [[self.named(part, i) for i in range(len(part))] for part in parts]
+        self.samples += sum(map(len, asked))
+        covariances = iter(self.covariances(parts, [one for some in asked for one in some]))
+        return [
+            [
+                self.judge(found, next(covariances), part.via[i], float(part.time[i]), part.payload[i], reason)
+                for i, (found, reason) in enumerate(some)
+            ]
+            for part, some in zip(parts, asked, strict=True)
+        ]
+
+    def named(self, trajectory: Trajectory, i: int) -> tuple[Deflection, str]:
+        """Return what `ask` does, and keep the doubts."""
         time, via = float(trajectory.time[i]), trajectory.via[i]
         with naming(f"row {i}" + (f" ({via})" if via else "") + f" at {time:g} s"):
             found, reason = self.ask(trajectory, i)
-        self.samples += 1
         for flag in (*found.flags, *overload(self.arm, found)):
             said = flag if flag in self.arm.flags else Flag(flag.code, f"at {time:g} s: {flag.text}")
             self.flags.setdefault(flag.code, said)
-        return self.judge(found, via, time, trajectory.payload[i], reason)
+        return found, reason
+
+    def covariances(self, parts: Sequence[Trajectory], asked: Sequence[tuple[Deflection, str]]) -> list[Array | None]:
+        """Return the (6, 6) covariance of the displacement in every row of all parts, None where nobody states one."""
+        laws = [found.covariance for found, _ in asked]
+        fine = np.array([i for i, (_, reason) in enumerate(asked) if not reason], dtype=int)  # others fail anyhow
+        if self.arm.certainty is None or not len(fine):
+            return laws
+        columns = [{"time": part.time, **part.covariates} for part in parts]
+        known = {name: np.concatenate([one[name] for one in columns])[fine] for name in columns[0]}
+        q, payloads = (
+            np.concatenate([part.q for part in parts])[fine],
+            [name for part in parts for name in part.payload],
+        )
+        own = None if laws[fine[0]] is None else np.array([laws[i] for i in fine])
+        found, flags = tip_covariance(self.arm, q, [payloads[i] for i in fine], known, own)
+        moves = parts[0].v is not None or parts[0].a is not None
+        for flag in (*flags, *((AT_REST,) if moves else ())):
+            self.flags.setdefault(flag.code, flag)
+        of_row = dict(zip(fine.tolist(), () if found is None else found, strict=False))
+        return [of_row.get(i, own_one) for i, own_one in enumerate(laws)]
 
     def ask(self, trajectory: Trajectory, i: int) -> tuple[Deflection, str]:
         """Return row i's deflection and why it cannot be allowed, if so: one bad row must not hide the others."""
@@ -176,10 +215,12 @@ class _Judge:
             found = self.arm.deflection(q, payload, enforce_limits=False, allow_large=True, **asked)
             return found, str(error)
 
-    def judge(self, found: Deflection, name: str, time: float, payload: str, reason: str) -> _Sample:
-        """Return the verdict on one configuration."""
+    def judge(
+        self, found: Deflection, covariance: Array | None, name: str, time: float, payload: str, reason: str
+    ) -> _Sample:
+        """Return the verdict on one configuration, whose displacement has a (6, 6) covariance."""
         shift, turn = (float(np.linalg.norm(part)) for part in (found.displacement[:3], found.displacement[3:]))
-        sigmas = [found.sigma(part) for part in (slice(0, 3), slice(3, 6))]
+        sigmas = [_sigma(found.displacement, covariance, part) for part in (slice(0, 3), slice(3, 6))]
         margin = self.tolerance - shift
         margin_rad = None if self.angle is None else self.angle - turn
         verdicts = [_verdict(margin, sigmas[0])]
@@ -210,6 +251,13 @@ def overload(arm: Arm, found: Deflection) -> tuple[Flag, ...]:
     return (Flag("beyond_effort", f"drive of {arm.joint_names[worst]!r} carries {shares[worst]:.0%} of its limit"),)
 
 
+def _sigma(displacement: Array, covariance: Array | None, part: slice) -> float | None:
+    """Return the standard uncertainty of the length of the tip's shift (0:3) or turn (3:6)."""
+    if covariance is None:
+        return None
+    return float(length_sigma(displacement[None, part], covariance[None, part, part])[0])
+
+
 def _verdict(margin: float, sigma: float | None) -> str:
     doubt = COVERAGE * (sigma or 0.0)
     if abs(margin) < doubt:
@@ -224,18 +272,24 @@ def blame(found: Deflection, part: slice) -> str | None:
     return found.names.flexures[int(np.argmax(found.shares(part)))]
 
 
-def _worst_between(judge: _Judge, trajectory: Trajectory, segment: int) -> Point:
-    """Return the worst point between two rows, the ends (with this stretch's payload) included."""
-    far = np.abs(trajectory.q[segment + 1] - trajectory.q[segment]).max(initial=0.0)
-    steps = max(FEWEST_STEPS, int(np.ceil(far / LARGEST_STEP)))
-    samples = judge.samples_at(trajectory, segment, np.linspace(0.0, 1.0, steps + 1))
+def _worst_between(judge: _Judge, trajectory: Trajectory, segments: Sequence[int]) -> list[Point]:
+    """Return the worst point of each stretch from a row to the next, both (with its payload) included."""
+    samples = judge.samples_at(trajectory, {i: np.linspace(0.0, 1.0, _steps(trajectory, i) + 1) for i in segments})
     for _ in range(MAX_HALVINGS):
-        if _settled(np.array([sample.scores for sample in samples])):
+        open_ones = [i for i in segments if not _settled(np.array([sample.scores for sample in samples[i]]))]
+        if not open_ones:
             break
-        halfway = judge.samples_at(trajectory, segment, (np.arange(steps) + 0.5) / steps)
-        samples = [sample for pair in zip(samples, halfway, strict=False) for sample in pair] + samples[-1:]
-        steps *= 2
-    return min((sample.point for sample in samples), key=lambda point: point.badness)
+        steps = {i: len(samples[i]) - 1 for i in open_ones}
+        halfway = judge.samples_at(trajectory, {i: (np.arange(count) + 0.5) / count for i, count in steps.items()})
+        for i, found in halfway.items():
+            samples[i] = [sample for pair in zip(samples[i], found, strict=False) for sample in pair] + samples[i][-1:]
+    return [min((sample.point for sample in samples[i]), key=lambda point: point.badness) for i in segments]
+
+
+def _steps(trajectory: Trajectory, segment: int) -> int:
+    """Return into how many steps a stretch is cut at first."""
+    far = np.abs(trajectory.q[segment + 1] - trajectory.q[segment]).max(initial=0.0)
+    return max(FEWEST_STEPS, int(np.ceil(far / LARGEST_STEP)))
 
 
 def _settled(scores: Array) -> bool:

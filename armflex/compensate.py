@@ -118,13 +118,13 @@ def compensate(
     Raises:
         MissingCovariateError: An effect depends on something that was not given.
         UnreachableError: Some row cannot be reached; its `report` is the `Compensation`.
-        InputError: Bad targets, weights or positions.
+        InputError: Bad targets, weights or positions, or a covariate that no effect depends on.
     """
     if match not in ("position", "pose"):
         raise InputError(f"match is {match!r}, expected 'position' or 'pose'")
     if between is not None and not between > 0.0:
         raise InputError(f"between must be positive, got {between} m")
-    trajectory = trajectory.for_arm(arm).with_constants(covariates or {})
+    trajectory = trajectory.with_constants(arm, covariates or {})
     scale = _scale(arm, weights)
     poses = _targets(arm, trajectory, targets)
     rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)

@@ -29,6 +29,9 @@ THOUSANDFOLD = (200.0, 5000.0)
 FURTHEST = 200.0
 """Distance [m] that no instrument reads on an arm."""
 
+MOST_LEVELS = 12
+"""Different entries of a text column up to which each may be a cause of its own."""
+
 TURNS = 4.0 * np.pi
 """How far beyond its limits [rad] a joint position is in degrees rather than out of its range."""
 
@@ -87,9 +90,9 @@ def check_joint_units(q: Array, arm: Arm, places: Sequence[Place]) -> None:
             raise TableError(places[far[0]], text)
 
 
-def table_flags(table: Table, time_given: bool, found: Measurements) -> tuple[Flag, ...]:
+def table_flags(table: Table, found: Measurements) -> tuple[Flag, ...]:
     """Return the doubts about the order, repetition and gaps of rows that were read."""
-    doubts = [*_gaps(table, found), _unordered(found) if time_given else None, _copies(duplicates(found), found)]
+    doubts = [*_unsearched(table, found), _unordered(found), _copies(duplicates(found), found)]
     return tuple(flag for flag in doubts if flag)
 
 
@@ -102,15 +105,30 @@ def check_no_nan(table: Table, name: str) -> None:
                 raise TableError(Place(table.path, line), f"column {name!r} is {cell!r}, not a finite number")
 
 
-def _gaps(table: Table, found: Measurements) -> list[Flag]:
-    """Return a flag for every covariate that is text because of a few cells only."""
+def levels(cells: Sequence[str]) -> tuple[str, ...]:
+    """Return the different entries of a text column; none where they are too many, or numbers with gaps."""
+    found = sorted(set(cells))
+    return () if len(found) > MOST_LEVELS or _mostly_numbers(cells) else tuple(found)
+
+
+def _mostly_numbers(cells: Sequence[str]) -> bool:
+    return 2 * sum(bool(NUMBER.fullmatch(cell)) for cell in cells) > len(cells)
+
+
+def _unsearched(table: Table, found: Measurements) -> list[Flag]:
+    """Return a flag for every covariate that cannot be a suspect: numbers with gaps, or too many different texts."""
     flags = []
-    for name in (name for name, values in found.covariates.items() if isinstance(values, tuple)):
-        cells = table.texts(name)
-        odd = [i for i, cell in enumerate(cells) if not NUMBER.fullmatch(cell)]
-        if 2 * len(odd) < len(cells):
-            first = f"line {table.lines[odd[0]]}: {cells[odd[0]]!r}"
-            flags.append(Flag("covariate_gaps", f"column {name!r} is kept as text: {len(odd)} cells ({first})"))
+    for name, cells in found.covariates.items():
+        if not isinstance(cells, tuple) or levels(cells):
+            continue
+        if _mostly_numbers(cells):
+            odd = [i for i, cell in enumerate(cells) if not NUMBER.fullmatch(cell)]
+            lines = listing((str(table.lines[i]) for i in odd), 10)
+            text = f"{len(odd)} of {len(cells)} cells are no numbers (lines {lines}), so it is not searched as a cause"
+            flags.append(Flag("covariate_gaps", f"column {name!r}: {text}"))
+        else:
+            text = f"{len(set(cells))} different texts, over {MOST_LEVELS}, so it is not searched as a cause"
+            flags.append(Flag("covariate_text", f"column {name!r}: {text}"))
     return flags
 
 
@@ -126,8 +144,7 @@ def duplicates(found: Measurements) -> np.ndarray:
 
     Where the file gives no time, `time` counts rows and is not compared.
     """
-    counted = (found.time == np.arange(len(found))).all()
-    optional = [found.rotation, found.sigma_r, found.hold, None if counted else found.time]
+    optional = [found.rotation, found.sigma_r, found.hold, None if "time" in found.derived else found.time]
     numbers = [found.q, found.position, found.sigma]
     numbers += [values.reshape(len(found), -1) for values in optional if values is not None]
     numbers += [values[:, None] for values in found.covariates.values() if not isinstance(values, tuple)]

@@ -21,12 +21,14 @@ class Instrument:
             session that is not named has none.
         target: (3,) measured point in the tip frame [m].
         scale: Share by which its distances are too long.
+        mounting: (3,) rotation vector of the axes whose orientation is read, in the tip frame [rad].
     """
 
     pose: pin.SE3 = field(default_factory=pin.SE3.Identity)
     sessions: Mapping[str, Array] = field(default_factory=dict)
     target: Array = field(default_factory=lambda: np.zeros(3))
     scale: float = 0.0
+    mounting: Array = field(default_factory=lambda: np.zeros(3))
 
     def points(self, tip: Array) -> Array:
         """Return the (N, 3) target in the instrument frame, sessions left out, for (N, 4, 4) tip poses."""
@@ -39,9 +41,15 @@ class Instrument:
         shift = self.session_shifts(sessions)
         return points + shift[:, :3] + np.cross(shift[:, 3:], points)
 
-    def rotations(self, tip: Array) -> Array:
-        """Return the (N, 3, 3) orientations of the tip in the instrument frame."""
+    def axes(self, tip: Array) -> Array:
+        """Return the (N, 3, 3) axes of the tip in the instrument frame, sessions left out."""
         return self.pose.rotation @ tip[:, :3, :3]
+
+    def rotations(self, tip: Array, sessions: Sequence[str]) -> Array:
+        """Return the (N, 3, 3) orientations of the target that the instrument would read."""
+        turned = {name: pin.exp3(self.sessions.get(name, np.zeros(6))[3:]) for name in set(sessions)}
+        turns = np.array([turned[name] for name in sessions]).reshape(-1, 3, 3)
+        return turns @ self.axes(tip) @ pin.exp3(self.mounting)
 
     def session_shifts(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 6) shift of each row's session."""
@@ -55,3 +63,15 @@ def fit_frame(points: Array, measured: Array) -> pin.SE3:
     proper = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
     rotation = left @ proper @ right
     return pin.SE3(rotation, seen - rotation @ centre)
+
+
+def fit_mounting(axes: Array, rotation: Array) -> Array:
+    """Return the rotation vector of the target in the tip frame that fits best (chordal mean; Hartley 2013).
+
+    Args:
+        axes: (N, 3, 3) axes of the tip in the instrument frame.
+        rotation: (N, 3) rotation vectors read [rad].
+    """
+    turns = [one.T @ pin.exp3(vector) for one, vector in zip(axes, rotation, strict=True)]
+    left, _, right = np.linalg.svd(np.sum(turns, axis=0))
+    return pin.log3(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)

@@ -10,17 +10,19 @@ import difflib
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.doubts import check_joint_units, check_no_nan, check_one_unit, table_flags
+from armflex.doubts import check_joint_units, check_no_nan, check_one_unit, levels, table_flags
 from armflex.effects.scene import POSE, last_motion
-from armflex.errors import Flag, Place, TableError, did_you_mean
+from armflex.errors import Flag, InputError, Place, TableError, did_you_mean
 from armflex.point_export import PointExport, read_points
 from armflex.point_match import with_points
+from armflex.poses import pose_groups
 from armflex.table import Table, read_table
 from armflex.trajectory import check_payloads, joint_kinds
 
@@ -43,20 +45,21 @@ class Measurements:
     Attributes:
         joint_names: Order of the columns of q.
         pose, session, payload: Names of each row; a missing column is one session, and every row a pose of its own.
-        time: (N,) [s], the row number where none is given.
+        time: (N,) [s], the row number where none is given, which no effect may then depend on.
         q: (N, nq) controller's joint positions [rad or m].
-        approach: (N, nq) direction each joint last moved in, -1, 0 or +1.
+        approach: (N, nq) direction each joint last moved in, -1 or +1; 0 where it has none, or none is known.
         measured: (N,) True where a position was read.
         position: (N, 3) measured target position [m]; zero where not measured.
-        rotation: (N, 3) measured rotation vector [rad], None when the file has none.
+        rotation: (N, 3) measured rotation vector [rad]; zero where not measured, None where no row has one.
         sigma: (N, 3) one standard deviation of the position [m].
-        sigma_r: (N,) one standard deviation of the rotation [rad], None when the file has none.
+        sigma_r: (N,) one standard deviation of the rotation [rad]; infinite where not measured, None with `rotation`.
         hold: (N,) time the load has stood [s], None when not recorded.
         covariates: Every other column: (N,) numbers, or text per row.
         places: File and line of each row.
         sha256: Of the file, and of the points' file where there is one.
         flags: Doubts about the table.
         frame: Name of the frame that the positions are in, '' where the files do not say.
+        derived: Columns that were not given but follow from the order of the rows: `time`, `approach_<joint>`.
     """
 
     joint_names: tuple[str, ...]
@@ -77,20 +80,37 @@ class Measurements:
     sha256: str = ""
     flags: tuple[Flag, ...] = field(default=())
     frame: str = ""
+    derived: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse orientations without a standard deviation."""
+        if (self.rotation is None) != (self.sigma_r is None):
+            raise InputError("rotation and sigma_r go together: how well are the orientations known?")
 
     def __len__(self) -> int:
         return len(self.time)
 
     @property
     def known(self) -> dict[str, Array]:
-        """Everything numeric that is known of the rows by name, (N,) each; the pose as its number."""
-        known: dict[str, Array] = {"time": self.time}
+        """Everything that is known of the rows by name, (N,) numbers each: the pose as its number, text by its levels.
+
+        `column=level` is 1 where a column says so, else 0; see `levels`.
+        """
+        known: dict[str, Array] = {} if "time" in self.derived else {"time": self.time}
         if self.hold is not None:
             known["hold"] = self.hold
         known |= {name: values for name, values in self.covariates.items() if isinstance(values, np.ndarray)}
+        for name, cells in self.covariates.items():
+            if isinstance(cells, tuple):
+                known |= {f"{name}={level}": _where(cells, level) for level in levels(cells)}
         known |= {f"approach_{joint}": self.approach[:, i] for i, joint in enumerate(self.joint_names)}
-        known[POSE] = np.unique(self.pose, return_inverse=True)[1].astype(float)
+        known[POSE] = self.pose_number.astype(float)
         return known
+
+    @cached_property
+    def pose_number(self) -> np.ndarray:
+        """(N,) number of every row's pose, by name or by where the joints stand; see `pose_groups`."""
+        return pose_groups(self)
 
     def motion(self, i: int) -> dict[str, Array | None]:
         """Return nothing: what is measured stands still."""
@@ -118,7 +138,7 @@ def read_measurements(
     found = _measurements(table, known, arm)
     check_joint_units(found.q, arm, found.places)
     check_one_unit(found.position, np.flatnonzero(found.measured), found.places)
-    flags += table_flags(table, "time" in table.columns, found)
+    flags += table_flags(table, found)
     if export is None:
         return replace(found, flags=flags)
     both = hashlib.sha256((found.sha256 + export.sha256).encode()).hexdigest()
@@ -129,6 +149,7 @@ def _measurements(table: Table, known: list[str], arm: Arm) -> Measurements:
     q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
     measured, position = _optional_vectors(table, POSITION)
     turned, rotation = _optional_vectors(table, ROTATION)
+    _refuse_alone(table, measured, turned)
     payload = _names(table, "payload", "none")
     check_payloads(table, payload, arm)
     return Measurements(
@@ -143,11 +164,12 @@ def _measurements(table: Table, known: list[str], arm: Arm) -> Measurements:
         position=position,
         rotation=rotation if turned.any() else None,
         sigma=_sigma(table, measured),
-        sigma_r=table.numbers("sigma_r") if "sigma_r" in table.columns else None,
+        sigma_r=_sigma_r(table, turned) if turned.any() else None,
         hold=table.numbers("hold") if "hold" in table.columns else None,
         covariates={name: _covariate(table, name) for name in table.columns if name not in known},
         places=tuple(Place(table.path, line) for line in table.lines),
         sha256=hashlib.sha256(table.path.read_bytes()).hexdigest(),
+        derived=tuple(name for name in _derivable(arm) if name not in table.columns),
     )
 
 
@@ -187,6 +209,10 @@ def _refuse_misspelt(table: Table, known: list[str]) -> None:
             raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
 
 
+def _where(cells: tuple[str, ...], level: str) -> Array:
+    return np.array([float(cell == level) for cell in cells])
+
+
 def _names(table: Table, column: str, default: str | None) -> tuple[str, ...]:
     if column not in table.columns:
         return tuple(str(i) if default is None else default for i in range(len(table)))
@@ -222,6 +248,11 @@ def _approach(table: Table, arm: Arm, q: Array) -> Array:
     return derived
 
 
+def _derivable(arm: Arm) -> tuple[str, ...]:
+    """Return the columns that the order of the rows stands in for where they are not given."""
+    return ("time", *(f"approach_{joint}" for joint in arm.joint_names))
+
+
 def _sigma(table: Table, measured: np.ndarray) -> Array:
     """Return (N, 3) standard deviations; NaN-free: rows without one must not be measured."""
     single = "sigma" in table.columns
@@ -236,6 +267,24 @@ def _sigma(table: Table, measured: np.ndarray) -> Array:
     if bad.any():
         raise TableError(Place(table.path, table.lines[int(bad.argmax())]), "sigma must be positive")
     return np.where(measured[:, None], sigma, 1.0)
+
+
+def _refuse_alone(table: Table, measured: np.ndarray, turned: np.ndarray) -> None:
+    alone = turned & ~measured
+    if alone.any():
+        line = table.lines[int(alone.argmax())]
+        raise TableError(Place(table.path, line), "has rx ry rz but no x y z: an orientation alone is not used")
+
+
+def _sigma_r(table: Table, turned: np.ndarray) -> Array:
+    """Return (N,) standard deviations of the orientations, infinite in rows that have none."""
+    if "sigma_r" not in table.columns:
+        raise TableError(Place(table.path, 1), "has rx ry rz but no column 'sigma_r': how well are they known?")
+    sigma = table.numbers_where("sigma_r", turned)
+    bad = turned & ~(sigma > 0.0)
+    if bad.any():
+        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), "sigma_r must be positive")
+    return np.where(turned, sigma, np.inf)
 
 
 def _covariate(table: Table, name: str) -> Array | tuple[str, ...]:

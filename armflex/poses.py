@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import InputError
-from armflex.measurements import Measurements
+
+if TYPE_CHECKING:
+    from armflex.measurements import Measurements
 
 SAME_POSE = 1e-3
 """Joint positions nearer than this [rad or m] are one pose: a fit that saw one of them has seen the other."""

@@ -13,7 +13,7 @@ from armflex.arm import Arm
 from armflex.calibrate.spread import fitted_variance, without_declared_doubt
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.deflection import Deflection
-from armflex.effects.remember import known_rows
+from armflex.effects.remember import derived_directions, known_rows
 from armflex.errors import Flag, Place, naming
 from armflex.instrument import Instrument
 from armflex.measurements import Measurements
@@ -29,7 +29,8 @@ class Prediction:
     Attributes:
         rows: What was asked.
         position: (N, 3) the target as it would be read [m].
-        rotation: (N, 3) rotation vector of the tip's orientation [rad].
+        rotation: (N, 3) rotation vector of the target's orientation, as it would be read [rad]; the tip's own where
+            no orientations were calibrated.
         sigma: (N, 3) standard uncertainty of the position from the laws and from fitted parameters [m], None where
             neither has one; what the instrument's noise adds is not in it.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
@@ -53,9 +54,12 @@ def predict(arm: Arm, rows: Measurements, progress: Progress | None = None) -> P
         progress: Called with (rows done, rows in all).
 
     Raises:
+        MissingCovariateError: An effect depends on what the rows do not give: a column, a time, the direction that a
+            joint came from where no row before tells.
         ArmflexError: A row cannot be computed; its file and line are named.
     """
     found: list[Deflection] = []
+    derived = derived_directions(arm, rows, np.arange(len(rows)))
     with naming(Place(rows.places[0].file, 1) if rows.places else "rows"):
         known = known_rows(arm, rows)
     certain = without_declared_doubt(arm)
@@ -71,10 +75,10 @@ def predict(arm: Arm, rows: Measurements, progress: Progress | None = None) -> P
     return Prediction(
         rows,
         instrument.readings(tip, rows.session),
-        np.array([pin.log3(rotation) for rotation in instrument.rotations(tip)]),
+        np.array([pin.log3(rotation) for rotation in instrument.rotations(tip, rows.session)]),
         _sigma(found, instrument, fitted),
         np.array([one.displacement for one in found]),
-        (*_flags(arm, rows, found), *doubts),
+        (*derived, *_flags(arm, rows, found), *doubts),
     )
 
 

@@ -33,8 +33,8 @@ class Prepared:
         self._solver = Solver(loaded.mechanics, loaded.laws)
         self._first_order, self._needs_row = method == "first_order", bool(loaded.laws.others)
         self._q = np.zeros(len(loaded.mechanics.flex.q_index))
-        self._motion = np.zeros(loaded.mechanics.flex.model.nv)
-        self._configuration = loaded.mechanics.flex.neutral.copy()
+        flex = loaded.mechanics.flex
+        self._answer: Answer = (np.zeros(flex.model.nv), flex.neutral.copy(), np.zeros(6))
         proven = self._first_order or (loaded.softening is not None and loaded.softening.proven)
         self._quick = None
         if method in QUICK and proven and not loaded.arm.pulls and not self._needs_row:
@@ -56,9 +56,9 @@ class Prepared:
             except (AttributeError, TypeError):  # no array, or not of numbers
                 found = None
             if found is not None:
-                self._motion, self._configuration, displacement = found
-                return displacement
-        return self._answer(q, covariates)
+                self._answer = found
+                return found[2]
+        return self._ask(q, covariates)
 
     @property
     def q(self) -> Array:
@@ -68,22 +68,22 @@ class Prepared:
     @property
     def wrenches(self) -> Array:
         """(n_flexures, 6) loads on the flexures at the last answer, local axes [N, Nm]."""
-        loaded, at = self._loaded, self._solver.straight(self._q) if self._first_order else self._configuration
+        loaded, at = self._loaded, self._solver.straight(self._q) if self._first_order else self._answer[1]
         return loaded.mechanics.loads(at, loaded.case(self._q)).reshape(-1, 6)
 
     @property
     def twists(self) -> Array:
         """(n_flexures, 6) what the flexures do at the last answer, local axes [m, rad]."""
-        return self._motion[self._loaded.mechanics.flex.flexure_v].reshape(-1, 6)
+        return self._answer[0][self._loaded.mechanics.flex.flexure_v].reshape(-1, 6)
 
-    def _answer(self, q: ArrayLike, covariates: dict[str, float]) -> Array:
+    def _ask(self, q: ArrayLike, covariates: dict[str, float]) -> Array:
         """Return the displacement as `deflection` finds it, which also says what is wrong."""
         checked, flags = self._loaded.arm.check_position(q, self._asked.enforce_limits)
         known = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
         found = deflect(self._loaded, checked, flags, known, self._asked, self._solver)
         displacement = found.displacement.copy()
-        self._q[:], self._motion = checked, found.solved.motion
-        self._configuration = self._solver.bent(found.solved.straight, self._motion)
+        self._q[:], motion = checked, found.solved.motion
+        self._answer = (motion, self._solver.bent(found.solved.straight, motion), displacement)
         return displacement
 
 

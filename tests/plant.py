@@ -291,11 +291,11 @@ class Campaign:
     payloads: tuple[tuple[str, float, tuple], ...] = (("none", 0.0, (0, 0, 0)),)
 
     def write(self, plant: Plant, path: Path) -> dict[str, Array]:
-        """Write measurements.csv; return what was true: instrument, session shifts, noise-free positions."""
+        """Write measurements.csv; return what was true: instrument, session shifts, noise-free positions, tip axes."""
         rng = np.random.default_rng(self.seed)
         station = pose(rng.normal(0, 3, 3), turn(np.array([0, 0, rng.uniform(-3, 3)])))
         shifts = [pose(rng.normal(0, 2e-4, 3), turn(rng.normal(0, 2e-5, 3))) for _ in range(self.sessions)]
-        rows, clean = [], []
+        rows, clean, axes = [], [], []
         for number in range(self.poses):
             q = np.array([rng.uniform(max(j.lower, -2.5) * 0.9, min(j.upper, 2.5) * 0.9) for j in plant.joints])
             for name, mass, com in self.payloads:
@@ -303,6 +303,7 @@ class Campaign:
                 tip = plant.settle(q, mass, np.array(com, float))[-1]
                 read = shifts[session] @ station @ tip @ np.array([*plant.target, 1.0])
                 clean.append(read[:3])
+                axes.append((shifts[session] @ station @ tip)[:3, :3])
                 seen = read[:3] + rng.normal(0, self.noise, 3)
                 identity = {"pose": f"p{number}", "session": f"s{session}", "time": 10.0 * len(rows), "payload": name}
                 joints = {f"q_{j.name}": repr(float(x)) for j, x in zip(plant.joints, q, strict=True)}
@@ -318,4 +319,4 @@ class Campaign:
             writer = csv.DictWriter(file, rows[0])
             writer.writeheader()
             writer.writerows(rows)
-        return {"station": station, "shifts": np.array(shifts), "clean": np.array(clean)}
+        return {"station": station, "shifts": np.array(shifts), "clean": np.array(clean), "axes": np.array(axes)}

@@ -33,12 +33,16 @@ def asked(folder: Path, prior: str) -> tuple[Arm, Measurements]:
 
 
 def spread_over_stated(folder: Path, prior: str) -> float:
-    """Return the median ratio of standard deviations, over the parameters that the campaign determines."""
+    """Return the median ratio of standard deviations, over the parameters that the campaign determines.
+
+    The fit's are those of the noise as stated, before they are widened by how far the readings scatter beyond it.
+    """
     arm, measurements = asked(folder, prior)
     found = bootstrap(arm, measurements, draws=DRAWS, seed=1)
-    stated = {one.name: one for one in calibrate(arm, measurements).parameters}
+    calibrated = calibrate(arm, measurements)
+    stated, widened = {one.name: one for one in calibrated.parameters}, max(1.0, calibrated.fit.noise)
     ratios = [
-        std / stated[name].std
+        std / (stated[name].std / widened)
         for name, std in zip(found.names, found.std, strict=True)
         if stated[name].determined and stated[name].block in ("joint_offset", "tool")
     ]

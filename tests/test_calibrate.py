@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from campaigns import draw
 from plant import Campaign, Plant
@@ -106,9 +107,54 @@ def test_what_cannot_be_told_is_named_with_its_rival(found):
     assert all(np.isfinite(parameter.prior) for parameter in found.undetermined)
 
 
+FRAMES = ("instrument", "session_frame", "geometry", "mounting")
+
+MOUNTED = np.array([0.4, -1.2, 2.0])
+"""How the target is turned on the tool, which no file says."""
+
+
+def oriented(measured, sigma=2e-5):
+    """Return the campaign with orientations read in three of four rows."""
+    rows, axes = measured[2], measured[5]["axes"]
+    rng = np.random.default_rng(8)
+    noise = rng.normal(0.0, sigma, (len(rows), 3))
+    turns = np.array([pin.log3(pin.exp3(n) @ a @ pin.exp3(MOUNTED)) for n, a in zip(noise, axes, strict=True)])
+    read = np.arange(len(rows)) % 4 != 1
+    spread = np.where(read, sigma, np.inf)
+    return dataclasses.replace(rows, rotation=np.where(read[:, None], turns, 0.0), sigma_r=spread)
+
+
+@pytest.fixture(scope="module")
+def turned(measured):
+    return calibrate(measured[1], oriented(measured))
+
+
+def test_a_target_that_is_turned_on_the_tool_is_found(measured, turned, found):
+    truth = pin.exp3(turned.arm.instrument.mounting).T @ pin.exp3(MOUNTED)
+    mounting = [p for p in turned.parameters if p.name.startswith("mounting")]
+    assert len(mounting) == 3 and np.linalg.norm(pin.log3(truth)) < 4.0 * max(p.std for p in mounting)
+    values = {f"joint_offset {name}": value for name, value in measured[3].offset.items()}
+    pulls = [(p.value - values[p.name]) / p.std for p in turned.parameters if p.name in values]
+    assert len(pulls) == 6 and np.abs(pulls).max() < 4.0
+    spread = [{p.name: p.std for p in one.parameters}["joint_offset J4"] for one in (turned, found)]
+    assert spread[0] < 0.5 * spread[1]
+
+
+def test_orientations_are_predicted_as_they_would_be_read(measured, turned, tmp_path):
+    truth = measured[5]["axes"] @ pin.exp3(MOUNTED)
+    again = load_arm(write_calibrated(measured[0], turned, tmp_path / "arm.toml"))
+    there = [predict(arm, measured[2]) for arm in (turned.arm, again)]
+    left = [pin.log3(pin.exp3(seen).T @ true) for seen, true in zip(there[0].rotation, truth, strict=True)]
+    assert np.sqrt((np.array(left) ** 2).sum(axis=1).mean()) < 2e-5 * np.sqrt(3.0)
+    np.testing.assert_allclose(there[1].rotation, there[0].rotation, atol=1e-9)
+    np.testing.assert_allclose(there[1].sigma, there[0].sigma, rtol=1e-4)
+    assert not [flag for flag in there[1].flags if flag.code == "no_certainty"]
+
+
 @pytest.mark.parametrize("gravity_in", ["base", "measurement"])
-def test_columns_against_finite_differences(measured, gravity_in):
-    arm, rows = measured[1], measured[2]
+@pytest.mark.parametrize("numbers", [3, 6])
+def test_columns_against_finite_differences(measured, gravity_in, numbers):
+    arm, rows = measured[1], measured[2] if numbers == 3 else oriented(measured)
     prior = dataclasses.replace(arm.prior, geometry=1e-3)
     arm = dataclasses.replace(arm, prior=prior, measurement=dataclasses.replace(arm.measurement, gravity_in=gravity_in))
     some = np.arange(0, 40, 9)
@@ -116,16 +162,25 @@ def test_columns_against_finite_differences(measured, gravity_in):
     blocks = declared_blocks(setup, rows)
     scale = np.where(np.isfinite(prior_of(blocks)), prior_of(blocks), 1e-3)
     # Frames and twists are taken about their start: their columns are exact at zero only.
-    frames = np.concatenate([[b.name in ("instrument", "session_frame", "geometry")] * len(b.labels) for b in blocks])
+    frames = np.concatenate([[b.name in FRAMES] * len(b.labels) for b in blocks])
     values = np.random.default_rng(1).normal(0.0, 0.3, len(scale)) * scale * np.where(frames, 1e-3, 1.0)
+    if numbers == 6:  # a difference of rotations is one of rotation vectors where it is small
+        rows = dataclasses.replace(rows, rotation=_predicted(realise(setup, blocks, values), rows))
     view = look(realise(setup, blocks, values), rows, some)
     columns = np.concatenate([block.columns(view) for block in blocks], axis=2)
+    read = np.isfinite(view.sigma)
+    assert read.shape == (5, numbers) and read[:, -1].sum() == (5 if numbers == 3 else 4)
     for k, size in enumerate(scale):
         step = np.zeros(len(values))
         step[k] = 1e-3 * size
         ends = [look(realise(setup, blocks, values + side * step), rows, some).residual for side in (1.0, -1.0)]
         numeric = (ends[1] - ends[0]) / (2e-3 * size)
-        assert np.abs(columns[:, :, k] - numeric).max() <= 1e-4 * np.abs(numeric).max() + 1e-9, k
+        assert np.abs(columns[:, :, k] - numeric)[read].max() <= 1e-4 * np.abs(numeric).max() + 1e-9, k
+
+
+def _predicted(setup, rows):
+    there = predict(dataclasses.replace(setup.arm, instrument=setup.instrument), rows)
+    return np.where(np.isfinite(rows.sigma_r)[:, None], there.rotation, 0.0)
 
 
 def test_written_and_read_again_it_predicts_the_same(measured, found, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +12,15 @@ import pytest
 from scipy.optimize import minimize_scalar
 from small_arms import one_joint
 
-from armflex import Arm, InputError, Payload, Trajectory, check
+from armflex import Arm, InputError, Measurements, Payload, Trajectory, check, predict
+from armflex.calibrate.spread import without_declared_doubt
+from armflex.certainty import Certainty
 from armflex.check import Point
-from armflex.errors import NotFiniteError
-from armflex.laws import LinearLaw
+from armflex.errors import ExtrapolationError, NotFiniteError, Place
+from armflex.laws import AtNode, LinearLaw
+from armflex.laws.linear import LinearFit
+from armflex.robot import Corrections
+from armflex.tip_uncertainty import tip_covariance
 
 RANK = {"ok": 0, "uncertain": 1, "fail": 2}
 
@@ -236,11 +242,96 @@ def test_flags_carry_their_time(tarm: Arm, tarm_path: Trajectory) -> None:
     assert flag.text.startswith("at 0 s: payload of 600 kg")
 
 
-def test_progress_counts_the_stretches(heavy: Arm, heavy_path: Trajectory) -> None:
+def test_progress_counts_the_stretches(heavy: Arm, heavy_path: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["armflex.check"], "TOGETHER", 2)
     seen: list[tuple[int, int]] = []
     check(heavy, some_rows(heavy_path, range(0, 4)), 0.1, progress=lambda done, total: seen.append((done, total)))
-    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert seen == [(2, 3), (3, 3)]
     assert isinstance(check(heavy, some_rows(heavy_path, range(0, 1)), 0.1).path_worst, Point)
+
+
+FORCES_ALONE = LinearLaw(
+    np.diag([1e-7, 1e-7, 1e-7, 0.0, 0.0, 0.0]),
+    fit=LinearFit(np.zeros((3, 3, 3)), np.zeros(3), np.array([[-1e4] * 3, [1e4] * 3])),
+)
+
+
+@pytest.mark.parametrize(
+    ("law", "moment"), [(FORCES_ALONE, "78.5"), (AtNode(FORCES_ALONE, np.array([0.2, 0.0, 0.0])), "58.9")]
+)
+def test_a_law_of_forces_alone_says_that_it_does_not_turn(tmp_path: Path, law: LinearLaw | AtNode, moment: str) -> None:
+    """Upright, the weight goes straight through the joint and there is no moment to be silent about."""
+    soft = one_joint(tmp_path, np.zeros((6, 6)), (0.8, 0.0, 0.0), 10.0)
+    arm = replace(soft, flexures=(replace(soft.flexures[0], law=law),))
+    assert [flag.code for flag in arm.deflection([0.0]).flags] == ["does_not_turn"]
+    assert f"moment of {moment} Nm" in arm.deflection([0.0]).flags[0].text
+    assert "does_not_turn" in {flag.code for flag in check(arm, two_rows(arm, [0.0], [0.1]), 0.1).flags}
+    assert not arm.deflection([np.pi / 2]).flags
+    for q in ([0.0], [[0.0], [0.1]]):
+        with pytest.raises(ExtrapolationError, match="does not turn"):
+            arm.deflection(q, strict=True)
+
+
+def test_stretches_are_judged_alike_together_and_one_by_one(
+    heavy: Arm, heavy_path: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = some_rows(heavy_path, range(0, 12))
+    together = check(heavy, path, 0.005)
+    monkeypatch.setattr(sys.modules["armflex.check"], "TOGETHER", 1)
+    assert check(heavy, path, 0.005) == together
+
+
+def test_what_a_fit_does_not_know_is_part_of_the_verdict(heavy: Arm, heavy_path: Trajectory) -> None:
+    """Joint offsets alone, of which differences of the arm's own displacement tell the uncertainty."""
+    names, std, path = heavy.joint_names, 2e-4, some_rows(heavy_path, range(0, 3))
+    labels = tuple(f"joint_offset {name}" for name in names)
+    exact = replace(heavy, flexures=tuple(replace(f, law=replace(f.law, relative_std=0.0)) for f in heavy.flexures))
+    fitted = replace(exact, certainty=Certainty(labels, np.diag(np.full(6, std**2))))
+    assert all(point.sigma_m is None for point in check(exact, path, 0.1).via_points)
+    report = check(fitted, path, 0.1, 0.1)
+    point, step = next(one for one in report.via_points if one.time == path.time[0]), 1e-5
+
+    def length(name: str, by: float) -> float:
+        moved = replace(exact, corrections=Corrections(joint_offset={name: by}))
+        return float(np.linalg.norm(moved.deflection(path.q[0], path.payload[0]).displacement[:3]))
+
+    slopes = [(length(name, step) - length(name, -step)) / (2.0 * step) for name in names]
+    assert point.sigma_m == pytest.approx(std * np.linalg.norm(slopes), rel=1e-4)
+    tight = check(fitted, path, point.displacement_m + 1.9 * point.sigma_m)
+    wide = check(fitted, path, point.displacement_m + 2.1 * point.sigma_m)
+    verdicts = [next(one for one in r.via_points if one.time == path.time[0]).verdict for r in (tight, wide)]
+    assert verdicts == ["uncertain", "ok"] and not tight.ok
+
+
+def test_a_fit_s_and_the_laws_uncertainty_are_those_of_predict(heavy: Arm, heavy_path: Trajectory) -> None:
+    """In the base's frame and of the tip itself the instrument has no part."""
+    labels = ("joint_offset", "compliance")
+    names = [[*heavy.joint_names], [f"{heavy.flexures[1].name} {axis}" for axis in ("rx", "ry")]]
+    labels = tuple(f"{block} {name}" for block, some in zip(labels, names, strict=True) for name in some)
+    root = np.random.default_rng(1).normal(size=(8, 8)) * np.array([[1e-4]] * 6 + [[0.1]] * 2)
+    arm = replace(heavy, certainty=Certainty(labels, root @ root.T))
+    rows = some_rows(heavy_path, range(0, 5))
+    found, _ = tip_covariance(
+        without_declared_doubt(arm),
+        rows.q,
+        rows.payload,
+        {},
+        without_declared_doubt(arm).deflection(rows.q, list(rows.payload)).covariance,
+    )
+    count = len(rows)
+    asked = Measurements(
+        joint_names=arm.joint_names, pose=tuple("abcde"), session=("s",) * count, payload=rows.payload,
+        time=rows.time, q=rows.q, approach=np.zeros(rows.q.shape), measured=np.zeros(count, dtype=bool),
+        position=np.zeros((count, 3)), rotation=None, sigma=np.ones((count, 3)), sigma_r=None, hold=None,
+        covariates={}, places=tuple(Place(Path("rows.csv"), i + 2) for i in range(count)),
+    )  # fmt: skip
+    expected = predict(arm, asked).sigma
+    np.testing.assert_allclose(np.sqrt(np.diagonal(found, axis1=1, axis2=2)[:, :3]), expected, rtol=1e-9)
+    points = {point.time: point for point in check(arm, replace(rows, via=tuple("abcde")), 0.1).via_points}
+    for i, time in enumerate(rows.time):
+        shift = heavy.deflection(rows.q[i], rows.payload[i]).displacement[:3]
+        along = shift / np.linalg.norm(shift)
+        assert points[time].sigma_m == pytest.approx(np.sqrt(along @ found[i, :3, :3] @ along), rel=1e-9)
 
 
 def test_columns_in_another_order_mean_the_same(tarm, tarm_path):

@@ -8,15 +8,18 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
 from small_arms import ROBOTS
 
-from armflex import Arm, Trajectory, Wrench, compensate, load_law, read_trajectory
-from armflex.cli.main import COMMANDS
+from armflex import Arm, InputError, Trajectory, Wrench, compensate, load_law, read_trajectory
+from armflex.cli.main import COMMANDS, Commands
+from armflex.cli.main import armflex as group
+from armflex.cli.options import OutputPath
 
 Run = Callable[..., subprocess.CompletedProcess]
 TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"
@@ -364,20 +367,84 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
     assert child.wait(timeout=60) == 1
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["compensate", TARM / "arm.toml", "in.csv", "-o", "in.csv"],
-        ["predict", TARM / "arm.toml", "in.csv", "-o", "./in.csv"],
-        ["train", "in.csv", "-o", "in.csv"],
-    ],
-    ids=lambda arguments: arguments[0],
-)
-def test_an_input_is_never_replaced(armflex: Run, tmp_path: Path, arguments: list) -> None:
-    source = TABLE if arguments[0] == "train" else TARM / "trajectory.csv"
-    (tmp_path / "in.csv").write_bytes(source.read_bytes())
-    assert "is an input of this command" in fine(armflex(*arguments), 2).stderr
-    assert (tmp_path / "in.csv").read_bytes() == source.read_bytes()
+FILES = {"arm.toml": TARM / "arm.toml", "robot.urdf": TARM / "robot.urdf", "rows.csv": TARM / "trajectory.csv"}
+FILES |= {"paper_A4_um.safetensors": TARM / "paper_A4_um.safetensors", "joint.csv": TABLE}
+READ = {
+    "deflect": ["arm.toml"],
+    "predict": ["arm.toml", "rows.csv"],
+    "check": ["arm.toml", "rows.csv", "--tolerance", "5mm"],
+    "compensate": ["arm.toml", "rows.csv"],
+    "calibrate": ["arm.toml", "rows.csv", "--points", "joint.csv"],
+    "trace": ["arm.toml", "rows.csv", "--points", "joint.csv"],
+    "train": ["joint.csv", "--assembly", "arm.toml"],
+    "map": ["arm.toml"],
+    "view": ["arm.toml", "--traj", "rows.csv"],
+}
+NAMED = ["robot.urdf", "paper_A4_um.safetensors"]
+
+
+def outputs_of(name: str) -> list[str]:
+    """Return every option of a command that names a file to write."""
+    command = Commands().get_command(None, name)
+    return [one.opts[0] for one in command.params if isinstance(one.type, OutputPath)]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Enter a folder with every kind of input, and a link to each."""
+    for name, source in FILES.items():
+        shutil.copy(source, tmp_path / name)
+        (tmp_path / f"link_{name}").symlink_to(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refused(folder: Path, arguments: Sequence[str], complaint: str) -> None:
+    """Run a command in this process, which is quicker; nothing may have changed."""
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(InputError, match=complaint):
+        group.main(list(arguments), standalone_mode=False)
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "demo"])
+def test_no_command_writes_over_a_file_that_it_reads(folder: Path, name: str) -> None:
+    options, inputs = outputs_of(name), [text for text in READ[name] if text in FILES]
+    inputs += NAMED if "arm.toml" in inputs else []
+    assert "--json" in options and inputs
+    for option in options:
+        others = [text for other in options if other != option for text in (other, f"new{other}")]
+        for file in inputs:
+            for spelt in (file, f"./{file}", f"link_{file}"):
+                arguments = [name, *READ[name], *others, option, spelt]
+                refused(folder, arguments, f"is an input of this command; name another file with {option}")
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "demo" and len(outputs_of(name)) > 1])
+def test_no_command_writes_two_results_into_one_file(folder: Path, name: str) -> None:
+    options = outputs_of(name)
+    (folder / "there.json").write_text("kept")
+    (folder / "other.json").symlink_to(folder / "there.json")
+    for one, other in combinations(options, 2):
+        rest = [text for option in options if option not in (one, other) for text in (option, f"new{option}")]
+        for first, second in (("new", "new"), ("new", "./new"), ("there.json", "other.json")):
+            refused(folder, [name, *READ[name], *rest, one, first, other, second], f"{one} and {other} are the same")
+
+
+def test_an_input_is_refused_from_the_shell(armflex: Run, tmp_path: Path) -> None:
+    (tmp_path / "in.csv").write_bytes(TABLE.read_bytes())
+    result = fine(armflex("train", "in.csv", "-o", "o.safetensors", "--json", "in.csv"), 2)
+    assert "in.csv is an input of this command; name another file with --json" in result.stderr
+    assert (tmp_path / "in.csv").read_bytes() == TABLE.read_bytes() and not (tmp_path / "o.safetensors").exists()
+
+
+@pytest.mark.parametrize("file", ["traced.toml", "tarm_like/arm.toml", "tarm_like/campaign.csv"])
+def test_a_demo_keeps_its_files_apart(folder: Path, file: str) -> None:
+    (folder / "d").mkdir()
+    (folder / "d" / "tarm_like").mkdir()
+    with pytest.raises(InputError, match="is a file of the demonstration"):
+        group.main(["demo", "-o", "d", "--json", f"d/{file}"], standalone_mode=False)
+    assert not list((folder / "d" / "tarm_like").iterdir())
 
 
 def test_a_demo_leaves_an_edited_arm_alone(armflex: Run, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from armflex.effects.catalogue import CATALOGUE, EVERY
 from armflex.effects.guide import GUIDE
 from armflex.effects.remember import known_rows
 from armflex.effects.scene import Scene, survey
+from armflex.effects.tool_shift import ALWAYS
 from armflex.effects.unnamed import PRODUCT, SHAPES, WAVE_PRODUCT
 from armflex.errors import MissingCovariateError
 from armflex.instrument import Instrument
@@ -71,6 +72,8 @@ def stage(request, tmp_path_factory) -> Stage:
     truth = draw("none", 5, request.param).write(tmp_path_factory.mktemp("campaign"))
     arm = load_arm(truth.arm)
     rows = few(read_measurements(truth.train, arm), np.linspace(0, 459, ROWS).astype(int))
+    operator = ("ann", "bob", "ann", "cy", "bob", "ann", "ann") * 2
+    rows = replace(rows, covariates={**rows.covariates, "operator": operator})
     pose = pin.SE3(pin.exp3(np.array([0.2, -0.1, 2.0])), np.array([1.0, -2.0, 0.5]))
     setup = Setup(arm, Instrument(pose, {"s1": np.repeat([1e-3, 0.0], 3)}, np.array([0.01, 0.02, -0.03])))
     view = look(setup, rows, np.arange(ROWS))
@@ -195,7 +198,7 @@ def needs(effect: Effect, arm: Arm, rows: Measurements) -> set[str]:
 def test_a_missing_covariate_is_named_with_the_effect(name, stage):
     law = EVERY[name]
     for effect in some_effects(law, stage, 3):
-        if name == "tool_shift" and effect.inner[0] < 0.0:
+        if name == "tool_shift" and effect.inner[0] == ALWAYS:
             continue  # moved for the whole campaign: no time is asked for
         asked = needs(effect, stage.with_effect(effect).arm, stage.rows)
         joints = {f"q_{joint}" for joint in stage.scene.joints}
@@ -206,6 +209,42 @@ def test_a_missing_covariate_is_named_with_the_effect(name, stage):
         if name == "tool_shift":
             wanted = {"time"}
         assert asked == wanted, effect.name
+
+
+def untimed(stage: Stage) -> Scene:
+    known = {name: values for name, values in stage.scene.row.covariates.items() if name != "time"}
+    return replace(stage.scene, row=replace(stage.scene.row, covariates=known), recorded=("temperature",))
+
+
+@pytest.mark.parametrize("name", [name for name in EVERY if name not in (PRODUCT.name, WAVE_PRODUCT.name, GUIDE.name)])
+def test_without_a_time_nothing_that_needs_one_is_tried(name, stage):
+    scene, law = untimed(stage), EVERY[name]
+    spots = list(law.spots(scene))
+    assert bool(spots) == (name not in ("slip_step", "base_drift", "creep"))
+    for spot in spots[:: max(1, len(spots) // 20)]:
+        for inner in grid(law, spot, scene):
+            assert np.isfinite(law.columns(spot, inner, stage.view, scene)).all()
+
+
+def test_a_tool_that_moved_a_second_before_the_first_row_has_not_always_been_there(stage):
+    late = Effect(CATALOGUE["tool_shift"], Spot("tool", "dx", terms=(0,)), (1e-3, 0.0, 0.0, -1.0))
+    always = replace(late, values=(1e-3, 0.0, 0.0, ALWAYS))
+    time = np.linspace(-2.0, 1.0, ROWS)
+    row = replace(stage.scene.row, covariates={**stage.scene.row.covariates, "time": time})
+    moved = [
+        (late.law.columns(e.spot, e.inner, stage.view, replace(stage.scene, row=row)) != 0.0).any(axis=(1, 2))
+        for e in (late, always)
+    ]
+    assert moved[0].tolist() == (time >= -1.0).tolist() and moved[1].all()
+    assert list(always.named) == ["dx"] and len(always.units) == 1 and late.named["since"] == -1.0
+
+
+def test_an_entry_that_asked_rows_never_have_is_not_missing(stage):
+    spot = Spot(stage.scene.joints[1], "ry", ("operator=dan",))
+    arm = stage.with_effect(Effect(EVERY["unnamed_level"], spot, (1e-3,))).arm
+    assert not known_rows(arm, stage.rows)["operator=dan"].any()
+    bare = replace(stage.rows, covariates={"temperature": stage.rows.covariates["temperature"]})
+    assert "operator=dan" not in known_rows(arm, bare)
 
 
 def test_a_misspelt_covariate_is_guessed(stage):
@@ -247,7 +286,7 @@ def test_pulls_answer_one_pose_and_many(name, stage):
 def test_values_have_names_and_units(name, stage):
     for effect in some_effects(EVERY[name], stage, 2):
         assert len(effect.named) == len(effect.units) and all(unit and "{" not in unit for unit in effect.units)
-        assert effect.name.startswith(name) and np.isfinite(effect.values).all()
+        assert effect.name.startswith(name) and np.isfinite(list(effect.named.values())).all()
 
 
 def loaded_with_everything(stage: Stage) -> Setup:

@@ -15,6 +15,7 @@ from armflex import Arm, Trajectory, check, compensate, read_trajectory, view
 from armflex.effects import CATALOGUE, Effect, TwistLaw
 from armflex.effects.effect_file import SHAPES
 from armflex.errors import InputError, MissingCovariateError, TableError
+from armflex.workspace import map_workspace
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
 KNOWN = {"time": 30.0, "hold": 40.0, "temperature": 27.0, "oil_temp": 27.0, "humidity": 0.4}
@@ -192,6 +193,36 @@ def test_columns_and_constants(tmp_path: Path, heavy_path: Trajectory) -> None:
     view(arm, Q, covariates={"temperature": 30.0}, path=tmp_path / "w.html")
 
 
+def test_a_covariate_that_nothing_depends_on_is_refused_where_somebody_names_it(
+    tmp_path: Path, heavy: Arm, heavy_path: Trajectory
+) -> None:
+    arm, path = arm_with(tmp_path, WARM), part(heavy_path, 2)
+    given = {"temprature": 25.0}
+    for ask in (
+        lambda one: check(one, path, 1.0, covariates=given),
+        lambda one: compensate(one, path, covariates=given),
+        lambda one: view(one, trajectory=path, covariates=given, path=tmp_path / "v.html"),
+        lambda one: view(one, Q, covariates=given, path=tmp_path / "v.html"),
+        lambda one: map_workspace(one, rows=4, covariates=given),
+    ):
+        with pytest.raises(InputError, match="depends on 'temprature', did you mean 'temperature'"):
+            ask(arm)
+        with pytest.raises(InputError, match=r"depends on 'temprature' \(they depend on: none\)"):
+            ask(heavy)
+    assert not (tmp_path / "v.html").exists()
+
+
+def test_a_record_may_hold_more_than_the_effects_depend_on(tmp_path: Path, heavy_path: Trajectory) -> None:
+    arm, path = arm_with(tmp_path, WARM), warming(part(heavy_path, 2))
+    more = dataclasses.replace(path, covariates={**path.covariates, "humidity": np.full(len(path), 40.0)})
+    assert check(arm, more, 1.0) == check(arm, path, 1.0)
+    known = {"temperature": 25.0, "temperature_lagged_5s": 25.0}
+    plain, whole = (arm.deflection(Q, covariates=known | extra) for extra in ({}, {"humidity": 40.0}))
+    np.testing.assert_array_equal(whole.displacement, plain.displacement)
+    with pytest.raises(MissingCovariateError, match="did you mean 'temperature_laged_5s'"):
+        arm.deflection(Q, covariates={"temperature": 25.0, "temperature_laged_5s": 25.0})
+
+
 def test_a_trajectorys_columns_are_read(tmp_path: Path, heavy: Arm) -> None:
     header = "time,q_J1,q_J2,q_J3,q_J4,q_J5,q_J6,approach_J2,temperature"
     file = tmp_path / "t.csv"
@@ -213,7 +244,7 @@ def test_commands_take_covariates(armflex: Run, tmp_path: Path) -> None:
     said = fine(armflex("deflect", "arm.toml", "--covariates", "temperature=25"), 2).stderr
     assert "effect 'backlash J2 ry' needs the covariate 'approach_J2'" in said
     said = fine(armflex("deflect", "arm.toml", "--covariates", "temprature=25,approach_J2=1"), 2).stderr
-    assert "needs the covariate 'temperature'" in said and "did you mean 'temprature'" in said
+    assert "no effect of this arm depends on 'temprature', did you mean 'temperature'? (they depend on: " in said
     command = ["deflect", "arm.toml", "--q", "J2=0.3", "--json", "d.json", "--covariates"]
     fine(armflex(*command, "temperature=25,approach_J2=1"))
     arm = arm_with(tmp_path, BACKLASH, WARM)

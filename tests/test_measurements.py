@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from armflex import Arm, InputError, Measurements, read_measurements
+from armflex.calibrate.view import Setup, look
 from armflex.doubts import without_duplicates
 from armflex.errors import TableError
+from armflex.instrument import Instrument
 from armflex.poses import leaked, pose_groups
 
 JOINTS = tuple(f"J{i}" for i in range(1, 7))
@@ -113,7 +115,60 @@ def test_nan_in_a_covariate_is_an_error_with_row_and_column(heavy: Arm, tmp_path
 def test_a_gap_in_a_covariate_is_flagged(heavy: Arm, tmp_path: Path) -> None:
     rows = [row | {"humidity": "" if i == 7 else 50.0 + i} for i, row in enumerate(campaign())]
     found = read_measurements(written(tmp_path, rows), heavy)
-    assert codes(found) == ["covariate_gaps"] and "line 9" in found.flags[0].text
+    assert codes(found) == ["covariate_gaps"] and "lines 9" in found.flags[0].text
+    assert "not searched" in found.flags[0].text and not [name for name in found.known if "humidity" in name]
+
+
+def test_entries_of_a_text_column_are_known_as_columns(heavy: Arm, tmp_path: Path) -> None:
+    rows = [row | {"operator": f"o{i % 3}", "remark": f"remark {i}"} for i, row in enumerate(campaign(14))]
+    found = read_measurements(written(tmp_path, rows), heavy)
+    np.testing.assert_array_equal(found.known["operator=o1"], np.arange(14) % 3 == 1)
+    assert [name for name in found.known if "=" in name] == ["operator=o0", "operator=o1", "operator=o2"]
+    assert codes(found) == ["covariate_text"] and "'remark': 14 different texts" in found.flags[0].text
+
+
+def test_a_row_without_an_orientation_counts_by_its_position(heavy: Arm, tmp_path: Path) -> None:
+    turned = {"rx": 0.1, "ry": 0.2, "rz": 0.3, "sigma_r": 1e-3}
+    blank = dict.fromkeys(turned, "")
+    rows = [row | (blank if i in (2, 7) else turned) for i, row in enumerate(campaign())]
+    found = read_measurements(written(tmp_path, rows), heavy)
+    assert np.flatnonzero(np.isinf(found.sigma_r)).tolist() == [2, 7] and found.measured.all()
+    assert (found.sigma_r[[0, 11]] == 1e-3).all() and not found.rotation[[2, 7]].any()
+    view = look(Setup(heavy, Instrument()), found, np.arange(12))
+    assert not view.whitened[[2, 7], 3:].any() and np.abs(view.whitened[[0, 11], 3:]).min() > 0.0
+    nothing = read_measurements(written(tmp_path, [row | blank for row in campaign()]), heavy)
+    assert nothing.rotation is None and nothing.sigma_r is None
+
+
+ORIENTATIONS = {
+    "no sigma_r": ({"rx": 0.1, "ry": 0.2, "rz": 0.3}, r"rows.csv:1: .*no column 'sigma_r'"),
+    "zero": ({"rx": 0.1, "ry": 0.2, "rz": 0.3, "sigma_r": 0}, r"rows.csv:2: sigma_r must be positive"),
+    "blank": ({"rx": 0.1, "ry": 0.2, "rz": 0.3, "sigma_r": ""}, r"rows.csv:2: column 'sigma_r' is empty"),
+    "alone": (
+        {"rx": 0.1, "ry": 0.2, "rz": 0.3, "sigma_r": 1e-3, "x": "", "y": "", "z": ""},
+        r"rows.csv:2: has rx ry rz but no x y z",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ORIENTATIONS)
+def test_orientations_that_cannot_be_used_are_refused(heavy: Arm, tmp_path: Path, name: str) -> None:
+    added, match = ORIENTATIONS[name]
+    with pytest.raises(TableError, match=match):
+        read_measurements(written(tmp_path, [row | added for row in campaign()]), heavy)
+
+
+def test_rotations_without_their_standard_deviation_make_no_campaign(heavy: Arm, tmp_path: Path) -> None:
+    found = read_measurements(written(tmp_path, campaign()), heavy)
+    with pytest.raises(InputError, match="sigma_r"):
+        dataclasses.replace(found, rotation=np.zeros((12, 3)))
+
+
+def test_what_only_the_order_of_rows_tells_is_named(heavy: Arm, tmp_path: Path) -> None:
+    rows = [{key: value for key, value in row.items() if key != "time"} | {"approach_J2": 1} for row in campaign()]
+    found = read_measurements(written(tmp_path, rows), heavy)
+    assert found.derived == ("time", *(f"approach_{name}" for name in JOINTS if name != "J2"))
+    assert "time" not in found.known and (found.known["approach_J2"] == 1.0).all()
 
 
 @pytest.mark.parametrize(("chosen", "factor"), [((2, 5, 6, 9), 1e3), ((4,), 1e3), ((1, 3, 8), 1e-3), (range(7), 1e3)])

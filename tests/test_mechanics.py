@@ -439,7 +439,8 @@ def test_loads_beyond_those_trained_on_are_doubted(tmp_path):
     fitted = LinearLaw(np.diag([1e-9] * 3 + [0] * 3), fit=LinearFit(np.zeros((3, 3, 3)), np.zeros(3), seen))
     arm = one_joint(tmp_path, fitted, com=(1, 0, 0))
     mild, strong = np.array([100.0, 0, 10, 9e9, 0, 0]), np.array([0, 250.0, -16300, 0, 0, 0])
-    assert arm.stack.doubts(mild, None) == ()
+    assert [flag.code for flag in arm.stack.doubts(mild, None)] == ["does_not_turn"]
+    assert arm.stack.doubts(np.array([100.0, 0, 10, 0, 0, 0]), None) == ()
     flags = arm.stack.doubts(strong, None)
     assert [flag.code for flag in flags] == ["extrapolating"] * 2
     assert flags[0].text.endswith("load fy = 250 N is outside the -200 to 200 N it was trained on")

@@ -49,7 +49,8 @@ def page(found: Trace) -> str:
 
 def without_effects(found: Trace, unexplained: Unexplained | None = None) -> Trace:
     """The same trace as if nothing had been found."""
-    return replace(found, found=(), state=begin(found.calibration), unexplained=unexplained, noise=1.0)
+    state = begin(found.calibration)
+    return replace(found, found=(), before=state.fit, state=state, unexplained=unexplained, noise=1.0)
 
 
 class Outline(HTMLParser):
@@ -183,7 +184,8 @@ def test_colours_follow_the_theme() -> None:
         (74.2, 6.83, "N/m", "74 ± 7 N/m"),
         (2.5e7, 3e5, "N/m", "(2.50 ± 0.03) × 10⁷ N/m"),
         (19.907, None, "degC", "19.9 °C"),
-        (0.0, 0.0, "rad", "0 ± 0 rad"),
+        (0.0, 0.0, "rad", "0 rad"),
+        (-2.772e-9, 0.0, "m/Nm", "−2.77 nm/Nm"),
     ],
 )
 def test_measure(value: float, std: float | None, unit: str, shown: str) -> None:

@@ -269,5 +269,3 @@ def test_a_state_knows_its_parts(after):
     assert gap.named["gap"] == pytest.approx(float(after.values_of(block)[0]))
     truth = draw("backlash", 101, "six").effects[0]
     assert abs(gap.named["gap"] - truth.tell(truth.amplitude)["gap"]) < 4.0 * float(after.stds_of(block)[0])
-    without = replace(after, effects=())
-    assert without.effects == () and after.effects == (block,)

@@ -14,7 +14,9 @@ from test_cli import Run, fine, strict_json
 from test_effect_files import quietly
 
 from armflex import predict, read_measurements, read_points, trace
+from armflex.calibrate.spread import without_declared_doubt
 from armflex.cli.trace import as_json, print_trace
+from armflex.tip_uncertainty import tip_covariance
 from armflex.trace.result import Unexplained
 
 CONTRACT = {
@@ -107,6 +109,40 @@ def test_the_written_arm_predicts_rows_that_were_not_used(ran, truth: Truth) -> 
     assert np.sqrt((error**2).mean()) < 0.5e-3 * np.sqrt(3.0) * 0.5
 
 
+def test_what_was_fitted_is_uncertain_in_deflect_and_check_too(ran, armflex: Run) -> None:
+    arm = quietly(ran[0] / "traced.toml")
+    certain, q, known = without_declared_doubt(arm), arm.position(J2=0.3), {}
+    site = arm.effects[0].spot.site
+    known[f"approach_{site}"] = 1.0
+    given = ["--covariates", f"approach_{site}=1"]
+    said = fine(armflex("deflect", ran[0] / "traced.toml", "--q", "J2=0.3", *given, "--json", ran[0] / "d.json"))
+    laws = certain.deflection(q, covariates=known).covariance
+    expected, _ = tip_covariance(certain, q[None], ("none",), known, None if laws is None else laws[None])
+    told = np.array(strict_json(ran[0] / "d.json")["covariance"])
+    np.testing.assert_allclose(told, expected[0], rtol=1e-7, atol=1e-18)
+    assert (np.diag(told) > (0.0 if laws is None else np.diag(laws))).all()
+    (line,) = (line for line in said.stdout.splitlines() if line.split()[:1] == ["z"])
+    assert f"{np.sqrt(told[2, 2]) * 1e3:.2g}" in line.split()
+    rows = "\n".join(f"{t},0,{0.3 + 1e-9 * t},0,0,0,0,v{t}" for t in (0, 1))
+    (ran[0] / "t.csv").write_text(f"time,{','.join(f'q_J{i}' for i in range(1, 7))},via\n{rows}\n")
+    told_sigma = ["--tolerance", "1m", *given, "--json", ran[0] / "c.json"]
+    fine(armflex("check", ran[0] / "traced.toml", ran[0] / "t.csv", *told_sigma))
+    shift = certain.deflection(q, covariates=known).displacement[:3]
+    along = shift / np.linalg.norm(shift)
+    point = strict_json(ran[0] / "c.json")["via_points"][0]
+    assert point["sigma_m"] == pytest.approx(np.sqrt(along @ told[:3, :3] @ along), rel=1e-5)
+
+
+def test_advice_is_cut_and_counted(ran, capsys: pytest.CaptureFixture) -> None:
+    advice = tuple(f"advice {i}" for i in range(11))
+    print_trace(dataclasses.replace(ran[2], next_measurement=advice))
+    said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Next: ")]
+    assert said == [*(f"Next: {text}" for text in advice[:3]), "Next: 8 more in --report and --json."]
+    assert as_json(dataclasses.replace(ran[2], next_measurement=advice))["next_measurement"] == list(advice)
+    print_trace(dataclasses.replace(ran[2], next_measurement=advice[:3]))
+    assert capsys.readouterr().out.count("Next: ") == 3
+
+
 def test_points_are_those_of_the_campaign(ran, truth: Truth) -> None:
     folder = ran[0]
     assert "measurements_sha256" in (folder / "traced.toml").read_text()
@@ -138,6 +174,7 @@ BAD = {
     "no such points": (["arm.toml", "m.csv", "-o", "o.toml", "--points", "none.txt"], "none.txt: cannot be read"),
     "an input": (["arm.toml", "m.csv", "-o", "arm.toml"], "is an input of this command"),
     "a page over an input": (["arm.toml", "m.csv", "-o", "o.toml", "--report", "m.csv"], "is an input of this command"),
+    "the arm for a page": (["arm.toml", "m.csv", "-o", "o.toml", "--report", "o.toml"], "are the same file o.toml"),
     "no folder": (["arm.toml", "m.csv", "-o", "o.toml", "--report", "none/r.html"], "folder none"),
 }
 

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import test_trace
+from campaigns import draw
 from hypothesis import given
 from hypothesis import strategies as st
+from test_effects import few
 
+from armflex import load_arm, predict, read_measurements, trace
+from armflex.calibrate.file import write_traced
 from armflex.calibrate.fit import moved
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects import CATALOGUE, Spot
 from armflex.laws.linear import SOFTEST
-from armflex.trace.accept import null_maximum
+from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import project
@@ -281,3 +286,32 @@ def test_a_factor_moves_in_a_straight_line_and_never_below_nothing(before):
     np.testing.assert_allclose(factor, np.where(steps > 0.0, 1.0 + steps, 1.0 / (1.0 - steps))[logs])
     small = moved(blocks, values, 1e-6 * steps) - values
     np.testing.assert_allclose(small, 1e-6 * steps, rtol=1e-4)
+
+
+# Sessions and columns of text.
+
+
+def test_a_session_whose_name_begins_with_another_has_its_own_frame():
+    labels = tuple(("session_frame", f"{name} {axis}") for name in ("a", "a b") for axis in TWIST_NAMES)
+    folds, frames = session_folds(SimpleNamespace(labels=labels), ["a b", "a", "a b"])
+    assert folds.tolist() == [0, 1, 0]
+    assert [frame.tolist() for frame in frames] == [list(range(6, 12)), list(range(6))]
+
+
+def test_an_entry_of_a_text_column_is_a_suspect(tmp_path):
+    """One of three operators, at random poses, stands J4 a little aside."""
+    truth = draw("none", 100, "six").write(tmp_path)
+    arm = load_arm(truth.arm)
+    rows = read_measurements(truth.train, arm)
+    rows = few(rows, np.flatnonzero(rows.measured)[::2])
+    rng, poses = np.random.default_rng(0), rows.pose_number
+    operator = np.array(["ann", "bob", "cy"])[rng.integers(0, 3, poses.max() + 1)][poses]
+    aside = rows.q - arm.position(J4=1.5e-3) * (operator == "bob")[:, None]
+    found = trace(arm, replace(rows, q=aside, covariates={**rows.covariates, "operator": tuple(operator.tolist())}))
+    (only,) = found.found
+    spot, step = only.effect.spot, only.effect.named["step"]
+    assert (only.effect.law.name, spot.site, spot.axis) == ("unnamed_level", "J4", "rx")
+    assert spot.covariates == ("operator=bob",) and abs(step - 1.5e-3) < 4.0 * only.std["step"]
+    again = load_arm(write_traced(truth.arm, found, tmp_path / "traced.toml"))
+    asked = replace(rows, q=aside, covariates={**rows.covariates, "operator": ("bob",) * len(rows)})
+    np.testing.assert_allclose(predict(again, asked).position, predict(found.arm, asked).position, atol=1e-9)

@@ -19,6 +19,9 @@ from armflex.laws import LinearLaw, PositionDependentLaw
 from armflex.laws.scaled import scaled
 from armflex.measurements import Measurements
 
+MOUNTING = "mounting"
+"""Name of the block of the target's orientation."""
+
 
 class Block(Protocol):
     """Parameters that belong together."""
@@ -149,13 +152,40 @@ class TargetBlock:
     def columns(self, view: View) -> Array:
         """Return the tip's axes as the instrument sees them."""
         columns = np.zeros((*view.residual.shape, 3))
-        columns[:, :3] = view.setup.instrument.rotations(view.line.tip)
+        columns[:, :3] = view.setup.instrument.axes(view.line.tip)
         return columns
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with the target moved."""
         instrument = setup.instrument
         return replace(setup, instrument=replace(instrument, target=instrument.target + values))
+
+
+@dataclass(frozen=True)
+class MountingBlock:
+    """How the target is turned on the tool, where orientations are read: nobody mounts a target to a milliradian."""
+
+    start: Array
+    name: str = MOUNTING
+    logarithmic: bool = False
+    labels: tuple[str, ...] = TWIST_NAMES[3:]
+    units: tuple[str, ...] = ("rad",) * 3
+
+    @property
+    def prior(self) -> Array:
+        """Nothing is known."""
+        return np.full(3, np.inf)
+
+    def columns(self, view: View) -> Array:
+        """Return the tip's axes as the instrument sees them, for orientations alone."""
+        columns = np.zeros((*view.residual.shape, 3))
+        columns[:, 3:] = view.setup.instrument.axes(view.line.tip)[:, : view.residual.shape[1] - 3]
+        return columns
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with the target turned about its first guess, in tip axes."""
+        turned = pin.log3(pin.exp3(values) @ pin.exp3(self.start))
+        return replace(setup, instrument=replace(setup.instrument, mounting=turned))
 
 
 @dataclass(frozen=True)
@@ -294,6 +324,8 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
         blocks.append(SessionBlock(sessions, measurements.session, prior.session_translation, prior.session_rotation))
     if prior.tool:
         blocks.append(TargetBlock(prior.tool))
+    if measurements.rotation is not None:
+        blocks.append(MountingBlock(setup.instrument.mounting))
     if prior.joint_offset:
         kinds = tuple("m" if joint.kind == "prismatic" else "rad" for joint in arm.robot.moving)
         blocks.append(OffsetBlock(arm.joint_names, prior.joint_offset, kinds))

@@ -12,12 +12,14 @@ from armflex.calibrate.blocks import declared_blocks
 from armflex.calibrate.enough import check_readings
 from armflex.calibrate.fit import Fit, fit
 from armflex.calibrate.identify import Parameter, parameters
-from armflex.calibrate.spread import INSTRUMENT, SESSIONS, certainty_of
-from armflex.calibrate.view import Progress, Setup, look
+from armflex.calibrate.spread import FRAMES, INSTRUMENT, certainty_of
+from armflex.calibrate.view import Progress, Setup, View, look
+from armflex.conventions import Array
+from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.law import LoadLaw, TwistLaw
-from armflex.effects.remember import known_rows
+from armflex.effects.remember import derived_directions, known_rows
 from armflex.errors import InputError, Place, UnsupportedError, listing
-from armflex.instrument import Instrument, fit_frame
+from armflex.instrument import Instrument, fit_frame, fit_mounting
 from armflex.linearise import Linearizer
 from armflex.measurements import Measurements
 
@@ -29,11 +31,12 @@ FEWEST_ROWS = 4
 
 @dataclass(frozen=True)
 class Outlier:
-    """A row that the fit does not believe: its place and error [m]."""
+    """A row that the fit does not believe: its place, its error [m], and what became of it."""
 
     row: int
     place: Place | None
     error_m: float
+    kind: str = "counted less"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +46,24 @@ class Calibration:
     Attributes:
         arm: The arm with its fitted compliances and corrections, and the instrument that saw it.
         fit: The fit itself: values, covariance, residuals.
-        declared_rms: RMS of the 3-D position error with only the instrument's frame fitted [m].
-        noise_rms: What the stated standard deviations alone would give [m].
+        placed: The rows as the declared arm explains them, only the instrument's frame fitted.
+        measurements: The campaign.
     """
 
     arm: Arm
     fit: Fit
-    declared_rms: float
-    noise_rms: float
+    placed: View
     measurements: Measurements
+
+    @property
+    def declared_rms(self) -> float:
+        """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
+        return float(np.sqrt((self.placed.residual[:, :3] ** 2).sum(axis=1).mean()))
+
+    @property
+    def noise_rms(self) -> float:
+        """What the stated standard deviations alone would give [m]."""
+        return float(np.sqrt((self.placed.sigma[:, :3] ** 2).sum(axis=1).mean()))
 
     @property
     def rms(self) -> float:
@@ -100,10 +112,12 @@ def calibrate(
         measurements: Where the tip was seen.
         rows: Row numbers to use; every measured row when not given.
         progress: Called with (steps done, steps at most).
-        keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames are fitted.
+        keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames, and how the
+            target is turned on the tool, are fitted.
 
     Raises:
         InputError: Too few rows were measured, or see `check_readings`.
+        MissingCovariateError: An effect of the arm depends on what the campaign does not give.
         UnsupportedError: The arm has effects that change masses, gravity or the instrument.
         ConvergenceError: The fit did not settle.
     """
@@ -112,21 +126,21 @@ def calibrate(
         raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
     fixed = [effect.name for effect in arm.effects if not isinstance(effect.law, TwistLaw | LoadLaw)]
     if fixed:
-        raise UnsupportedError(f"effects that change the model itself cannot be fitted about: {listing(fixed)}")
+        text = f"effects that change the model itself cannot be fitted about: {listing(fixed)}"
+        others = listing(name for name, law in CATALOGUE.items() if not isinstance(law, TwistLaw | LoadLaw))
+        raise UnsupportedError(f"{text} (such are {others}); leave them out of the arm that is fitted")
+    derived_directions(arm, measurements, used)
     declared = first_guess(arm if keep else replace(arm, certainty=None), measurements, used)
-    blocks = [
-        block for block in declared_blocks(declared, measurements) if not keep or block.name in (INSTRUMENT, SESSIONS)
-    ]
+    blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.name in FRAMES]
     frame = [block for block in blocks if block.name == INSTRUMENT]
     before = fit(declared, frame, measurements, used) if frame else None
-    seen = before.view if before else look(declared, measurements, used)
+    placed = before.view if before else look(declared, measurements, used)
     found = fit(declared, blocks, measurements, used, progress=progress)
     fitted = found.setup
     return Calibration(
         replace(fitted.arm, instrument=fitted.instrument, certainty=certainty_of(found)),
         found,
-        float(np.sqrt((seen.residual[:, :3] ** 2).sum(axis=1).mean())),
-        float(np.sqrt((seen.sigma[:, :3] ** 2).sum(axis=1).mean())),
+        placed,
         measurements,
     )
 
@@ -138,7 +152,16 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
     line = Linearizer(arm).rows(measurements.q[rows], [measurements.payload[row] for row in rows], known)
     points = line.tip[:, :3, 3] + line.tip[:, :3, :3] @ instrument.target
     check_readings(arm, points, measurements, rows)
-    if arm.measurement.frame == "base":
-        return Setup(arm, instrument)
-    pose = fit_frame(points, measurements.position[rows])
-    return Setup(arm, replace(instrument, pose=pose))
+    if arm.measurement.frame != "base":
+        instrument = replace(instrument, pose=fit_frame(points, measurements.position[rows]))
+    return Setup(arm, _mounted(instrument, line.tip, measurements, rows))
+
+
+def _mounted(instrument: Instrument, tip: Array, measurements: Measurements, rows: np.ndarray) -> Instrument:
+    """Return the instrument with its target turned on the tool as read orientations have it."""
+    if measurements.rotation is None:
+        return instrument
+    read = np.isfinite(measurements.sigma_r[rows])
+    if not read.any():
+        return instrument
+    return replace(instrument, mounting=fit_mounting(instrument.axes(tip[read]), measurements.rotation[rows[read]]))

@@ -36,28 +36,25 @@ def check_readings(arm: Arm, points: Array, measurements: Measurements, rows: np
     up = -arm.robot.gravity if np.any(arm.robot.gravity) else None
     check_axes(points, measurements.position[rows], places, pose, up)
     if unknown:
-        turned = measurements.rotation is not None and measurements.sigma_r is not None
         frame = fit_frame(points, measurements.position[rows])
         seen = points @ frame.rotation.T + frame.translation
-        check_enough(seen, measurements.sigma[rows], measurements.sigma_r[rows] if turned else None)
+        check_enough(seen, measurements.sigma[rows])
 
 
-def check_enough(points: Array, sigma: Array, sigma_r: Array | None = None) -> None:
+def check_enough(points: Array, sigma: Array) -> None:
     """Raise where poses all alike, or on one line, leave the instrument's orientation open.
 
     Everything else that a calibration frees has a prior; what data say nothing about stays there and is named.
+    Orientations that were read do not count: how the target is turned on the tool is not known either.
 
     Args:
         points: (N, 3) nominal target in instrument axes [m].
         sigma: (N, 3) standard deviations of the readings [m].
-        sigma_r: (N,) those of measured orientations [rad], None where none were.
 
     Raises:
         IdentifiabilityError: With rank, condition and names of what is left free.
     """
-    size = 3 if sigma_r is None else 6
-    spread = sigma if sigma_r is None else np.hstack([sigma, np.repeat(sigma_r[:, None], 3, axis=1)])
-    columns = rigid_motion(points - points.mean(axis=0), size) / spread[:, :, None]
+    columns = rigid_motion(points - points.mean(axis=0), 3) / sigma[:, :, None]
     # About their centre points always tell a shift; a turn must be known to better than COARSEST.
     turns = np.linalg.svd(COARSEST * columns.reshape(-1, 6)[:, 3:], full_matrices=False)
     known = turns.S >= 1.0

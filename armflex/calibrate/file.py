@@ -103,6 +103,7 @@ def as_table(fit: Fit, measurements: Measurements, rms: float) -> dict[str, Any]
         "instrument": pose,
         "target": instrument.target.tolist(),
         "scale": instrument.scale,
+        "mounting": instrument.mounting.tolist(),
         "joint_offset": dict(corrections.joint_offset),
         "geometry": {name: values.tolist() for name, values in corrections.geometry.items()},
         "compliance": {name: values.tolist() for name, values in _log_factors(fit).items()},

@@ -103,7 +103,7 @@ class Fit:
     def freedom(self) -> float:
         """Number of readings less what was fitted to them: a parameter that its prior holds takes nothing."""
         held = np.diag(posterior_covariance(self.columns, self.prior)) * self.prior**-2.0
-        return max(len(self.residual) - float((1.0 - held).sum()), 1.0)
+        return max(float(np.isfinite(self.view.sigma).sum() - (1.0 - held).sum()), 1.0)
 
     @property
     def noise(self) -> float:
@@ -121,7 +121,7 @@ class Fit:
         return float(np.sqrt((self.view.residual[:, :3] ** 2).sum(axis=1).mean()))
 
     def cost(self, limit: float) -> float:
-        """Return -2 log posterior density but for a constant; rows longer than `limit` (whitened) count less."""
+        """Return -2 log posterior density but for a constant; rows beyond `limit` times the noise count less."""
         return objective(self.view, self.values, self.prior, limit)
 
     def places(self, block: Block) -> np.ndarray:

@@ -31,23 +31,31 @@ def whitened_residual(view: View, weights: Array) -> Array:
 
 
 def robust_limit(view: View) -> float:
-    """Return the whitened length beyond which a row counts less.
+    """Return how many times what noise could make a row must be off to count less: 1, more while the model is wrong.
 
-    While the model is wrong all residuals are long; what is far is then judged by their median, not by the noise.
+    While it is wrong all residuals are long; what is far is then judged by their median, not by the noise.
     """
-    length = np.linalg.norm(view.whitened, axis=1)
-    size = view.residual.shape[1]
-    return FAR[size] * max(1.0, float(np.median(length)) / MEDIAN_LENGTH[size])
+    expected = np.array([MEDIAN_LENGTH[size] for size in _sizes(view)])
+    return max(1.0, float(np.median(np.linalg.norm(view.whitened, axis=1) / expected)))
 
 
 def huber_weights(view: View, limit: float | None = None) -> Array:
     """Return the (M,) weights of the rows."""
     length = np.linalg.norm(view.whitened, axis=1)
-    return np.minimum(1.0, (limit or robust_limit(view)) / np.maximum(length, 1e-300))
+    return np.minimum(1.0, (limit or robust_limit(view)) * _far(view) / np.maximum(length, 1e-300))
 
 
 def objective(view: View, values: Array, prior: Array, limit: float) -> float:
     """Return the Huber cost plus the prior's, both as -2 log density."""
-    length = np.linalg.norm(view.whitened, axis=1)
-    cost = np.where(length > limit, 2.0 * limit * length - limit**2, length**2).sum()
+    length, far = np.linalg.norm(view.whitened, axis=1), limit * _far(view)
+    cost = np.where(length > far, 2.0 * far * length - far**2, length**2).sum()
     return float(cost + ((values / prior) ** 2).sum())
+
+
+def _far(view: View) -> Array:
+    return np.array([FAR[size] for size in _sizes(view)])
+
+
+def _sizes(view: View) -> list[int]:
+    """Return how many numbers every row has: an orientation that was not read is as uncertain as can be."""
+    return np.isfinite(view.sigma).sum(axis=1).tolist()

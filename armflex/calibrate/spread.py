@@ -10,10 +10,12 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.blocks import (
+    MOUNTING,
     Block,
     ComplianceBlock,
     FrameBlock,
     GeometryBlock,
+    MountingBlock,
     OffsetBlock,
     SessionBlock,
     TargetBlock,
@@ -33,7 +35,10 @@ from armflex.measurements import Measurements
 
 COMPLIANCE, EFFECT, RANDOM = "compliance", "effect", "unexplained"
 INSTRUMENT, SESSIONS = "instrument", "session_frame"
-OF_THE_INSTRUMENT = (INSTRUMENT, SESSIONS, "tool", f"{EFFECT} tracker_scale", f"{EFFECT} {SESSIONS}")
+FRAMES = (INSTRUMENT, SESSIONS, MOUNTING)
+"""Blocks of one campaign alone: frames that nothing says will be the same in the next."""
+
+OF_THE_INSTRUMENT = (*FRAMES, "tool", f"{EFFECT} tracker_scale", f"{EFFECT} {SESSIONS}")
 """How blocks begin that change what is read, not where the tip is."""
 
 OTHER_PARAMETERS = Flag(
@@ -58,7 +63,7 @@ def certainty_of(fit: Fit) -> Certainty:
 
 def _joined(earlier: Certainty, found: Certainty) -> Certainty:
     """Return both, as independent, but for the earlier campaign's frames: declared parameters first, then effects."""
-    kept = [i for i, label in enumerate(earlier.labels) if label.split(" ", 1)[0] not in (INSTRUMENT, SESSIONS)]
+    kept = [i for i, label in enumerate(earlier.labels) if label.split(" ", 1)[0] not in FRAMES]
     labels = (*(earlier.labels[i] for i in kept), *found.labels)
     covariance = np.zeros((len(labels),) * 2)
     covariance[: len(kept), : len(kept)] = earlier.covariance[np.ix_(kept, kept)]
@@ -86,13 +91,15 @@ def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[F
     blocks = _rebuilt(arm.certainty, view, rows)
     if blocks is None:
         return None, (OTHER_PARAMETERS,)
-    columns = _columns(blocks, view)
+    columns = _columns(blocks, view)[:, :3]
     variance = np.einsum("ndp,pq,ndq->nd", columns, arm.certainty.covariance, columns, optimize=True)
     return np.maximum(variance, 0.0) + _unforeseen(arm, view, rows), ()
 
 
 def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[Flag, ...]]:
-    """Return the (N, 3, 3) covariance of the tip's shift, base axes, that is due to fitted parameters, and doubts.
+    """Return the covariance of the tip's shift, base axes, that is due to fitted parameters, and doubts.
+
+    It is (N, 3, 3), or (N, 6, 6) with that of the tip's rotation where the rows have orientations.
 
     Where the instrument stands and what it looks at has no part in it, nor has what a tilted instrument would say of
     gravity. None where nothing was fitted, or where the arm no longer has what was.
@@ -111,14 +118,14 @@ def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None,
     covariance = np.einsum("ndp,pq,neq->nde", columns, known, columns, optimize=True)
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
-        along = size * view.to_twist(site)[:, :3, TWIST_NAMES.index(axis)]
+        along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
         covariance += along[:, :, None] * along[:, None]
     return covariance, ()
 
 
 def _columns(blocks: Sequence[Block], view: View) -> Array:
-    """Return (N, 3, P) changes of the position that is read."""
-    return np.concatenate([np.zeros((len(view.rows), 3, 0)), *(block.columns(view)[:, :3] for block in blocks)], axis=2)
+    """Return (N, d, P) changes of what is read."""
+    return np.concatenate([np.zeros((*view.residual.shape, 0)), *(block.columns(view) for block in blocks)], axis=2)
 
 
 def without_declared_doubt(arm: Arm) -> Arm:
@@ -178,6 +185,8 @@ def _declared(name: str, labels: list[str], view: View, rows: Measurements) -> B
         return SessionBlock(parts, rows.session, 0.0, 0.0)
     if name == "tool":
         return TargetBlock(0.0)
+    if name == MOUNTING:
+        return MountingBlock(view.setup.instrument.mounting)
     if name == "joint_offset" and tuple(labels) == arm.joint_names:
         return OffsetBlock(arm.joint_names, 0.0, ("",) * len(labels))
     if name == "geometry" and parts == arm.joint_names:

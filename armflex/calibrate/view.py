@@ -44,7 +44,7 @@ class View:
         line: The linearised arm at those rows.
         points: (M, 3) target in the instrument frame, sessions left out.
         residual: (M, d) measured minus predicted, d = 3, or 6 with rotations [m, rad].
-        sigma: (M, d) one standard deviation of each.
+        sigma: (M, d) one standard deviation of each; infinite where a row has no orientation.
         seen: (M, d, 6) change of a reading per motion of the tip (origin, base axes).
     """
 
@@ -97,9 +97,11 @@ def look(
     residual = measurements.position[rows] - instrument.readings(line.tip, sessions)
     sigma = measurements.sigma[rows]
     seen = _seen_position(instrument, line.tip)
-    if measurements.rotation is not None and measurements.sigma_r is not None:
-        residual = np.hstack([residual, _rotation_residual(instrument, line.tip, measurements.rotation[rows])])
-        sigma = np.hstack([sigma, np.repeat(measurements.sigma_r[rows, None], 3, axis=1)])
+    if measurements.rotation is not None:
+        spread = np.repeat(measurements.sigma_r[rows, None], 3, axis=1)
+        turns = _rotation_residual(instrument.rotations(line.tip, sessions), measurements.rotation[rows])
+        residual = np.hstack([residual, np.where(np.isfinite(spread), turns, 0.0)])
+        sigma = np.hstack([sigma, spread])
         seen = np.concatenate([seen, _seen_rotation(instrument, len(rows))], axis=1)
     return View(setup, rows, line, instrument.points(line.tip), residual, sigma, seen)
 
@@ -115,7 +117,6 @@ def _seen_rotation(instrument: Instrument, count: int) -> Array:
     return np.broadcast_to(turned, (count, 3, 6))
 
 
-def _rotation_residual(instrument: Instrument, tip: Array, measured: Array) -> Array:
-    predicted = instrument.rotations(tip)
+def _rotation_residual(predicted: Array, measured: Array) -> Array:
     turns = [pin.log3(pin.exp3(vector) @ rotation.T) for vector, rotation in zip(measured, predicted, strict=True)]
     return np.array(turns)

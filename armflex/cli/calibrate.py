@@ -12,11 +12,11 @@ from armflex.calibrate import Calibration, calibrate
 from armflex.calibrate.file import write_calibrated
 from armflex.calibrate.identify import Parameter
 from armflex.cli.options import (
+    Command,
     OutputPath,
     PathArgument,
     declared_arm,
     json_option,
-    keep_inputs,
     keep_option,
     points_options,
     progress,
@@ -28,7 +28,7 @@ from armflex.measurements import read_measurements
 from armflex.point_export import PointExport
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("arm_path", metavar="ARM", type=PathArgument)
 @click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Calibrated arm.toml to write.")
@@ -46,7 +46,6 @@ def command(
     json_path: Path | None,
 ) -> None:
     """Fit what [prior] frees, on the deflected arm, and say what the data cannot tell."""
-    keep_inputs(output)
     arm = declared_arm(arm_path, "calibrate", keep)
     measurements = read_measurements(measurements_path, arm, points=points)
     with progress("calibrating") as tick:

@@ -11,6 +11,7 @@ import click
 from armflex.arm import Arm
 from armflex.check import CheckReport, Point, check
 from armflex.cli.options import (
+    Command,
     PathArgument,
     arm_argument,
     covariates_option,
@@ -25,7 +26,7 @@ from armflex.equilibrium import METHODS
 from armflex.trajectory import read_trajectory
 
 
-@click.command()
+@click.command(cls=Command)
 @arm_argument
 @click.argument("trajectory_path", metavar="TRAJ.csv", type=PathArgument)
 @click.option("--tolerance", required=True, metavar="5mm", help="Largest displacement of the tip, with unit.")

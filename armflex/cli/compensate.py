@@ -10,12 +10,12 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli.options import (
+    Command,
     OutputPath,
     PathArgument,
     arm_argument,
     covariates_option,
     json_option,
-    keep_inputs,
     progress,
     show_flags,
     write_json,
@@ -26,7 +26,7 @@ from armflex.conventions import parse_quantity
 from armflex.trajectory import read_trajectory, write_trajectory
 
 
-@click.command()
+@click.command(cls=Command)
 @arm_argument
 @click.argument("trajectory_path", metavar="TRAJ.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Compensated trajectory to write.")
@@ -49,7 +49,6 @@ def command(
 
     Nothing is written where a row cannot be reached, unless --best-effort is given.
     """
-    keep_inputs(output)
     trajectory = read_trajectory(trajectory_path, arm)
     gap = None if between is None else parse_quantity(between, "length")
     with progress("compensating") as tick:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,10 @@ import click
 import numpy as np
 
 from armflex.arm import Arm
+from armflex.calibrate.spread import without_declared_doubt
 from armflex.check import overload
 from armflex.cli.options import (
+    Command,
     arm_argument,
     covariates_option,
     json_option,
@@ -23,11 +26,13 @@ from armflex.cli.tables import console, number, print_table
 from armflex.deflection import Deflection
 from armflex.effects.remember import settled
 from armflex.equilibrium import METHODS
+from armflex.errors import Flag
 from armflex.loads import Wrench
+from armflex.tip_uncertainty import AT_REST, tip_covariance
 from armflex.trajectory import check_approaches
 
 
-@click.command()
+@click.command(cls=Command)
 @arm_argument
 @click.option("--q", "positions", default="", metavar="A1=0.3,A4=-10deg", help="Joint positions; others are 0.")
 @click.option("--payload", default="none", show_default=True, help="Name of a payload in ARM.")
@@ -56,16 +61,29 @@ def command(
     wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(parse_force, forces)]
     q = parse_positions(positions, arm)
     known = settled(arm, covariates)
+    arm = without_declared_doubt(arm)
     found = arm.deflection(
         q, payload, covariates=known, wrenches=wrenches, method=method, allow_large=allow_large, strict=strict
     )
-    print_deflection(arm, found)
-    show_flags((*found.flags, *overload(arm, found)))
-    write_json(json_path, {"format": "armflex-deflect-1", "payload": payload, **as_json(found)})
+    covariance, doubts = _covariance(arm, found, payload, known)
+    print_deflection(arm, found, covariance)
+    rest = (AT_REST,) if wrenches and arm.certainty is not None else ()
+    flags = (*found.flags, *overload(arm, found), *doubts, *rest)
+    show_flags(flags)
+    write_json(json_path, {"format": "armflex-deflect-1", "payload": payload, **as_json(found, covariance, flags)})
 
 
-def print_deflection(arm: Arm, found: Deflection) -> None:
-    """Print the loads, the local deflections and the tip's displacement."""
+def _covariance(
+    arm: Arm, found: Deflection, payload: str, known: dict[str, float]
+) -> tuple[np.ndarray | None, tuple[Flag, ...]]:
+    """Return the (6, 6) covariance of the displacement, of the laws and of what was fitted, and doubts about it."""
+    laws = None if found.covariance is None else found.covariance[None]
+    covariance, doubts = tip_covariance(arm, found.q[None], (payload,), known, laws)
+    return None if covariance is None else covariance[0], doubts
+
+
+def print_deflection(arm: Arm, found: Deflection, covariance: np.ndarray | None) -> None:
+    """Print the loads, the local deflections and the tip's displacement with its (6, 6) covariance."""
     names = found.names
     console().print(f"base {names.base}, tip {names.tip}, payload {found.payload.mass:g} kg, {found.method}\n")
     print_table(
@@ -82,7 +100,7 @@ def print_deflection(arm: Arm, found: Deflection) -> None:
         console().print("No flexure is declared: the arm is rigid and its tip does not move.")
         return
     _print_flexures(found)
-    _print_tip(found)
+    _print_tip(found, covariance)
 
 
 def _print_flexures(found: Deflection) -> None:
@@ -96,8 +114,8 @@ def _print_flexures(found: Deflection) -> None:
     )
 
 
-def _print_tip(found: Deflection) -> None:
-    deviations = None if found.covariance is None else np.sqrt(np.diag(found.covariance))
+def _print_tip(found: Deflection, covariance: np.ndarray | None) -> None:
+    deviations = None if covariance is None else np.sqrt(np.diag(covariance))
     rows = []
     for index, (name, unit) in enumerate([(n, "mm") for n in "xyz"] + [(f"r{n}", "mrad") for n in "xyz"]):
         sigma = "none" if deviations is None else number(deviations[index] * 1e3, 2)
@@ -109,7 +127,7 @@ def _print_tip(found: Deflection) -> None:
     )
 
 
-def as_json(found: Deflection) -> dict[str, Any]:
+def as_json(found: Deflection, covariance: np.ndarray | None, flags: Sequence[Flag]) -> dict[str, Any]:
     """Return a deflection for programs, SI."""
     names = found.names
     return {
@@ -125,9 +143,9 @@ def as_json(found: Deflection) -> dict[str, Any]:
         "contributions": found.contributions.tolist(),
         "remainder": found.remainder.tolist(),
         "displacement": found.displacement.tolist(),
-        "covariance": None if found.covariance is None else found.covariance.tolist(),
+        "covariance": None if covariance is None else covariance.tolist(),
         "compliance": found.compliance.tolist(),
         "pose": found.pose.homogeneous.tolist(),
         "rigid_pose": found.rigid_pose.homogeneous.tolist(),
-        "flags": [str(flag) for flag in found.flags],
+        "flags": [str(flag) for flag in flags],
     }

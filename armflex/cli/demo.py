@@ -17,14 +17,14 @@ from armflex.check import check
 from armflex.cli.check import print_check
 from armflex.cli.compensate import print_compensation
 from armflex.cli.deflect import print_deflection
-from armflex.cli.options import PathArgument, json_option, progress, show_flags, write_json
+from armflex.cli.options import Command, PathArgument, json_option, progress, same_file, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.cli.trace import print_trace
 from armflex.cli.train import print_training
 from armflex.compensate import Compensation, compensate
 from armflex.deflection import Deflection
 from armflex.equilibrium import MAX_ROTATION
-from armflex.errors import FileError, Place
+from armflex.errors import FileError, InputError, Place
 from armflex.joint_data import read_joint_data
 from armflex.laws.law_file import save_law
 from armflex.learning.train import train
@@ -37,6 +37,9 @@ from armflex.view.view import view
 
 TOLERANCE = 0.1
 PAYLOAD = "p600"
+WRITTEN = ("compensated.csv", "tarm_like.html", "traced.toml", "trace.html")
+"""Beside the robot's folder."""
+
 PRESETS = {
     None: "assumed A4 (the arm's own)",
     "paper_A4_um": "Table I read as um/kN",
@@ -45,12 +48,13 @@ PRESETS = {
 }
 
 
-@click.command()
+@click.command(cls=Command)
 @click.option("-o", "--output", type=PathArgument, default="armflex_demo", show_default=True, help="Folder to write.")
 @json_option
 def command(output: Path, json_path: Path | None) -> None:
     """Load the TARM-like boom, see it sag, check a path, compensate it, put the paper's joint in, trace a campaign."""
     folder = output / "tarm_like"
+    _check_apart(json_path, output)
     _copy_robot(folder)
     arm = load_arm(folder / "arm.toml")
     trajectory = read_trajectory(folder / "trajectory.csv", arm)
@@ -64,6 +68,14 @@ def command(output: Path, json_path: Path | None) -> None:
     write_json(json_path, said | {"traced": [one.effect.title for one in traced.found]})
     pages = f"{output / 'tarm_like.html'} and {output / 'trace.html'}"
     console().print(f"\nOpen {pages} in a browser; everything written is in {output}.")
+
+
+def _check_apart(json_path: Path | None, output: Path) -> None:
+    """Raise `InputError` where the result for programs would replace a file that is kept or written on the way."""
+    kept = [*(output / name for name in WRITTEN), *(output / "tarm_like").glob("*")]
+    kept += [output / "tarm_like" / file.name for file in bundled_robot("tarm_like").iterdir()]
+    if json_path is not None and any(same_file(json_path, file) for file in kept):
+        raise InputError(f"{json_path} is a file of the demonstration; name another one with --json")
 
 
 def _copy_robot(folder: Path) -> None:
@@ -84,7 +96,7 @@ def _heading(text: str) -> None:
 def _sag(arm: Arm) -> None:
     _heading(f"1. Straight out, carrying {PAYLOAD}: armflex deflect robots/tarm_like/arm.toml --payload {PAYLOAD}")
     found = _straight(arm)
-    print_deflection(arm, found)
+    print_deflection(arm, found, found.covariance)
     show_flags(found.flags)
 
 

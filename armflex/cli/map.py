@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli.options import (
+    Command,
     OutputPath,
     PathArgument,
     arm_argument,
@@ -29,7 +30,7 @@ from armflex.workspace.picture import SUFFIXES as PICTURES
 from armflex.workspace.workspace_map import CHUNK, VERDICTS
 
 
-@click.command()
+@click.command(cls=Command)
 @arm_argument
 @click.option("-o", "--output", required=True, type=OutputPath(), help="MAP.npz with everything, or MAP.csv.")
 @click.option("--rows", type=int, default=1 << 16, show_default=True, help="Configurations within the joint limits.")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import functools
 import json
 import os
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,15 @@ from armflex.whole_file import write_whole
 PathArgument = click.Path(path_type=Path)
 
 
+class Command(click.Command):
+    """A command that writes over none of its inputs, nor one of its outputs over another; checked before it begins."""
+
+    def invoke(self, context: click.Context) -> Any:
+        """Run the command; raise what `keep_inputs` does."""
+        keep_inputs(context)
+        return super().invoke(context)
+
+
 class OutputPath(click.Path):
     """A file to be written; its folder is looked at before anything is computed or written."""
 
@@ -37,6 +48,55 @@ class OutputPath(click.Path):
         if not os.access(path.parent, os.W_OK):
             self.fail(f"folder {path.parent} cannot be written", parameter, context)
         return path
+
+
+def keep_inputs(context: click.Context) -> None:
+    """Raise `InputError` where an output is an input, a file that an input names, or another output; links count."""
+    paths = {one: context.params.get(one.name) for one in context.command.params if isinstance(one.type, click.Path)}
+    given = {one: path for one, path in paths.items() if isinstance(path, Path)}
+    outputs = [(one.opts[0], path) for one, path in given.items() if isinstance(one.type, OutputPath)]
+    inputs = [file for one, path in given.items() if not isinstance(one.type, OutputPath) for file in named_files(path)]
+    for option, path in outputs:
+        if any(same_file(path, file) for file in inputs):
+            raise InputError(f"{path} is an input of this command; name another file with {option}")
+    for (one, first), (other, second) in combinations(outputs, 2):
+        if same_file(first, second):
+            raise InputError(f"{one} and {other} are the same file {second}; name another one")
+
+
+def named_files(path: Path) -> list[Path]:
+    """Return an input, and the files beside it that a TOML file names under whatever key: a URDF, laws."""
+    if path.suffix != ".toml":
+        return [path]
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError):
+        return [path]  # who reads it will say what is wrong with it
+    beside = [path.parent / text for text in _texts(table)]
+    return [path, *(file for file in beside if _is_file(file))]
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a text that cannot be a path
+        return False
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield every text in nested tables and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _texts(item)
+
+
+def same_file(output: Path, other: Path) -> bool:
+    """Return whether writing a file would change another one; a device or a pipe is no file that could be lost."""
+    if output.exists() and other.exists():
+        return output.is_file() and output.samefile(other)
+    return output.resolve() == other.resolve()
 
 
 def arm_argument(function: Callable) -> Callable:
@@ -59,7 +119,8 @@ def arm_argument(function: Callable) -> Callable:
 keep_option = click.option(
     "--keep",
     is_flag=True,
-    help="ARM is calibrated or traced already: keep it, and fit only where the instrument stands.",
+    help="ARM is calibrated or traced already: keep it, and fit only where the instrument stands. Not for an arm with "
+    "an effect on the model itself: link_mass, payload_mass, payload_com, gravity_tilt, tracker_scale, session_frame.",
 )
 
 
@@ -83,7 +144,7 @@ def covariates_option(function: Callable) -> Callable:
         default="",
         metavar="temperature=25,approach_A2=1",
         callback=lambda context, parameter, text: parse_covariates(text),
-        help="What the arm's effects depend on, SI and degrees Celsius; a column of the rows needs none.",
+        help="What the arm's effects depend on beside the rows' columns, SI and degrees Celsius; no other names.",
     )(function)
 
 
@@ -199,11 +260,3 @@ def say_warning(text: str) -> None:
     if text not in _said:
         _said.add(text)
         click.echo(f"warning: {text}", err=True)
-
-
-def keep_inputs(output: Path) -> None:
-    """Raise `InputError` where a command's output would replace one of the files it is made from."""
-    for parameter, value in click.get_current_context().params.items():
-        is_input = isinstance(value, Path) and parameter not in ("output", "json_path", "report_path")
-        if is_input and output.resolve() == value.resolve():
-            raise InputError(f"{output} is an input of this command; name another file with -o")

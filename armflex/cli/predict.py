@@ -8,11 +8,11 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli.options import (
+    Command,
     OutputPath,
     PathArgument,
     arm_argument,
     json_option,
-    keep_inputs,
     progress,
     show_flags,
     write_json,
@@ -22,7 +22,7 @@ from armflex.measurements import read_measurements
 from armflex.predict import predict, write_predictions
 
 
-@click.command()
+@click.command(cls=Command)
 @arm_argument
 @click.argument("rows_path", metavar="ROWS.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Table to write.")
@@ -34,7 +34,6 @@ def command(
     json_path: Path | None,
 ) -> None:
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
-    keep_inputs(output)
     rows = read_measurements(rows_path, arm, inputs_only=True)
     with progress("predicting") as tick:
         found = predict(arm, rows, tick)

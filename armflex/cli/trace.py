@@ -12,11 +12,11 @@ import numpy as np
 
 from armflex.calibrate.file import write_traced
 from armflex.cli.options import (
+    Command,
     OutputPath,
     PathArgument,
     declared_arm,
     json_option,
-    keep_inputs,
     keep_option,
     points_options,
     show_flags,
@@ -36,8 +36,11 @@ if TYPE_CHECKING:
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
 
+MOST_ADVICE = 3
+"""Of what to measure next."""
 
-@click.command()
+
+@click.command(cls=Command)
 @click.argument("arm_path", metavar="ARM", type=PathArgument)
 @click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Traced arm.toml to write.")
@@ -55,8 +58,6 @@ def command(
     json_path: Path | None,
 ) -> None:
     """Calibrate, find what residual is left, trace it to an effect the arm lacks, add it, and say what it was worth."""
-    for written in filter(None, (output, report_path)):
-        keep_inputs(written)
     arm = declared_arm(arm_path, "trace", keep)
     measurements = read_measurements(measurements_path, arm, points=points)
     found = trace(arm, measurements, report=_say(), keep=keep)
@@ -80,15 +81,15 @@ def _say() -> Callable[[str], None]:
 
 def print_trace(found: Trace) -> None:
     """Print the errors before and after, what was added, what else it may be, what is left, and what to measure."""
-    calibration, out = found.calibration, console()
+    out = console()
     figures = [
-        ["declared, instrument placed", calibration.declared_rms, None],
-        ["calibrated", calibration.rms, found.held_out_before],
+        ["declared, instrument placed", found.declared_rms, None],
+        ["calibrated", found.calibrated_rms, found.held_out_before],
         ["with what was found", found.rms, found.held_out_after],
-        ["stated noise", calibration.noise_rms, None],
+        ["stated noise", found.noise_rms, None],
     ]
     rows = [[name, *("-" if rms is None else number(rms * 1e3, 3) for rms in pair)] for name, *pair in figures]
-    title = f"RMS of the 3-D position error over {len(found.state.rows)} rows"
+    title = f"RMS of the 3-D position error over {len(found.rows)} rows"
     print_table(title, ["", "all rows mm", "poses held out mm"], rows)
     if found.found:
         columns = ["added", "site", "axis", "value ± standard uncertainty", "held out mm"]
@@ -110,13 +111,23 @@ def _lines(found: Found) -> Iterator[list[str]]:
 def _values(found: Found) -> list[str]:
     pairs = zip(found.effect.named.items(), found.effect.units, strict=True)
     return [
-        f"{name} {number(value)}" + (f" ± {number(found.std[name], 2)}" if name in found.std else "") + f" {unit}"
+        f"{name} {value:.4g}" + (f" ± {found.std[name]:.2g}" if found.std.get(name) else "") + f" {unit}"
         for (name, value), unit in pairs
     ]
 
 
 def _remarks(found: Trace) -> Iterator[str]:
+    if found.outliers:
+        lost, less = found.told("lost beam"), found.told("counted less")
+        yield f"In no figure: {lost} rows left out as lost beams, and {less} that the fit counts less as outliers."
+    if found.told("unexplained"):
+        yield f"{found.told('unexplained')} more rows, far off together, are left out: nothing explains them."
     for one in found.found:
+        if one.witness:
+            yield (
+                f"{one.effect.title} is believed because fitted parameters no longer strain against their priors; "
+                "held-out rows are not predicted clearly better."
+            )
         rivals = list(dict.fromkeys(effect.title for effect, _ in one.equivalent))
         if rivals:
             more = f", and {len(rivals) - 3} more" if len(rivals) > 3 else ""
@@ -127,8 +138,11 @@ def _remarks(found: Trace) -> Iterator[str]:
         yield "Nothing is missing that these data could show."
     if found.smallest:
         yield _smallest(found.smallest)
-    for advice in found.next_measurement:
+    for advice in found.next_measurement[:MOST_ADVICE]:
         yield f"Next: {advice}"
+    more = len(found.next_measurement) - MOST_ADVICE
+    if more > 0:
+        yield f"Next: {more} more in --report and --json."
 
 
 def _left(left: Unexplained) -> str:
@@ -150,14 +164,13 @@ def _smallest(smallest: tuple[Smallest, ...]) -> str:
 
 def as_json(found: Trace) -> dict[str, Any]:
     """Return a trace for programs: RMS in mm, parameters SI."""
-    calibration = found.calibration
     return {
         "format": "armflex-trace-1",
-        "rows": len(found.state.rows),
-        "noise_rms_mm": calibration.noise_rms * 1e3,
+        "rows": len(found.rows),
+        "noise_rms_mm": found.noise_rms * 1e3,
         "rms_mm": {
-            "declared": calibration.declared_rms * 1e3,
-            "calibrated": calibration.rms * 1e3,
+            "declared": found.declared_rms * 1e3,
+            "calibrated": found.calibrated_rms * 1e3,
             "after": found.rms * 1e3,
         },
         "held_out_rms_mm": {"calibrated": found.held_out_before * 1e3, "after": found.held_out_after * 1e3},
@@ -170,7 +183,8 @@ def as_json(found: Trace) -> dict[str, Any]:
         "smallest_shown_mm": {one.effect: {"least": one.least * 1e3, "most": one.most * 1e3} for one in found.smallest},
         "noise_over_stated": found.noise,
         "outliers": [
-            {"row": one.row, "place": str(one.place), "error_mm": one.error_m * 1e3} for one in calibration.outliers
+            {"row": one.row, "place": str(one.place), "error_mm": one.error_m * 1e3, "kind": one.kind}
+            for one in found.outliers
         ],
     }
 
@@ -191,6 +205,7 @@ def _effect_json(found: Found) -> dict[str, Any]:
         ),
         "evidence": found.evidence,
         "chance": proof.null,
+        "believed": found.believed,
     }
 
 

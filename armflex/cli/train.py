@@ -11,7 +11,7 @@ import click
 import numpy as np
 from click.core import ParameterSource
 
-from armflex.cli.options import OutputPath, PathArgument, json_option, keep_inputs, show_flags, write_json
+from armflex.cli.options import Command, OutputPath, PathArgument, json_option, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import InputError
@@ -48,7 +48,7 @@ def _help(option: str, text: str) -> str:
     return f"{text} ({', '.join(CONCERNS[option])})." if option in CONCERNS else f"{text}."
 
 
-@click.command()
+@click.command(cls=Command)
 @click.argument("data_path", metavar="JOINT.csv", type=PathArgument)
 @click.option("--model", type=click.Choice(MODELS), default="linear", show_default=True)
 @learning_options
@@ -71,7 +71,6 @@ def command(
     JOINT.csv has loads fx fy fz [mx my mz] on the joint and deflections dx dy dz [rx ry rz], each column with its unit,
     such as fx_kN and dx_mm.
     """
-    keep_inputs(output)
     _check_concern(model)
     data = read_joint_data(data_path, dict(_pair(text) for text in read_as))
     if output.suffix != ".safetensors":

@@ -9,6 +9,7 @@ import click
 from armflex.arm import Arm
 from armflex.check import check
 from armflex.cli.options import (
+    Command,
     OutputPath,
     PathArgument,
     arm_argument,
@@ -25,7 +26,7 @@ from armflex.trajectory import read_trajectory
 from armflex.view.view import view
 
 
-@click.command()
+@click.command(cls=Command)
 @arm_argument
 @click.option("--traj", "trajectory_path", type=PathArgument, metavar="TRAJ.csv", help="Animate this trajectory.")
 @click.option("--tolerance", metavar="5mm", help="Colour the via-points by their verdict.")

@@ -13,6 +13,8 @@ from armflex.laws import Row
 
 
 def _places(scene: Scene) -> list[Spot]:
+    if not scene.timed:
+        return []
     single = [Spot(BASE, spot.axis, ("time",), (AXES.index(str(spot.axis)),)) for spot in at_base()]
     return single + [Spot(BASE, None, ("time",), terms) for terms in ((0, 1, 2), (3, 4, 5))]
 

@@ -25,4 +25,6 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     return twist[..., None, :]
 
 
-CROSS_COUPLING = TwistLaw("cross_coupling", _places, (Amplitude("C", "mixed"),), _basis, loaded=True, linear=True)
+CROSS_COUPLING = TwistLaw(
+    "cross_coupling", _places, (Amplitude("C", "{m}/{across}"),), _basis, loaded=True, linear=True
+)

@@ -20,7 +20,8 @@ from armflex.effects.law import Effect, EffectLaw, Inner, Values, full
 from armflex.effects.scene import AXES, Scene
 from armflex.effects.session_frame import SESSION_FRAME
 from armflex.effects.spot import BASE, TOOL, Spot
-from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT
+from armflex.effects.tool_shift import ALWAYS
+from armflex.effects.unnamed import BUMP, LEVEL, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT
 from armflex.errors import ArmFileError, did_you_mean, listing
 from armflex.laws import Row
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 UNNAMED = "unnamed"
 SHAPES: dict[str, EffectLaw] = {
     "guide": GUIDE,
+    "level": LEVEL,
     "line": LINE,
     "wave": WAVE,
     "bump": BUMP,
@@ -43,7 +45,7 @@ SHAPES: dict[str, EffectLaw] = {
 TEMPERATURE = "temperature"
 """Column of a law that depends on a temperature, where a table names none."""
 
-DEFAULTS = {"reference": 20.0, "lag": 0.0, "along": 1.0, "since": -1.0, "rest": 0.0, "reach": 0.0, "hook": 1.0}
+DEFAULTS = {"reference": 20.0, "lag": 0.0, "along": 1.0, "since": ALWAYS, "rest": 0.0, "reach": 0.0, "hook": 1.0}
 """Inner parameters that may be left out: the temperature of manufacture, no lag, a bend at the link's root, a tool that
 moved before the first row, a taut line, a pull that has no core, a hook at the link's end."""
 

@@ -126,17 +126,20 @@ class Effect:
 
     @property
     def named(self) -> dict[str, float]:
-        """Values by name, amplitudes that do not act left out."""
-        used = [self.law.amplitudes[i].name for i in self.spot.terms] + [inner.name for inner in self.law.inner]
-        values = [self.amplitudes[i] for i in self.spot.terms] + list(self.inner)
-        return dict(zip(used, values, strict=True))
+        """Values by name; amplitudes that do not act are left out, and a beginning before all time."""
+        return {part.name: value for part, value in self._acting}
 
     @property
     def units(self) -> tuple[str, ...]:
         """Units of `named`."""
-        parts = [self.law.amplitudes[i] for i in self.spot.terms] + list(self.law.inner)
         motion, load = ("rad", "Nm") if self.spot.turns else ("m", "N")
-        return tuple(part.unit.format(m=motion, w=load) for part in parts)
+        across = "Nm" if self.spot.partner.startswith("r") else "N"
+        return tuple(part.unit.format(m=motion, w=load, across=across) for part, _ in self._acting)
+
+    @property
+    def _acting(self) -> list[tuple[Amplitude | Inner, float]]:
+        amplitudes = [(self.law.amplitudes[i], self.amplitudes[i]) for i in self.spot.terms]
+        return [*amplitudes, *(pair for pair in zip(self.law.inner, self.inner, strict=True) if pair[1] != -np.inf)]
 
 
 Basis = Callable[[Here, Array, Row, Values], Array]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,14 +11,15 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.effects.law import Effect, TwistLaw
-from armflex.effects.scene import Driven, known_columns
+from armflex.effects.scene import POSE, Driven, known_columns
 from armflex.effects.spot import resolve
-from armflex.errors import MissingCovariateError
+from armflex.errors import Flag, InputError, MissingCovariateError, did_you_mean, listing, naming
 from armflex.laws import Row
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
     from armflex.deflection import Deflection
+    from armflex.measurements import Measurements
 
 
 def known_rows(arm: Arm, rows: Driven) -> dict[str, Array]:
@@ -53,12 +54,58 @@ def known_rows(arm: Arm, rows: Driven) -> dict[str, Array]:
     return known | states
 
 
+def depended_on(arm: Arm) -> tuple[str, ...]:
+    """Return the names of all covariates that an arm's effects ask for; joint positions are known without."""
+    names: dict[str, None] = {}
+    for effect in arm.effects:
+        names |= dict.fromkeys(name for name in effect.spot.covariates if not name.startswith("q_"))
+        if isinstance(effect.law, TwistLaw) and effect.law.memory:
+            names[effect.law.memory.name(effect.spot, effect.inner)] = None
+    return tuple(names)
+
+
+def check_covariates(arm: Arm, given: Iterable[str]) -> None:
+    """Raise `InputError` where somebody names a covariate that no effect of the arm depends on."""
+    known = depended_on(arm)
+    for name in given:
+        if name not in known:
+            hint = did_you_mean(name, known)
+            raise InputError(f"no effect of this arm depends on {name!r}{hint} (they depend on: {listing(known)})")
+
+
+def derived_directions(arm: Arm, rows: Measurements, asked: np.ndarray) -> tuple[Flag, ...]:
+    """Return a flag for every direction that effects depend on and the order of the rows must tell.
+
+    Args:
+        arm: The arm with its effects.
+        rows: All rows in the order driven.
+        asked: Numbers of the rows whose answers count.
+
+    Raises:
+        MissingCovariateError: No row before an asked one tells where a joint came from.
+    """
+    flags: dict[str, Flag] = {}
+    columns = {f"approach_{joint}": i for i, joint in enumerate(rows.joint_names)}
+    pairs = [(name, effect) for effect in arm.effects for name in effect.spot.covariates]
+    for name, asker in pairs:
+        if name not in columns or name not in rows.derived:
+            continue
+        unknown = asked[rows.approach[asked, columns[name]] == 0.0]
+        if len(unknown):
+            with naming(rows.places[unknown[0]] if rows.places else f"row {unknown[0]}"):
+                raise MissingCovariateError(name, sorted(set(rows.known) - set(rows.derived) - {POSE}), asker.name)
+        flags[name] = Flag("approach_derived", f"{name} is not given: taken from how the rows before moved the joint")
+    return tuple(flags.values())
+
+
 def settled(arm: Arm, given: Mapping[str, float]) -> dict[str, float]:
     """Return covariates of a single configuration, lagged columns taken as settled where they are not given.
 
     Raises:
+        InputError: No effect depends on one of them.
         MissingCovariateError: Such a column is not given either.
     """
+    check_covariates(arm, given)
     known = dict(given)
     for effect in arm.effects:
         law, columns = effect.law, effect.spot.covariates

@@ -29,6 +29,9 @@ STILL = 1e-9
 POSE = "pose_number"
 """Column that numbers the poses; for random twists, not a suspect."""
 
+LEVEL_OF = "="
+"""Parts a text column's name from one of its entries in the name of a column that says where it has that entry."""
+
 AXES_TURN = ("rx", "ry", "rz")
 AXES = ("dx", "dy", "dz", *AXES_TURN)
 
@@ -53,7 +56,7 @@ class Driven(Protocol):
 
     @property
     def known(self) -> dict[str, Array]:
-        """(N,) each: time, every numeric column, and `approach_<joint>`."""
+        """(N,) each: time where it was recorded, every numeric column, and `approach_<joint>`."""
         ...
 
     def motion(self, i: int) -> dict[str, Array | None]:
@@ -87,6 +90,16 @@ class Scene:
     def temperatures(self) -> tuple[str, ...]:
         """Suspects that go by the name of a temperature."""
         return tuple(name for name in self.recorded if TEMPERATURE.search(name))
+
+    @property
+    def levels(self) -> tuple[str, ...]:
+        """Suspects that are entries of a text column: 1 where the column has it, else 0."""
+        return tuple(name for name, values in self.row.covariates.items() if LEVEL_OF in name and np.ptp(values) > 0.0)
+
+    @property
+    def timed(self) -> bool:
+        """Whether it is known when the rows were taken."""
+        return "time" in self.row.covariates
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -142,7 +155,7 @@ def survey(
         points: (..., 3) where links were, in the base [m].
     """
     hidden = {POSE, *(f"approach_{joint}" for joint in measurements.joint_names)}
-    suspects = [name for name in known_columns(measurements, arm) if name not in hidden]
+    suspects = [name for name in known_columns(measurements, arm) if name not in hidden and LEVEL_OF not in name]
     recorded = tuple(name for name in suspects if np.ptp(known[name]) > 0.0)
     places = points.reshape(-1, 3)
     box = np.array([places.min(axis=0), places.max(axis=0)])
@@ -152,8 +165,14 @@ def survey(
 
 
 def known_columns(rows: Driven, arm: Arm) -> dict[str, Array]:
-    """Return everything numeric that is known of rows by name, each payload's mass included, (N,) each."""
-    return {**rows.known, "payload_mass": np.array([arm.payload(name).mass for name in rows.payload])}
+    """Return everything that is known of rows by name, each payload's mass included, (N,) numbers each.
+
+    An entry of a text column that effects depend on and these rows never have is 0 throughout.
+    """
+    known = {**rows.known, "payload_mass": np.array([arm.payload(name).mass for name in rows.payload])}
+    texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}
+    asked = {name for effect in arm.effects for name in effect.spot.covariates if LEVEL_OF in name}
+    return {name: np.zeros(len(rows.q)) for name in asked if name.partition(LEVEL_OF)[0] in texts} | known
 
 
 def last_motion(q: Array) -> Array:

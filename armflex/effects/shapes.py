@@ -90,7 +90,9 @@ def reference_grid(spot: Spot, scene: Scene) -> Iterable[float]:
 
 
 def lag_grid(spot: Spot, scene: Scene) -> Iterable[float]:
-    """Return no lag, and lags that the campaign is long enough to show."""
+    """Return no lag, and lags that the campaign is long enough to show; none of them where it has no time."""
+    if not scene.timed:
+        return (0.0,)
     span = float(np.ptp(scene.column("time")))
     return (0.0, *(lag for lag in LAGS if lag < span))
 

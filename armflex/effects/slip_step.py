@@ -23,7 +23,7 @@ def _times(spot: Spot, scene: Scene) -> Iterable[float]:
 
 SLIP_STEP = TwistLaw(
     "slip_step",
-    lambda scene: at_joints(scene, covariate="time"),
+    lambda scene: at_joints(scene, covariate="time") if scene.timed else [],
     (Amplitude("size", "{m}"),),
     lambda here, wrench, row, inner: on_axis(here, np.where(row.covariate("time") >= inner[0], 1.0, 0.0)),
     (Inner("at", "s", _times, positive=False, smooth=False),),

@@ -12,17 +12,19 @@ from armflex.effects.scene import Scene
 from armflex.effects.spot import TOOL, Here, Spot
 from armflex.laws import Row
 
-ALWAYS = -1.0
-"""A start before every row."""
+ALWAYS = -np.inf
+"""A start before every row, which needs no time."""
 
 
 def _places(scene: Scene) -> list[Spot]:
     single = [Spot(TOOL, axis, terms=(i,)) for i, axis in enumerate(("dx", "dy", "dz"))]
-    return [*single, Spot(TOOL, None, ("time",), (0, 1, 2))]
+    return [*single, *([Spot(TOOL, None, ("time",), (0, 1, 2))] if scene.timed else [])]
 
 
 def _starts(spot: Spot, scene: Scene) -> Iterable[float]:
-    """Return always, and the first moment of every later session."""
+    """Return always, and the first moment of every later session where time is known."""
+    if not scene.timed:
+        return (ALWAYS,)
     time = scene.column("time")
     first = {name: min(time[i] for i, s in enumerate(scene.sessions) if s == name) for name in set(scene.sessions)}
     return (ALWAYS, *sorted(first.values())[1:])

@@ -58,6 +58,10 @@ def _wave(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     return on_axis(here, np.sin(angle), np.cos(angle))
 
 
+def _level(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    return on_axis(here, column_of(row, here.spot.covariates[0]) * np.ones(wrench.shape[:-1]))
+
+
 def _line(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     away = column_of(row, here.spot.covariates[0]) - inner[0]
     return on_axis(here, away * np.ones(wrench.shape[:-1]), away**2 * np.ones(wrench.shape[:-1]))
@@ -177,5 +181,12 @@ WAVE_PRODUCT = TwistLaw(
     (Inner("k", "per recorded", _waves), MIDDLE),
 )
 
-SHAPES = {law.name: law for law in (GUIDE, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, WAVE_PRODUCT, PRODUCT)}
+LEVEL = TwistLaw(
+    "unnamed_level",
+    lambda scene: [Spot(site, axis, (name,)) for site, axis in shaped_places(scene) for name in scene.levels],
+    (Amplitude("step", "{m}"),),
+    _level,
+)
+
+SHAPES = {law.name: law for law in (GUIDE, LEVEL, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, WAVE_PRODUCT, PRODUCT)}
 """Name in files -> shape; the plainer first."""

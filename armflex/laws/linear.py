@@ -14,6 +14,9 @@ from armflex.laws.law import Law, Ranges, Row, block_norms
 SYMMETRY = 1e-9
 NOTHING = np.zeros(6)
 NOTHING.flags.writeable = False
+ROUNDING = 1e-9
+"""Part of a load [Nm per N] below which a moment is none."""
+
 SOFTEST = (1e-5, 1e-3)
 """m/N and rad/Nm beyond which a single joint of steel is not believed; a hint at a wrong unit, no more."""
 
@@ -108,7 +111,10 @@ def entry_covariance(compliance: Array, wrench: Array, relative_std: float) -> A
 
 
 def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
-    """Return a flag for every component of a (6,) wrench outside the (2, k) smallest and largest loads seen."""
+    """Return a flag for every component of a (6,) wrench outside the (2, k) smallest and largest loads seen.
+
+    A law of forces alone does not turn: a moment on it is one flag more.
+    """
     flags = []
     for name, low, high, load in zip(WRENCH_NAMES, *seen, wrench, strict=False):  # a fit may be of forces only
         slack = 1e-9 * max(abs(low), abs(high))
@@ -117,7 +123,16 @@ def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
             here, start, end = (f"{float(f'{value:.3g}'):g}" for value in (load, low, high))
             text = f"load {name} = {here} {unit} is outside the {start} to {end} {unit} it was trained on"
             flags.append(Flag("extrapolating", text))
-    return tuple(flags)
+    return (*flags, *unturned(len(seen[0]), wrench))
+
+
+def unturned(size: int, wrench: Array) -> tuple[Flag, ...]:
+    """Return a flag where a law of `size` components has no answer to the moment in a (6,) wrench."""
+    moment = float(np.linalg.norm(wrench[size:]))
+    if moment <= ROUNDING * float(np.linalg.norm(wrench)):
+        return ()
+    text = f"carries a moment of {moment:.3g} Nm, but was trained on forces alone: it does not turn under any load"
+    return (Flag("does_not_turn", text),)
 
 
 def _fit_covariance(fit: LinearFit, wrench: Array) -> Array:

@@ -182,12 +182,12 @@ class NetworkLaw(Law):
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return a flag for every component beyond those trained on, or one for a combination of them that is."""
         load = wrench[: self.size]
-        flags = beyond(self.seen, load)
+        flags = beyond(self.seen, wrench)
         times = float(self.distance(load)) / self.furthest
-        if flags or times <= 1.0 + 1e-9:
+        if times <= 1.0 + 1e-9 or any(flag.code == "extrapolating" for flag in flags):
             return flags
         text = f"load is outside the loads it was trained on: {times:.3g} times as far from their mean as any of them"
-        return (Flag("extrapolating", text),)
+        return (*flags, Flag("extrapolating", text))
 
 
 def _by_chunks(ask: Callable[[Array], Array], loads: Array, width: int) -> Array:

@@ -23,7 +23,7 @@ from armflex.conventions import Array
 from armflex.errors import ConvergenceError, Flag, LawError, UnknownNameError
 from armflex.laws.beam import Beam, stiffness
 from armflex.laws.law import Law, Ranges, Row, block_norms
-from armflex.laws.linear import NOTHING, LinearLaw
+from armflex.laws.linear import NOTHING, LinearLaw, unturned
 
 MAX_ITERATIONS = 50
 TOLERANCE = 1e-12
@@ -166,12 +166,13 @@ class StructuralLaw(Law):
         return self._solve(wrench, row)[2]
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return the doubts about the loads on the sub-joints."""
+        """Return the doubts about the loads on the sub-joints, and about a moment where nodes only translate."""
         if not self.trained:
             return ()
         asked = zip(self.subjoints, self.loads_on_subjoints(wrench, row), strict=True)
         doubts = [(sub.node, flag) for sub, load in asked for flag in sub.law.doubts(load, row)]
-        return tuple(Flag(flag.code, f"sub-joint at {node!r}: {flag.text}") for node, flag in doubts)
+        inside = tuple(Flag(flag.code, f"sub-joint at {node!r}: {flag.text}") for node, flag in doubts)
+        return (*inside, *unturned(self.components, wrench))
 
     def _dofs(self, node: str) -> np.ndarray:
         return self.components * list(self.nodes).index(node) + np.arange(self.components)

@@ -41,6 +41,15 @@ class EffectAccount:
 
 
 @dataclass(frozen=True, eq=False)
+class ParameterAccount:
+    """What became of the declared parameters: a figure, those that moved far, those that nothing is known of."""
+
+    pulls: str
+    moved: Table
+    undetermined: Table
+
+
+@dataclass(frozen=True, eq=False)
 class Account:
     """A trace as the page shows it; texts are plain and escaped by the template, figures are SVG."""
 
@@ -56,10 +65,8 @@ class Account:
     effects: list[EffectAccount]
     heat: str
     left: str
-    pulls: str
-    moved: Table
+    parameters: ParameterAccount
     hidden: Table
-    undetermined: Table
     detectable: str
     outliers: Table
     doubts: list[str]
@@ -70,7 +77,6 @@ class Account:
 def account(trace: Trace) -> Account:
     """Return everything to show of a trace."""
     accurate = accuracy(trace)
-    before, after = (_with_prior(found) for found in (trace.calibration.parameters, parameters(trace.state.fit)))
     left = localise(trace.state.fit, trace.state.scene, project(trace.state.fit), trace.state.groups)
     return Account(
         title=f"{trace.arm.robot.urdf.name}: what the arm lacks",
@@ -78,22 +84,29 @@ def account(trace: Trace) -> Account:
         accuracy=summary.accuracy_sentence(accurate, trace),
         further=summary.further(trace, accurate),
         cards=_cards(trace, accurate),
-        campaign=_campaign(trace, accurate),
+        campaign=_campaign(trace),
         numbers=_numbers(trace, accurate),
         workspace=figures.workspace(trace),
         sessions=figures.by_session_and_pose(accurate, bool(trace.found)),
         effects=[_effect(trace, index) for index in range(len(trace.found))],
         heat=figures.heat(trace, left),
         left=summary.left(trace.unexplained) if trace.unexplained else "",
-        pulls=figures.pulls(before, after, bool(trace.found)) if after else "",
-        moved=tuple(_parameter(one) for one in after if one.surprising),
+        parameters=_parameters(trace),
         hidden=_hidden(trace),
-        undetermined=tuple((one.name, _partners(one)) for one in after if not one.determined),
         detectable=figures.detectable(trace.smallest, accurate.stated) if trace.smallest else "",
         outliers=_outliers(trace),
         doubts=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
         next_measurement=trace.next_measurement,
         version=__version__,
+    )
+
+
+def _parameters(trace: Trace) -> ParameterAccount:
+    before, after = (_with_prior(parameters(fit)) for fit in (trace.before, trace.state.fit))
+    return ParameterAccount(
+        figures.pulls(before, after, bool(trace.found)) if after else "",
+        tuple(_parameter(one) for one in after if one.surprising),
+        tuple((one.name, _partners(one)) for one in after if not one.determined),
     )
 
 
@@ -117,24 +130,25 @@ def _cards(trace: Trace, accurate: Accuracy) -> Table:
     return tuple(cards)
 
 
-def _campaign(trace: Trace, accurate: Accuracy) -> Table:
-    measurements, rows = trace.state.measurements, trace.state.rows
+def _campaign(trace: Trace) -> Table:
+    measurements = trace.state.measurements
     source = measurements.places[0].file.name if measurements.places else ""
-    doubted = len(rows) - int(accurate.used.sum())
+    left_out = len(trace.outliers) - trace.told("counted less")
+    doubted = f"{len(trace.outliers)}, {left_out} of them left out of the fit; no error here is over them"
     return (
         ("Arm", f"{trace.arm.robot.urdf.name}, {trace.arm.robot.base} to {trace.arm.robot.tip}"),
         ("Campaign", source),
         ("SHA-256 of the campaign", measurements.sha256),
-        ("Readings used", f"{len(rows)} of {len(measurements)} rows driven"),
-        ("Readings not believed", f"{doubted} (left out of every error on this page)"),
+        ("Readings used", f"{len(trace.rows)} of {len(measurements)} rows driven"),
+        ("Readings not believed", doubted),
         ("Poses, payloads, sessions", _counts(trace)),
         ("Made with", f"armflex {__version__}"),
     )
 
 
 def _counts(trace: Trace) -> str:
-    measurements, rows = trace.state.measurements, trace.state.rows
-    columns = (measurements.pose, measurements.payload, measurements.session)
+    measurements, rows = trace.state.measurements, trace.rows
+    columns = (measurements.pose_number.tolist(), measurements.payload, measurements.session)
     return ", ".join(str(len({column[row] for row in rows})) for column in columns)
 
 
@@ -146,7 +160,7 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
         ("Poses held out", *(millimetres(errors.rms, errors.std) for errors in (accurate.before, accurate.after))),
         ("Whole sessions held out", *(millimetres(one) for one in sessions)),
         ("Readings that were fitted", *(millimetres(one) for one in accurate.fitted)),
-        ("As declared, only the instrument placed (every reading)", millimetres(trace.calibration.declared_rms), ""),
+        ("As declared, only the instrument placed ", millimetres(trace.declared_rms), ""),
         ("Noise as stated", "", millimetres(accurate.stated)),
         ("Noise, if the final residual is nothing else", "", millimetres(trace.noise * accurate.stated)),
     ]
@@ -210,11 +224,16 @@ def _hidden(trace: Trace) -> Table:
 
 
 def _outliers(trace: Trace) -> Table:
-    fit, measurements = trace.state.fit, trace.state.measurements
-    error = np.linalg.norm(trace.residual[:, :3], axis=1)
-    far = np.flatnonzero(fit.weights < 0.5)
-    rows = [(int(fit.view.rows[i]), float(error[i])) for i in far[np.argsort(-error[far])]][:SHOWN]
-    return tuple((_row(measurements.places, row), measurements.pose[row], millimetres(size)) for row, size in rows)
+    measurements = trace.state.measurements
+    return tuple(
+        (
+            _row(measurements.places, one.row),
+            measurements.pose[one.row],
+            millimetres(one.error_m),
+            one.kind,
+        )
+        for one in trace.outliers[:SHOWN]
+    )
 
 
 def _row(places: Sequence[Place], row: int) -> str:

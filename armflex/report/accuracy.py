@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
 from armflex.measurements import Measurements
 from armflex.repeats import Scatter, repeats
@@ -52,11 +51,11 @@ class Accuracy:
     """Errors on poses that were held out, before and after, and what noise leaves.
 
     Attributes:
-        before, after: Believed rows of both.
+        before, after: Of the rows that every error is over.
         used: (M,) which of the fitted rows those are.
         sessions: Session of each of them.
         poses: Pose of each of them.
-        fitted: RMS of the believed rows that were fitted, before and after [m].
+        fitted: RMS of the same rows where they were fitted, before and after [m].
         stated: RMS of the stated noise in 3-D [m].
         again: Scatter of repeated readings, None where nothing was repeated.
     """
@@ -80,28 +79,18 @@ def accuracy(trace: Trace) -> Accuracy:
     """Return a trace's errors on held-out poses, row by row."""
     state, measurements = trace.state, trace.state.measurements
     groups = state.groups
-    before, after = (_held(fit, groups) for fit in (trace.calibration.fit, state.fit))
-    used = before[1] & after[1]
-    rows = state.rows[used]
+    folds, used, rows = pose_folds(groups), trace.believed, trace.rows
+    before, after = (held_out(fit, folds).squares[used] for fit in (trace.before, state.fit))
     return Accuracy(
-        Errors(before[0][used], groups[used]),
-        Errors(after[0][used], groups[used]),
+        Errors(before, groups[used]),
+        Errors(after, groups[used]),
         used,
         tuple(measurements.session[row] for row in rows),
         tuple(measurements.pose[row] for row in rows),
-        (_rms(trace.calibration.fit.view.residual[used]), _rms(trace.residual[used])),
-        trace.calibration.noise_rms,
+        (trace.calibrated_rms, trace.rms),
+        trace.noise_rms,
         _again(measurements),
     )
-
-
-def _held(fit: Fit, groups: np.ndarray) -> tuple[Array, np.ndarray]:
-    errors = held_out(fit, pose_folds(groups))
-    return errors.squares, errors.believed
-
-
-def _rms(residual: Array) -> float:
-    return float(np.sqrt((residual[:, :3] ** 2).sum(axis=1).mean()))
 
 
 def _again(measurements: Measurements) -> Scatter | None:

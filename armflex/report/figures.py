@@ -12,7 +12,6 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.report.accuracy import Accuracy, Errors
 from armflex.report.svg import AFTER, BEFORE, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
 from armflex.report.words import words
-from armflex.trace.accept import BELIEVED
 from armflex.trace.localise import NOTICED, Place
 from armflex.trace.result import Smallest, Trace
 
@@ -52,11 +51,11 @@ def workspace(trace: Trace) -> str:
 def _in_base(trace: Trace) -> tuple[Array, Array, Array]:
     """Return target positions and residuals before and after of the believed rows, base axes [m]."""
     fit = trace.state.fit
-    kept, tip = fit.weights > BELIEVED, fit.view.line.tip
+    kept, tip = trace.believed, fit.view.line.tip
     points = tip[:, :3, 3] + tip[:, :3, :3] @ fit.setup.instrument.target
     turned = [
         residual[:, :3] @ one.setup.instrument.pose.rotation
-        for one, residual in ((trace.calibration.fit, trace.calibration.fit.view.residual), (fit, trace.residual))
+        for one, residual in ((trace.before, trace.before.view.residual), (fit, trace.residual))
     ]
     return points[kept], turned[0][kept], turned[1][kept]
 

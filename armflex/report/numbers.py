@@ -14,14 +14,14 @@ SHARE = 0.05
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _NUMERATOR = re.compile(r"(rad|m)(?=$|/| per )")
-_PLAIN = {"1": "", "mixed": "SI", "as recorded": "", "degC": "°C", "deg": "°"}
+_PLAIN = {"1": "", "as recorded": "", "degC": "°C", "deg": "°"}
 
 
 def measure(value: float, std: float | None, unit: str) -> str:
     """Return a value with its standard uncertainty and unit, such as '1.003 ± 0.013 mrad'.
 
     Args:
-        value, std: In the unit; std None where there is none, which is then said by its absence.
+        value, std: In the unit; std None or zero where none is known, which is then said by its absence.
         unit: As laws and blocks name it: 'rad', 'm/N', '1/K', '1', ...
     """
     size = max(abs(value), std or 0.0)
@@ -31,7 +31,7 @@ def measure(value: float, std: float | None, unit: str) -> str:
     value, std = value / 10.0**power, None if std is None else std / 10.0**power
     text = with_std(value, std).replace("-", "−")
     if power:
-        text = f"({text})" if std is not None else text
+        text = f"({text})" if "±" in text else text
         text += " × 10" + str(power).translate(_SUPERSCRIPT)
     return f"{text} {unit}".strip()
 
@@ -42,10 +42,8 @@ def _raised(unit: str) -> str:
 
 def with_std(value: float, std: float | None) -> str:
     """Return 'value ± std' with one digit of the uncertainty, two where it begins with 1 or 2; three digits without."""
-    if std is None or not np.isfinite(std):
+    if not std or not np.isfinite(std):
         return f"{value:.3g}"
-    if std <= 0.0:
-        return f"{value:.4g} ± 0"
     power = int(np.floor(np.log10(std)))
     places = max(0, -power + (std < 3.0 * 10.0**power))
     return f"{value:z.{places}f} ± {std:.{places}f}"

@@ -63,6 +63,8 @@ def further(trace: Trace, accurate: Accuracy) -> list[str]:
         for one in trace.found
         if one.witness
     ]
+    if trace.told("unexplained"):
+        said.append(f"{trace.told('unexplained')} readings far off together are left out: nothing explains them.")
     if trace.unexplained:
         said.append(left(trace.unexplained))
     elif not 0.8 < trace.noise < 1.2:
@@ -121,7 +123,10 @@ def sure(found: Found) -> str:
     if proof.sessions_before is None:  # one session only, or a step between two
         parts.append("No session can be left out and the others still show it: nothing is known about another day.")
     if found.witness:
-        parts.append("It is believed because fitted parameters no longer strain against their priors.")
+        parts.append(
+            "It is believed because fitted parameters no longer strain against their priors, not because held-out "
+            "poses are predicted better."
+        )
     return " ".join(parts)
 
 

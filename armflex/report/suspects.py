@@ -10,7 +10,6 @@ from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.effects.law import Effect, TwistLaw
 from armflex.effects.scene import Scene
 from armflex.report.numbers import scaled
-from armflex.trace.accept import BELIEVED
 from armflex.trace.result import Trace
 
 STRAIGHT = 1e-6
@@ -191,6 +190,8 @@ def _loads(values: Array, kind: str, label: str) -> tuple[Array, str]:
 
 
 def _column(scene: Scene, name: str, rows: np.ndarray) -> tuple[Array, str]:
+    if name == "time" and not scene.timed:
+        return rows.astype(float), "row"
     values = scene.column(name)[rows]
     if name in ("time", "hold"):
         return (values / 3600.0, f"{name} [h]") if values.max() > 7200.0 else (values, f"{name} [s]")
@@ -204,9 +205,9 @@ def _resolved(trace: Trace, motion: Array, direction: Direction, x: Array, x_lab
     sigma = fit.view.sigma[:, :3]
     information = np.maximum((unit**2 / sigma**2).sum(axis=1), 1e-300)
     after = trace.residual[:, :3]
-    residuals = (trace.calibration.fit.view.residual[:, :3], after + motion, after)
+    residuals = (trace.before.view.residual[:, :3], after + motion, after)
     seen = [(unit / sigma**2 * residual).sum(axis=1) / information for residual in residuals]
-    kept = (fit.weights > BELIEVED) & np.isfinite(direction.value)
+    kept = trace.believed & np.isfinite(direction.value)
     factor, name = scaled(float(np.quantile(np.abs(direction.value[kept]), 0.9)), direction.base)
     numbers = [array[kept] / factor for array in (*seen, direction.value, 1.0 / np.sqrt(information))]
     return Suspicion(x[kept], *numbers, x_label, f"{direction.name} [{name}]")

@@ -62,6 +62,7 @@ LAWS = {
         "a tube rocks in its guides, the more the less they overlap",
         "(g · clip(τ / τ₀) + c τ) / overlap",
     ),
+    "unnamed_level": Words("unnamed level", "it is there while a column has one entry", "a step"),
     "unnamed_line": Words("unnamed trend", "it grows steadily with a column", "slope · x + curvature · x²"),
     "unnamed_wave": Words("unnamed wave", "it goes up and down with a column", "A sin kx + B cos kx"),
     "unnamed_bump": Words("unnamed bump", "it happens near one value", "height · exp(−(x − centre)² / 2 width²)"),
@@ -74,8 +75,6 @@ LAWS = {
 }
 
 SITES = {BASE: "the base", TOOL: "the tool", LINK + TOOL: "the last link"}
-
-_COUPLED = {"dd": "m/N", "dr": "1/N", "rd": "1/N", "rr": "rad/Nm"}
 
 
 def words(effect: str) -> Words:
@@ -109,8 +108,7 @@ def units_of(effect: Effect) -> dict[str, str]:
     """Return the unit of every value by name; one per unit of a column says which column."""
     spot = effect.spot
     column = spot.covariates[-1] if spot.covariates else "its column"
-    coupled = _COUPLED.get((spot.axis or "")[:1] + spot.partner[:1], "mixed")
-    units = [unit.replace("per recorded", f"per unit of {column}").replace("mixed", coupled) for unit in effect.units]
+    units = [unit.replace("per recorded", f"per unit of {column}") for unit in effect.units]
     return dict(zip(effect.named, units, strict=True))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.calibrate.blocks import Block
-from armflex.calibrate.fit import Fit, posterior_covariance
+from armflex.calibrate.fit import Fit, huber_weights, posterior_covariance, robust_limit
 from armflex.conventions import Array
 from armflex.trace.candidates import Sifted
 from armflex.trace.projection import evidence
@@ -21,6 +21,9 @@ SHOWN = 2.0
 
 BELIEVED = 0.5
 """Robust weight below which a row is left out of held-out errors: a lost beam says nothing about a model."""
+
+FARTHEST = 5.0
+"""Times the median error beyond which an error is no larger for the proof: about where a row is believed no more."""
 
 
 def null_maximum(
@@ -39,11 +42,23 @@ def null_maximum(
     """
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (int(groups.max()) + 1, flips))
     projection = sifted.projection
+    competes = [laws is None or candidate.law.name in laws for candidate in sifted.bank.candidates]
+    if not any(competes):
+        return np.full(flips, -np.inf)
     rows = np.repeat(signs[groups], projection.count // len(groups), axis=0)
     gains = sifted.gains(projection.residual[:, None] * rows, stationary=False)
     worth = evidence(gains, projection.objective, projection.count, sifted.bank.parameters[:, None])
-    competes = [laws is None or candidate.law.name in laws for candidate in sifted.bank.candidates]
-    return np.asarray(worth)[competes].max(axis=0, initial=-np.inf)
+    return np.asarray(worth)[competes].max(axis=0)
+
+
+def believed(*fits: Fit) -> np.ndarray:
+    """Return (M,) rows that one or more of several fits to the same rows come near, by the limit of the closest.
+
+    A row that only an effect explains speaks for it, one that it alone spoils against it, and a beam that every fit
+    misses about none of them.
+    """
+    limit = min(robust_limit(fit.view) for fit in fits)
+    return np.any([huber_weights(fit.view, limit) > BELIEVED for fit in fits], axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +67,7 @@ class HeldOut:
 
     Attributes:
         squares: (M,) squared 3-D error of every row [m^2].
-        believed: (M,) False for outliers.
+        believed: (M,) False for rows that say nothing about a model.
     """
 
     squares: Array
@@ -68,13 +83,16 @@ class HeldOut:
         return float(np.sqrt(self.squares[self.believed & rows].mean()))
 
 
-def held_out(fit: Fit, folds: np.ndarray, refitted: Sequence[np.ndarray] | None = None) -> HeldOut:
+def held_out(
+    fit: Fit, folds: np.ndarray, refitted: Sequence[np.ndarray] | None = None, judged: np.ndarray | None = None
+) -> HeldOut:
     """Return the errors of every row predicted from the other folds, in the linear problem about the fit.
 
     Args:
         fit: The fit; its columns and robust weights are used as they are.
         folds: (M,) fold of every row.
         refitted: For every fold, parameters that may follow the fold's own rows (a session's frame), if any.
+        judged: (M,) rows that count, see `believed`; those that this fit believes when not given.
     """
     size = fit.view.residual.shape[1]
     data = fit.residual + fit.columns @ fit.values
@@ -90,8 +108,8 @@ def held_out(fit: Fit, folds: np.ndarray, refitted: Sequence[np.ndarray] | None 
                 fit.columns[np.ix_(own, some)], precision[some], error
             )
         left[own] = error
-    errors = left.reshape(-1, size) / np.sqrt(fit.weights)[:, None] * fit.view.sigma
-    return HeldOut((errors[:, :3] ** 2).sum(axis=1), fit.weights > BELIEVED)
+    errors = left.reshape(-1, size)[:, :3] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, :3]
+    return HeldOut((errors**2).sum(axis=1), fit.weights > BELIEVED if judged is None else judged)
 
 
 def _solve(columns: Array, precision: Array, data: Array) -> Array:
@@ -118,7 +136,7 @@ def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[n
             [
                 i
                 for i, (block, label) in enumerate(fit.labels)
-                if block == "session_frame" and label.startswith(f"{name} ")
+                if block == "session_frame" and label.rpartition(" ")[0] == name
             ],
             dtype=int,
         )
@@ -141,8 +159,11 @@ def sessions_held_out(
     able = _showing(after, np.concatenate([after.places(block) for block in new]), folds)
     if not able.any():
         return None
-    first = held_out(before, *session_folds(before, sessions))
-    return first.rms_of(able), held_out(after, folds, frames).rms_of(able)
+    judged = believed(before, after)
+    if not (able & judged).any():
+        return None
+    first = held_out(before, *session_folds(before, sessions), judged=judged)
+    return first.rms_of(able), held_out(after, folds, frames, judged).rms_of(able)
 
 
 def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
@@ -156,7 +177,12 @@ def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
 
 
 def improvement(before: HeldOut, after: HeldOut) -> float:
-    """Return how many standard errors the mean squared error falls by, over rows that both believe."""
+    """Return how many standard errors the mean squared error falls by, over rows that both believe.
+
+    What is farther than `FARTHEST` counts as that far: the few rows that an effect moves most would be all its scatter.
+    """
     both = before.believed & after.believed
-    fall = before.squares[both] - after.squares[both]
+    squares = [errors.squares[both] for errors in (before, after)]
+    most = FARTHEST**2 * min(float(np.median(one)) for one in squares)
+    fall = np.minimum(squares[0], most) - np.minimum(squares[1], most)
     return float(fall.mean() / (fall.std() / np.sqrt(len(fall)) + 1e-300))

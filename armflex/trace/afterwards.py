@@ -75,9 +75,9 @@ def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
 def _raw_rms(bank: Bank, groups: np.ndarray, state: State) -> np.ndarray:
     """Return the RMS of the 3-D motion of the target per unit of each group's amplitude [m]."""
     fit = state.fit
-    scale = fit.view.sigma / np.sqrt(fit.weights)[:, None]
-    columns = bank.columns[:, bank.starts[groups]].reshape(*scale.shape, -1) * scale[:, :, None]
-    return np.sqrt((columns[:, :3] ** 2).sum(axis=1).mean(axis=0))
+    scale = fit.view.sigma[:, :3] / np.sqrt(fit.weights)[:, None]
+    columns = bank.columns[:, bank.starts[groups]].reshape(*fit.view.sigma.shape, -1)[:, :3] * scale[:, :, None]
+    return np.sqrt((columns**2).sum(axis=1).mean(axis=0))
 
 
 def unexplained(state: State, looked: Round) -> Unexplained | None:

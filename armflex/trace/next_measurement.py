@@ -18,7 +18,7 @@ from armflex.calibrate.spread import scene_of
 from armflex.calibrate.view import View, look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
-from armflex.effects.scene import Scene
+from armflex.effects.scene import LEVEL_OF, Scene
 from armflex.errors import ArmflexError
 from armflex.measurements import Measurements
 from armflex.trace.advice import instead
@@ -27,6 +27,9 @@ from armflex.trace.state import State
 
 OFFERED = 120
 """Rows among which the best is chosen."""
+
+APART = 600.0
+"""Time between offered rows [s]."""
 
 TELLING = 1.0
 """Expected difference, in standard deviations of one reading, below which a row tells nothing."""
@@ -78,31 +81,40 @@ def _offered(state: State, seed: int = 0) -> Measurements:
     rng, known = np.random.default_rng(seed), state.measurements
     pick = [rng.integers(0, len(known), OFFERED) for _ in range(len(known.joint_names) + 2)]
     q = np.column_stack([known.q[rows, i] for i, rows in enumerate(pick[:-2])])
-    ends = {
-        name: np.where(rng.random(OFFERED) < 0.5, values.min(), values.max())
-        for name, values in known.covariates.items()
-        if isinstance(values, np.ndarray)
-    }
-    last = known.session[-1]
-    start = float(known.time.max())
-    nothing = np.zeros((OFFERED, 3))
+    return replace(
+        _unread(known),
+        payload=tuple(known.payload[row] for row in pick[-1]),
+        time=float(known.time.max()) + APART * np.arange(1, OFFERED + 1),
+        q=q,
+        covariates=_extremes(known, rng),
+        approach=rng.choice([-1.0, 1.0], q.shape),
+        hold=None if known.hold is None else rng.choice(known.hold, OFFERED),
+    )
+
+
+def _unread(known: Measurements) -> Measurements:
+    """Return a campaign whose readings, poses and sessions are those of rows still to be driven."""
     return replace(
         known,
         pose=tuple(f"next {i}" for i in range(OFFERED)),
-        session=(last,) * OFFERED,
-        payload=tuple(known.payload[row] for row in pick[-1]),
-        time=start + 600.0 * np.arange(1, OFFERED + 1),
-        q=q,
-        approach=rng.choice([-1.0, 1.0], q.shape),
+        session=(known.session[-1],) * OFFERED,
         measured=np.ones(OFFERED, dtype=bool),
-        position=nothing,
+        position=np.zeros((OFFERED, 3)),
         rotation=None,
         sigma=np.tile(np.median(known.sigma[known.measured], axis=0), (OFFERED, 1)),
         sigma_r=None,
-        hold=None if known.hold is None else rng.choice(known.hold, OFFERED),
-        covariates=ends,
         places=(),
     )
+
+
+def _extremes(known: Measurements, rng: np.random.Generator) -> dict[str, Array | tuple[str, ...]]:
+    """Return every numeric covariate at one end or the other of what was recorded, every text as some row has it."""
+    return {
+        name: np.where(rng.random(OFFERED) < 0.5, values.min(), values.max())
+        if isinstance(values, np.ndarray)
+        else tuple(rng.choice(values, OFFERED).tolist())
+        for name, values in known.covariates.items()
+    }
 
 
 def _seen(state: State, offer: Measurements) -> View | None:
@@ -150,7 +162,7 @@ def _columns(block: Block, view: View, scene: Scene, offer: Measurements) -> Arr
 def _in_words(own: Effect, proposal: Proposal, rival: Effect, offer: Measurements) -> str:
     pair = f"{own.title} from {rival.title}"
     if proposal.sigmas < TELLING:
-        return f"No reading of the tip tells {pair}: {instead(own, rival)}."
+        return f"No more rows like those recorded tell {pair}; instead, {instead(own, rival)}."
     i = proposal.row
     where = ", ".join(f"{name}={offer.q[i, j]:.3g}" for j, name in enumerate(offer.joint_names))
     extra = _conditions(own, rival, offer, i)
@@ -166,6 +178,9 @@ def _conditions(own: Effect, rival: Effect, offer: Measurements, row: int) -> st
             joint = name.removeprefix("approach_")
             upwards = offer.approach[row, offer.joint_names.index(joint)] > 0.0
             told.append(f"{joint} approached from {'below' if upwards else 'above'}")
+        elif LEVEL_OF in name:
+            column = name.partition(LEVEL_OF)[0]
+            told.append(f"{column} {offer.covariates[column][row]}")
         elif name in offer.covariates:
             told.append(f"{name} {offer.covariates[name][row]:.3g}")
         elif name == "hold" and offer.hold is not None:

@@ -82,7 +82,7 @@ def project(fit: Fit) -> Projection:
 
 def shyness(fit: Fit) -> float:
     """Return the `shy` of a fit's projections."""
-    return float((fit.view.sigma**2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
+    return float((fit.view.sigma[:, :3] ** 2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
 
 
 def projected(columns: Array, precision: Array, data: Array, shy: float) -> Projection:

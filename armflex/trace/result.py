@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.calibrate import Calibration
+from armflex.calibrate.calibrate import Calibration, Outlier
+from armflex.calibrate.fit import Fit
+from armflex.calibrate.view import look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
+from armflex.trace.accept import believed
 from armflex.trace.localise import Place
 from armflex.trace.polish import Polished
-from armflex.trace.state import State
+from armflex.trace.state import State, lost_rows
 
 
 @dataclass(frozen=True)
@@ -25,7 +29,7 @@ class Proof:
         sessions_before, sessions_after: The same with whole sessions held out, over those without which it
             still shows; None where there are none.
         errors_apart: Standard errors by which the mean squared error falls.
-        null: Best evidence that any candidate had under random signs, 200 times.
+        null: Best evidence that any competing candidate had under random signs of the residual, 200 times.
     """
 
     before: float
@@ -57,6 +61,11 @@ class Found:
     equivalent: tuple[tuple[Effect, float], ...]
     ranking: tuple[Polished, ...]
     witness: bool
+
+    @property
+    def believed(self) -> str:
+        """Why: it predicts held-out rows better, or it ends what strained the priors and predicts them no worse."""
+        return "strained priors" if self.witness else "held-out rows"
 
 
 @dataclass(frozen=True)
@@ -101,9 +110,12 @@ class Smallest:
 class Trace:
     """A traced arm and an account of it.
 
+    Every error in it is over the same `rows`: those that the final fit, or the calibration, comes near.
+
     Attributes:
         arm: With everything fitted and every effect added.
-        calibration: Before anything was added.
+        calibration: Before anything was added, lost beams and all.
+        before: The same, fitted to the rows that the final fit uses.
         state: The final fit.
         found: Effects in the order added.
         unexplained: What is left above the noise, None when nothing is.
@@ -118,6 +130,7 @@ class Trace:
 
     arm: Arm
     calibration: Calibration
+    before: Fit
     state: State
     found: tuple[Found, ...]
     unexplained: Unexplained | None
@@ -130,15 +143,69 @@ class Trace:
     held_out_sessions: tuple[float, float] | None
     next_measurement: tuple[str, ...]
 
+    @cached_property
+    def believed(self) -> np.ndarray:
+        """(M,) which of the fitted rows every error is over."""
+        return believed(self.before, self.state.fit)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """(K,) numbers of the rows that every error is over."""
+        return self.state.rows[self.believed]
+
+    @property
+    def declared_rms(self) -> float:
+        """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
+        placed = self.calibration.placed
+        return rms(placed.residual[np.isin(placed.rows, self.rows)])
+
+    @property
+    def calibrated_rms(self) -> float:
+        """The same after calibration [m]."""
+        return rms(self.before.view.residual[self.believed])
+
     @property
     def rms(self) -> float:
-        """RMS of the 3-D position error with everything that can be predicted [m]."""
-        return float(np.sqrt((self.residual[:, :3] ** 2).sum(axis=1).mean()))
+        """The same with everything that can be predicted [m]."""
+        return rms(self.residual[self.believed])
+
+    @property
+    def noise_rms(self) -> float:
+        """What the stated standard deviations alone would give [m]."""
+        return rms(self.state.fit.view.sigma[self.believed])
+
+    @cached_property
+    def outliers(self) -> tuple[Outlier, ...]:
+        """All other rows that were to be used, the worst first.
+
+        Each is a 'lost beam', 'unexplained' (far off, and its neighbours too) or, still in the fit, 'counted less'.
+        """
+        state = self.state
+        rows = np.setdiff1d(state.asked, self.rows)
+        if not len(rows):
+            return ()
+        places, used = state.measurements.places, np.isin(rows, state.rows)
+        alone = np.isin(rows, state.asked[lost_rows(state, heed=True)])
+        kinds = np.where(used, "counted less", np.where(alone, "lost beam", "unexplained")).tolist()
+        errors = np.linalg.norm(look(state.fit.setup, state.measurements, rows).residual[:, :3], axis=1)
+        return tuple(
+            Outlier(int(rows[i]), places[rows[i]] if places else None, float(errors[i]), kinds[i])
+            for i in np.argsort(-errors)
+        )
+
+    def told(self, kind: str) -> int:
+        """Return how many outliers are of one kind."""
+        return sum(one.kind == kind for one in self.outliers)
 
     @property
     def residual(self) -> Array:
         """(M, d) measured minus predicted; what is random is not predicted [m, rad]."""
         return predictable_residual(self.state)
+
+
+def rms(residual: Array) -> float:
+    """Return the RMS of the first three columns, taken together, of (M, d) numbers."""
+    return float(np.sqrt((residual[:, :3] ** 2).sum(axis=1).mean()))
 
 
 def predictable_residual(state: State) -> Array:

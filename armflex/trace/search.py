@@ -13,7 +13,7 @@ from armflex.effects.catalogue import CATALOGUE, EVERY, LAWS
 from armflex.effects.guide import GUIDE
 from armflex.effects.scene import Scene
 from armflex.effects.spot import LINK, Spot
-from armflex.effects.unnamed import BUMP, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT, suspects
+from armflex.effects.unnamed import BUMP, LEVEL, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT, suspects
 from armflex.trace.candidates import (
     Candidate,
     Screening,
@@ -54,6 +54,12 @@ TIE = 2.0
 CONSTANT = frozenset({"encoder_offset", "link_geometry"})
 """Laws that depend on nothing: nothing is plainer."""
 
+SECOND = (WAVE, BUMP, PRODUCT, WAVE_PRODUCT)
+"""Shapes that are tried only where the residual points."""
+
+SECOND_BEST = (4, 1, 1)
+"""How many of them are refined: waves and bumps, products, products with waves."""
+
 ORDER = tuple(EVERY)
 NAMED = frozenset(CATALOGUE) | {GUIDE.name}
 """What is physics, whether the catalogue names it or not."""
@@ -84,7 +90,7 @@ class Round:
     Attributes:
         projection: Of the fit that was searched.
         named: The catalogue, screened.
-        sifted: The catalogue and free shapes, projected: for nulls.
+        sifted: Everything that was tried, projected: for nulls.
         places: Where a random twist would explain the residual, the likeliest first.
         ranking: Refined candidates, the best first.
         plain: Laws that are tried first.
@@ -92,7 +98,7 @@ class Round:
 
     projection: Projection
     named: Screening
-    sifted: tuple[Sifted, Sifted]
+    sifted: tuple[Sifted, ...]
     places: tuple[Place, ...]
     ranking: tuple[Polished, ...]
     plain: frozenset[str]
@@ -177,17 +183,19 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
     """
     projection = project(fit)
     named = bank(candidates_of((*LAWS, GUIDE), scene), fit, scene)
-    free = bank(candidates_of((LINE, SPLINE, SPLINE_COMPLIANCE), scene), fit, scene)
+    free = bank(candidates_of((LEVEL, LINE, SPLINE, SPLINE_COMPLIANCE), scene), fit, scene)
     sifted = (sift(named, projection), sift(free, projection))
     screened, shaped = (screen(one) for one in sifted)
     places = localise(fit, scene, projection, groups)
     chosen = _possible(screened, fit, scene, projection, REFINED)
     chosen += _possible(shaped, fit, scene, projection, 3)
-    chosen += _second_look(shaped, places, fit, scene, projection, float(screened.gains.max(initial=0.0)))
+    second = _second_look(shaped, places, fit, scene, projection, float(screened.gains.max(initial=0.0)))
+    for tried, most in zip(second, SECOND_BEST, strict=False):
+        chosen += _best(tried, most)
     refined = [polish(candidate, fit, scene, projection) for candidate in chosen]
     ranking = tuple(sorted(refined, key=lambda one: -one.evidence))
     plain = PLAIN if len(set(scene.sessions)) > 1 else PLAIN - TIMED
-    return Round(projection, screened, sifted, places, ranking, plain)
+    return Round(projection, screened, (*sifted, *second), places, ranking, plain)
 
 
 def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projection, most: int) -> list[Candidate]:
@@ -205,37 +213,36 @@ def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projectio
 
 def _second_look(
     shaped: Screening, places: tuple[Place, ...], fit: Fit, scene: Scene, projection: Projection, most: float
-) -> list[Candidate]:
-    """Return waves and bumps where a free shape did well, and products of columns where much is left."""
+) -> list[Sifted]:
+    """Return waves and bumps where a free shape did well, and products of columns where much is left, projected."""
     spots = {
-        Spot(spot.site, spot.axis, spot.covariates)
-        for spot in (shaped.bank.candidates[i].spot for i in best_per_spot(shaped, SHAPED))
+        Spot(one.spot.site, one.spot.axis, one.spot.covariates)
+        for one in (shaped.bank.candidates[i] for i in best_per_spot(shaped, SHAPED))
+        if one.law is not LEVEL
     }
-    tried = [
+    tried = (
         _with(law, spot, inner)
         for law in (WAVE, BUMP)
         for spot in sorted(spots, key=str)
         for inner in grid(law, spot, scene)
-    ]
-    found = _best(tried, fit, scene, projection, 4)
+    )
+    found = [sift(bank(tried, fit, scene), projection)]
     excess = projection.objective - projection.count
     if most < MUCH * excess:
-        found += _found_products(places, fit, scene, projection)
+        products = sift(bank(_products(places, scene), fit, scene), projection)
+        waves = _product_waves(_best(products, 1), places, scene)
+        found += [products, sift(bank(waves, fit, scene), projection)]
     return found
 
 
-def _found_products(places: tuple[Place, ...], fit: Fit, scene: Scene, projection: Projection) -> list[Candidate]:
-    """Return the best free product of two columns, and the best in which one of the two goes in waves."""
-    best = _best(_products(places, scene), fit, scene, projection, 1)
-    waves = (
-        _with(WAVE_PRODUCT, spot, inner)
-        for product in best
-        for place in places[:PLACES]
-        for pair in permutations(product.spot.covariates)
-        for spot in (Spot(place.site, place.axis, pair),)
-        for inner in grid(WAVE_PRODUCT, spot, scene)
-    )
-    return best + _best(waves, fit, scene, projection, 1)
+def _product_waves(best: Sequence[Candidate], places: tuple[Place, ...], scene: Scene) -> Iterable[Candidate]:
+    """Yield the products in which one of the two columns goes in waves."""
+    for product in best:
+        for place in places[:PLACES]:
+            for pair in permutations(product.spot.covariates):
+                spot = Spot(place.site, place.axis, pair)
+                for inner in grid(WAVE_PRODUCT, spot, scene):
+                    yield _with(WAVE_PRODUCT, spot, inner)
 
 
 def _with(law, spot: Spot, inner) -> Candidate:
@@ -251,8 +258,5 @@ def _products(places: tuple[Place, ...], scene: Scene) -> Iterable[Candidate]:
                 yield _with(PRODUCT, spot, inner)
 
 
-def _best(tried: Iterable[Candidate], fit: Fit, scene: Scene, projection: Projection, most: int) -> list[Candidate]:
-    candidates = bank(tried, fit, scene)
-    if not candidates.candidates:
-        return []
-    return [candidates.candidates[i] for i in best_per_spot(screen(sift(candidates, projection)), most)]
+def _best(sifted: Sifted, most: int) -> list[Candidate]:
+    return [sifted.bank.candidates[i] for i in best_per_spot(screen(sifted), most)]

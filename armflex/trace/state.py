@@ -12,8 +12,8 @@ from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.calibrate import Calibration
 from armflex.calibrate.effect_block import EffectBlock, shy_prior
-from armflex.calibrate.fit import ROUGH, Fit, fit, moved
-from armflex.calibrate.view import Setup
+from armflex.calibrate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
+from armflex.calibrate.view import Setup, look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.effects.remember import known_rows
@@ -21,14 +21,12 @@ from armflex.effects.scene import Scene, survey
 from armflex.linearise import Linearisation, Linearizer
 from armflex.measurements import Measurements
 from armflex.trace.candidates import Candidate, candidate_columns
+from armflex.trace.lost import lost_beams
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.projection import project
 from armflex.trace.search import Round, search
 from armflex.trace.sensible import sensible
-
-LOST = 0.1
-"""Robust weight below which a reading is a lost beam and left out: no effect is forty standard deviations long."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +35,19 @@ class State:
 
     Attributes:
         measurements: The campaign.
-        rows: Measured rows in use.
+        asked: Rows that were to be used.
+        rows: Those of them in use: all but lost beams.
         declared: Arm and instrument before any fit.
         blocks: Declared blocks.
         effects: Added effects, in the order added.
         random: Random twist per pose, None where there is none.
         fit: All of them together.
         scene: The campaign as the catalogue sees it, at this fit.
+        heed: Whether rows that are far off in company stay in use; see `lost_beams`.
     """
 
     measurements: Measurements
+    asked: np.ndarray
     rows: np.ndarray
     declared: Setup
     blocks: tuple[Block, ...]
@@ -54,12 +55,12 @@ class State:
     random: PoseBlock | None
     fit: Fit
     scene: Scene
+    heed: bool = True
 
     @cached_property
     def groups(self) -> np.ndarray:
         """(M,) pose number of every fitted row."""
-        names = [self.measurements.pose[row] for row in self.rows]
-        return np.unique(names, return_inverse=True)[1]
+        return np.unique(self.measurements.pose_number[self.rows], return_inverse=True)[1]
 
     @property
     def sessions(self) -> tuple[str, ...]:
@@ -82,13 +83,35 @@ class State:
 
 def begin(calibration: Calibration) -> State:
     """Return the state after calibration: nothing added, lost beams left out."""
-    fitted = calibration.fit
-    lost = fitted.weights < LOST
-    if lost.any():
-        rows = fitted.view.rows[~lost]
-        fitted = fit(fitted.declared, fitted.blocks, calibration.measurements, rows, fitted.values)
-    scene = scene_at(fitted, calibration.measurements)
-    return State(calibration.measurements, fitted.view.rows, fitted.declared, fitted.blocks, (), None, fitted, scene)
+    fitted, measurements = calibration.fit, calibration.measurements
+    rows, scene = fitted.view.rows, scene_at(fitted, measurements)
+    state = State(measurements, rows, rows, fitted.declared, fitted.blocks, (), None, fitted, scene)
+    return sorted_out(state, THOROUGH)
+
+
+def sorted_out(state: State, effort: Effort = ROUGH) -> State:
+    """Return the state with the question put anew of which rows are lost beams, refitted where the answer changed.
+
+    While an effect is missing, rows that it moves may look lost; once it is there, others stand out that did not.
+    """
+    rows = state.asked[~lost_rows(state, state.heed)]
+    if np.array_equal(rows, state.rows):
+        return state
+    return refit(replace(state, rows=rows), state.effects, state.random, state.fit.values, effort)
+
+
+def lost_rows(state: State, heed: bool) -> np.ndarray:
+    """Return which of the rows that were to be used are lost beams at a fit; see `lost_beams`."""
+    asked, measurements = state.asked, state.measurements
+    view = state.fit.view if len(state.rows) == len(asked) else look(state.fit.setup, measurements, asked)
+    return lost_beams(view, [measurements.session[row] for row in asked], measurements.pose_number[asked], heed)
+
+
+def fitted_to(fitted: Fit, measurements: Measurements, rows: np.ndarray) -> Fit:
+    """Return the same fit to other rows of its campaign."""
+    if np.array_equal(rows, fitted.view.rows):
+        return fitted
+    return fit(fitted.declared, fitted.blocks, measurements, rows, fitted.values)
 
 
 def scene_at(fitted: Fit, measurements: Measurements) -> Scene:
@@ -176,10 +199,16 @@ def with_random(state: State, random: PoseBlock | None) -> State:
     return refit(state, state.effects, random, np.concatenate([start, added]))
 
 
-def refit(state: State, effects: tuple[EffectBlock, ...], random: PoseBlock | None, start: Array) -> State:
+def refit(
+    state: State,
+    effects: tuple[EffectBlock, ...],
+    random: PoseBlock | None,
+    start: Array,
+    effort: Effort = ROUGH,
+) -> State:
     """Return the state with these effects, everything fitted together and the campaign looked at again."""
     blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
-    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, effort=ROUGH)
+    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, effort=effort)
     scene = scene_at(fitted, state.measurements)
     return replace(state, effects=effects, random=random, fit=fitted, scene=scene)
 

@@ -12,10 +12,11 @@ from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, calibrate
 from armflex.calibrate.fit import Fit, robust_limit
 from armflex.calibrate.spread import certainty_of
+from armflex.calibrate.view import look
 from armflex.effects.scene import POSE
 from armflex.errors import ArmflexError
 from armflex.measurements import Measurements
-from armflex.trace.accept import held_out, improvement, null_maximum, pose_folds, sessions_held_out
+from armflex.trace.accept import believed, held_out, improvement, null_maximum, pose_folds, sessions_held_out
 from armflex.trace.advice import lacking
 from armflex.trace.afterwards import as_likely, not_identifiable, smallest, unexplained
 from armflex.trace.exchange import Exchanged, equivalents, exchanged
@@ -23,19 +24,36 @@ from armflex.trace.localise import NOTICED, Place
 from armflex.trace.next_measurement import next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
-from armflex.trace.result import Found, Proof, Trace
-from armflex.trace.search import MUCH, NAMED, TIE, Round, plainest
-from armflex.trace.state import State, add, begin, information, stands, with_random, without
+from armflex.trace.result import Found, Proof, Trace, Unexplained
+from armflex.trace.search import MUCH, NAMED, SECOND, TIE, Round, plainest
+from armflex.trace.state import (
+    State,
+    add,
+    begin,
+    fitted_to,
+    information,
+    lost_rows,
+    sorted_out,
+    stands,
+    with_random,
+    without,
+)
 
 Report = Callable[[str], None]
 """Called with what is being done."""
 
 MOST_EFFECTS = 12
 ENOUGH = 16.0
-"""Evidence that an effect must be worth: thousands are looked at, and chance gives the best of them 3 to 10."""
+"""Evidence that an effect must be worth at least: thousands are looked at, and noise gives the best of them 3 to 10.
+
+A large residual of a piece gives far more even with its signs turned at random, which `MARGIN` is counted from.
+"""
 
 MARGIN = 3.0
 """Evidence that it must have beyond the best that random signs gave."""
+
+SOUGHT = 6.0
+"""Evidence more for waves, bumps and products: the residual itself chose the places at which they compete."""
 
 SHARE = 0.4
 """Share of the excess that the best candidate must explain; below it an unrecorded cause is thought of first."""
@@ -70,19 +88,30 @@ def trace(
     places = looked.places
     steps: list[Step] = []
     while len(steps) < MOST_EFFECTS:
-        place = _unrecorded(state, looked)
-        found = _accept(state, looked, say, APART if place is None else FAR_APART)
-        if found is None and place is not None:
-            state = _set_aside(state, looked.places, say)
-            looked = _look(state, say)
-            found = _accept(state, looked, say)
-        if found is None:
+        taken = _round(state, looked, say)
+        if taken is None:
             break
-        state, step = found
-        if len(state.effects) > len(steps):  # else it widened one whose proof is known
+        state, step = taken
+        if step is not None and len(state.effects) > len(steps):  # else it widened one whose proof is known
             steps.append(step)
         looked = _look(state, say)
     return _conclude(calibration, first, state, looked, places, steps, say)
+
+
+def _round(state: State, looked: Round, say: Report) -> tuple[State, Step | None] | None:
+    """Return the state with one more effect, else with an unrecorded cause set aside, else without rows far off.
+
+    None where nothing is left to be done.
+    """
+    place = _unrecorded(state, looked)
+    found = _accept(state, looked, say, APART if place is None else FAR_APART)
+    if found is not None:
+        return sorted_out(replace(found[0], heed=True)), found[1]
+    if place is not None:
+        return _set_aside(state, looked.places, say), None
+    # What is far off together stayed because an effect might explain it: none does.
+    left = sorted_out(replace(state, heed=False)) if state.heed else state
+    return None if left.rows is state.rows else (left, None)
 
 
 def _look(state: State, say: Report) -> Round:
@@ -127,13 +156,17 @@ def _accept(state: State, looked: Round, say: Report, apart: float = APART) -> t
 
 
 def _beyond_chance(state: State, looked: Round, best: Polished) -> float | None:
-    """Return the best evidence that chance gives; None where a candidate has not clearly more."""
+    """Return the best evidence that chance gives; None where a candidate has not clearly more.
+
+    Chance competes with starting values of inner parameters alone; what refining them adds is a part of `MARGIN`.
+    """
     if best.evidence < ENOUGH:
         return None
     # Chance gives a few laws less to boast of than all of them; what the best was chosen among is what counts.
     laws = looked.plain if best.candidate.law.name in looked.plain else None
     null = max(float(null_maximum(sifted, state.groups, laws).max()) for sifted in looked.sifted)
-    return null if best.evidence >= null + MARGIN else None
+    margin = MARGIN + SOUGHT * (best.candidate.law in SECOND)
+    return null if best.evidence >= null + margin else None
 
 
 def _proven(
@@ -187,8 +220,8 @@ def _is_settled(state: State) -> bool:
 
 def prove(before: State, after: State, null: float) -> Proof:
     """Return the errors of held-out poses and sessions before and after."""
-    folds = pose_folds(before.groups)
-    poses = [held_out(state.fit, folds) for state in (before, after)]
+    folds, judged = pose_folds(before.groups), believed(before.fit, after.fit)
+    poses = [held_out(state.fit, folds, judged=judged) for state in (before, after)]
     known = {block.name for block in before.effects}
     new = [block for block in after.effects if block.name not in known] or after.effects
     sessions = sessions_held_out(before.fit, after.fit, new, after.sessions)
@@ -216,30 +249,41 @@ def _conclude(
     steps: list[Step],
     say: Report,
 ) -> Trace:
-    before = state
     kept = exchanged(state, say)
+    kept = replace(kept, state=sorted_out(kept.state))
+    if kept.state is not state:
+        looked = _look(kept.state, say)
     state = kept.state
-    if state is not before:
-        looked = _look(state, say)
     say("comparing what else would do")
     found = _account(kept, steps)
-    folds = pose_folds(state.groups)
+    before = fitted_to(first, state.measurements, state.rows)
+    folds, judged = pose_folds(state.groups), believed(before, state.fit)
     rivals = [[rival for rival, _ in one.equivalent] for one in found]
     return Trace(
         _traced(calibration, state, found),
         calibration,
+        before,
         state,
         found,
-        unexplained(state, looked),
+        unexplained(state, looked) or _far_together(state),
         places,
         not_identifiable(looked, state),
         smallest(looked, state),
         state.fit.noise,
-        held_out(first, folds).rms,
-        held_out(state.fit, folds).rms,
-        sessions_held_out(first, state.fit, state.effects, state.sessions),
+        held_out(before, folds, judged=judged).rms,
+        held_out(state.fit, folds, judged=judged).rms,
+        sessions_held_out(before, state.fit, state.effects, state.sessions),
         (*next_rows(state, rivals), *lacking(state.measurements)),
     )
+
+
+def _far_together(state: State) -> Unexplained | None:
+    """Return rows left out although their neighbours are far off, too, as a residual without a place."""
+    together = np.setdiff1d(state.asked[~lost_rows(state, heed=True)], state.rows)
+    if not len(together):
+        return None
+    errors = look(state.fit.setup, state.measurements, together).residual[:, :3]
+    return Unexplained(None, None, None, None, float(np.sqrt((errors**2).sum() / len(state.asked))))
 
 
 def _account(kept: Exchanged, steps: Sequence[Step]) -> tuple[Found, ...]:

@@ -47,7 +47,7 @@ def view(
         path: The HTML file to write.
 
     Raises:
-        InputError: Both q and a trajectory are given, or one cannot be used.
+        InputError: Both q and a trajectory are given, one cannot be used, or no effect depends on a covariate.
     """
     from armflex.view.page import render_page  # meshcat is imported only when something is drawn
 
@@ -57,7 +57,7 @@ def view(
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
     known = covariates or {}
     if trajectory is not None:
-        trajectory = trajectory.for_arm(arm).with_constants(known).prepared(arm)
+        trajectory = trajectory.with_constants(arm, known).prepared(arm)
     motion = _motion(arm, trajectory) if trajectory is not None else _still(arm, q, payload, known)
     page = render_page(arm_scene(arm, motion, trajectory, report, magnification, meshes))
     return write_whole(Path(path), page.encode())

@@ -20,8 +20,8 @@ from armflex.errors import (
     SmallDisplacementError,
     UnstableEquilibriumError,
 )
+from armflex.tip_uncertainty import length_sigma, tip_covariance
 from armflex.workspace.tally import Tally, cell_numbers, joined
-from armflex.workspace.uncertainty import length_sigma
 
 REASONS: dict[str, type[ArmflexError]] = {
     "unstable": UnstableEquilibriumError,
@@ -161,9 +161,13 @@ def _sigmas(question: Question, q: Array, payload: str) -> tuple[Array, tuple[Fl
     arm = _kept(question)
     try:
         batch = arm.deflection(q, payload, **question.options)
-        return length_sigma(arm, batch, payload, question.options["covariates"])
+        known = question.options["covariates"]
+        covariance, flags = tip_covariance(arm, batch.q, (payload,) * len(q), known, batch.covariance)
     except tuple(REASONS.values()):
         if len(q) == 1:
             return np.array([np.nan]), ()
         halves = [_sigmas(question, half, payload) for half in np.array_split(q, 2)]
         return np.concatenate([half for half, _ in halves]), halves[0][1]
+    if covariance is None:
+        return np.full(len(q), np.nan), flags
+    return length_sigma(batch.displacement[:, :3], covariance[:, :3, :3]), flags

@@ -69,6 +69,8 @@ def open_store(folder: Path, manifest: Manifest) -> Store:
         raise FileError(Place(folder), f"cannot be a folder of chunks: {error.strerror}") from None
     if MANIFEST in kept:
         _compare(folder / MANIFEST, json.loads(json.dumps(manifest)))
+        for half in folder.glob(".chunk-*"):  # whoever wrote it was killed
+            half.unlink(missing_ok=True)
     elif any(not name.startswith(".") for name in kept):
         raise FileError(Place(folder), f"is not empty and holds no {MANIFEST}: expected a new folder")
     else:

@@ -163,7 +163,7 @@ def map_workspace(
 
     Raises:
         UnknownNameError: No such payload or method.
-        InputError: A number is out of its range, or the voxels would be too many.
+        InputError: A number is out of its range, no effect depends on a covariate, or the voxels would be too many.
         FileError: The store belongs to another map or cannot be used.
         MissingCovariateError: An effect depends on something that was not given.
     """
