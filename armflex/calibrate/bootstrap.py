@@ -15,7 +15,6 @@ from armflex.conventions import Array
 from armflex.errors import InputError, naming
 from armflex.measurements import Measurements
 from armflex.parallel import in_order
-from armflex.poses import pose_groups
 
 Progress = Callable[[int, int], None]
 
@@ -94,7 +93,7 @@ def _rows_of_poses(measurements: Measurements) -> list[np.ndarray]:
     used = np.flatnonzero(measurements.measured)
     if len(used) < FEWEST_ROWS:
         raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
-    groups = pose_groups(measurements)[used]
+    groups = measurements.pose_number[used]
     return [used[groups == group] for group in np.unique(groups)]
 
 

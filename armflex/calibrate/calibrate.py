@@ -13,7 +13,7 @@ from armflex.calibrate.enough import check_readings
 from armflex.calibrate.fit import Fit, fit
 from armflex.calibrate.identify import Parameter, parameters
 from armflex.calibrate.spread import FRAMES, INSTRUMENT, certainty_of
-from armflex.calibrate.view import Progress, Setup, View, look
+from armflex.calibrate.view import Progress, Setup, View, look, position_rms
 from armflex.conventions import Array
 from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.law import LoadLaw, TwistLaw
@@ -58,12 +58,12 @@ class Calibration:
     @property
     def declared_rms(self) -> float:
         """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
-        return float(np.sqrt((self.placed.residual[:, :3] ** 2).sum(axis=1).mean()))
+        return position_rms(self.placed.residual)
 
     @property
     def noise_rms(self) -> float:
         """What the stated standard deviations alone would give [m]."""
-        return float(np.sqrt((self.placed.sigma[:, :3] ** 2).sum(axis=1).mean()))
+        return position_rms(self.placed.sigma)
 
     @property
     def rms(self) -> float:

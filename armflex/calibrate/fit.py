@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
-from armflex.calibrate.view import Progress, Setup, View, look
+from armflex.calibrate.view import Progress, Setup, View, look, position_rms
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
 from armflex.measurements import Measurements
@@ -102,7 +102,7 @@ class Fit:
     @cached_property
     def freedom(self) -> float:
         """Number of readings less what was fitted to them: a parameter that its prior holds takes nothing."""
-        held = np.diag(posterior_covariance(self.columns, self.prior)) * self.prior**-2.0
+        held = np.diag(self._as_stated) * self.prior**-2.0
         return max(float(np.isfinite(self.view.sigma).sum() - (1.0 - held).sum()), 1.0)
 
     @property
@@ -113,12 +113,18 @@ class Fit:
     @cached_property
     def covariance(self) -> Array:
         """(P, P) posterior covariance; readings that scatter more than was stated count that much less."""
-        return posterior_covariance(self.columns / max(1.0, self.noise), self.prior)
+        noise = self.noise
+        return posterior_covariance(self.columns / noise, self.prior) if noise > 1.0 else self._as_stated
+
+    @cached_property
+    def _as_stated(self) -> Array:
+        """(P, P) posterior covariance if the readings scatter as was stated."""
+        return posterior_covariance(self.columns, self.prior)
 
     @property
     def rms(self) -> float:
         """RMS of the 3-D position error over the fitted rows [m]."""
-        return float(np.sqrt((self.view.residual[:, :3] ** 2).sum(axis=1).mean()))
+        return position_rms(self.view.residual)
 
     def cost(self, limit: float) -> float:
         """Return -2 log posterior density but for a constant; rows beyond `limit` times the noise count less."""

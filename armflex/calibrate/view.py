@@ -120,3 +120,8 @@ def _seen_rotation(instrument: Instrument, count: int) -> Array:
 def _rotation_residual(predicted: Array, measured: Array) -> Array:
     turns = [pin.log3(pin.exp3(vector) @ rotation.T) for vector, rotation in zip(measured, predicted, strict=True)]
     return np.array(turns)
+
+
+def position_rms(errors: Array) -> float:
+    """Return the RMS of the 3-D position error [m] of (M, 3) or (M, 6) errors."""
+    return float(np.sqrt((errors[:, :3] ** 2).sum(axis=1).mean()))

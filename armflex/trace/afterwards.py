@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import f
 
+from armflex.calibrate.view import position_rms
 from armflex.conventions import TWIST_NAMES
 from armflex.repeats import repeats
 from armflex.trace.candidates import Bank
@@ -85,7 +86,7 @@ def unexplained(state: State, looked: Round) -> Unexplained | None:
     if state.random is not None:
         random = state.random
         left = predictable_residual(state) - state.fit.view.residual
-        rms = float(np.sqrt((left[:, :3] ** 2).sum(axis=1).mean()))
+        rms = position_rms(left)
         return Unexplained(random.site, random.axis, random.std, random.units[0], rms, random.alike)
     place = looked.places[0]
     if place.ratio < NOTICED:

@@ -11,7 +11,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, Outlier
 from armflex.calibrate.fit import Fit
-from armflex.calibrate.view import look
+from armflex.calibrate.view import look, position_rms
 from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.trace.accept import believed
@@ -157,22 +157,22 @@ class Trace:
     def declared_rms(self) -> float:
         """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
         placed = self.calibration.placed
-        return rms(placed.residual[np.isin(placed.rows, self.rows)])
+        return position_rms(placed.residual[np.isin(placed.rows, self.rows)])
 
     @property
     def calibrated_rms(self) -> float:
         """The same after calibration [m]."""
-        return rms(self.before.view.residual[self.believed])
+        return position_rms(self.before.view.residual[self.believed])
 
     @property
     def rms(self) -> float:
         """The same with everything that can be predicted [m]."""
-        return rms(self.residual[self.believed])
+        return position_rms(self.residual[self.believed])
 
     @property
     def noise_rms(self) -> float:
         """What the stated standard deviations alone would give [m]."""
-        return rms(self.state.fit.view.sigma[self.believed])
+        return position_rms(self.state.fit.view.sigma[self.believed])
 
     @cached_property
     def outliers(self) -> tuple[Outlier, ...]:
@@ -201,11 +201,6 @@ class Trace:
     def residual(self) -> Array:
         """(M, d) measured minus predicted; what is random is not predicted [m, rad]."""
         return predictable_residual(self.state)
-
-
-def rms(residual: Array) -> float:
-    """Return the RMS of the first three columns, taken together, of (M, d) numbers."""
-    return float(np.sqrt((residual[:, :3] ** 2).sum(axis=1).mean()))
 
 
 def predictable_residual(state: State) -> Array:
