@@ -22,8 +22,8 @@ WAVE = 32
 the results; between two waves it waits, so that what nobody took yet does not fill the memory."""
 
 
-def in_order(tasks: Iterable[Callable[[], Result]], jobs: int | None = None) -> Iterator[Result]:
-    """Yield what each task returns, in the order of the tasks.
+def in_order(tasks: Iterable[Callable[[], Result]], jobs: int | None = None) -> Generator[Result, None, None]:
+    """Yield what each task returns, in the order of the tasks; closed early, the work on the rest ends.
 
     A task carries its data (`functools.partial`): large arguments beside it would be put on one worker of a dask
     cluster for all the others and be lost with it, whereas a task is sent again.

@@ -495,6 +495,31 @@ def test_interrupted_and_resumed(armflex: Run, tmp_path: Path, tarm: Arm, jobs: 
     assert same(read_map(tmp_path / "map.npz"), map_workspace(tarm, rows=600, chunk=2))
 
 
+def test_interrupted_while_a_chunk_is_written(tmp_path: Path) -> None:
+    """What numpy raises when it tidies up after Ctrl-C in the middle of a file is no failure of its own."""
+    code = """
+import numpy
+def savez(*args, **named):
+    try:
+        raise KeyboardInterrupt
+    finally:
+        raise ValueError("an open writing handle")
+numpy.savez = savez
+from armflex.cli.main import main
+main()
+"""
+    asked = ["map", TARM, "-o", "map.npz", "--rows", 8, "--store", "store"]
+    ended = subprocess.run(
+        [sys.executable, "-c", code, *map(str, asked)],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROBOTS.parent)},
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == 130 and "kept in store" in ended.stderr, ended.stderr
+    assert "error: interrupted" in ended.stderr and "Traceback" not in ended.stderr
+
+
 def _wait_for(condition: Callable[[], bool], seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not condition():

@@ -78,8 +78,11 @@ def main() -> None:
 
 
 def _explain(error: Exception) -> None:
+    from armflex.cli.options import was_interrupted
     from armflex.errors import ArmflexError, InputError
 
+    if was_interrupted(error):
+        _fail("interrupted", 130)
     if isinstance(error, OSError):
         _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
     if not isinstance(error, ArmflexError):

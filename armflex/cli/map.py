@@ -19,6 +19,7 @@ from armflex.cli.options import (
     progress,
     show_flags,
     write_json,
+    was_interrupted,
 )
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import parse_quantity
@@ -76,8 +77,8 @@ def command(
     try:
         with progress("mapping") as tick:
             found = map_workspace(arm, names, voxel=edge, store=store, covariates=covariates, progress=tick, **settings)
-    except KeyboardInterrupt:
-        if store is not None:
+    except BaseException as error:
+        if store is not None and was_interrupted(error):
             click.echo(f"finished chunks are kept in {store}: the same command goes on from there", err=True)
         raise
     write_map(found, output, limit)

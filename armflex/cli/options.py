@@ -246,6 +246,13 @@ def progress(title: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
+def was_interrupted(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C is behind an error: libraries that tidy up after it may fail, and raise that instead."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
 _said: set[str] = set()
 
 

@@ -238,15 +238,15 @@ def _chunks(
     """Yield every chunk's answer in order: read where it is in the store, else found, and kept there."""
     known = [store is not None and store.has(number, size) for number, size in enumerate(drawn.sizes)]
     wanted = drawn.chunks([not there for there in known])
-    found = in_order((partial(answers, question, q) for q in wanted), jobs)
-    for number, (size, there) in enumerate(zip(drawn.sizes, known, strict=True)):
-        if there:
-            yield store.read(number, size)
-            continue
-        answer = next(found)
-        if store is not None:
-            store.write(number, size, answer)
-        yield answer
+    with closing(in_order((partial(answers, question, q) for q in wanted), jobs)) as found:
+        for number, (size, there) in enumerate(zip(drawn.sizes, known, strict=True)):
+            if there:
+                yield store.read(number, size)
+                continue
+            answer = next(found)
+            if store is not None:
+                store.write(number, size, answer)
+            yield answer
 
 
 def _gathered(
