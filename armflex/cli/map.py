@@ -18,8 +18,8 @@ from armflex.cli.options import (
     json_option,
     progress,
     show_flags,
-    write_json,
     was_interrupted,
+    write_json,
 )
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import parse_quantity
