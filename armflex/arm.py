@@ -11,12 +11,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.batch import deflect_batch
+from armflex.batch.batch import deflect_batch
+from armflex.batch.deflection_batch import DeflectionBatch
 from armflex.certainty import Certainty
 from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
-from armflex.deflect import Asked, deflect, deflect_moving
-from armflex.deflection import Deflection, Names
-from armflex.deflection_batch import DeflectionBatch
 from armflex.effects.in_arm import Pulling, pulling, with_twists
 from armflex.effects.law import Effect
 from armflex.errors import (
@@ -30,13 +28,15 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.flexure import Flexure as Flexure
-from armflex.instrument import Instrument
-from armflex.law_stack import LawStack, PlacedLaws, place_laws
-from armflex.loaded import LoadedArm
-from armflex.loads import NO_PAYLOAD, Payload, Wrench
-from armflex.prepared import Prepared
+from armflex.measured.instrument import Instrument
 from armflex.prior import Measurement, Prior
 from armflex.robot import Corrections, FlexModel, Robot
+from armflex.statics.deflect import Asked, deflect, deflect_moving
+from armflex.statics.deflection import Deflection, Names
+from armflex.statics.law_stack import LawStack, PlacedLaws, place_laws
+from armflex.statics.loaded import LoadedArm
+from armflex.statics.loads import NO_PAYLOAD, Payload, Wrench
+from armflex.statics.prepared import Prepared
 
 MAX_PAYLOADS = 64
 """Payloads whose models are kept; objects made in a loop must not fill the memory."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag, PayloadError, UnknownNameError
-from armflex.loads import Payload, Wrench
+from armflex.statics.loads import Payload, Wrench
 
 if TYPE_CHECKING:
     from armflex.arm import Arm

@@ -23,12 +23,12 @@ from armflex.errors import (
     did_you_mean,
     listing,
 )
-from armflex.instrument import Instrument
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, StructuralLaw, read_law
 from armflex.laws.linear import softness
-from armflex.loads import Payload
+from armflex.measured.instrument import Instrument
 from armflex.prior import Measurement, Prior
 from armflex.robot import Robot, load_robot
+from armflex.statics.loads import Payload
 
 
 def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:

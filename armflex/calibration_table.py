@@ -13,8 +13,8 @@ from armflex.conventions import TWIST_NAMES
 from armflex.declaration import Declaration
 from armflex.effects.spot import site_names
 from armflex.errors import did_you_mean
-from armflex.instrument import Instrument
 from armflex.laws.scaled import scaled
+from armflex.measured.instrument import Instrument
 from armflex.robot import Corrections
 
 

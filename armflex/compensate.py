@@ -16,8 +16,8 @@ from armflex.arm import Arm
 from armflex.compensate_doubts import doubts, too_fast, too_wide
 from armflex.conventions import Array, as_pose
 from armflex.correction import NEAR_SINGULAR, TOLERANCE, Corrector, Point
-from armflex.deflection import Deflection
 from armflex.errors import Flag, InputError, UnreachableError, naming
+from armflex.statics.deflection import Deflection
 from armflex.trajectory import Trajectory
 
 MAX_INSERTIONS = 8

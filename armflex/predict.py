@@ -12,12 +12,12 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.calibrate.spread import fitted_variance, without_declared_doubt
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.deflection import Deflection
 from armflex.effects.remember import derived_directions, known_rows
 from armflex.errors import Flag, Place, naming
-from armflex.instrument import Instrument
-from armflex.measurements import Measurements
-from armflex.table import write_table
+from armflex.measured.instrument import Instrument
+from armflex.measured.measurements import Measurements
+from armflex.measured.table import write_table
+from armflex.statics.deflection import Deflection
 
 Progress = Callable[[int, int], None]
 

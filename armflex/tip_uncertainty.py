@@ -12,7 +12,7 @@ from armflex.calibrate.spread import displacement_covariance
 from armflex.conventions import Array
 from armflex.effects.law import TwistLaw
 from armflex.errors import Flag
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
 
 AT_ONCE = 512
 """Rows that are linearised together: each takes some ten kilobytes."""

@@ -14,7 +14,7 @@ from armflex.conventions import Array
 from armflex.effects.remember import check_covariates, known_rows
 from armflex.effects.scene import last_motion
 from armflex.errors import InputError, Place, ShapeError, TableError, UnknownNameError, did_you_mean, listing
-from armflex.table import Table, read_table, write_table
+from armflex.measured.table import Table, read_table, write_table
 
 APPROACH = "approach_"
 

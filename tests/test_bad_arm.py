@@ -35,8 +35,8 @@ from armflex.errors import (
     UnsupportedError,
     UrdfError,
 )
-from armflex.joint_data import read_joint_data
 from armflex.laws import LinearLaw
+from armflex.measured.joint_data import read_joint_data
 
 ARM = """[robot]
 urdf = "robot.urdf"

@@ -11,8 +11,10 @@ from small_arms import ROBOTS, arm_of, joint, link, random_compliance, three_joi
 from test_equilibria import KINDS, KNOWN, effects, laws_of
 from test_network import some_law
 
-from armflex import Arm, DeflectionBatch, Flexure, Payload, Wrench, batch_solver, bending, ensemble, load_arm
-from armflex import batch as batch_module
+from armflex import Arm, DeflectionBatch, Flexure, Payload, Wrench, ensemble, load_arm
+from armflex.batch import batch as batch_module
+from armflex.batch import bending
+from armflex.batch import solver as batch_solver
 from armflex.errors import (
     ExtrapolationError,
     JointLimitError,

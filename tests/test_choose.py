@@ -11,12 +11,12 @@ from small_arms import ROBOTS
 from test_cli import Run, fine, strict_json
 
 from armflex import InputError, read_joint_data, train
-from armflex.joint_data import JointData
 from armflex.laws.law_file import load_law
 from armflex.learning.choose import INNER, OUTER, Compared, Rival, assess, chosen, compare, negligible
 from armflex.learning.held_out import NOWHERE, hold_out, random_folds
 from armflex.learning.learners import Options, learner, rivals
 from armflex.learning.model import Fitted
+from armflex.measured.joint_data import JointData
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 QUICK = Options(neurons=4, starts=1)

@@ -26,9 +26,9 @@ from armflex.effects.scene import Scene, survey
 from armflex.effects.tool_shift import ALWAYS
 from armflex.effects.unnamed import PRODUCT, SHAPES, WAVE_PRODUCT
 from armflex.errors import MissingCovariateError
-from armflex.instrument import Instrument
-from armflex.linearise import Linearizer
-from armflex.measurements import Measurements
+from armflex.measured.instrument import Instrument
+from armflex.measured.measurements import Measurements
+from armflex.statics.linearise import Linearizer
 from armflex.trace.candidates import Candidate, grid
 
 ROWS = 14

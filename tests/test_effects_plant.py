@@ -17,9 +17,9 @@ from armflex.calibrate.view import Setup
 from armflex.effects import Effect, Spot
 from armflex.effects.catalogue import EVERY
 from armflex.effects.remember import known_rows
-from armflex.instrument import Instrument
 from armflex.laws import LinearLaw
-from armflex.measurements import Measurements
+from armflex.measured.instrument import Instrument
+from armflex.measured.measurements import Measurements
 from armflex.robot import Corrections
 
 EXACT = 5e-8

@@ -18,12 +18,12 @@ from armflex.effects import Effect, Spot, TwistLaw
 from armflex.effects.catalogue import EVERY
 from armflex.effects.in_arm import BoundTwist
 from armflex.effects.remember import known_rows
-from armflex.equilibria import Equilibria, find_equilibria
-from armflex.equilibrium import Equilibrium, LawStack, find_equilibrium, tangent_of
 from armflex.errors import ConvergenceError, SmallDisplacementError, UnstableEquilibriumError
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, Row
-from armflex.mechanics import LoadCase, Mechanics
 from armflex.robot import build_model
+from armflex.statics.equilibria import Equilibria, find_equilibria
+from armflex.statics.equilibrium import Equilibrium, LawStack, find_equilibrium, tangent_of
+from armflex.statics.mechanics import LoadCase, Mechanics
 
 NEAR = 1e-11
 """m and rad; of loads relative to the largest."""

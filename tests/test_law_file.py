@@ -17,8 +17,8 @@ from small_arms import ROBOTS, random_compliance
 
 from armflex import load_law, read_joint_data, save_law, train
 from armflex.errors import ModelFileError, UnknownNameError
-from armflex.joint_data import JointData
 from armflex.laws.law_file import TrainedLaw
+from armflex.measured.joint_data import JointData
 
 TENSORS = ("row_covariance", "residual_std", "loads")
 

@@ -15,8 +15,8 @@ from armflex.conventions import Array
 from armflex.effects import CATALOGUE, Effect, Spot
 from armflex.effects.spot import same_site, site_of
 from armflex.laws import Law, LinearLaw, Row
-from armflex.linearise import Linearisation, Linearizer
 from armflex.robot import Corrections
+from armflex.statics.linearise import Linearisation, Linearizer
 
 STEP = 1e-5
 """m or rad: central differences are then good to some 1e-10, and Newton's last step to less."""

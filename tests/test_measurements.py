@@ -11,10 +11,10 @@ import pytest
 
 from armflex import Arm, InputError, Measurements, read_measurements
 from armflex.calibrate.view import Setup, look
-from armflex.doubts import without_duplicates
 from armflex.errors import TableError
-from armflex.instrument import Instrument
-from armflex.poses import leaked, pose_groups
+from armflex.measured.doubts import without_duplicates
+from armflex.measured.instrument import Instrument
+from armflex.measured.poses import leaked, pose_groups
 
 JOINTS = tuple(f"J{i}" for i in range(1, 7))
 

@@ -11,10 +11,10 @@ import pytest
 from test_measurements import campaign, written
 
 from armflex import Arm, Measurements, calibrate, read_measurements
-from armflex.axes import check_axes
 from armflex.calibrate.enough import check_enough
 from armflex.errors import AxesError, IdentifiabilityError, Place, UnitError
-from armflex.repeats import repeats
+from armflex.measured.axes import check_axes
+from armflex.measured.repeats import repeats
 
 PLACES = [Place(Path("m.csv"), 2 + i) for i in range(40)]
 SWAPS = {

@@ -17,7 +17,7 @@ from armflex.arm import Arm
 from armflex.cli.trace import as_json, print_trace
 from armflex.effects import CATALOGUE, Effect, Spot
 from armflex.effects.catalogue import EVERY
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
 from armflex.report import render_report
 from armflex.trace.accept import HeldOut, believed, held_out, improvement, pose_folds
 from armflex.trace.advice import INSTEAD, instead

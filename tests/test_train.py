@@ -12,9 +12,9 @@ from small_arms import ROBOTS, random_compliance
 
 from armflex import InputError, read_joint_data, train
 from armflex.errors import TableError, UnitError, UnknownNameError
-from armflex.joint_data import JointData
 from armflex.laws import LinearLaw, Row
 from armflex.learning.linear import fit_compliance
+from armflex.measured.joint_data import JointData
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 NOWHERE = Row(np.zeros(0), {})

@@ -17,7 +17,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects.rigid import rigid_motion
 from armflex.laws import LinearLaw, PositionDependentLaw
 from armflex.laws.scaled import scaled
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
 
 MOUNTING = "mounting"
 """Name of the block of the target's orientation."""

@@ -13,7 +13,7 @@ from armflex.calibrate.calibrate import FEWEST_ROWS, calibrate
 from armflex.calibrate.spread import INSTRUMENT
 from armflex.conventions import Array
 from armflex.errors import InputError, naming
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
 from armflex.parallel import in_order
 
 Progress = Callable[[int, int], None]

@@ -19,9 +19,9 @@ from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.law import LoadLaw, TwistLaw
 from armflex.effects.remember import derived_directions, known_rows
 from armflex.errors import InputError, Place, UnsupportedError, listing
-from armflex.instrument import Instrument, fit_frame, fit_mounting
-from armflex.linearise import Linearizer
-from armflex.measurements import Measurements
+from armflex.measured.instrument import Instrument, fit_frame, fit_mounting
+from armflex.measured.measurements import Measurements
+from armflex.statics.linearise import Linearizer
 
 OUTLIER = 0.5
 """Robust weight below which a row is listed as an outlier."""

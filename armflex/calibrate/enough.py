@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.axes import check_axes
 from armflex.calibrate.blocks import rigid_motion
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import IdentifiabilityError
-from armflex.instrument import Instrument, fit_frame
-from armflex.measurements import Measurements
+from armflex.measured.axes import check_axes
+from armflex.measured.instrument import Instrument, fit_frame
+from armflex.measured.measurements import Measurements
 
 COARSEST = 0.05
 """Standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""

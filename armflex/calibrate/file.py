@@ -17,7 +17,7 @@ from armflex.calibrate.spread import EFFECT, RANDOM, certainty_of
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
 from armflex.effects.effect_file import effect_table
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
 from armflex.whole_file import write_whole
 
 if TYPE_CHECKING:

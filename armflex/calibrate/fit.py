@@ -14,7 +14,7 @@ from armflex.calibrate.robust import huber_weights, objective, robust_limit, whi
 from armflex.calibrate.view import Progress, Setup, View, look, position_rms
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
 
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""

@@ -29,9 +29,9 @@ from armflex.effects.remember import known_rows
 from armflex.effects.rigid import rigid_motion
 from armflex.effects.scene import Scene, survey
 from armflex.errors import Flag
-from armflex.instrument import Instrument
 from armflex.laws import LinearLaw, PositionDependentLaw
-from armflex.measurements import Measurements
+from armflex.measured.instrument import Instrument
+from armflex.measured.measurements import Measurements
 
 COMPLIANCE, EFFECT, RANDOM = "compliance", "effect", "unexplained"
 INSTRUMENT, SESSIONS = "instrument", "session_frame"

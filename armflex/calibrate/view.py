@@ -15,9 +15,9 @@ from armflex.effects.law import Effect
 from armflex.effects.remember import known_rows
 from armflex.effects.rigid import cross_matrices
 from armflex.effects.spot import same_site, site_of
-from armflex.instrument import Instrument
-from armflex.linearise import Linearisation, Linearizer
-from armflex.measurements import Measurements
+from armflex.measured.instrument import Instrument
+from armflex.measured.measurements import Measurements
+from armflex.statics.linearise import Linearisation, Linearizer
 
 Progress = Callable[[int, int], None]
 

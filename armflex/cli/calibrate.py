@@ -24,8 +24,8 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import console, number, print_table
-from armflex.measurements import read_measurements
-from armflex.point_export import PointExport
+from armflex.measured.measurements import read_measurements
+from armflex.measured.point_export import PointExport
 
 
 @click.command(cls=Command)

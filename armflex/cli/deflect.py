@@ -23,11 +23,11 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import console, number, print_table
-from armflex.deflection import Deflection
 from armflex.effects.remember import settled
-from armflex.equilibrium import METHODS
 from armflex.errors import Flag
-from armflex.loads import Wrench
+from armflex.statics.deflection import Deflection
+from armflex.statics.equilibrium import METHODS
+from armflex.statics.loads import Wrench
 from armflex.tip_uncertainty import AT_REST, tip_covariance
 from armflex.trajectory import check_approaches
 

@@ -22,14 +22,14 @@ from armflex.cli.tables import console, number, print_table
 from armflex.cli.trace import print_trace
 from armflex.cli.train import print_training
 from armflex.compensate import Compensation, compensate
-from armflex.deflection import Deflection
-from armflex.equilibrium import MAX_ROTATION
 from armflex.errors import FileError, InputError, Place
-from armflex.joint_data import read_joint_data
 from armflex.laws.law_file import save_law
 from armflex.learning.train import train
-from armflex.measurements import read_measurements
+from armflex.measured.joint_data import read_joint_data
+from armflex.measured.measurements import read_measurements
 from armflex.report import write_report
+from armflex.statics.deflection import Deflection
+from armflex.statics.equilibrium import MAX_ROTATION
 from armflex.trace import trace
 from armflex.trace.result import Trace
 from armflex.trajectory import Trajectory, read_trajectory, write_trajectory

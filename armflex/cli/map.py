@@ -23,8 +23,8 @@ from armflex.cli.options import (
 )
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import parse_quantity
-from armflex.equilibrium import METHODS
 from armflex.errors import InputError
+from armflex.statics.equilibrium import METHODS
 from armflex.workspace import WorkspaceMap, draw_map, map_page, map_workspace, write_map
 from armflex.workspace.map_file import SUFFIXES
 from armflex.workspace.picture import SUFFIXES as PICTURES

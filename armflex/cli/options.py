@@ -19,7 +19,7 @@ from armflex.arm import Arm
 from armflex.arm_file import load_arm
 from armflex.conventions import NUMBER, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError
-from armflex.point_export import read_points
+from armflex.measured.point_export import read_points
 from armflex.whole_file import write_whole
 
 PathArgument = click.Path(path_type=Path)

@@ -18,7 +18,7 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import console
-from armflex.measurements import read_measurements
+from armflex.measured.measurements import read_measurements
 from armflex.predict import predict, write_predictions
 
 

@@ -26,8 +26,8 @@ from armflex.cli.tables import console, number, print_table
 from armflex.effects.effect_file import names_of
 from armflex.effects.law import Effect
 from armflex.effects.spot import LINK
-from armflex.measurements import read_measurements
-from armflex.point_export import PointExport
+from armflex.measured.measurements import read_measurements
+from armflex.measured.point_export import PointExport
 from armflex.trace import trace
 
 if TYPE_CHECKING:

@@ -15,12 +15,12 @@ from armflex.cli.options import Command, OutputPath, PathArgument, json_option, 
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import InputError
-from armflex.joint_data import read_joint_data
 from armflex.laws.declared import read_assembly
 from armflex.laws.law_file import save_law
 from armflex.learning.learners import CONCERNS, MODELS, SAMPLERS, Options
 from armflex.learning.linear import STRUCTURES
 from armflex.learning.train import TrainResult, train
+from armflex.measured.joint_data import read_joint_data
 
 
 def learning_options(command: Callable) -> Callable:

@@ -18,8 +18,8 @@ from armflex.laws import Row
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
-    from armflex.deflection import Deflection
-    from armflex.measurements import Measurements
+    from armflex.measured.measurements import Measurements
+    from armflex.statics.deflection import Deflection
 
 
 def known_rows(arm: Arm, rows: Driven) -> dict[str, Array]:

@@ -18,7 +18,7 @@ from armflex.robot import Robot
 if TYPE_CHECKING:
     from armflex.arm import Arm
     from armflex.calibrate.view import View
-    from armflex.measurements import Measurements
+    from armflex.measured.measurements import Measurements
 
 TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
 """Names of columns that are taken for a temperature."""

@@ -13,9 +13,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import InputError
-from armflex.joint_data import JointData
 from armflex.learning.held_out import HeldOut, hold_out, random_folds
 from armflex.learning.model import Fitted, Learner
+from armflex.measured.joint_data import JointData
 
 NEGLIGIBLE = 1e-6
 """Part of what a deflection moves that no bench can tell from nothing."""

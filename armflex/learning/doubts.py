@@ -9,12 +9,12 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
 from armflex.errors import Flag, LawError, listing
-from armflex.joint_data import JointData
 from armflex.laws.law import Law
 from armflex.laws.linear import LinearLaw, softness
 from armflex.learning.diagnostics import shortcomings
 from armflex.learning.held_out import NOWHERE, wrenches
 from armflex.learning.model import Diagnostics, Fitted
+from armflex.measured.joint_data import JointData
 
 AGAINST = -0.5
 """Correlation of a deflection with its own load from which a sign is believed to be turned."""

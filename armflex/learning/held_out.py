@@ -8,9 +8,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, InputError
-from armflex.joint_data import JointData
 from armflex.laws.law import Law, Row
 from armflex.learning.model import Learner
+from armflex.measured.joint_data import JointData
 
 NOWHERE = Row(np.zeros(0), {})
 """A bench has no joint positions."""

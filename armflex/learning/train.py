@@ -10,7 +10,6 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, UnknownNameError
-from armflex.joint_data import JointData
 from armflex.laws.law_file import TrainedLaw
 from armflex.learning.choose import Compared, assess, chosen, compare, negligible
 from armflex.learning.doubts import bench_doubts, law_doubts
@@ -18,6 +17,7 @@ from armflex.learning.held_out import HeldOut, hold_out, predicted, random_folds
 from armflex.learning.learners import MODELS, Options, learner, rivals
 from armflex.learning.model import Diagnostics, Fitted
 from armflex.learning.span import check_span
+from armflex.measured.joint_data import JointData
 from armflex.version import __version__
 
 LEAVE_ONE_OUT_LIMIT = 500

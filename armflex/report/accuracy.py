@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.measurements import Measurements
-from armflex.repeats import Scatter, repeats
+from armflex.measured.measurements import Measurements
+from armflex.measured.repeats import Scatter, repeats
 from armflex.trace.accept import held_out, pose_folds
 from armflex.trace.result import Trace
 

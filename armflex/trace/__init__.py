@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
 
 if TYPE_CHECKING:
     from armflex.trace.result import Trace

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.effects.law import Effect
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
 
 BY_HAND = "push the joint to and fro with its brake on, because play gives without force and wind-up springs back"
 OVER_ITS_RANGE = "compare the joint's encoder with a second one or an inclinometer on its link over the joint's range"

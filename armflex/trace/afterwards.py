@@ -7,7 +7,7 @@ from scipy.stats import f
 
 from armflex.calibrate.view import position_rms
 from armflex.conventions import TWIST_NAMES
-from armflex.repeats import repeats
+from armflex.measured.repeats import repeats
 from armflex.trace.candidates import Bank
 from armflex.trace.localise import NOTICED, Place
 from armflex.trace.result import Smallest, Unexplained, Unidentifiable, predictable_residual

@@ -20,7 +20,7 @@ from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.effects.scene import LEVEL_OF, Scene
 from armflex.errors import ArmflexError
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
 from armflex.trace.advice import instead
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.state import State

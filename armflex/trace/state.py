@@ -18,8 +18,8 @@ from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.effects.remember import known_rows
 from armflex.effects.scene import Scene, survey
-from armflex.linearise import Linearisation, Linearizer
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
+from armflex.statics.linearise import Linearisation, Linearizer
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.lost import lost_beams
 from armflex.trace.polish import Polished

@@ -15,7 +15,7 @@ from armflex.calibrate.spread import certainty_of
 from armflex.calibrate.view import look
 from armflex.effects.scene import POSE
 from armflex.errors import ArmflexError
-from armflex.measurements import Measurements
+from armflex.measured.measurements import Measurements
 from armflex.trace.accept import believed, held_out, improvement, null_maximum, pose_folds, sessions_held_out
 from armflex.trace.advice import lacking
 from armflex.trace.afterwards import as_likely, not_identifiable, smallest, unexplained

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from armflex.arm import Arm
 from armflex.check import CheckReport
-from armflex.deflection import Deflection
 from armflex.effects.remember import settled
 from armflex.errors import InputError
-from armflex.loads import Payload
+from armflex.statics.deflection import Deflection
+from armflex.statics.loads import Payload
 from armflex.trajectory import Trajectory
 from armflex.view.arm_scene import MAX_FRAMES, Motion, arm_scene
 from armflex.whole_file import write_whole

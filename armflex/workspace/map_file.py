@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from armflex.errors import FileError, Flag, InputError, Place
-from armflex.table import write_table
+from armflex.measured.table import write_table
 from armflex.whole_file import write_whole
 from armflex.workspace.workspace_map import WorkspaceMap
 

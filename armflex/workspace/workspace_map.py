@@ -17,9 +17,9 @@ from armflex.calibrate.spread import without_declared_doubt
 from armflex.check import COVERAGE
 from armflex.conventions import Array
 from armflex.effects.remember import settled
-from armflex.equilibrium import METHODS
 from armflex.errors import Flag, InputError, UnknownNameError
 from armflex.parallel import in_order
+from armflex.statics.equilibrium import METHODS
 from armflex.version import __version__
 from armflex.workspace.configurations import MOST_ROWS, Configurations, default_voxel, drawn_range, furthest
 from armflex.workspace.digest import digest

@@ -21,7 +21,9 @@ from baseline import machine, rigid_baseline
 from boom import make_boom
 from query import arms
 
-from armflex import batch_solver, bending, ensemble
+from armflex import ensemble
+from armflex.batch import bending
+from armflex.batch import solver as batch_solver
 
 ROWS, ROUNDS, DRAWS = 100_000, 5, 100
 

@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from baseline import machine, medians_us, rigid_baseline
 
 from armflex import Arm, bundled_robot, load_arm
-from armflex.equilibrium import METHODS
 from armflex.laws import LinearLaw, PositionDependentLaw
+from armflex.statics.equilibrium import METHODS
 
 PAYLOAD = "p600"
 

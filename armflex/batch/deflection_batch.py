@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.arm_doubts import SAG_BAND, payload_doubts, sag_doubts, wrench_doubts
-from armflex.bending import tip_poses, turned_by
+from armflex.batch.bending import tip_poses, turned_by
 from armflex.conventions import Array
-from armflex.deflect import Asked
-from armflex.deflection import Deflection, Names, Solved
 from armflex.errors import Flag
-from armflex.loaded import LoadedArm
-from armflex.loads import Payload, Wrench
-from armflex.mechanics import LoadCase
+from armflex.statics.deflect import Asked
+from armflex.statics.deflection import Deflection, Names, Solved
+from armflex.statics.loaded import LoadedArm
+from armflex.statics.loads import Payload, Wrench
+from armflex.statics.mechanics import LoadCase
 
 if TYPE_CHECKING:
     from armflex.arm import Arm

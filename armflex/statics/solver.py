@@ -14,10 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.equilibrium import TOLERANCE
-from armflex.law_stack import PlacedLaws
 from armflex.laws import Law, Row
-from armflex.mechanics import Mechanics
+from armflex.statics.equilibrium import TOLERANCE
+from armflex.statics.law_stack import PlacedLaws
+from armflex.statics.mechanics import Mechanics
 
 gravity, integrate = pin.computeGeneralizedGravity, pin.integrate
 place_frames, log3 = pin.framesForwardKinematics, pin.log3

@@ -20,9 +20,9 @@ from armflex.errors import (
     UnstableEquilibriumError,
     did_you_mean,
 )
-from armflex.law_stack import LawStack as LawStack
 from armflex.laws import Row
-from armflex.mechanics import LoadCase, Mechanics
+from armflex.statics.law_stack import LawStack as LawStack
+from armflex.statics.mechanics import LoadCase, Mechanics
 
 METHODS = ("newton", "fixed_point", "first_order", "exact")
 TOLERANCE = 1e-12

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from armflex.bending import rotation_vectors
-from armflex.chain import Chain, Straight
+from armflex.batch.bending import rotation_vectors
+from armflex.batch.chain import Chain, Straight
 from armflex.conventions import Array
 
 jit = numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -11,8 +11,8 @@ from datetime import datetime
 import numpy as np
 
 from armflex.errors import Flag, Place, TableError, listing
-from armflex.point_export import PointExport
-from armflex.table import Column, Table
+from armflex.measured.point_export import PointExport
+from armflex.measured.table import Column, Table
 
 AXES = ("x", "y", "z")
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d.*")

@@ -12,13 +12,13 @@ import pinocchio as pin
 
 from armflex.arm_doubts import sag_doubts
 from armflex.conventions import Array
-from armflex.equilibrium import Equilibrium, tangent_of
 from armflex.errors import Flag
-from armflex.law_stack import LawStack
 from armflex.laws import Row
-from armflex.loaded import LoadedArm
-from armflex.loads import Payload
-from armflex.mechanics import LoadCase, Mechanics
+from armflex.statics.equilibrium import Equilibrium, tangent_of
+from armflex.statics.law_stack import LawStack
+from armflex.statics.loaded import LoadedArm
+from armflex.statics.loads import Payload
+from armflex.statics.mechanics import LoadCase, Mechanics
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,15 @@ from types import ModuleType
 
 import numpy as np
 
-from armflex import bending
-from armflex.batch_laws import BatchLaws
-from armflex.chain import Straight
+from armflex.batch import bending
+from armflex.batch.chain import Straight
+from armflex.batch.laws import BatchLaws
 from armflex.conventions import Array
-from armflex.deflect import SMALL
 from armflex.laws import Row
-from armflex.loaded import LoadedArm
-from armflex.softening import Softening
-from armflex.solver import ENOUGH, NEXT, SLOWEST, STEPS
+from armflex.statics.deflect import SMALL
+from armflex.statics.loaded import LoadedArm
+from armflex.statics.softening import Softening
+from armflex.statics.solver import ENOUGH, NEXT, SLOWEST, STEPS
 
 MANY = 4096
 """Questions for which compiled code is worth its import."""
@@ -103,7 +103,7 @@ def _squares(twists: Array) -> Array:
 def compiled() -> ModuleType:
     """Return the compiled functions where numba is installed, those of numpy otherwise."""
     try:
-        from armflex import compiled
+        from armflex.batch import compiled
     except ImportError:
         return bending
     return compiled

@@ -11,7 +11,7 @@ from armflex.conventions import Array
 from armflex.errors import InputError
 
 if TYPE_CHECKING:
-    from armflex.measurements import Measurements
+    from armflex.measured.measurements import Measurements
 
 SAME_POSE = 1e-3
 """Joint positions nearer than this [rad or m] are one pose: a fit that saw one of them has seen the other."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.equilibrium import MAX_ROTATION, POLISHED, LawStack, check_small, find_equilibrium
 from armflex.laws import Row
-from armflex.mechanics import LoadCase, Mechanics
+from armflex.statics.equilibrium import MAX_ROTATION, POLISHED, LawStack, check_small, find_equilibrium
+from armflex.statics.mechanics import LoadCase, Mechanics
 
 STEPS = 8
 """Steps in lockstep; a row that needs more needs damping."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, UNITS, WRENCH_NAMES, Array, finite_array
 from armflex.errors import NotFiniteError, Place, ShapeError, TableError, UnitError, did_you_mean, listing
-from armflex.table import Table, read_table
+from armflex.measured.table import Table, read_table
 
 KINDS = {
     **dict.fromkeys(WRENCH_NAMES[:3], "force"),

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armflex.batch import check_positions, chunks
-from armflex.batch_laws import BatchLaws
-from armflex.batch_solver import BatchSolver
+from armflex.batch.batch import check_positions, chunks
+from armflex.batch.laws import BatchLaws
+from armflex.batch.solver import BatchSolver
 from armflex.conventions import Array, covariate_array, real_array
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
-from armflex.law_stack import LawStack
-from armflex.loads import Payload
+from armflex.statics.law_stack import LawStack
+from armflex.statics.loads import Payload
 
 if TYPE_CHECKING:
     from armflex.arm import Arm

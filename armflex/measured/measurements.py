@@ -17,13 +17,13 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.doubts import check_joint_units, check_no_nan, check_one_unit, levels, table_flags
 from armflex.effects.scene import POSE, last_motion
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean
-from armflex.point_export import PointExport, read_points
-from armflex.point_match import with_points
-from armflex.poses import pose_groups
-from armflex.table import Table, read_table
+from armflex.measured.doubts import check_joint_units, check_no_nan, check_one_unit, levels, table_flags
+from armflex.measured.point_export import PointExport, read_points
+from armflex.measured.point_match import with_points
+from armflex.measured.poses import pose_groups
+from armflex.measured.table import Table, read_table
 from armflex.trajectory import check_payloads, joint_kinds
 
 POSITION, ROTATION = ("x", "y", "z"), ("rx", "ry", "rz")

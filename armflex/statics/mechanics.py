@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.loads import Load
 from armflex.robot import FlexModel
+from armflex.statics.loads import Load
 
 
 @dataclass(frozen=True)

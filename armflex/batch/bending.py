@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from armflex.chain import Chain, Straight
+from armflex.batch.chain import Chain, Straight
 from armflex.conventions import Array
 
 POSES = 2048

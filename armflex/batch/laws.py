@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.law_stack import LawStack, constant_compliance
 from armflex.laws import Law, Row
 from armflex.laws.network import NetworkLaw
+from armflex.statics.law_stack import LawStack, constant_compliance
 
 
 class BatchLaws:

@@ -17,8 +17,8 @@ from armflex.errors import Flag, Place, TableError, listing
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
-    from armflex.measurements import Measurements
-    from armflex.table import Table
+    from armflex.measured.measurements import Measurements
+    from armflex.measured.table import Table
 
 GAP = 30.0
 """Ratio of neighbouring distances, once sorted, that parts rows of one unit from rows of another."""

@@ -8,13 +8,13 @@ import numpy as np
 
 from armflex.arm_doubts import payload_doubts, wrench_doubts
 from armflex.conventions import Array
-from armflex.deflection import Deflection, Solved
-from armflex.equilibrium import MAX_ROTATION, check_method, check_small, find_equilibrium
 from armflex.errors import ConvergenceError, ExtrapolationError, Flag
-from armflex.loaded import LoadedArm
-from armflex.loads import Wrench
-from armflex.mechanics import LoadCase
-from armflex.solver import Solver
+from armflex.statics.deflection import Deflection, Solved
+from armflex.statics.equilibrium import MAX_ROTATION, check_method, check_small, find_equilibrium
+from armflex.statics.loaded import LoadedArm
+from armflex.statics.loads import Wrench
+from armflex.statics.mechanics import LoadCase
+from armflex.statics.solver import Solver
 
 SMALL = MAX_ROTATION * MAX_ROTATION
 """Sum of the squares of all shifts [m] and turns [rad] below which no flexure can have turned too far."""

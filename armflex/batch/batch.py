@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armflex.arm_doubts import wrench_doubts
-from armflex.batch_laws import BatchLaws
-from armflex.batch_solver import BatchSolver
+from armflex.batch.deflection_batch import Acting, DeflectionBatch
+from armflex.batch.laws import BatchLaws
+from armflex.batch.solver import BatchSolver
 from armflex.conventions import LARGEST_POSITION, Array, real_array
-from armflex.deflect import Asked, deflect, deflect_moving
-from armflex.deflection import Deflection
-from armflex.deflection_batch import Acting, DeflectionBatch
 from armflex.errors import ExtrapolationError, ShapeError, naming
-from armflex.loads import Payload, Wrench
 from armflex.parallel import in_order
+from armflex.statics.deflect import Asked, deflect, deflect_moving
+from armflex.statics.deflection import Deflection
+from armflex.statics.loads import Payload, Wrench
 
 if TYPE_CHECKING:
     from armflex.arm import Arm

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
-from armflex.deflect import SMALL, Asked, deflect
-from armflex.equilibrium import check_method
-from armflex.loaded import LoadedArm
-from armflex.solver import Solver
+from armflex.statics.deflect import SMALL, Asked, deflect
+from armflex.statics.equilibrium import check_method
+from armflex.statics.loaded import LoadedArm
+from armflex.statics.solver import Solver
 
 QUICK = ("exact", "first_order")
 """Methods that a `Solver` has."""

@@ -20,11 +20,11 @@ import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.equilibria import find_equilibria
 from armflex.laws import Row
-from armflex.loads import Payload
-from armflex.mechanics import LoadCase, Mechanics
 from armflex.robot import FlexModel, Site, build_model
+from armflex.statics.equilibria import find_equilibria
+from armflex.statics.loads import Payload
+from armflex.statics.mechanics import LoadCase, Mechanics
 
 Progress = Callable[[int, int], None]
 

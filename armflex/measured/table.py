@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.conventions import NUMBER, UNITS, Array
 from armflex.errors import Place, TableError, did_you_mean, listing
-from armflex.parquet import is_parquet, parquet_rows
+from armflex.measured.parquet import is_parquet, parquet_rows
 from armflex.whole_file import write_whole
 
 MAX_BYTES = 200_000_000

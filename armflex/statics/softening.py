@@ -25,9 +25,9 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.law_stack import LawStack
 from armflex.laws import Law
 from armflex.laws.law import Ranges, block_norms
+from armflex.statics.law_stack import LawStack
 
 SHARE = 0.9
 """Of the bound 1 that is used, so that rounding is no part of the proof."""

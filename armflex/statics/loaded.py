@@ -11,16 +11,16 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm_doubts import payload_doubts
-from armflex.chain import Chain, chain_of
+from armflex.batch.chain import Chain, chain_of
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.law_stack import PlacedLaws
 from armflex.laws import Row
-from armflex.loads import Payload
-from armflex.mechanics import LoadCase, Mechanics
 from armflex.robot import build_model
-from armflex.softening import Softening, bound_softening
-from armflex.solver import Solver
+from armflex.statics.law_stack import PlacedLaws
+from armflex.statics.loads import Payload
+from armflex.statics.mechanics import LoadCase, Mechanics
+from armflex.statics.softening import Softening, bound_softening
+from armflex.statics.solver import Solver
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
