@@ -26,7 +26,7 @@ demo: $(VENV)/.demo
 	$(VENV)/bin/armflex demo
 
 test: $(VENV)/.test
-	$(VENV)/bin/python -m pytest -n auto --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --dist worksteal
 
 bench: $(VENV)/.bench
 	$(VENV)/bin/python tests/benchmarks/run.py -o bench.md

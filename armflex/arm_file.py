@@ -19,11 +19,12 @@ from armflex.errors import (
     InputError,
     PayloadError,
     UnknownNameError,
-    UnsupportedError,
     did_you_mean,
     listing,
 )
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, StructuralLaw, read_law
+from armflex.laws.declared import model_of
+from armflex.laws.learned import read_learning
 from armflex.laws.linear import softness
 from armflex.measured.instrument import Instrument
 from armflex.prior import Measurement, Prior
@@ -151,10 +152,9 @@ def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
         hint = did_you_mean(joint, chain)
         raise table.fail("joint", f"no joint {joint!r} between base and tip{hint} (known: {listing(chain)})")
     law = read_law(table, joint, _ranges(robot))
-    if table.flag("learn"):
-        raise UnsupportedError(f"{table.place('learn')}: learn = true is not supported by this version")
+    learn = read_learning(table, model_of(table), law, _ranges(robot)) if table.flag("learn") else None
     table.finish()
-    return Flexure(name, joint, law)
+    return Flexure(name, joint, law, learn=learn)
 
 
 def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:

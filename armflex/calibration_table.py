@@ -6,10 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+from safetensors import SafetensorError, safe_open
 
 from armflex.arm import Arm, Flexure
+from armflex.calibrate.law_block import LAW
+from armflex.calibrate.law_table import read_learned
 from armflex.certainty import Certainty
-from armflex.conventions import TWIST_NAMES
+from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.effects.spot import site_names
 from armflex.errors import did_you_mean
@@ -27,6 +30,9 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     pose = table.numbers("instrument", (6,))
     sessions = table.sub("sessions")
     offset, geometry, compliance = (table.sub(name) for name in ("joint_offset", "geometry", "compliance"))
+    laws = table.sub("law") if table.has("law") else None
+    if laws is not None:
+        _check_names(laws, arm.flexure_names)
     for part, known in ((offset, arm.joint_names), (geometry, arm.joint_names), (compliance, arm.flexure_names)):
         _check_names(part, known)
     instrument = Instrument(
@@ -44,16 +50,25 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         table.has(key)
     certainty = _certainty(table, arm)
     table.finish()
-    flexures = tuple(_scale(flexure, compliance) for flexure in arm.flexures)
+    flexures = tuple(_learned(_scale(flexure, compliance), laws, certainty) for flexure in arm.flexures)
     fitted = replace(arm, flexures=flexures, corrections=corrections, instrument=instrument, certainty=certainty)
     return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
 
 
 def _certainty(table: Declaration, arm: Arm) -> Certainty | None:
-    """Return the covariance of the fitted parameters, given as the lower triangle's rows; None where it is not."""
-    if not all([table.has("parameters"), table.has("covariance")]):
+    """Return the covariance of the fitted parameters; None where it is not given."""
+    if not all([table.has("parameters"), table.has("covariance") or table.has("covariance_file")]):
         return None
-    labels, rows = table.texts("parameters"), table.table["covariance"]
+    labels = table.texts("parameters")
+    covariance = _from_file(table, labels) if table.has("covariance_file") else _from_rows(table, labels)
+    if (np.diag(covariance) < 0.0).any():
+        raise table.fail("covariance", "a variance is negative")
+    return Certainty(labels, covariance, _unexplained(table, arm))
+
+
+def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
+    """Return a covariance given as the lower triangle's rows."""
+    rows = table.table["covariance"]
     expected = f"{len(labels)} rows of 1, 2, ... finite numbers, one for each of the parameters"
     if not isinstance(rows, list) or [len(row) if isinstance(row, list) else 0 for row in rows] != _counts(labels):
         raise table.fail("covariance", f"expected {expected}")
@@ -62,9 +77,22 @@ def _certainty(table: Declaration, arm: Arm) -> Certainty | None:
         if not all(isinstance(x, int | float) and np.isfinite(x) for x in row):
             raise table.fail("covariance", f"row {i + 1}: expected {expected}")
         covariance[i, : i + 1] = covariance[: i + 1, i] = row
-    if (np.diag(covariance) < 0.0).any():
-        raise table.fail("covariance", "a variance is negative")
-    return Certainty(labels, covariance, _unexplained(table, arm))
+    return covariance
+
+
+def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:
+    """Return a covariance from the safetensors file beside the arm.toml."""
+    path = table.path.parent / table.text("covariance_file")
+    try:
+        with safe_open(path, framework="numpy") as file:
+            if file.get_slice("covariance").get_shape() != [len(labels)] * 2:
+                raise table.fail("covariance_file", f"{path.name}: expected one number for every two of the parameters")
+            covariance = file.get_tensor("covariance")
+    except (SafetensorError, OSError) as error:
+        raise table.fail("covariance_file", f"{path.name} cannot be read: {error}") from None
+    if covariance.dtype != np.float64 or not np.isfinite(covariance).all():
+        raise table.fail("covariance_file", f"{path.name}: expected finite 64-bit floats")
+    return covariance
 
 
 def _counts(labels: tuple[str, ...]) -> list[int]:
@@ -93,6 +121,13 @@ def _scale(flexure: Flexure, compliance: Declaration) -> Flexure:
     if flexure.name not in compliance.table:
         return flexure
     return replace(flexure, law=scaled(flexure.law, np.exp(0.5 * compliance.numbers(flexure.name, (6,)))))
+
+
+def _learned(flexure: Flexure, laws: Declaration | None, certainty: Certainty | None) -> Flexure:
+    if laws is None or flexure.name not in laws.table:
+        return flexure
+    covariance = None if certainty is None else certainty.part(f"{LAW} {flexure.name} ")
+    return read_learned(flexure, laws.sub(flexure.name), covariance)
 
 
 def _level(arm: Arm) -> Arm:

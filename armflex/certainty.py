@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from armflex.conventions import Array
 
 
@@ -21,3 +23,8 @@ class Certainty:
     labels: tuple[str, ...]
     covariance: Array
     unexplained: tuple[str, str, float] | None = None
+
+    def part(self, beginning: str) -> Array | None:
+        """Return the covariance of the parameters whose labels begin so, None where there are none."""
+        own = np.flatnonzero([label.startswith(beginning) for label in self.labels])
+        return self.covariance[np.ix_(own, own)] if len(own) else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from armflex.laws import Law
+from armflex.laws.learned import Learning
 from armflex.robot import Site
 
 
@@ -12,13 +13,15 @@ from armflex.robot import Site
 class Flexure:
     """A place where the arm gives: outboard of `joint`'s motion, or at the base when `joint` is None.
 
-    With `before` it is the end of the link that the joint ends, inboard of the joint's motion.
+    With `before` it is the end of the link that the joint ends, inboard of the joint's motion. `learn` says what of its
+    law `calibrate` finds from measurements of the whole arm, None for nothing.
     """
 
     name: str
     joint: str | None
     law: Law
     before: bool = False
+    learn: Learning | None = None
 
     @property
     def site(self) -> Site:

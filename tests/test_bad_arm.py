@@ -32,7 +32,6 @@ from armflex.errors import (
     UnitError,
     UnknownNameError,
     UnstableEquilibriumError,
-    UnsupportedError,
     UrdfError,
 )
 from armflex.laws import LinearLaw
@@ -494,10 +493,10 @@ def test_the_urdf_of_an_arm_is_checked(tmp_path):
         load_arm(declared(tmp_path, ('"robot.urdf"', '"ghost.urdf"')))
 
 
-def test_what_this_version_does_not_do_is_said(tmp_path):
-    what = "[flexure.T]\njoint = 'elbow'\ncompliance = [0,0,0,0,0,0]\nlearn = true"
+def test_a_network_without_a_file_needs_to_be_learned(tmp_path):
+    what = "[flexure.T]\njoint = 'elbow'\nmodel = 'neural'\ncompliance = [0,0,0,0,0,0]"
     path = declared(tmp_path, ("[measurement]", f"{what}\n[measurement]"))
-    with pytest.raises(UnsupportedError, match=r"arm\.toml:\d+.*not supported"):
+    with pytest.raises(ArmFileError, match=r"arm\.toml:\d+.*'file'.*or learn = true"):
         load_arm(path)
 
 

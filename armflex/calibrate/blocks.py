@@ -340,7 +340,7 @@ def _compliance_block(setup: Setup, std: float) -> Sequence[Block]:
     names, axes = [], []
     for flexure in setup.arm.flexures:
         law = flexure.law
-        if isinstance(law, LinearLaw | PositionDependentLaw):
+        if flexure.learn is None and isinstance(law, LinearLaw | PositionDependentLaw):
             matrix = law.compliance if isinstance(law, LinearLaw) else np.abs(law.coefficients).sum(axis=0)
             given = tuple(np.flatnonzero(np.diag(matrix) > 0.0).tolist())
             if given:

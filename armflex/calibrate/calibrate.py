@@ -12,6 +12,8 @@ from armflex.calibrate.blocks import declared_blocks
 from armflex.calibrate.enough import check_readings
 from armflex.calibrate.fit import Fit, fit
 from armflex.calibrate.identify import Parameter, parameters
+from armflex.calibrate.law_block import law_block
+from armflex.calibrate.learn import fit_learning, settled
 from armflex.calibrate.spread import FRAMES, INSTRUMENT, certainty_of
 from armflex.calibrate.view import Progress, Setup, View, look, position_rms
 from armflex.conventions import Array
@@ -135,10 +137,14 @@ def calibrate(
     frame = [block for block in blocks if block.name == INSTRUMENT]
     before = fit(declared, frame, measurements, used) if frame else None
     placed = before.view if before else look(declared, measurements, used)
-    found = fit(declared, blocks, measurements, used, progress=progress)
+    laws = None if keep else law_block(declared, placed)
+    if laws is None:
+        found = fit(declared, blocks, measurements, used, progress=progress)
+    else:
+        found = fit_learning(declared, blocks, laws, measurements, used, progress)
     fitted = found.setup
     return Calibration(
-        replace(fitted.arm, instrument=fitted.instrument, certainty=certainty_of(found)),
+        replace(settled(fitted.arm, found), instrument=fitted.instrument, certainty=certainty_of(found)),
         found,
         placed,
         measurements,

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
+from safetensors.numpy import save
 
 from armflex.calibrate.blocks import ComplianceBlock
 from armflex.calibrate.calibrate import Calibration
 from armflex.calibrate.fit import Fit
+from armflex.calibrate.law_table import law_tables
 from armflex.calibrate.spread import EFFECT, RANDOM, certainty_of
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
@@ -22,6 +24,9 @@ from armflex.whole_file import write_whole
 
 if TYPE_CHECKING:
     from armflex.trace.result import Trace
+
+MOST_ROWS = 150
+"""Parameters from which on their covariance stands in a file of its own: as text it would take seconds to read."""
 
 
 def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Path:
@@ -61,8 +66,19 @@ def _write(declared: Path, calibration: dict[str, Any], effects: Sequence[dict[s
         document.append("effect", tomlkit.aot())
     for effect in effects:
         document["effect"].append(_inline(effect))
-    document.append("calibration", tomlkit.item(calibration))
+    document.append("calibration", tomlkit.item(_with_covariance(calibration, path)))
     return write_whole(path, tomlkit.dumps(document).encode())
+
+
+def _with_covariance(calibration: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return the table with its covariance as rows of the lower triangle, or beside it in a file where it is large."""
+    covariance = calibration["covariance"]
+    if len(covariance) <= MOST_ROWS:
+        rows = [[float(f"{x:.10e}") for x in row[: i + 1]] for i, row in enumerate(covariance.tolist())]
+        return calibration | {"covariance": rows}
+    beside = path.with_suffix(".covariance.safetensors")
+    write_whole(beside, save({"covariance": np.ascontiguousarray(covariance)}))
+    return {key: value for key, value in calibration.items() if key != "covariance"} | {"covariance_file": beside.name}
 
 
 def _inline(effect: dict[str, Any]) -> Any:
@@ -92,7 +108,7 @@ def _move_files(table: Any, old: Path, new: Path) -> None:
 
 
 def as_table(fit: Fit, measurements: Measurements, rms: float) -> dict[str, Any]:
-    """Return the [calibration] table of a fit: the declared parameters' values, and the covariance of all."""
+    """Return the [calibration] table of a fit: the declared parameters' values, and all covariances as an array."""
     setup, certainty = _declared_part(fit), certainty_of(fit)
     instrument, corrections = setup.instrument, setup.arm.corrections
     pose = [*instrument.pose.translation.tolist(), *pin.log3(instrument.pose.rotation).tolist()]
@@ -109,12 +125,12 @@ def as_table(fit: Fit, measurements: Measurements, rms: float) -> dict[str, Any]
         "compliance": {name: values.tolist() for name, values in _log_factors(fit).items()},
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
     }
+    if laws := law_tables(setup.arm):
+        table["law"] = laws
     if certainty.unexplained is not None:
         table["unexplained"] = dict(zip(("site", "axis", "std"), certainty.unexplained, strict=True))
     table["parameters"] = list(certainty.labels)
-    table["covariance"] = [
-        [float(f"{x:.10e}") for x in row[: i + 1]] for i, row in enumerate(certainty.covariance.tolist())
-    ]
+    table["covariance"] = certainty.covariance
     return table
 
 

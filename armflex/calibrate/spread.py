@@ -22,6 +22,7 @@ from armflex.calibrate.blocks import (
 )
 from armflex.calibrate.effect_block import EffectBlock
 from armflex.calibrate.fit import Fit
+from armflex.calibrate.law_block import LAW, LawBlock
 from armflex.calibrate.view import Setup, View, look
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
@@ -29,7 +30,8 @@ from armflex.effects.remember import known_rows
 from armflex.effects.rigid import rigid_motion
 from armflex.effects.scene import Scene, survey
 from armflex.errors import Flag
-from armflex.laws import LinearLaw, PositionDependentLaw
+from armflex.laws import Law, LinearLaw, PositionDependentLaw
+from armflex.laws.learned import LearnedLaw
 from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
 
@@ -130,16 +132,18 @@ def _columns(blocks: Sequence[Block], view: View) -> Array:
 
 def without_declared_doubt(arm: Arm) -> Arm:
     """Return the arm whose fitted compliances carry no declared uncertainty: the fit's covariance stands in for it."""
-    fitted = {label.split(" ", 1)[1].rsplit(" ", 1)[0] for label in _labels(arm) if label.startswith(f"{COMPLIANCE} ")}
+    of_laws = [label for label in _labels(arm) if label.startswith((f"{COMPLIANCE} ", f"{LAW} "))]
+    fitted = {label.split(" ", 1)[1].rsplit(" ", 1)[0] for label in of_laws}
     if not fitted:
         return arm
-    flexures = [
-        replace(flexure, law=replace(flexure.law, relative_std=0.0))
-        if flexure.name in fitted and isinstance(flexure.law, LinearLaw | PositionDependentLaw)
-        else flexure
-        for flexure in arm.flexures
-    ]
+    flexures = [replace(f, law=_undoubted(f.law)) if f.name in fitted else f for f in arm.flexures]
     return replace(arm, flexures=tuple(flexures))
+
+
+def _undoubted(law: Law) -> Law:
+    if isinstance(law, LearnedLaw):
+        return replace(law, spread=None)
+    return replace(law, relative_std=0.0) if isinstance(law, LinearLaw | PositionDependentLaw) else law
 
 
 def _labels(arm: Arm) -> tuple[str, ...]:
@@ -191,6 +195,9 @@ def _declared(name: str, labels: list[str], view: View, rows: Measurements) -> B
         return OffsetBlock(arm.joint_names, 0.0, ("",) * len(labels))
     if name == "geometry" and parts == arm.joint_names:
         return GeometryBlock(parts, 0.0)
+    laws = {flexure.name: flexure.law for flexure in arm.flexures if isinstance(flexure.law, LearnedLaw)}
+    if name == LAW and laws:
+        return LawBlock(tuple(laws), tuple(laws.values()))
     if name == COMPLIANCE and {part for part, _ in pairs} <= {flexure.name for flexure in arm.flexures}:
         return ComplianceBlock(parts, tuple(_axes(pairs, part) for part in parts), 0.0)
     return None

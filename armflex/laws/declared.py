@@ -30,14 +30,24 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     Raises:
         ArmFileError: The declaration is incomplete or its numbers are not physical.
     """
-    known = tuple(dict.fromkeys((*LAWS, *READERS)))
-    model = table.choice("model", known, "linear")
-    if not table.has("file") and model not in LAWS:
-        raise table.fail("model", f"a {model} law is learned: give the 'file' that `armflex train` wrote")
-    law = _read_file(table, model) if table.has("file") else LAWS[model](table, joint, ranges)
+    model = model_of(table)
+    if table.has("file"):
+        law = _read_file(table, model)
+    elif model in LAWS:
+        law = LAWS[model](table, joint, ranges)
+    elif table.flag("learn"):
+        law = read_linear(table, joint, ranges)  # what the correction is learned about
+    else:
+        text = f"a {model} law is learned: give the 'file' that `armflex train` wrote, or learn = true and a compliance"
+        raise table.fail("model", text)
     if table.has("node"):
         return AtNode(law, table.numbers("node", (3,)))
     return law
+
+
+def model_of(table: Declaration) -> str:
+    """Return the name of the law that a table declares."""
+    return table.choice("model", tuple(dict.fromkeys((*LAWS, *READERS))), "linear")
 
 
 def _read_file(table: Declaration, model: str) -> Law:

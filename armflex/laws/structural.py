@@ -138,18 +138,27 @@ class StructuralLaw(Law):
 
     def covariance(self, wrench: Array, row: Row) -> Array | None:
         """Return the (6, 6) covariance that the sub-joints' uncertainties give the tip, None when all are certain."""
-        _, tangents, loads = self._solve(wrench, row)
+        _, _, loads = self._solve(wrench, row)
         scatter = np.zeros((6, 6)) if self.noise is None else np.diag(self.noise**2)
         covariances = [sub.law.covariance(load, row) for sub, load in zip(self.subjoints, loads, strict=True)]
         if self.noise is None and all(covariance is None for covariance in covariances):
             return None
-        inverse = np.linalg.inv(self._system(tangents))
         total = scatter
-        for start, (_, own), covariance in zip(self._load_places, self.held, covariances, strict=True):
+        for (gain, _), (_, own), covariance in zip(self.answers(wrench, row), self.held, covariances, strict=True):
             if covariance is not None:
-                gain = self._seen @ inverse[: self._size, start : start + len(own)]
-                total += gain @ covariance[np.ix_(own, own)] @ gain.T
+                total = total + gain[:, own] @ covariance[np.ix_(own, own)] @ gain[:, own].T
         return total
+
+    def answers(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
+        """Return for each sub-joint the (6, 6) twist of the tip per twist that it gives more, and its (6,) load."""
+        _, tangents, loads = self._solve(wrench, row)
+        inverse = np.linalg.inv(self._system(tangents))
+        found = []
+        for start, (_, own), load in zip(self._load_places, self.held, loads, strict=True):
+            gain = np.zeros((6, 6))
+            gain[:, own] = self._seen @ inverse[: self._size, start : start + len(own)]
+            found.append((gain, load))
+        return found
 
     def draw(self, rng: np.random.Generator) -> StructuralLaw:
         """Return the structure with a draw of every sub-joint."""

@@ -11,6 +11,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Law, LinearLaw, Row, StructuralLaw
+from armflex.laws.learned import LearnedLaw
 from armflex.laws.network import NetworkLaw
 
 MOST_NEURONS = 64
@@ -101,6 +102,8 @@ def constant_compliance(law: Law) -> Array | None:
     """Return the (6, 6) compliance of a law that is proportional to the load, the same everywhere; None of others."""
     if isinstance(law, LinearLaw):
         return law.compliance
+    if isinstance(law, LearnedLaw):
+        return law.constant
     return law.linear_compliance if isinstance(law, StructuralLaw) else None
 
 

@@ -1,0 +1,116 @@
+"""Laws learned on the whole arm, with how far they may be from what was declared found by evidence.
+
+How large couplings, terms or a network's output are to be expected nobody knows beforehand. Each group's prior standard
+deviation is the one under which the readings are most probable (MacKay 1992, "Bayesian interpolation": the sum of
+squares over the number of values that the data determine), so that what a joint has not got costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate.blocks import Block
+from armflex.calibrate.fit import ROUGH, Effort, Fit, fit
+from armflex.calibrate.law_block import LawBlock, with_laws
+from armflex.calibrate.view import Progress, Setup
+from armflex.conventions import Array
+from armflex.laws.learned import LearnedLaw
+from armflex.measured.measurements import Measurements
+
+FIRM = 4.0
+"""How many values' worth the expected size of a group is: a scale that the data hardly tell must not run to nothing,
+which would leave what they cannot tell without any doubt."""
+
+ROUNDS = 8
+"""Fits at most in search of the scales."""
+
+PATIENT = Effort(30, 8, 0.1, content=True)
+"""For the last fit. Networks have long valleys in which nothing is gained but rounding: where one ends is no matter."""
+
+SETTLED = 0.2
+"""Logarithm of a change of every scale below which the search ends."""
+
+
+def fit_learning(
+    declared: Setup,
+    blocks: Sequence[Block],
+    laws: LawBlock,
+    measurements: Measurements,
+    rows: np.ndarray,
+    progress: Progress | None = None,
+) -> Fit:
+    """Return the most probable values of all blocks and laws together, the laws' scales by evidence.
+
+    Args:
+        declared, blocks, measurements, rows, progress: See `fit`.
+        laws: What is learned, with the scales where their search starts.
+
+    Raises:
+        ConvergenceError, ArmflexError: See `fit`.
+    """
+    start = np.concatenate([np.zeros(sum(len(block.labels) for block in blocks)), laws.start])
+    for _ in range(ROUNDS):
+        found = fit(declared, (*blocks, laws), measurements, rows, start, effort=ROUGH)
+        own = found.places(laws)
+        better, start = rescaled(laws, found.values[own], np.diag(found.covariance)[own]), found.values
+        laws, change = better, moved(better, laws)
+        if change < SETTLED:
+            break
+    return fit(declared, (*blocks, laws), measurements, rows, start, progress=progress, effort=PATIENT)
+
+
+def settled(arm: Arm, found: Fit) -> Arm:
+    """Return a fitted arm whose learned laws carry the covariance of their values, and how far corrections go."""
+    for block in found.blocks:
+        if isinstance(block, LawBlock):
+            return with_laws(arm, _settled(arm, found, block))
+    return arm
+
+
+def _settled(arm: Arm, found: Fit, block: LawBlock) -> dict[str, LearnedLaw]:
+    laws = {flexure.name: flexure.law for flexure in arm.flexures}
+    line, names = found.view.line, arm.flexure_names
+    settled, own = {}, block.split(found.places(block))
+    for name, places in zip(block.flexures, own, strict=True):
+        law = laws[name]
+        assert isinstance(law, LearnedLaw)
+        spread = found.covariance[np.ix_(places, places)]
+        settled[name] = law.settled(spread, line.flexure_wrenches[:, names.index(name)], line.row)
+    return settled
+
+
+def rescaled(block: LawBlock, values: Array, variance: Array) -> LawBlock:
+    """Return the block with every group's scale by evidence.
+
+    Args:
+        block: The laws and the scales that they were fitted with.
+        values: (k,) fitted values.
+        variance: (k,) their posterior variances.
+    """
+    pairs = zip(block.laws, block.split(values), block.split(variance), strict=True)
+    return replace(block, laws=tuple(_rescaled(law, own, spread) for law, own, spread in pairs))
+
+
+def _rescaled(law: LearnedLaw, values: Array, variance: Array) -> LearnedLaw:
+    scales, start = [], 0
+    for group, expected in zip(law.groups, law.expected, strict=True):
+        own = slice(start, start := start + len(group.labels))
+        std = group.std
+        scales.append(_scale(expected.std, std, values[own], variance[own]) if group.found else std)
+    return replace(law, scales=tuple(scales))
+
+
+def _scale(expected: float, std: float, values: Array, variance: Array) -> float:
+    """Return a group's better scale, with `FIRM` values of the size expected beforehand thrown in."""
+    determined = np.clip(1.0 - variance / std**2, 0.0, 1.0).sum()
+    return float(np.sqrt((values @ values + FIRM * expected**2) / (determined + FIRM)))
+
+
+def moved(block: LawBlock, other: LawBlock) -> float:
+    """Return the largest factor between the scales of two blocks, as a logarithm."""
+    pairs = zip(block.laws, other.laws, strict=True)
+    return float(max(np.abs(np.log(np.divide(a.scales, b.scales))).max() for a, b in pairs))

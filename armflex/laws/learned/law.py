@@ -1,0 +1,178 @@
+"""A law learned on the whole arm: what was declared, with parameters, and a correction at the loads that were seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import Flag
+from armflex.laws.law import Law, Ranges, Row, block_norms
+from armflex.laws.learned.part import Group, Part
+from armflex.laws.learned.seen import Seen
+from armflex.laws.learned.window import Window
+from armflex.laws.linear import NOTHING, LinearLaw, beyond
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedLaw(Law):
+    """The sum of parts at values of their parameters.
+
+    Attributes:
+        plain: The part that holds under every load.
+        correction: The part that counts within the window alone, None for none.
+        seen: The loads that it was learned under.
+        values: (k,) values of both parts' parameters, the plain one's first.
+        scales: Prior standard deviation of every group of parameters.
+        spread: (k, k) covariance of the values, None where nobody says.
+        reach: (6,) the largest correction at the loads seen [m, rad], None where there is none.
+    """
+
+    plain: Part
+    correction: Part | None
+    seen: Seen
+    values: Array
+    scales: tuple[float, ...]
+    spread: Array | None = None
+    reach: Array | None = None
+
+    @cached_property
+    def window(self) -> Window:
+        """Where the correction counts."""
+        return self.seen.window
+
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """The parameters of both parts, with the scale that each group has now."""
+        return tuple(replace(group, std=std) for group, std in zip(self.expected, self.scales, strict=True))
+
+    @cached_property
+    def expected(self) -> tuple[Group, ...]:
+        """The same with the scale that was expected beforehand."""
+        return (*self.plain.groups, *(self.correction.groups if self.correction else ()))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """One name per parameter."""
+        return tuple(label for group in self.groups for label in group.labels)
+
+    @property
+    def prior(self) -> Array:
+        """(k,) prior standard deviations about zero."""
+        return np.concatenate([np.full(len(group.labels), group.std) for group in self.groups])
+
+    def at(self, values: Array) -> LearnedLaw:
+        """Return the law at other values."""
+        return replace(self, values=values, spread=None)
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the twist."""
+        twist = self.plain.twist(self._split[0], wrench, row)
+        return twist if self.correction is None else twist + Correction(self).twist(wrench, row)
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return the derivative by the wrench."""
+        tangent = self.plain.tangent(self._split[0], wrench, row)
+        return tangent if self.correction is None else tangent + Correction(self).tangent(wrench, row)
+
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6, k) derivative of the twist by the values."""
+        plain, own = self._split
+        by_plain = self.plain.by_values(plain, wrench, row)
+        if self.correction is None:
+            return by_plain
+        by_own = self.correction.by_values(own, wrench, row) * self.window(wrench)[..., None, None]
+        return np.concatenate([np.broadcast_to(by_plain, (*by_own.shape[:-1], by_plain.shape[-1])), by_own], axis=-1)
+
+    def covariance(self, wrench: Array, row: Row) -> Array | None:
+        """Return the (..., 6, 6) covariance: that of the values, and where no load was seen that of the correction.
+
+        Beyond the loads seen a correction may be as large as it was among them, and grow with the load.
+        """
+        total = None
+        if self.spread is not None:
+            by = self.by_values(wrench, row)
+            total = by @ self.spread @ np.swapaxes(by, -1, -2)
+        if self.reach is None:
+            return total
+        std = ((1.0 - self.window(wrench)) * self.window.distance(wrench))[..., None] * self.reach
+        unseen = std[..., None] ** 2 * np.eye(6)
+        return unseen if total is None else total + unseen
+
+    def settled(self, spread: Array, wrenches: Array, row: Row) -> LearnedLaw:
+        """Return the law with the (k, k) covariance of its values, fitted where its loads were (M, 6) wrenches."""
+        if self.correction is None:
+            return replace(self, spread=spread)
+        sizes = self.correction.twist(self._split[1], wrenches, row)
+        return replace(self, spread=spread, reach=np.abs(sizes).max(axis=0))
+
+    def draw(self, rng: np.random.Generator) -> LearnedLaw:
+        """Return the law at values drawn from what is known of them."""
+        if self.spread is None:
+            return self
+        return self.at(rng.multivariate_normal(self.values, self.spread, method="eigh"))
+
+    def affine(self, row: Row) -> tuple[Array, Array] | None:
+        """Return no twist and the compliance where there is one."""
+        return None if self.constant is None else (NOTHING, self.constant)
+
+    def steepest(self, ranges: Ranges) -> Array | None:
+        """Return the norms of the compliance's blocks where there is one."""
+        return None if self.constant is None else block_norms(self.constant)
+
+    @property
+    def parts(self) -> tuple[Law, ...]:
+        """The plain part as a law that solvers know, and the correction."""
+        known = self.plain.law(self._split[0])
+        if known is None:
+            return (self,)
+        return (known,) if self.correction is None else (known, Correction(self))
+
+    @cached_property
+    def constant(self) -> Array | None:
+        """(6, 6) compliance where the law is nothing else, None where it is."""
+        known = self.parts
+        return known[0].compliance if len(known) == 1 and isinstance(known[0], LinearLaw) else None
+
+    @cached_property
+    def _split(self) -> tuple[Array, Array]:
+        """Values of the plain part and of the correction."""
+        count = len(self.plain.start)
+        return self.values[:count], self.values[count:]
+
+    @property
+    def trained(self) -> bool:
+        """Always: what loads were seen is known."""
+        return True
+
+    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return a flag for every component of the load beyond those seen."""
+        return beyond(self.window.loads, wrench)
+
+
+@dataclass(frozen=True, eq=False)
+class Correction(Law):
+    """The correction of a learned law alone."""
+
+    of: LearnedLaw
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the twist within the window."""
+        return self.of.window(wrench)[..., None] * self._part.twist(self._values, wrench, row)
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return the derivative by the wrench."""
+        window = self.of.window
+        inside = window(wrench)[..., None, None] * self._part.tangent(self._values, wrench, row)
+        return inside + self._part.twist(self._values, wrench, row)[..., :, None] * window.slope(wrench)[..., None, :]
+
+    @property
+    def _part(self) -> Part:
+        assert self.of.correction is not None
+        return self.of.correction
+
+    @property
+    def _values(self) -> Array:
+        return self.of.values[len(self.of.plain.start) :]

@@ -1,0 +1,124 @@
+"""A correction by named terms of the load: even ones (contacts), odd ones (stiffening), mixed ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
+from armflex.laws.law import Law, Row
+from armflex.laws.learned.part import Group
+
+FORMS = ("|{}|", "{}|{}|", "{}^2", "{}^3")
+"""Terms of one component."""
+
+START = 0.3
+"""Where the search for the size of all terms together starts, as a part of the declared law's own twist."""
+
+
+@dataclass(frozen=True, eq=False)
+class PolynomialPart:
+    """Terms |z|, z|z|, z^2, z^3 of every component z = load / scale that counts, products of two, radial loads.
+
+    Attributes:
+        components: Of the load that count, 0 to 5.
+        axes: Of the twist that answer, 0 to 5.
+        load_scale: (6,) typical loads [N, Nm].
+        twist_scale: (6,) typical twists [m, rad]; values are in parts of them.
+        linear: Whether z is among the terms, where no compliance is learned beside them.
+    """
+
+    components: tuple[int, ...]
+    axes: tuple[int, ...]
+    load_scale: Array
+    twist_scale: Array
+    linear: bool = False
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """One: beforehand all terms are of one size, in parts of the twist of their axis."""
+        names = [WRENCH_NAMES[i] for i in self.components]
+        kinds = ("{}", *FORMS) if self.linear else FORMS
+        terms = [form.format(name, name) for form in kinds for name in names]
+        terms += [f"{names[i]}*{names[j]}" for i, j in self._pairs] + [f"radial_{names[i][0]}" for i, _ in self._radial]
+        axes = [TWIST_NAMES[axis] for axis in self.axes]
+        labels = tuple(f"{axis}:{term}" for axis in axes for term in terms)
+        return (Group("terms", labels, START / np.sqrt(len(terms)), True),) if labels else ()
+
+    @property
+    def start(self) -> Array:
+        """Zero: no correction."""
+        return np.zeros(sum(len(group.labels) for group in self.groups))
+
+    def twist(self, values: Array, wrench: Array, row: Row) -> Array:
+        """Return the twist."""
+        return self._terms(wrench) @ self._gains(values)
+
+    def tangent(self, values: Array, wrench: Array, row: Row) -> Array:
+        """Return the derivative by the wrench."""
+        scale = self.load_scale[list(self.components)]
+        z, own = wrench[..., self.components] / scale, np.eye(len(self.components))
+        size, straight = np.abs(z)[..., None], [np.broadcast_to(own, (*z.shape, len(own)))] if self.linear else []
+        alone = [np.sign(z)[..., None] * own, 2.0 * size * own, 2.0 * z[..., None] * own, 3.0 * size**2 * own]
+        first, second = _columns(self._pairs)
+        products = z[..., first, None] * own[second] + z[..., second, None] * own[first]
+        slopes = np.concatenate([*straight, *alone, products, self._radial_slopes(z)], axis=-2) / scale
+        whole = np.zeros((*wrench.shape[:-1], 6, 6))
+        whole[..., self.components] = np.swapaxes(self._gains(values), -1, -2) @ slopes
+        return whole
+
+    def by_values(self, values: Array, wrench: Array, row: Row) -> Array:
+        """Return the derivative by the values."""
+        terms = self._terms(wrench)
+        return np.einsum("...p,ab->...abp", terms, self._spread).reshape(*wrench.shape[:-1], 6, -1)
+
+    def law(self, values: Array) -> Law | None:
+        """Return None."""
+        return None
+
+    def _terms(self, wrench: Array) -> Array:
+        z = wrench[..., self.components] / self.load_scale[list(self.components)]
+        first, second = _columns(self._pairs)
+        straight = [z] if self.linear else []
+        alone = [np.abs(z), z * np.abs(z), z**2, z**3]
+        return np.concatenate([*straight, *alone, z[..., first] * z[..., second], self._lengths(z)], axis=-1)
+
+    def _lengths(self, z: Array) -> Array:
+        """Return the (..., r) radial loads."""
+        first, second = _columns(self._radial)
+        return np.hypot(z[..., first], z[..., second])
+
+    def _radial_slopes(self, z: Array) -> Array:
+        """Return their (..., r, c) derivative by z, zero where there is no load."""
+        first, second = _columns(self._radial)
+        own, length = np.eye(len(self.components)), self._lengths(z)[..., None]
+        sides = z[..., first, None] * own[first] + z[..., second, None] * own[second]
+        return sides / np.where(length > 0.0, length, 1.0)
+
+    def _gains(self, values: Array) -> Array:
+        """Return the (terms, 6) twist per term."""
+        return (self._spread @ values.reshape(len(self.axes), -1)).T
+
+    @cached_property
+    def _spread(self) -> Array:
+        """(6, axes) typical twist at the place of every axis."""
+        return np.diag(self.twist_scale)[:, list(self.axes)]
+
+    @cached_property
+    def _pairs(self) -> list[tuple[int, int]]:
+        count = len(self.components)
+        return [(i, j) for i in range(count) for j in range(i + 1, count)]
+
+    @cached_property
+    def _radial(self) -> list[tuple[int, int]]:
+        """Places of x and y of the force, and of the moment, where both count."""
+        known = list(self.components)
+        return [(known.index(x), known.index(x + 1)) for x in (0, 3) if {x, x + 1} <= set(known)]
+
+
+def _columns(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first and the second of every pair."""
+    first, second = np.array(pairs, dtype=int).reshape(-1, 2).T
+    return first, second

@@ -1,0 +1,40 @@
+"""The loads that a law was learned under."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws.law import Law, Row
+from armflex.laws.learned.window import Window, load_scale, window_of
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The loads that a campaign put on a flexure.
+
+    Attributes:
+        mean, precision, loads: See `Window`.
+        load_scale: (6,) RMS loads [N, Nm].
+        twist_scale: (6,) RMS twists of the declared law under them [m, rad].
+    """
+
+    mean: Array
+    precision: Array
+    loads: Array
+    load_scale: Array
+    twist_scale: Array
+
+    @property
+    def window(self) -> Window:
+        """Where a correction counts."""
+        return Window(self.mean, self.precision, self.loads)
+
+
+def seen_in(law: Law, wrenches: Array, row: Row) -> Seen:
+    """Return what (M, 6) loads are to a law in M rows."""
+    window = window_of(wrenches)
+    twists = np.sqrt((law.twist(wrenches, row) ** 2).mean(axis=0))
+    return Seen(window.mean, window.precision, window.loads, load_scale(wrenches), twists)

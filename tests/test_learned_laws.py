@@ -1,0 +1,210 @@
+"""Laws that are learned on the whole arm: their derivatives, what always holds of them, and what tip readings teach."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bent_joints import Bent, bent
+from hypothesis import given
+from hypothesis import strategies as st
+from small_arms import central_difference
+
+from armflex import Arm, calibrate, load_arm, predict, read_measurements
+from armflex.calibrate import Calibration
+from armflex.calibrate.calibrate import first_guess
+from armflex.calibrate.file import write_calibrated
+from armflex.calibrate.law_block import law_block
+from armflex.calibrate.view import look
+from armflex.errors import ArmFileError
+from armflex.laws import AtNode, Beam, Law, LinearLaw, PositionDependentLaw, Row, Section, StructuralLaw, SubJoint
+from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
+
+RNG = np.random.default_rng(5)
+SIZE = np.array([1e3, 2e3, 500.0, 100.0, 200.0, 300.0])
+LOADS = RNG.normal(size=(60, 6)) * SIZE
+ROW = Row(RNG.uniform(-1.0, 1.0, (60, 2)), {"A": 0, "B": 1})
+
+
+def compliance(rigid: int | None = None) -> np.ndarray:
+    """A full positive compliance; one axis may be rigid."""
+    root = np.random.default_rng(1).normal(size=(6, 6)) * np.repeat([3e-5, 3e-4], 3)[:, None]
+    whole = root @ root.T
+    if rigid is not None:
+        whole[rigid] = whole[:, rigid] = 0.0
+    return whole
+
+
+def structure() -> StructuralLaw:
+    """Two bearings on a shaft."""
+    nodes = {"a": np.zeros(3), "b": np.array([0.3, 0.0, 0.0]), "tip": np.array([0.4, 0.05, 0.0])}
+    section = Section(E=2.1e11, G=8e10, A=1e-3, Iy=2e-7, Iz=3e-7, J=4e-7)
+    beams = (Beam("a", "b", section, np.array([0.0, 0, 1])), Beam("b", "tip", section, np.array([0.0, 0, 1])))
+    bearings = (SubJoint("a", LinearLaw(compliance())), SubJoint("b", LinearLaw(np.diag([0, 1e-8, 2e-8, 0, 0, 0.0]))))
+    return StructuralLaw(nodes, "tip", bearings, beams)
+
+
+DECLARED: dict[str, tuple[Law, Learning]] = {
+    "linear": (LinearLaw(compliance(rigid=2)), Learning("linear")),
+    "polynomial": (LinearLaw(compliance(rigid=2), 0.2), Learning("polynomial")),
+    "neural": (LinearLaw(compliance()), Learning("neural", neurons=5)),
+    "structural": (structure(), Learning("structural")),
+    "position_dependent": (
+        PositionDependentLaw("B", np.array([compliance(), 0.2 * compliance()])),
+        Learning("position_dependent", reach=(0.2, 1.5)),
+    ),
+    "about a node": (AtNode(LinearLaw(compliance()), np.array([0.1, 0.0, 0.2])), Learning("polynomial")),
+}
+
+
+def moved(name: str, seed: int = 0, size: float = 0.3) -> LearnedLaw:
+    """A law with all its values somewhere."""
+    law, learning = DECLARED[name]
+    start = learned_law(law, learning, seen_in(law, LOADS, ROW))
+    return start.at(start.values + size * np.random.default_rng(seed).normal(size=len(start.values)))
+
+
+@pytest.mark.parametrize("name", DECLARED)
+def test_a_law_begins_as_it_was_declared(name):
+    law, learning = DECLARED[name]
+    start = learned_law(law, learning, seen_in(law, LOADS, ROW))
+    np.testing.assert_allclose(start.twist(LOADS, ROW), law.twist(LOADS, ROW), rtol=1e-9, atol=1e-15)
+    assert len(start.labels) == len(set(start.labels)) == len(start.values) == len(start.prior)
+
+
+@pytest.mark.parametrize("name", DECLARED)
+@pytest.mark.parametrize("number", [0, 7, 31])
+def test_derivatives_by_load_and_by_values(name, number):
+    law, row, load = moved(name), ROW.some(number), 1.3 * LOADS[number]  # some of the loads are in the window's slope
+    tangent = central_difference(lambda z: law.twist(z * SIZE, row), load / SIZE, 1e-5)
+    np.testing.assert_allclose(law.tangent(load, row) * SIZE, tangent, rtol=1e-5, atol=1e-6 * np.abs(tangent).max())
+    by_values = central_difference(lambda values: law.at(values).twist(load, row), law.values, 1e-5)
+    np.testing.assert_allclose(law.by_values(load, row), by_values, rtol=1e-5, atol=1e-7 * np.abs(by_values).max())
+
+
+@pytest.mark.parametrize("name", DECLARED)
+def test_rows_at_once_are_rows_one_by_one(name):
+    law = moved(name)
+    for ask in (law.twist, law.tangent, law.by_values):
+        together = ask(LOADS[:5], Row(ROW.q[:5], ROW.joint_index))
+        each = [ask(load, ROW.some(i)) for i, load in enumerate(LOADS[:5])]
+        np.testing.assert_allclose(together, each, rtol=1e-9, atol=1e-18)
+
+
+@given(seed=st.integers(0, 10_000), size=st.floats(0.0, 3.0))
+def test_a_learned_compliance_is_symmetric_and_gains_no_energy(seed, size):
+    for name in ("linear", "position_dependent"):
+        tangent = moved(name, seed, size).tangent(LOADS[0], ROW.some(0))
+        diagonal = np.diag(tangent)
+        scaled = tangent / np.sqrt(np.outer(*2 * [np.where(diagonal > 0.0, diagonal, 1.0)]))
+        np.testing.assert_allclose(scaled, scaled.T, atol=1e-9)
+        assert np.linalg.eigvalsh(scaled)[0] > -1e-7
+        assert not tangent[2].any() or name != "linear"  # what was rigid stays rigid
+
+
+@pytest.mark.parametrize("name", ["polynomial", "neural"])
+def test_a_correction_is_nothing_beyond_the_loads_seen_and_its_doubt_grows(name):
+    law = moved(name).settled(1e-4 * np.eye(len(moved(name).values)), LOADS, ROW)
+    plain = law.plain.law(law.values[: len(law.plain.start)])
+    row, mean = ROW.some(0), law.window.mean
+    far = mean + 2.001 * (LOADS[0] - mean) / law.window.distance(LOADS[0])
+    assert law.window(LOADS).min() == 1.0 and np.abs(law.twist(LOADS, ROW) - plain.twist(LOADS, ROW)).max() > 1e-6
+    np.testing.assert_array_equal(law.twist(far, row), plain.twist(far, row))
+    near, beyond = (np.diag(law.covariance(load, row)).max() for load in (LOADS[0], far))
+    assert beyond > 4.0 * near
+    assert {flag.code for flag in law.doubts(20.0 * LOADS[0], row)} == {"extrapolating"}
+
+
+@pytest.fixture(scope="module")
+def six() -> Bent:
+    return bent(2)
+
+
+@pytest.fixture(scope="module")
+def learned(six, tmp_path_factory) -> tuple[Path, Calibration]:
+    folder = tmp_path_factory.mktemp("learned")
+    arm = load_arm(six.write(folder, "polynomial"))
+    return folder, calibrate(arm, read_measurements(folder / "train.csv", arm))
+
+
+@pytest.mark.parametrize("model", ["linear", "polynomial", "neural", "bayesian"])
+def test_columns_are_derivatives_through_the_equilibrium(six, tmp_path, model):
+    """Laws answer to loads, and loads to where the arm gives way: both are in the columns."""
+    arm = load_arm(six.write(tmp_path, model))
+    measurements, rows = read_measurements(tmp_path / "train.csv", arm), np.arange(0, 40, 8)
+    setup = first_guess(arm, measurements, np.flatnonzero(measurements.measured))
+    block = law_block(setup, look(setup, measurements, np.flatnonzero(measurements.measured)))
+    at = block.start + 0.2 * np.random.default_rng(0).normal(size=len(block.labels))
+    columns = block.columns(look(block.apply(setup, at), measurements, rows))
+    for i in np.random.default_rng(1).choice(len(at), 12, replace=False):
+        step = 1e-4 * np.eye(len(at))[i]
+        ends = [look(block.apply(setup, at + side * step), measurements, rows).residual for side in (1.0, -1.0)]
+        atol = 1e-6 * np.abs(columns).max()
+        np.testing.assert_allclose(columns[:, :, i], (ends[1] - ends[0]) / 2e-4, rtol=1e-5, atol=atol)
+
+
+def held_out(arm: Arm, six: Bent, path: Path) -> tuple[float, float]:
+    """RMS of what is predicted at rows not used [mm], and of their noise."""
+    rows = read_measurements(path, arm)
+    read = np.flatnonzero(rows.measured)
+    errors = (rows.position - predict(arm, rows).position)[read], six.drawn.errors[read]
+    return tuple(1e3 * float(np.sqrt((e**2).sum(axis=1).mean())) for e in errors)
+
+
+def test_what_nobody_declared_is_learned(six, learned, tmp_path):
+    folder, found = learned
+    straight = load_arm(six.write(tmp_path, "none"))
+    before, noise = held_out(
+        calibrate(straight, read_measurements(folder / "train.csv", straight)).arm, six, folder / "test.csv"
+    )
+    after, _ = held_out(found.arm, six, folder / "test.csv")
+    assert before > 1.5 * noise
+    assert after < 1.2 * noise
+
+
+def test_the_true_laws_are_within_their_bands(six, learned):
+    _, found = learned
+    state, names = six.state(), list(found.arm.joint_names)
+    row = Row(six.drawn.rows.q, {name: i for i, name in enumerate(names)})
+    for joint, axis in zip(six.joints, six.axes, strict=True):
+        law = found.arm.flexures[names.index(joint)].law
+        loads = state.wrenches[:, names.index(joint)]
+        error = (law.twist(loads, row) - six.twist(joint, loads))[:, axis]
+        std = np.sqrt(law.covariance(loads, row)[:, axis, axis])
+        assert np.mean(np.abs(error) < 1.96 * std) > 0.8
+        assert std.mean() < 0.5 * np.abs(six.twist(joint, loads)[:, axis]).mean()
+
+
+def test_what_was_learned_is_written_and_read(six, learned, tmp_path):
+    folder, found = learned
+    again = load_arm(write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml"))
+    q = six.drawn.rows.q[3]
+    one, other = (arm.deflection(q, "p300") for arm in (found.arm, again))
+    np.testing.assert_array_equal(one.displacement, other.displacement)
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6)
+    rows = read_measurements(folder / "test.csv", again)
+    np.testing.assert_allclose(predict(again, rows).sigma, predict(found.arm, rows).sigma, rtol=1e-6)
+
+
+def test_a_law_that_is_not_learned_any_more_is_refused(learned, tmp_path):
+    folder, found = learned
+    path = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")
+    path.write_text(path.read_text().replace('model = "polynomial"\nlearn = true', 'model = "linear"'))
+    with pytest.raises(ArmFileError, match=r"learned\.toml:\d+.*no learn = true"):
+        load_arm(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ('model = "neural"\nneurons = 0', "neurons: .*from 1 to 64, got 0"),
+        ('model = "neural"\nneurons = 2.5', "neurons: .*got 2.5"),
+        ('model = "polynomial"\nneuron = 3', "neuron"),
+    ],
+)
+def test_what_cannot_be_learned_is_refused(six, tmp_path, change, message):
+    path = six.write(tmp_path, "linear")
+    path.write_text(path.read_text().replace('model = "linear"\nlearn = true', f"{change}\nlearn = true", 1))
+    with pytest.raises(ArmFileError, match=message):
+        load_arm(path)
