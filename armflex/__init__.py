@@ -35,6 +35,7 @@ from armflex.robot import load_robot as load_robot
 from armflex.statics.deflection import Deflection as Deflection
 from armflex.statics.loads import Payload as Payload
 from armflex.statics.loads import Wrench as Wrench
+from armflex.tip_uncertainty import total_covariance as total_covariance
 from armflex.trace import trace as trace
 from armflex.trajectory import Trajectory as Trajectory
 from armflex.trajectory import read_trajectory as read_trajectory

@@ -6,15 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
-from safetensors import SafetensorError, safe_open
 
 from armflex.arm import Arm, Flexure
 from armflex.calibrate.law_block import LAW
 from armflex.calibrate.law_table import read_learned
 from armflex.certainty import Certainty
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.certainty_table import read_certainty
 from armflex.declaration import Declaration
-from armflex.effects.spot import site_names
 from armflex.errors import did_you_mean
 from armflex.laws.scaled import scaled
 from armflex.measured.instrument import Instrument
@@ -48,67 +46,11 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     )
     for key in ("measurements_sha256", "rows", "rms_m"):
         table.has(key)
-    certainty = _certainty(table, arm)
+    certainty = read_certainty(table, arm)
     table.finish()
     flexures = tuple(_learned(_scale(flexure, compliance), laws, certainty) for flexure in arm.flexures)
     fitted = replace(arm, flexures=flexures, corrections=corrections, instrument=instrument, certainty=certainty)
     return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
-
-
-def _certainty(table: Declaration, arm: Arm) -> Certainty | None:
-    """Return the covariance of the fitted parameters; None where it is not given."""
-    if not all([table.has("parameters"), table.has("covariance") or table.has("covariance_file")]):
-        return None
-    labels = table.texts("parameters")
-    covariance = _from_file(table, labels) if table.has("covariance_file") else _from_rows(table, labels)
-    if (np.diag(covariance) < 0.0).any():
-        raise table.fail("covariance", "a variance is negative")
-    return Certainty(labels, covariance, _unexplained(table, arm))
-
-
-def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
-    """Return a covariance given as the lower triangle's rows."""
-    rows = table.table["covariance"]
-    expected = f"{len(labels)} rows of 1, 2, ... finite numbers, one for each of the parameters"
-    if not isinstance(rows, list) or [len(row) if isinstance(row, list) else 0 for row in rows] != _counts(labels):
-        raise table.fail("covariance", f"expected {expected}")
-    covariance = np.zeros((len(labels), len(labels)))
-    for i, row in enumerate(rows):
-        if not all(isinstance(x, int | float) and np.isfinite(x) for x in row):
-            raise table.fail("covariance", f"row {i + 1}: expected {expected}")
-        covariance[i, : i + 1] = covariance[: i + 1, i] = row
-    return covariance
-
-
-def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:
-    """Return a covariance from the safetensors file beside the arm.toml."""
-    path = table.path.parent / table.text("covariance_file")
-    try:
-        with safe_open(path, framework="numpy") as file:
-            if file.get_slice("covariance").get_shape() != [len(labels)] * 2:
-                raise table.fail("covariance_file", f"{path.name}: expected one number for every two of the parameters")
-            covariance = file.get_tensor("covariance")
-    except (SafetensorError, OSError) as error:
-        raise table.fail("covariance_file", f"{path.name} cannot be read: {error}") from None
-    if covariance.dtype != np.float64 or not np.isfinite(covariance).all():
-        raise table.fail("covariance_file", f"{path.name}: expected finite 64-bit floats")
-    return covariance
-
-
-def _counts(labels: tuple[str, ...]) -> list[int]:
-    return list(range(1, len(labels) + 1))
-
-
-def _unexplained(table: Declaration, arm: Arm) -> tuple[str, str, float] | None:
-    if not table.has("unexplained"):
-        return None
-    part = table.sub("unexplained")
-    site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
-    size = part.number("std")
-    part.finish()
-    if size < 0.0:
-        raise part.fail("std", f"a standard deviation cannot be negative, got {size:g}")
-    return site, axis, size
 
 
 def _check_names(table: Declaration, known: tuple[str, ...]) -> None:

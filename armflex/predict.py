@@ -32,7 +32,8 @@ class Prediction:
         rotation: (N, 3) rotation vector of the target's orientation, as it would be read [rad]; the tip's own where
             no orientations were calibrated.
         sigma: (N, 3) standard uncertainty of the position from the laws and from fitted parameters [m], None where
-            neither has one; what the instrument's noise adds is not in it.
+            neither has one; what the instrument's noise adds is not in it. Infinite, and flagged, where it depends on
+            what neither a campaign nor a prior determined.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
         flags: Doubts, each with the first row it concerns.
     """

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from campaign_files import ARMS, declared_text, write_clean, write_rows
 from plant import Array, Plant, Rows, State, apply, pose, turn
+from scipy.spatial.transform import Rotation
 from undeclared import REFERENCE, Effect, Redraw, Scene
 from undeclared_outside import CATALOGUE, LAGGING, UNNAMED
 
@@ -95,6 +96,20 @@ class Drawn:
         """Noise-free readings (stops, 3) under the given effects, by default the true ones."""
         state = self.plant.relax(self.rows, self.effects if effects is None else effects)
         return read(self.plant, state, self.station, self.shifts)
+
+    def orientations(self, sigma: float, share: float = 1.0) -> tuple[Array, Array]:
+        """Rotation vectors (stops, 3) of a target turned on the tool, read with noise, and where they were read.
+
+        Args:
+            sigma: True standard deviation [rad].
+            share: Of the measured stops at which they are read.
+        """
+        rng = np.random.default_rng([self.seed, 99])
+        mounting = turn(rng.normal(0.0, 1.0, 3))
+        tips = self.plant.relax(self.rows, self.effects).frames[:, -1]
+        axes = (self.shifts[self.rows.session] @ self.station @ tips)[:, :3, :3] @ mounting
+        seen = turn(rng.normal(0.0, sigma, (len(axes), 3))) @ axes
+        return Rotation.from_matrix(seen).as_rotvec(), self.rows.measured & (rng.random(len(axes)) < share)
 
     def write(self, folder: Path) -> Truth:
         """Write arm.toml (as declared), train.csv, test.csv, truth.csv and truth.json."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +14,16 @@ from campaigns import draw
 from plant import Campaign, Plant
 from small_arms import ROBOTS
 
-from armflex import calibrate, load_arm, predict, read_measurements
+from armflex import calibrate, load_arm, predict, read_measurements, total_covariance
 from armflex.calibrate.blocks import declared_blocks
 from armflex.calibrate.calibrate import first_guess
 from armflex.calibrate.file import write_calibrated
 from armflex.calibrate.fit import prior_of, realise
+from armflex.calibrate.posterior import posterior_of
 from armflex.calibrate.view import look
+from armflex.cli.calibrate import as_json
+from armflex.errors import ArmFileError
+from armflex.laws import LinearLaw
 
 PAYLOADS = (("empty", 0.0, (0, 0, 0)), ("p100", 100.0, (0.1, 0.0, 0.0)), ("p200", 200.0, (0.1, 0.0, 0.0)))
 
@@ -183,6 +189,87 @@ def _predicted(setup, rows):
     return np.where(np.isfinite(rows.sigma_r)[:, None], there.rotation, 0.0)
 
 
+def test_what_nothing_determines_has_no_end(measured, found, tmp_path):
+    """With J1 free, turning it and the instrument about the same axis is seen by nobody."""
+    arm, rows = measured[1], measured[2]
+    free = dataclasses.replace(arm, prior=dataclasses.replace(arm.prior, joint_offset=np.inf))
+    open_ = calibrate(free, rows)
+    endless = {p.name for p in open_.parameters if np.isinf(p.std)}
+    assert {"instrument rz", "joint_offset J1"} <= endless and "joint_offset J3" not in endless
+    partners = {p.name: p.trades_against for p in open_.undetermined}
+    assert endless <= set(partners) and "instrument rz" in partners["joint_offset J1"]
+    assert len(open_.fit.posterior.undetermined) == 1 and open_.fit.freedom < found.fit.freedom
+    told = {one["name"]: one["std"] for one in json.loads(json.dumps(as_json(open_), allow_nan=False))["parameters"]}
+    assert {name for name, std in told.items() if std is None} == endless
+    again = load_arm(write_calibrated(measured[0], open_, tmp_path / "arm.toml"))
+    assert set(again.certainty.undetermined) == endless and "inf" not in (tmp_path / "arm.toml").read_text()
+    written = (tmp_path / "arm.toml").read_text()
+    (tmp_path / "bad.toml").write_text(re.sub("undetermined = .*", "undetermined = [[1.0]]", written))
+    with pytest.raises(ArmFileError, match=r"expected rows of \d+ finite numbers"):
+        load_arm(tmp_path / "bad.toml")
+    # Readings do not depend on what cannot be told; where the tip is, from the base, does.
+    there, known = predict(again, rows), predict(found.arm, rows)
+    assert np.abs(np.log(there.sigma / known.sigma)).max() < 1.0 and not there.flags
+    assert "undetermined" in [flag.code for flag in total_covariance(again.deflection(again.position(J2=0.3)))[1]]
+
+
+def test_sigma_is_infinite_where_it_depends_on_what_nothing_determines(measured, found):
+    certainty = found.arm.certainty
+    direction = np.array([[float(label == "joint_offset J6") for label in certainty.labels]])
+    blind = dataclasses.replace(found.arm, certainty=dataclasses.replace(certainty, directions=direction))
+    there = predict(blind, measured[2])
+    assert np.isinf(there.sigma).any() and not np.isnan(there.sigma).any()
+    assert "joint_offset J6" in next(flag.text for flag in there.flags if flag.code == "undetermined")
+
+
+def test_what_is_known_of_parameters_against_closed_forms():
+    columns = np.array([[2.0, 1.0, 1.0, 0.0], [0.0, 3.0, 3.0, 0.0], [1.0, 0.0, 0.0, 0.0]])
+    told = posterior_of(columns, np.array([0.5, np.inf, np.inf, np.inf]))
+    normal = np.array([[5.0 + 4.0, 2.0], [2.0, 10.0]])  # of the first, and of the sum of the two that act alike
+    np.testing.assert_allclose(told.std, [np.sqrt(np.linalg.inv(normal)[0, 0]), np.inf, np.inf, np.inf])
+    both = np.array([0.0, 1.0, 1.0, 0.0])
+    assert both @ told.covariance @ both == pytest.approx(np.linalg.inv(normal)[1, 1])
+    assert told.undetermined.shape == (2, 4) and np.abs(columns @ told.undetermined.T).max() < 1e-12
+    held = posterior_of(columns, np.array([0.5, 1.0, 1.0, 2.0]))
+    assert not len(held.undetermined) and held.std[3] == pytest.approx(2.0)
+    exact = np.linalg.inv(columns.T @ columns + np.diag(np.array([0.5, 1.0, 1.0, 2.0]) ** -2.0))
+    np.testing.assert_allclose(held.covariance, exact, rtol=1e-10, atol=1e-14)
+
+
+def test_the_whole_covariance_of_the_tip_is_of_what_was_fitted_too(measured, found):
+    """By finite differences of the tip in everything that moves the arm, S of the fit."""
+    fit, arm, q = found.fit, found.arm, found.arm.position(J1=0.4, J2=0.3, J3=-0.5, J5=0.2)
+    moving = [i for i, (block, _) in enumerate(fit.labels) if block in ("joint_offset", "compliance")]
+    ends = np.zeros((2, 3, len(moving)))
+    for k, i in enumerate(moving):
+        for end, sign in zip(ends, (1.0, -1.0), strict=True):
+            step = sign * 1e-5 * np.eye(len(fit.values))[i]
+            end[:, k] = realise(fit.declared, fit.blocks, fit.values + step).arm.deflection(q, "p200").pose.translation
+    columns = (ends[0] - ends[1]) / 2e-5
+    expected = columns @ fit.posterior.covariance[np.ix_(moving, moving)] @ columns.T
+    one, batch = arm.deflection(q, "p200"), arm.deflection(np.array([q, 0.5 * q]), ["p200", "empty"])
+    whole, doubts = total_covariance(one)
+    np.testing.assert_allclose(whole[:3, :3], expected, rtol=1e-3, atol=1e-3 * expected.max())
+    np.testing.assert_allclose(total_covariance(batch)[0][0], whole, rtol=1e-6, atol=1e-9 * whole.max())
+    assert one.covariance is None and not doubts
+    moved = arm.deflection(q, "p200", v=np.zeros(6), a=np.zeros(6))
+    assert [flag.code for flag in total_covariance(moved)[1]] == ["certainty_at_rest"]
+
+
+def test_the_whole_covariance_of_an_arm_as_declared_is_that_of_its_laws(tarm):
+    stated = dataclasses.replace(
+        tarm,
+        flexures=tuple(
+            dataclasses.replace(one, law=dataclasses.replace(one.law, relative_std=0.1))
+            if isinstance(one.law, LinearLaw)
+            else one
+            for one in tarm.flexures
+        ),
+    )
+    found = stated.deflection(stated.position(M1=3.0), "p600")
+    np.testing.assert_array_equal(total_covariance(found)[0], found.covariance)
+
+
 def test_written_and_read_again_it_predicts_the_same(measured, found, tmp_path):
     file, rows = measured[0], measured[2]
     (tmp_path / "sub").mkdir()
@@ -213,7 +300,7 @@ def test_readings_that_scatter_more_than_stated_make_uncertainties_larger(measur
     assert found.fit.noise == pytest.approx(1.0, abs=0.1)
     claimed = calibrate(measured[1], dataclasses.replace(rows, sigma=0.5 * rows.sigma)).fit
     assert claimed.noise == pytest.approx(2.0 * found.fit.noise, rel=0.05)
-    std = [np.sqrt(np.diag(fit.covariance)) for fit in (found.fit, claimed)]
+    std = [fit.posterior.std for fit in (found.fit, claimed)]
     assert np.abs(std[1] / std[0] - 1.0).max() < 0.1
 
 

@@ -12,6 +12,7 @@ from test_cli import Run, fine, strict_json
 from test_effect_files import BACKLASH, TEXT, arm_with, plain, spots
 
 from armflex import Arm, Trajectory, check, compensate, read_trajectory, view
+from armflex.cli.options import parse_covariates
 from armflex.effects import CATALOGUE, Effect, TwistLaw
 from armflex.effects.effect_file import SHAPES
 from armflex.errors import InputError, MissingCovariateError, TableError
@@ -254,10 +255,20 @@ def test_commands_take_covariates(armflex: Run, tmp_path: Path) -> None:
     for bad, complaint in (
         ("temperature", "'temperature' is not of the form NAME=NUMBER"),
         ("temperature=warm", "is not of the form NAME=NUMBER"),
+        ("operator=bob", "'operator=bob' is not of the form NAME=NUMBER or COLUMN=LEVEL=NUMBER"),
+        ("operator=bob=1", "no effect of this arm depends on 'operator=bob'"),
         ("temperature=1,temperature=2", "'temperature' is given twice"),
         ("approach_J2=2", "approach_J2 is 2, not -1, 0 or 1"),
     ):
         assert complaint in fine(armflex(*command, bad), 2).stderr
+
+
+def test_a_covariate_may_be_a_level_of_a_text_column():
+    assert parse_covariates("operator=bob=1, shift=a=b=-0.5,t=2e1") == {
+        "operator=bob": 1.0,
+        "shift=a=b": -0.5,
+        "t": 20.0,
+    }
 
 
 def test_commands_on_a_path_take_covariates(armflex: Run, tmp_path: Path, heavy_path: Trajectory) -> None:

@@ -140,8 +140,8 @@ def test_evidence_is_the_information_criterion():
 
 def noisy(projection: Projection, seed: int) -> Projection:
     """Return the same problem with nothing but noise in it."""
-    noise = np.random.default_rng(seed).normal(size=projection.count)
-    return projected(projection.columns, projection.precision, noise, projection.shy)
+    noise = np.random.default_rng(seed).normal(size=len(projection.residual))
+    return projected(projection.columns, projection.precision, noise, projection.shy, projection.count)
 
 
 def test_chance_exceeds_the_null_as_often_as_it_should(before):
@@ -219,7 +219,7 @@ def test_a_random_twist_is_found_where_it_is(before, site, axis, std):
     moved = fit.view.to_twist(site)[:, :, TWIST_NAMES.index(axis)] * twists[:, None]
     data = (moved / fit.view.sigma * np.sqrt(fit.weights)[:, None]).ravel()
     noise = np.random.default_rng(3).normal(size=len(data))
-    projection = projected(known.columns, known.precision, data + noise, known.shy)
+    projection = projected(known.columns, known.precision, data + noise, known.shy, known.count)
     places = localise(fit, before.scene, projection, groups)
     true = next(place for place in places if (place.site, place.axis) == (site, axis))
     assert true.ratio > 100.0 and true.ratio > places[0].ratio - 3.0  # a lift is a lift anywhere along the column

@@ -14,6 +14,7 @@ from test_effects import few
 
 from armflex import calibrate, load_arm, pose_groups, predict, read_measurements
 from armflex.arm import Arm
+from armflex.calibrate.file import as_table
 from armflex.cli.trace import as_json, print_trace
 from armflex.effects import CATALOGUE, Effect, Spot
 from armflex.effects.catalogue import EVERY
@@ -71,6 +72,8 @@ def test_every_figure_is_over_the_same_rows_and_the_others_are_told(found, slipp
         "lost beam"
     }
     assert all(one["error_mm"] == pytest.approx(1e3 * np.sqrt(29e-4), rel=0.02) for one in told["outliers"])
+    table = as_table(found.state.fit, slipped[1], found.rows, found.rms)
+    assert (table["rows"], table["rms_m"]) == (told["rows"], found.rms)
     here = slipped[1].position[found.rows]
     lacking = predict(replace(found.before.setup.arm, instrument=found.before.setup.instrument), slipped[1])
     expected = np.sqrt(((lacking.position[found.rows] - here) ** 2).sum(axis=1).mean())

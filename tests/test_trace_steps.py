@@ -18,6 +18,8 @@ from armflex.calibrate.file import write_traced
 from armflex.calibrate.fit import moved
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects import CATALOGUE, Spot
+from armflex.effects.remember import derived_directions
+from armflex.errors import MissingCovariateError
 from armflex.laws.linear import SOFTEST
 from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
@@ -25,7 +27,7 @@ from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import project
 from armflex.trace.search import TIE, preferred
 from armflex.trace.sensible import SOFT, sensible
-from armflex.trace.state import State, add, stands
+from armflex.trace.state import State, add, scene_at, sorted_out, stands, without
 
 campaign, before = test_trace.campaign, test_trace.before
 
@@ -38,6 +40,29 @@ def candidate_of(state: State, name: str, site: str, axis: str | None, terms: tu
 
 def is_sensible(state: State, candidate: Candidate, *amplitudes: float) -> bool:
     return sensible(candidate, np.array(amplitudes), state.fit, state.scene)
+
+
+# What the rows do not tell.
+
+
+def test_rows_that_tell_no_direction_leave_with_the_effect_that_asks_for_it(campaign, before):
+    rows, j = campaign[2], campaign[1].joint_names.index("J4")
+    approach = rows.approach.copy()
+    approach[:20, j] = 0.0
+    rows = replace(rows, approach=approach, derived=tuple(f"approach_{name}" for name in rows.joint_names))
+    state = replace(before, measurements=rows, scene=scene_at(before.fit, rows))
+    law = CATALOGUE["backlash"]
+    backlash = next(Candidate(law, spot, ()) for spot in law.spots(state.scene) if spot.site == "J4")
+    column = bank([backlash], state.fit, state.scene).columns.reshape(len(state.rows), -1)
+    np.testing.assert_array_equal(column.any(axis=1), state.rows >= 20)  # what may be either is taken as halfway
+    added = add(state, polish(backlash, state.fit, state.scene, project(state.fit)))
+    left = sorted_out(added)
+    assert added.uses(state.rows) and left.uses(state.rows[state.rows >= 20]) and left.untold.sum() == 20
+    arm = added.fit.setup.arm
+    with pytest.raises(MissingCovariateError, match="approach_J4"):
+        derived_directions(arm, rows, state.rows)
+    assert [flag.code for flag in derived_directions(arm, rows, left.rows)] == ["approach_derived"]
+    assert sorted_out(without(left, 0)).uses(state.rows)
 
 
 # What is possible.

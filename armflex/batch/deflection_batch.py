@@ -154,7 +154,7 @@ class DeflectionBatch:
 
     @cached_property
     def covariance(self) -> Array | None:
-        """(N, 6, 6), or None where no law carries an uncertainty."""
+        """(N, 6, 6) of the laws alone, None where no law carries an uncertainty; see `armflex.total_covariance`."""
         parts = [self.row(i).covariance for i in range(len(self.q))]
         if all(part is None for part in parts):
             return None

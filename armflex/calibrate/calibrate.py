@@ -115,7 +115,8 @@ def calibrate(
         rows: Row numbers to use; every measured row when not given.
         progress: Called with (steps done, steps at most).
         keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames, and how the
-            target is turned on the tool, are fitted.
+            target is turned on the tool, are fitted. The covariance of what is kept stays as it was, as if it were
+            independent of the new frames'.
 
     Raises:
         InputError: Too few rows were measured, or see `check_readings`.

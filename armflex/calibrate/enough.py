@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.blocks import rigid_motion
 from armflex.conventions import TWIST_NAMES, Array
+from armflex.effects.rigid import rigid_motion
 from armflex.errors import IdentifiabilityError
 from armflex.measured.axes import check_axes
 from armflex.measured.instrument import Instrument, fit_frame

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from safetensors.numpy import save
 
-from armflex.calibrate.blocks import ComplianceBlock
+from armflex.calibrate.arm_blocks import ComplianceBlock
 from armflex.calibrate.calibrate import Calibration
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.law_table import law_tables
@@ -37,7 +37,12 @@ def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Pa
         calibration: What was found.
         path: The arm.toml to write; files named in it are named relative to its folder.
     """
-    return _write(declared, as_table(calibration.fit, calibration.measurements, calibration.rms), (), path)
+    return _write(
+        declared,
+        as_table(calibration.fit, calibration.measurements, calibration.fit.view.rows, calibration.rms),
+        (),
+        path,
+    )
 
 
 def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
@@ -50,8 +55,13 @@ def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
         trace: What was found.
         path: The arm.toml to write; files named in it are named relative to its folder.
     """
-    table = as_table(trace.state.fit, trace.state.measurements, trace.rms)
-    return _write(declared, table, [effect_table(found.effect, found.std) for found in trace.found], path)
+    table = as_table(trace.state.fit, trace.state.measurements, trace.rows, trace.rms)
+    return _write(declared, table, [effect_table(found.effect, _stated(found.std)) for found in trace.found], path)
+
+
+def _stated(std: Mapping[str, float]) -> dict[str, float]:
+    """Return the finite ones: [calibration] names what nothing determines."""
+    return {name: value for name, value in std.items() if np.isfinite(value)}
 
 
 def _write(declared: Path, calibration: dict[str, Any], effects: Sequence[dict[str, Any]], path: Path) -> Path:
@@ -74,7 +84,7 @@ def _with_covariance(calibration: dict[str, Any], path: Path) -> dict[str, Any]:
     """Return the table with its covariance as rows of the lower triangle, or beside it in a file where it is large."""
     covariance = calibration["covariance"]
     if len(covariance) <= MOST_ROWS:
-        rows = [[float(f"{x:.10e}") for x in row[: i + 1]] for i, row in enumerate(covariance.tolist())]
+        rows = [_rounded(row[: i + 1]) for i, row in enumerate(covariance)]
         return calibration | {"covariance": rows}
     beside = path.with_suffix(".covariance.safetensors")
     write_whole(beside, save({"covariance": np.ascontiguousarray(covariance)}))
@@ -107,14 +117,21 @@ def _move_files(table: Any, old: Path, new: Path) -> None:
                 _move_files(item, old, new)
 
 
-def as_table(fit: Fit, measurements: Measurements, rms: float) -> dict[str, Any]:
-    """Return the [calibration] table of a fit: the declared parameters' values, and all covariances as an array."""
+def as_table(fit: Fit, measurements: Measurements, rows: np.ndarray, rms: float) -> dict[str, Any]:
+    """Return the [calibration] table of a fit: the declared parameters' values, and all covariances as an array.
+
+    Args:
+        fit: The fit.
+        measurements: The campaign.
+        rows: (K,) numbers of the rows that the error is over.
+        rms: RMS of the 3-D position error over them [m].
+    """
     setup, certainty = _declared_part(fit), certainty_of(fit)
     instrument, corrections = setup.instrument, setup.arm.corrections
     pose = [*instrument.pose.translation.tolist(), *pin.log3(instrument.pose.rotation).tolist()]
     table = {
         "measurements_sha256": measurements.sha256,
-        "rows": len(fit.view.rows),
+        "rows": len(rows),
         "rms_m": rms,
         "instrument": pose,
         "target": instrument.target.tolist(),
@@ -130,8 +147,14 @@ def as_table(fit: Fit, measurements: Measurements, rms: float) -> dict[str, Any]
     if certainty.unexplained is not None:
         table["unexplained"] = dict(zip(("site", "axis", "std"), certainty.unexplained, strict=True))
     table["parameters"] = list(certainty.labels)
+    if certainty.directions is not None:
+        table["undetermined"] = [_rounded(row) for row in certainty.directions]
     table["covariance"] = certainty.covariance
     return table
+
+
+def _rounded(values: Array) -> list[float]:
+    return [float(f"{x:.10e}") for x in values.tolist()]
 
 
 def _declared_part(fit: Fit) -> Setup:

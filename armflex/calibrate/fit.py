@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.calibrate.blocks import Block
+from armflex.calibrate.posterior import Posterior, posterior_of
 from armflex.calibrate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
 from armflex.calibrate.view import Progress, Setup, View, look, position_rms
 from armflex.conventions import Array
@@ -102,8 +103,9 @@ class Fit:
     @cached_property
     def freedom(self) -> float:
         """Number of readings less what was fitted to them: a parameter that its prior holds takes nothing."""
-        held = np.diag(self._as_stated) * self.prior**-2.0
-        return max(float(np.isfinite(self.view.sigma).sum() - (1.0 - held).sum()), 1.0)
+        held = np.diag(self._as_stated.covariance) * self.prior**-2.0
+        taken = (1.0 - held).sum() - len(self._as_stated.undetermined)
+        return max(float(self.view.count - taken), 1.0)
 
     @property
     def noise(self) -> float:
@@ -111,15 +113,15 @@ class Fit:
         return float(np.sqrt(self.residual @ self.residual / self.freedom))
 
     @cached_property
-    def covariance(self) -> Array:
-        """(P, P) posterior covariance; readings that scatter more than was stated count that much less."""
+    def posterior(self) -> Posterior:
+        """What is known of the values; readings that scatter more than was stated count that much less."""
         noise = self.noise
-        return posterior_covariance(self.columns / noise, self.prior) if noise > 1.0 else self._as_stated
+        return posterior_of(self.columns / noise, self.prior) if noise > 1.0 else self._as_stated
 
     @cached_property
-    def _as_stated(self) -> Array:
-        """(P, P) posterior covariance if the readings scatter as was stated."""
-        return posterior_covariance(self.columns, self.prior)
+    def _as_stated(self) -> Posterior:
+        """What is known if the readings scatter as was stated."""
+        return posterior_of(self.columns, self.prior)
 
     @property
     def rms(self) -> float:
@@ -148,13 +150,6 @@ class Fit:
 def prior_of(blocks: Sequence[Block]) -> Array:
     """Return the (P,) prior standard deviations of all blocks."""
     return np.concatenate([np.zeros(0), *(block.prior for block in blocks)])
-
-
-def posterior_covariance(columns: Array, prior: Array) -> Array:
-    """Return the (P, P) covariance of (n, P) whitened columns and (P,) prior standard deviations."""
-    normal = columns.T @ columns + np.diag(prior**-2.0)
-    scale = 1.0 / np.sqrt(np.diag(normal))
-    return np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
 
 
 def moved(blocks: Sequence[Block], values: Array, step: Array) -> Array:
@@ -207,6 +202,12 @@ def fit(
     used = np.flatnonzero(measurements.measured) if rows is None else rows
     task = _Task(declared, tuple(blocks), measurements, prior_of(blocks))
     here = task.at(np.zeros(len(task.prior)) if start is None else start, used)
+    here, history = _settled(task, here, effort, progress)
+    return Fit(declared, task.blocks, here.values, here.view, huber_weights(here.view), tuple(history))
+
+
+def _settled(task: _Task, here: _Iterate, effort: Effort, progress: Progress | None) -> tuple[_Iterate, list[float]]:
+    """Return where steps from an iterate lead to, and the objective after each."""
     history: list[float] = []
     damping, limit = 0.0, np.inf
     for iteration in range(effort.iterations):
@@ -215,7 +216,7 @@ def fit(
         before, problem = task.cost(here, limit), task.problem(here, limit)
         found = task.descend(here, problem, limit, effort.trials, damping)
         if found is None and effort.content:
-            break
+            return here, history
         if found is None:
             raise ConvergenceError("calibration finds no better values along its step", [before])
         size, (here, damping) = problem.length(found[0].values - here.values), found
@@ -223,12 +224,11 @@ def fit(
         if progress:
             progress(iteration + 1, effort.iterations)
         # While the model is wrong the residual is many times the noise, and a fall counts by that measure.
-        if size < SETTLED or before - history[-1] < effort.flat * max(1.0, history[-1] / here.view.residual.size):
-            break
-    else:
-        if not effort.content:
-            raise ConvergenceError("calibration did not settle", history)
-    return Fit(declared, task.blocks, here.values, here.view, huber_weights(here.view), tuple(history))
+        if size < SETTLED or before - history[-1] < effort.flat * max(1.0, history[-1] / here.view.count):
+            return here, history
+    if not effort.content:
+        raise ConvergenceError("calibration did not settle", history)
+    return here, history
 
 
 @dataclass(frozen=True)
@@ -273,8 +273,8 @@ def _next_damping(damping: float, kept: float) -> float:
 
 
 @dataclass(frozen=True)
-class _Place:
-    """(P,) values, and what is seen there."""
+class _Iterate:
+    """Where a fit has come to: (P,) values, and what is seen there."""
 
     values: Array
     view: View
@@ -289,29 +289,29 @@ class _Task:
     measurements: Measurements
     prior: Array
 
-    def at(self, values: Array, rows: np.ndarray, near: View | None = None) -> _Place:
-        """Return the place of (P,) values; a view near it helps."""
-        return _Place(values, look(realise(self.declared, self.blocks, values), self.measurements, rows, near=near))
+    def at(self, values: Array, rows: np.ndarray, near: View | None = None) -> _Iterate:
+        """Return the iterate at (P,) values; a view near it helps."""
+        return _Iterate(values, look(realise(self.declared, self.blocks, values), self.measurements, rows, near=near))
 
-    def cost(self, place: _Place, limit: float) -> float:
-        """Return the cost of a place."""
-        return objective(place.view, place.values, self.prior, limit)
+    def cost(self, here: _Iterate, limit: float) -> float:
+        """Return the cost of an iterate."""
+        return objective(here.view, here.values, self.prior, limit)
 
-    def problem(self, place: _Place, limit: float) -> _Problem:
-        """Return the normal equations at a place."""
-        weights = huber_weights(place.view, limit)
-        columns, residual = whitened_columns(self.blocks, place.view, weights), whitened_residual(place.view, weights)
+    def problem(self, here: _Iterate, limit: float) -> _Problem:
+        """Return the normal equations at an iterate."""
+        weights = huber_weights(here.view, limit)
+        columns, residual = whitened_columns(self.blocks, here.view, weights), whitened_residual(here.view, weights)
         precision, pull = self.prior**-2.0, columns.T @ residual
         normal = columns.T @ columns + np.diag(precision)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        gradient = pull - precision * np.where(np.isfinite(self.prior), place.values, 0.0)
+        gradient = pull - precision * np.where(np.isfinite(self.prior), here.values, 0.0)
         bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
         return _Problem(normal * np.outer(scale, scale), scale * gradient, scale, scale**2 * bend)
 
     def descend(
-        self, here: _Place, problem: _Problem, limit: float, trials: int, damping: float
-    ) -> tuple[_Place, float] | None:
-        """Return the place after a step, damped until the cost falls or is flat, and the next damping; None if never.
+        self, here: _Iterate, problem: _Problem, limit: float, trials: int, damping: float
+    ) -> tuple[_Iterate, float] | None:
+        """Return the iterate after a step, damped until the cost falls or is flat, and the next damping; None if never.
 
         Laws have kinks, and along some directions only priors hold: a full step may be far too long in a few of them.
         """

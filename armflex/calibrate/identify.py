@@ -25,7 +25,8 @@ class Parameter:
 
     Attributes:
         block, label, unit: Which it is; compliance is the logarithm of a factor.
-        value, std: Deviation from the declared value and its posterior standard uncertainty.
+        value, std: Deviation from the declared value and its posterior standard uncertainty, infinite where neither the
+            data nor a prior determine it.
         prior: Its prior standard deviation, infinite where nothing was known.
         determined: Whether the data said anything about it.
         trades_against: Parameters that it can be exchanged for without the readings noticing.
@@ -58,7 +59,7 @@ class Parameter:
 
 def parameters(fit: Fit) -> tuple[Parameter, ...]:
     """Return every parameter of a fit with what is known about it."""
-    std = np.sqrt(np.diag(fit.covariance))
+    std = fit.posterior.std
     units = [unit for block in fit.blocks for unit in block.units]
     partners = _trades(fit)
     return tuple(
@@ -84,16 +85,14 @@ def _trades(fit: Fit) -> list[tuple[str, ...]]:
     names = [f"{block} {label}" for block, label in fit.labels]
     normal = fit.columns.T @ fit.columns
     regular = normal + np.diag(fit.prior**-2.0)
-    std = np.sqrt(np.diag(fit.covariance))
-    return [
-        _partners(normal, regular, i, names) if std[i] > UNDETERMINED * fit.prior[i] else () for i in range(len(names))
-    ]
+    told = fit.posterior.std < UNDETERMINED * fit.prior
+    return [() if told[i] else _partners(normal, regular, i, names) for i in range(len(names))]
 
 
 def _partners(normal: Array, regular: Array, index: int, names: list[str]) -> tuple[str, ...]:
     others = np.delete(np.arange(len(names)), index)
     own = np.sqrt(normal[index, index])
-    scale = 1.0 / np.sqrt(np.diag(regular)[others])
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(regular)[others], 1e-300))
     matrix = regular[np.ix_(others, others)] * np.outer(scale, scale)
     amount = scale * np.linalg.lstsq(matrix, scale * normal[others, index], rcond=1e-12)[0]
     effect = np.abs(amount) * np.sqrt(np.diag(normal)[others])

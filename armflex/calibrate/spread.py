@@ -9,19 +9,11 @@ from itertools import groupby, takewhile
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.blocks import (
-    MOUNTING,
-    Block,
-    ComplianceBlock,
-    FrameBlock,
-    GeometryBlock,
-    MountingBlock,
-    OffsetBlock,
-    SessionBlock,
-    TargetBlock,
-)
+from armflex.calibrate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
+from armflex.calibrate.blocks import Block
 from armflex.calibrate.effect_block import EffectBlock
 from armflex.calibrate.fit import Fit
+from armflex.calibrate.instrument_blocks import MOUNTING, FrameBlock, MountingBlock, SessionBlock, TargetBlock
 from armflex.calibrate.law_block import LAW, LawBlock
 from armflex.calibrate.view import Setup, View, look
 from armflex.certainty import Certainty
@@ -29,7 +21,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects.remember import known_rows
 from armflex.effects.rigid import rigid_motion
 from armflex.effects.scene import Scene, survey
-from armflex.errors import Flag
+from armflex.errors import Flag, listing
 from armflex.laws import Law, LinearLaw, PositionDependentLaw
 from armflex.laws.learned import LearnedLaw
 from armflex.measured.instrument import Instrument
@@ -58,7 +50,9 @@ def certainty_of(fit: Fit) -> Certainty:
     kept = np.array([i for i, (block, _) in enumerate(fit.labels) if block not in names], dtype=int)
     labels = tuple(f"{block} {label}" for block, label in (fit.labels[i] for i in kept))
     unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None
-    found = Certainty(labels, fit.covariance[np.ix_(kept, kept)], unexplained)
+    known = fit.posterior
+    directions = known.undetermined[:, kept] if len(known.undetermined) else None
+    found = Certainty(labels, known.covariance[np.ix_(kept, kept)], unexplained, directions)
     earlier = fit.declared.arm.certainty
     return found if earlier is None else _joined(earlier, found)
 
@@ -72,7 +66,18 @@ def _joined(earlier: Certainty, found: Certainty) -> Certainty:
     covariance[len(kept) :, len(kept) :] = found.covariance
     order = sorted(range(len(labels)), key=lambda i: labels[i].startswith(f"{EFFECT} "))
     unexplained = found.unexplained or earlier.unexplained
-    return Certainty(tuple(labels[i] for i in order), covariance[np.ix_(order, order)], unexplained)
+    directions = _stacked(earlier.directions, kept, found.directions, len(found.labels))
+    directions = None if directions is None else directions[:, order]
+    return Certainty(tuple(labels[i] for i in order), covariance[np.ix_(order, order)], unexplained, directions)
+
+
+def _stacked(earlier: Array | None, kept: Sequence[int], found: Array | None, count: int) -> Array | None:
+    """Return the undetermined directions of both, the kept parameters of the one before `count` of the other."""
+    if earlier is None and found is None:
+        return None
+    before = np.zeros((0, len(kept))) if earlier is None else earlier[:, kept][earlier[:, kept].any(axis=1)]
+    after = np.zeros((0, count)) if found is None else found
+    return np.vstack([np.pad(before, ((0, 0), (0, count))), np.pad(after, ((0, 0), (len(kept), 0)))])
 
 
 def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[Flag, ...]]:
@@ -95,7 +100,9 @@ def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[F
         return None, (OTHER_PARAMETERS,)
     columns = _columns(blocks, view)[:, :3]
     variance = np.einsum("ndp,pq,ndq->nd", columns, arm.certainty.covariance, columns, optimize=True)
-    return np.maximum(variance, 0.0) + _unforeseen(arm, view, rows), ()
+    left = arm.certainty.leaves_open(columns)
+    variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)
+    return variance, (_open(arm.certainty, "is infinite where they matter"),) if left.any() else ()
 
 
 def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[Flag, ...]]:
@@ -115,14 +122,20 @@ def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None,
     moving = np.repeat(
         [not block.name.startswith(OF_THE_INSTRUMENT) for block in blocks], [len(b.labels) for b in blocks]
     )
-    columns = _columns(blocks, view)[:, :, moving]
-    known = arm.certainty.covariance[np.ix_(moving, moving)]
-    covariance = np.einsum("ndp,pq,neq->nde", columns, known, columns, optimize=True)
+    columns = np.where(moving, _columns(blocks, view), 0.0)
+    covariance = np.einsum("ndp,pq,neq->nde", columns, arm.certainty.covariance, columns, optimize=True)
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
         covariance += along[:, :, None] * along[:, None]
-    return covariance, ()
+    left = arm.certainty.leaves_open(columns).any()
+    return covariance, (_open(arm.certainty, "leaves them out"),) if left else ()
+
+
+def _open(certainty: Certainty, sigma: str) -> Flag:
+    """Return the doubt about parameters that nothing determines, and what sigma makes of them."""
+    names = listing(certainty.undetermined)
+    return Flag("undetermined", f"neither a campaign nor a prior determines {names}: sigma {sigma}")
 
 
 def _columns(blocks: Sequence[Block], view: View) -> Array:

@@ -61,6 +61,11 @@ class View:
         """(M, d) residual in standard deviations."""
         return self.residual / self.sigma
 
+    @property
+    def count(self) -> int:
+        """Number of readings: an orientation that was not read is none."""
+        return int(np.isfinite(self.sigma).sum())
+
     def answer(self, motion: Array) -> Array:
         """Return (M, d, k) changes of the readings for (M, 6, k) motions of the tip."""
         return self.seen @ motion

@@ -104,7 +104,7 @@ def as_json(found: Calibration) -> dict[str, Any]:
             {
                 "name": p.name,
                 "value": p.value,
-                "std": p.std,
+                "std": p.std if np.isfinite(p.std) else None,
                 "unit": p.unit,
                 "prior": p.prior if np.isfinite(p.prior) else None,
                 "determined": p.determined,

@@ -10,7 +10,6 @@ import click
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.spread import without_declared_doubt
 from armflex.check import overload
 from armflex.cli.options import (
     Command,
@@ -28,7 +27,7 @@ from armflex.errors import Flag
 from armflex.statics.deflection import Deflection
 from armflex.statics.equilibrium import METHODS
 from armflex.statics.loads import Wrench
-from armflex.tip_uncertainty import AT_REST, tip_covariance
+from armflex.tip_uncertainty import total_covariance
 from armflex.trajectory import check_approaches
 
 
@@ -61,25 +60,14 @@ def command(
     wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(parse_force, forces)]
     q = parse_positions(positions, arm)
     known = settled(arm, covariates)
-    arm = without_declared_doubt(arm)
     found = arm.deflection(
         q, payload, covariates=known, wrenches=wrenches, method=method, allow_large=allow_large, strict=strict
     )
-    covariance, doubts = _covariance(arm, found, payload, known)
+    covariance, doubts = total_covariance(found)
     print_deflection(arm, found, covariance)
-    rest = (AT_REST,) if wrenches and arm.certainty is not None else ()
-    flags = (*found.flags, *overload(arm, found), *doubts, *rest)
+    flags = (*found.flags, *overload(arm, found), *doubts)
     show_flags(flags)
     write_json(json_path, {"format": "armflex-deflect-1", "payload": payload, **as_json(found, covariance, flags)})
-
-
-def _covariance(
-    arm: Arm, found: Deflection, payload: str, known: dict[str, float]
-) -> tuple[np.ndarray | None, tuple[Flag, ...]]:
-    """Return the (6, 6) covariance of the displacement, of the laws and of what was fitted, and doubts about it."""
-    laws = None if found.covariance is None else found.covariance[None]
-    covariance, doubts = tip_covariance(arm, found.q[None], (payload,), known, laws)
-    return None if covariance is None else covariance[0], doubts
 
 
 def print_deflection(arm: Arm, found: Deflection, covariance: np.ndarray | None) -> None:

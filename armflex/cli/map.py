@@ -131,14 +131,7 @@ def _print_worst(found: WorkspaceMap, tolerance: float | None) -> None:
 
 def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
     """Return the summary of a map for programs, SI."""
-    here, some = found.worst_voxel, bool(found.answered.any())
-    worst = {
-        "displacement_m": float(found.worst[here]),
-        "sigma_m": None if found.sigma is None else float(found.sigma[here]),
-        "centre": found.centres[here].tolist(),
-        "q": found.worst_q[here].tolist(),
-        "payload": found.payloads[found.worst_payload[here]],
-    }
+    some = bool(found.answered.any())
     summary = {
         "format": "armflex-map-1",
         "base": found.base,
@@ -152,10 +145,21 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
         "answered": int(found.answered.sum()),
         "refused": dict(zip(found.reasons, found.refused.sum(axis=0).tolist(), strict=True)),
         "mean_m": float(np.nansum(found.mean * found.answered) / found.answered.sum()) if some else None,
-        "worst": worst if some else None,
+        "worst": _worst_json(found) if some else None,
         "flags": [str(flag) for flag in found.flags],
     }
     if tolerance is not None:
         verdicts = found.verdicts(tolerance)
         summary |= {"tolerance_m": tolerance, "verdicts": {name: int((verdicts == name).sum()) for name in VERDICTS}}
     return summary
+
+
+def _worst_json(found: WorkspaceMap) -> dict[str, Any]:
+    here = found.worst_voxel
+    return {
+        "displacement_m": float(found.worst[here]),
+        "sigma_m": None if found.sigma is None else float(found.sigma[here]),
+        "centre": found.centres[here].tolist(),
+        "q": found.worst_q[here].tolist(),
+        "payload": found.payloads[found.worst_payload[here]],
+    }

@@ -119,8 +119,9 @@ def arm_argument(function: Callable) -> Callable:
 keep_option = click.option(
     "--keep",
     is_flag=True,
-    help="ARM is calibrated or traced already: keep it, and fit only where the instrument stands. Not for an arm with "
-    "an effect on the model itself: link_mass, payload_mass, payload_com, gravity_tilt, tracker_scale, session_frame.",
+    help="ARM is calibrated or traced already: keep it, and fit only where the instrument stands. The uncertainty of "
+    "what was fitted before stays as it was, and counts as independent of the new frames'. Not for an arm with an "
+    "effect on the model itself: link_mass, payload_mass, payload_com, gravity_tilt, tracker_scale, session_frame.",
 )
 
 
@@ -149,16 +150,17 @@ def covariates_option(function: Callable) -> Callable:
 
 
 def parse_covariates(text: str) -> dict[str, float]:
-    """Return numbers by name from 'temperature=25,approach_A2=1'.
+    """Return numbers by name from 'temperature=25,approach_A2=1,operator=bob=1'.
 
     Raises:
         InputError: Not of that form, not a finite number, or a name given twice.
     """
     found: dict[str, float] = {}
     for part in filter(None, (part.strip() for part in text.split(","))):
-        name, equals, value = (piece.strip() for piece in part.partition("="))
+        # A level of a text column is a name with '=' in it, and may itself have more; a number has none.
+        name, equals, value = (piece.strip() for piece in part.rpartition("="))
         if not equals or not name or not NUMBER.fullmatch(value) or not np.isfinite(float(value)):
-            raise InputError(f"--covariates: {part!r} is not of the form NAME=NUMBER")
+            raise InputError(f"--covariates: {part!r} is not of the form NAME=NUMBER or COLUMN=LEVEL=NUMBER")
         if name in found:
             raise InputError(f"--covariates: {name!r} is given twice")
         found[name] = float(value)

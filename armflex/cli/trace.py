@@ -117,11 +117,7 @@ def _values(found: Found) -> list[str]:
 
 
 def _remarks(found: Trace) -> Iterator[str]:
-    if found.outliers:
-        lost, less = found.told("lost beam"), found.told("counted less")
-        yield f"In no figure: {lost} rows left out as lost beams, and {less} that the fit counts less as outliers."
-    if found.told("unexplained"):
-        yield f"{found.told('unexplained')} more rows, far off together, are left out: nothing explains them."
+    yield from _left_out(found)
     for one in found.found:
         if one.witness:
             yield (
@@ -143,6 +139,18 @@ def _remarks(found: Trace) -> Iterator[str]:
     more = len(found.next_measurement) - MOST_ADVICE
     if more > 0:
         yield f"Next: {more} more in --report and --json."
+
+
+def _left_out(found: Trace) -> Iterator[str]:
+    """Yield how many rows are in no figure, and why."""
+    if found.outliers:
+        lost, less = found.told("lost beam"), found.told("counted less")
+        yield f"In no figure: {lost} rows left out as lost beams, and {less} that the fit counts less as outliers."
+    unknown = found.told("direction unknown")
+    if unknown:
+        yield f"{unknown} more rows are left out: nothing tells from where a joint came before it first moved."
+    if found.told("unexplained"):
+        yield f"{found.told('unexplained')} more rows, far off together, are left out: nothing explains them."
 
 
 def _left(left: Unexplained) -> str:
@@ -196,7 +204,7 @@ def _effect_json(found: Found) -> dict[str, Any]:
     return {
         **_place_json(effect),
         "parameters": {
-            name: {"value": value, "std": found.std.get(name), "unit": unit} for (name, value), unit in pairs
+            name: {"value": value, "std": _finite(found.std.get(name)), "unit": unit} for (name, value), unit in pairs
         },
         "held_out_rms_mm": {"before": proof.before * 1e3, "after": proof.after * 1e3},
         "equivalent": [_place_json(rival) for rival, _ in found.equivalent],
@@ -207,6 +215,11 @@ def _effect_json(found: Found) -> dict[str, Any]:
         "chance": proof.null,
         "believed": found.believed,
     }
+
+
+def _finite(std: float | None) -> float | None:
+    """Return a standard uncertainty, None where nothing determines the value."""
+    return std if std is not None and np.isfinite(std) else None
 
 
 def _place_json(effect: Effect) -> dict[str, Any]:

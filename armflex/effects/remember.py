@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -85,17 +85,27 @@ def derived_directions(arm: Arm, rows: Measurements, asked: np.ndarray) -> tuple
         MissingCovariateError: No row before an asked one tells where a joint came from.
     """
     flags: dict[str, Flag] = {}
-    columns = {f"approach_{joint}": i for i, joint in enumerate(rows.joint_names)}
-    pairs = [(name, effect) for effect in arm.effects for name in effect.spot.covariates]
-    for name, asker in pairs:
-        if name not in columns or name not in rows.derived:
-            continue
-        unknown = asked[rows.approach[asked, columns[name]] == 0.0]
+    for name, asker, untold in _derived(arm.effects, rows):
+        unknown = asked[untold[asked]]
         if len(unknown):
             with naming(rows.places[unknown[0]] if rows.places else f"row {unknown[0]}"):
                 raise MissingCovariateError(name, sorted(set(rows.known) - set(rows.derived) - {POSE}), asker.name)
         flags[name] = Flag("approach_derived", f"{name} is not given: taken from how the rows before moved the joint")
     return tuple(flags.values())
+
+
+def without_direction(effects: Iterable[Effect], rows: Measurements) -> np.ndarray:
+    """Return (N,) rows in which no row before tells a direction that an effect depends on: none is taken for it."""
+    return np.any([np.zeros(len(rows), dtype=bool), *(untold for _, _, untold in _derived(effects, rows))], axis=0)
+
+
+def _derived(effects: Iterable[Effect], rows: Measurements) -> Iterator[tuple[str, Effect, np.ndarray]]:
+    """Yield every direction that was not recorded, the effect that asks for it, and (N,) where the rows do not tell."""
+    columns = {f"approach_{joint}": i for i, joint in enumerate(rows.joint_names)}
+    for effect in effects:
+        for name in effect.spot.covariates:
+            if name in columns and name in rows.derived:
+                yield name, effect, rows.approach[:, columns[name]] == 0.0
 
 
 def settled(arm: Arm, given: Mapping[str, float]) -> dict[str, float]:

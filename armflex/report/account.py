@@ -187,9 +187,10 @@ def _effect(trace: Trace, index: int) -> EffectAccount:
 
 
 def _values(found: Found) -> Table:
-    units = units_of(found.effect)
+    units, std = units_of(found.effect), {name: one for name, one in found.std.items() if np.isfinite(one)}
+    said = {name: "" if name in std else "not determined" for name in found.std}
     return tuple(
-        (name, measure(value, found.std.get(name), units[name]), "" if name in found.std else "chosen, not fitted")
+        (name, measure(value, std.get(name), units[name]), said.get(name, "chosen, not fitted"))
         for name, value in found.effect.named.items()
     )
 

@@ -125,7 +125,7 @@ def posterior(trace: Trace, index: int) -> str:
     """Return the marginal distribution of every fitted parameter and, of the first two, their joint one."""
     found, correlation = trace.found[index], correlation_of(trace, index)
     units = units_of(found.effect)
-    names = [name for name in found.std if found.std[name] > 0.0]
+    names = [name for name in found.std if 0.0 < found.std[name] < np.inf]
     pair = len(names) >= 2
     if not 0 < len(names) <= MOST_CURVES:  # the knots of a free shape mean nothing one by one
         return ""
@@ -149,7 +149,7 @@ def correlation_of(trace: Trace, index: int) -> Array:
     fit, block = trace.state.fit, trace.state.effects[index]
     start = sum(len(other.labels) for other in fit.blocks[: fit.blocks.index(block)])
     own = slice(start, start + len(block.labels))
-    covariance = fit.covariance[own, own]
+    covariance = fit.posterior.covariance[own, own]
     std = np.sqrt(np.diag(covariance))
     return covariance / np.outer(std, std)
 

@@ -12,7 +12,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.report.accuracy import Accuracy, Errors
 from armflex.report.svg import AFTER, BEFORE, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
 from armflex.report.words import words
-from armflex.trace.localise import NOTICED, Place
+from armflex.trace.localise import NOTICED, RandomTwist
 from armflex.trace.result import Smallest, Trace
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def _poses(panel: Axes, accurate: Accuracy, both: bool) -> None:
         panel.set_xlabel(f"{len(groups)} poses")
 
 
-def heat(trace: Trace, left: Sequence[Place]) -> str:
+def heat(trace: Trace, left: Sequence[RandomTwist]) -> str:
     """Return where a random twist would explain the residual, by site and axis: before and after, or once."""
     sites = trace.state.scene.sites
     most = max([NOTICED, *(place.ratio for place in trace.places)])

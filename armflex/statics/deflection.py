@@ -207,7 +207,10 @@ class Deflection:
 
     @cached_property
     def covariance(self) -> Array | None:
-        """(6, 6) covariance of the displacement, None where no law carries an uncertainty."""
+        """(6, 6) covariance of the displacement, None where no law carries an uncertainty.
+
+        It is of the laws alone: what a calibration or a trace fitted is left out; see `armflex.total_covariance`.
+        """
         laws = self._stack.covariance(self._equilibrium.wrenches, self._row)
         if laws is None:
             return None

@@ -28,7 +28,8 @@ def trace(
         measurements: The campaign, rows in the order driven; unmeasured rows count for effects with a memory.
         rows: Measured rows to use; all when not given.
         report: Called with what is being done, in words.
-        keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames are fitted.
+        keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames are fitted;
+            see `calibrate`.
 
     Raises:
         InputError: Too few rows were measured.

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.calibrate.blocks import Block
-from armflex.calibrate.fit import Fit, huber_weights, posterior_covariance, robust_limit
+from armflex.calibrate.fit import Fit, huber_weights, robust_limit
+from armflex.calibrate.posterior import posterior_of
 from armflex.conventions import Array
 from armflex.trace.candidates import Sifted
 from armflex.trace.projection import evidence
@@ -45,7 +46,7 @@ def null_maximum(
     competes = [laws is None or candidate.law.name in laws for candidate in sifted.bank.candidates]
     if not any(competes):
         return np.full(flips, -np.inf)
-    rows = np.repeat(signs[groups], projection.count // len(groups), axis=0)
+    rows = np.repeat(signs[groups], len(projection.residual) // len(groups), axis=0)
     gains = sifted.gains(projection.residual[:, None] * rows, stationary=False)
     worth = evidence(gains, projection.objective, projection.count, sifted.bank.parameters[:, None])
     return np.asarray(worth)[competes].max(axis=0)
@@ -171,8 +172,10 @@ def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
     size, values, able = fit.view.residual.shape[1], fit.values[some], np.zeros(len(folds), bool)
     for number in range(int(folds.max()) + 1):
         own = folds == number
-        known = posterior_covariance(fit.columns[~np.repeat(own, size)], fit.prior)[np.ix_(some, some)]
-        able[own] = values @ np.linalg.pinv(known, hermitian=True) @ values > len(some) * SHOWN**2
+        left = posterior_of(fit.columns[~np.repeat(own, size)], fit.prior)
+        told = np.isfinite(left.std[some])  # what nothing determines without them shows nothing
+        known = left.covariance[np.ix_(some[told], some[told])]
+        able[own] = values[told] @ np.linalg.pinv(known, hermitian=True) @ values[told] > len(some) * SHOWN**2
     return able
 
 

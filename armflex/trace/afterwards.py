@@ -9,7 +9,7 @@ from armflex.calibrate.view import position_rms
 from armflex.conventions import TWIST_NAMES
 from armflex.measured.repeats import repeats
 from armflex.trace.candidates import Bank
-from armflex.trace.localise import NOTICED, Place
+from armflex.trace.localise import NOTICED, RandomTwist
 from armflex.trace.result import Smallest, Unexplained, Unidentifiable, predictable_residual
 from armflex.trace.search import Round
 from armflex.trace.state import State
@@ -104,18 +104,18 @@ def _beyond_repeats(state: State) -> Unexplained | None:
     scatter, fit = known.same_session, state.fit
     noise = float((scatter.sigma**2).mean())
     squares = fit.view.residual[fit.weights >= 1.0, :3] ** 2  # tails make a mean of squares anything
-    freedom = max(squares.size - (len(fit.residual) - fit.freedom), 1.0)
+    freedom = max(squares.size - (fit.view.count - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
     if left < LARGER * noise or f.sf(left / noise, freedom, 3 * scatter.freedom) > UNLIKELY:
         return None
     return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))
 
 
-def as_likely(places: tuple[Place, ...]) -> tuple[Place, ...]:
+def as_likely(places: tuple[RandomTwist, ...]) -> tuple[RandomTwist, ...]:
     """Return the places that the residual does not tell from the first."""
     return tuple(place for place in places[1:] if place.ratio > places[0].ratio - AS_LIKELY)
 
 
-def _lever(state: State, place: Place) -> float:
+def _lever(state: State, place: RandomTwist) -> float:
     columns = state.fit.view.to_twist(place.site)[:, :3, TWIST_NAMES.index(place.axis)]
     return float(np.sqrt((columns**2).sum(axis=1).mean()))

@@ -55,16 +55,13 @@ def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
     amplitudes = np.concatenate([place[:count] for place, count in zip(places, terms, strict=True)])
     # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
     data = fit.residual + fit.columns[:, amplitudes] @ fit.values[amplitudes] + fit.columns[:, rest] @ fit.values[rest]
-    return projected(fit.columns[:, rest], fit.prior[rest] ** -2.0, data, shyness(fit)), own
+    return projected(fit.columns[:, rest], fit.prior[rest] ** -2.0, data, shyness(fit), fit.view.count), own
 
 
 def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]:
     """Return the evidence of some effects beside the others, and the best candidates that could take their place."""
-    projection, own = leave_out(state, *indices)
-    gain = projection.gain(state.fit.columns[:, own])[0]
     themselves = [_candidate(state, state.effects[index]) for index in indices]
-    parameters = sum(one.parameters for one in themselves)
-    worth = float(evidence(gain, projection.objective, projection.count, parameters))
+    projection, worth = _beside_others(state, *indices)
     screened = screen(sift(bank(_alternatives(themselves, state), state.fit, state.scene), projection))
     rivals = []
     for i in best_per_spot(screened, COMPARED + 1):
@@ -72,6 +69,18 @@ def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]
         if not any(_same_place(candidate, one) for one in themselves):
             rivals.append(polish(candidate, state.fit, state.scene, projection))
     return worth, tuple(sorted(rivals, key=lambda one: -one.evidence))
+
+
+def _beside_others(state: State, *indices: int) -> tuple[Projection, float]:
+    """Return the projection without some effects, and their evidence there.
+
+    They are charged for all that the search chose, like their rivals: also a moment or a number of waves, which no fit
+    moves.
+    """
+    projection, own = leave_out(state, *indices)
+    gain = projection.gain(state.fit.columns[:, own])[0]
+    parameters = sum(_candidate(state, state.effects[index]).parameters for index in indices)
+    return projection, float(evidence(gain, projection.objective, projection.count, parameters))
 
 
 def _candidate(state: State, block: EffectBlock) -> Candidate:
@@ -173,7 +182,7 @@ def _information(trial: State, state: State) -> float:
 def _pruned(state: State, say: Callable[[str], None]) -> Exchanged:
     steps = list(range(len(state.effects)))
     while state.effects:
-        worths = [_worth(state, i) for i in range(len(state.effects))]
+        worths = [_beside_others(state, i)[1] for i in range(len(state.effects))]
         weakest = int(np.argmin(worths))
         if worths[weakest] >= SAME:
             break
@@ -185,9 +194,3 @@ def _pruned(state: State, say: Callable[[str], None]) -> Exchanged:
         steps.pop(weakest)
         state = trial
     return Exchanged(state, tuple(steps))
-
-
-def _worth(state: State, index: int) -> float:
-    projection, own = leave_out(state, index)
-    gain = projection.gain(state.fit.columns[:, own])[0]
-    return float(evidence(gain, projection.objective, projection.count, len(own)))

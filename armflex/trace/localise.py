@@ -1,7 +1,8 @@
 """Where something unexplained acts, without asking for its cause: one variance per site and axis.
 
 For each site and axis the residual is taken as noise plus a random twist of unknown variance v, one per pose:
-r ~ N(0, s^2 I + v J J'), and the likelihood is maximised over v and the noise's size s.
+r ~ N(0, s^2 I + v J J'), and the likelihood is maximised over v and the noise's size s. Nobody knows s for positions
+from orientations: where both were read, each kind is first taken by its own size.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ NOTICED = 10.0
 
 
 @dataclass(frozen=True)
-class Place:
+class RandomTwist:
     """A site and axis where a random twist explains the residual.
 
     Attributes:
@@ -42,7 +43,7 @@ class Place:
     std: float
 
 
-def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray) -> tuple[Place, ...]:
+def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray) -> tuple[RandomTwist, ...]:
     """Return every site and axis, the likeliest first.
 
     Args:
@@ -53,6 +54,8 @@ def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray)
     """
     view, scale = fit.view, np.sqrt(fit.weights)[:, None] / fit.view.sigma
     residual = projection.residual.reshape(scale.shape)
+    levels = _levels(residual, np.isfinite(view.sigma))
+    residual, scale = residual / levels, scale / levels
     count = int(groups.max()) + 1
     found = []
     for site in scene.sites:
@@ -62,15 +65,24 @@ def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray)
         for axis, name in enumerate(TWIST_NAMES):
             score = np.bincount(groups, scores[:, axis], count)
             square = np.bincount(groups, squares[:, axis], count)
-            ratio, variance = _likelihood(score, square, residual)
-            found.append(Place(site, name, ratio, float(np.sqrt(variance))))
+            ratio, variance = _likelihood(score, square, residual, view.count)
+            found.append(RandomTwist(site, name, ratio, float(np.sqrt(variance))))
     # What stands level goes by its joint rather than by the link that ends there.
     return tuple(sorted(found, key=lambda place: -place.ratio + LEVEL * place.site.startswith(LINK)))
 
 
-def _likelihood(score: Array, square: Array, residual: Array) -> tuple[float, float]:
+def _levels(residual: Array, read: np.ndarray) -> Array:
+    """Return (d,) the RMS of the positions' and of the orientations' residual where read, over that of all."""
+    squares = np.where(read, residual**2, 0.0)
+    kinds = [slice(first, first + 3) for first in range(0, residual.shape[1], 3)]
+    means = [squares[:, kind].sum() / max(read[:, kind].sum(), 1) for kind in kinds]
+    whole = squares.sum() / max(read.sum(), 1)
+    return np.repeat([np.sqrt(mean / whole) if mean > 0.0 else 1.0 for mean in means], 3)
+
+
+def _likelihood(score: Array, square: Array, residual: Array, count: int) -> tuple[float, float]:
     """Return the largest log-likelihood ratio, the noise's size fitted for each variance, and the variance there."""
-    total, count = float((residual**2).sum()), residual.size
+    total = float((residual**2).sum())
     mean = float(square.mean())
     if mean <= 0.0:
         return 0.0, 0.0

@@ -12,7 +12,7 @@ from armflex.effects.law import Amplitude, Effect, TwistLaw, Values
 from armflex.effects.scene import POSE
 from armflex.effects.spot import Here, Spot
 from armflex.laws import Row
-from armflex.trace.localise import Place
+from armflex.trace.localise import RandomTwist
 
 RANDOM = "unexplained"
 """Name of the effect while a fit lasts."""
@@ -33,7 +33,7 @@ class PoseBlock:
     axis: str
     std: float
     groups: np.ndarray
-    alike: tuple[Place, ...] = ()
+    alike: tuple[RandomTwist, ...] = ()
     logarithmic: bool = False
 
     @property

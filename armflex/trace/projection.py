@@ -32,6 +32,7 @@ class Projection:
         objective: Sum of squares of residual and prior deviations.
         shy: Prior precision of a candidate's amplitudes, relative to the square of its column: an effect that would
             have to move the tip by more than `LARGEST_MOTION` to be seen is not believed.
+        count: Number of readings; places of orientations that were not read are zero in everything, and none.
     """
 
     columns: Array
@@ -39,11 +40,7 @@ class Projection:
     residual: Array
     objective: float
     shy: float
-
-    @cached_property
-    def count(self) -> int:
-        """Number of readings."""
-        return len(self.residual)
+    count: int
 
     @cached_property
     def factor(self) -> tuple[Array, Array]:
@@ -77,7 +74,8 @@ class Projection:
 
 def project(fit: Fit) -> Projection:
     """Return the projection of a fit."""
-    return projected(fit.columns, fit.prior**-2.0, fit.residual + fit.columns @ fit.values, shyness(fit))
+    data = fit.residual + fit.columns @ fit.values
+    return projected(fit.columns, fit.prior**-2.0, data, shyness(fit), fit.view.count)
 
 
 def shyness(fit: Fit) -> float:
@@ -85,12 +83,12 @@ def shyness(fit: Fit) -> float:
     return float((fit.view.sigma[:, :3] ** 2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
 
 
-def projected(columns: Array, precision: Array, data: Array, shy: float) -> Projection:
+def projected(columns: Array, precision: Array, data: Array, shy: float, count: int) -> Projection:
     """Return the projection of a linear problem at its exact solution.
 
     A fit stops a little short of it, and along what only priors hold a little is enough to mimic a gain.
     """
-    rough = Projection(columns, precision, data, 0.0, shy)
+    rough = Projection(columns, precision, data, 0.0, shy, count)
     values = rough.absorbed(data)
     residual = data - columns @ values
     objective = float(residual @ residual + (precision * values**2).sum())

@@ -15,7 +15,7 @@ from armflex.calibrate.view import look, position_rms
 from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.trace.accept import believed
-from armflex.trace.localise import Place
+from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished
 from armflex.trace.state import State, lost_rows
 
@@ -85,7 +85,7 @@ class Unexplained:
     std: float | None
     unit: str | None
     rms: float
-    equivalent: tuple[Place, ...] = ()
+    equivalent: tuple[RandomTwist, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Trace:
     state: State
     found: tuple[Found, ...]
     unexplained: Unexplained | None
-    places: tuple[Place, ...]
+    places: tuple[RandomTwist, ...]
     not_identifiable: tuple[Unidentifiable, ...]
     smallest: tuple[Smallest, ...]
     noise: float
@@ -178,7 +178,8 @@ class Trace:
     def outliers(self) -> tuple[Outlier, ...]:
         """All other rows that were to be used, the worst first.
 
-        Each is a 'lost beam', 'unexplained' (far off, and its neighbours too) or, still in the fit, 'counted less'.
+        Each is a 'lost beam', 'unexplained' (far off, and its neighbours too), 'direction unknown' (of a joint that had
+        not moved yet; an effect depends on it) or, still in the fit, 'counted less'.
         """
         state = self.state
         rows = np.setdiff1d(state.asked, self.rows)
@@ -186,7 +187,9 @@ class Trace:
             return ()
         places, used = state.measurements.places, np.isin(rows, state.rows)
         alone = np.isin(rows, state.asked[lost_rows(state, heed=True)])
-        kinds = np.where(used, "counted less", np.where(alone, "lost beam", "unexplained")).tolist()
+        untold = np.isin(rows, state.asked[state.untold])
+        left = np.where(untold, "direction unknown", np.where(alone, "lost beam", "unexplained"))
+        kinds = np.where(used, "counted less", left).tolist()
         errors = np.linalg.norm(look(state.fit.setup, state.measurements, rows).residual[:, :3], axis=1)
         return tuple(
             Outlier(int(rows[i]), places[rows[i]] if places else None, float(errors[i]), kinds[i])

@@ -25,7 +25,7 @@ from armflex.trace.candidates import (
     screen,
     sift,
 )
-from armflex.trace.localise import Place, localise
+from armflex.trace.localise import RandomTwist, localise
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import Projection, project
 from armflex.trace.sensible import sensible
@@ -99,7 +99,7 @@ class Round:
     projection: Projection
     named: Screening
     sifted: tuple[Sifted, ...]
-    places: tuple[Place, ...]
+    places: tuple[RandomTwist, ...]
     ranking: tuple[Polished, ...]
     plain: frozenset[str]
 
@@ -212,7 +212,7 @@ def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projectio
 
 
 def _second_look(
-    shaped: Screening, places: tuple[Place, ...], fit: Fit, scene: Scene, projection: Projection, most: float
+    shaped: Screening, places: tuple[RandomTwist, ...], fit: Fit, scene: Scene, projection: Projection, most: float
 ) -> list[Sifted]:
     """Return waves and bumps where a free shape did well, and products of columns where much is left, projected."""
     spots = {
@@ -235,7 +235,7 @@ def _second_look(
     return found
 
 
-def _product_waves(best: Sequence[Candidate], places: tuple[Place, ...], scene: Scene) -> Iterable[Candidate]:
+def _product_waves(best: Sequence[Candidate], places: tuple[RandomTwist, ...], scene: Scene) -> Iterable[Candidate]:
     """Yield the products in which one of the two columns goes in waves."""
     for product in best:
         for place in places[:PLACES]:
@@ -250,7 +250,7 @@ def _with(law, spot: Spot, inner) -> Candidate:
     return Candidate(law, Spot(spot.site, spot.axis, spot.covariates, terms), inner)
 
 
-def _products(places: tuple[Place, ...], scene: Scene) -> Iterable[Candidate]:
+def _products(places: tuple[RandomTwist, ...], scene: Scene) -> Iterable[Candidate]:
     for place in places[:PLACES]:
         for pair in permutations(suspects(scene), 2):
             spot = Spot(place.site, place.axis, pair)

@@ -16,7 +16,7 @@ from armflex.calibrate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.calibrate.view import Setup, look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
-from armflex.effects.remember import known_rows
+from armflex.effects.remember import known_rows, without_direction
 from armflex.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
 from armflex.statics.linearise import Linearisation, Linearizer
@@ -36,7 +36,7 @@ class State:
     Attributes:
         measurements: The campaign.
         asked: Rows that were to be used.
-        rows: Those of them in use: all but lost beams.
+        rows: Those of them in use: all but lost beams, and rows that do not tell what an added effect depends on.
         declared: Arm and instrument before any fit.
         blocks: Declared blocks.
         effects: Added effects, in the order added.
@@ -62,10 +62,22 @@ class State:
         """(M,) pose number of every fitted row."""
         return np.unique(self.measurements.pose_number[self.rows], return_inverse=True)[1]
 
+    @cached_property
+    def untold(self) -> np.ndarray:
+        """(A,) which of the rows asked for do not tell the direction that an added effect depends on.
+
+        The search takes them as halfway, as what may be either; once the effect is there `predict` refuses such rows.
+        """
+        return without_direction([block.effect for block in self.effects], self.measurements)[self.asked]
+
     @property
     def sessions(self) -> tuple[str, ...]:
         """Session of every fitted row."""
         return tuple(self.measurements.session[row] for row in self.rows)
+
+    def uses(self, rows: np.ndarray) -> bool:
+        """Return whether just these rows are in use."""
+        return np.array_equal(rows, self.rows)
 
     def values_of(self, block: Block) -> Array:
         """Return the fitted values of one block."""
@@ -73,7 +85,7 @@ class State:
 
     def stds_of(self, block: Block) -> Array:
         """Return the standard uncertainties of one block's values."""
-        return np.sqrt(np.diag(self.fit.covariance)[self.fit.places(block)])
+        return self.fit.posterior.std[self.fit.places(block)]
 
     @cached_property
     def looked(self) -> Round:
@@ -92,10 +104,11 @@ def begin(calibration: Calibration) -> State:
 def sorted_out(state: State, effort: Effort = ROUGH) -> State:
     """Return the state with the question put anew of which rows are lost beams, refitted where the answer changed.
 
-    While an effect is missing, rows that it moves may look lost; once it is there, others stand out that did not.
+    While an effect is missing, rows that it moves may look lost; once it is there, others stand out that did not. Rows
+    before a joint's first motion leave with the first effect that must know its direction.
     """
-    rows = state.asked[~lost_rows(state, state.heed)]
-    if np.array_equal(rows, state.rows):
+    rows = state.asked[~(lost_rows(state, state.heed) | state.untold)]
+    if state.uses(rows):
         return state
     return refit(replace(state, rows=rows), state.effects, state.random, state.fit.values, effort)
 
@@ -226,7 +239,7 @@ def information(state: State, limit: float) -> float:
     J is what the fit reached, not what its linear problem promises. States are compared at one `limit` of lengths
     beyond which rows count less (`robust_limit`).
     """
-    count = len(state.fit.residual)
+    count = state.fit.view.count
     effects = [block.at(state.values_of(block)) for block in state.effects]
     searched = sum(Candidate(effect.law, effect.spot, effect.inner).parameters for effect in effects)
     return count * float(np.log(max(state.fit.cost(limit), count))) + searched * float(np.log(count))

@@ -20,7 +20,7 @@ from armflex.trace.accept import believed, held_out, improvement, null_maximum, 
 from armflex.trace.advice import lacking
 from armflex.trace.afterwards import as_likely, not_identifiable, smallest, unexplained
 from armflex.trace.exchange import Exchanged, equivalents, exchanged
-from armflex.trace.localise import NOTICED, Place
+from armflex.trace.localise import NOTICED, RandomTwist
 from armflex.trace.next_measurement import next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
@@ -95,7 +95,7 @@ def trace(
         if step is not None and len(state.effects) > len(steps):  # else it widened one whose proof is known
             steps.append(step)
         looked = _look(state, say)
-    return _conclude(calibration, first, state, looked, places, steps, say)
+    return _conclude(calibration, first, state, places, steps, say)
 
 
 def _round(state: State, looked: Round, say: Report) -> tuple[State, Step | None] | None:
@@ -111,7 +111,7 @@ def _round(state: State, looked: Round, say: Report) -> tuple[State, Step | None
         return _set_aside(state, looked.places, say), None
     # What is far off together stayed because an effect might explain it: none does.
     left = sorted_out(replace(state, heed=False)) if state.heed else state
-    return None if left.rows is state.rows else (left, None)
+    return None if state.uses(left.rows) else (left, None)
 
 
 def _look(state: State, say: Report) -> Round:
@@ -123,7 +123,7 @@ def _excess(looked: Round) -> float:
     return looked.projection.objective - looked.projection.count
 
 
-def _unrecorded(state: State, looked: Round) -> Place | None:
+def _unrecorded(state: State, looked: Round) -> RandomTwist | None:
     """Return where a random twist explains clearly more than any candidate does, None where nowhere."""
     place, best = looked.places[0], looked.ranking[0]
     # So many parameters explain so much of one random twist per pose by chance.
@@ -133,7 +133,7 @@ def _unrecorded(state: State, looked: Round) -> Place | None:
     return place if is_random and state.random is None and place.ratio >= NOTICED else None
 
 
-def _set_aside(state: State, places: tuple[Place, ...], say: Report) -> State:
+def _set_aside(state: State, places: tuple[RandomTwist, ...], say: Report) -> State:
     """Return the state with a random twist per pose at the likeliest place."""
     place, groups = places[0], state.scene.column(POSE).astype(int)
     say(f"setting aside a random twist at {place.site} {place.axis}")
@@ -244,16 +244,14 @@ def _conclude(
     calibration: Calibration,
     first: Fit,
     state: State,
-    looked: Round,
-    places: tuple[Place, ...],
+    places: tuple[RandomTwist, ...],
     steps: list[Step],
     say: Report,
 ) -> Trace:
+    """Return the account of a search that has come to its end, after second thoughts about what it added."""
     kept = exchanged(state, say)
     kept = replace(kept, state=sorted_out(kept.state))
-    if kept.state is not state:
-        looked = _look(kept.state, say)
-    state = kept.state
+    state, looked = kept.state, _look(kept.state, say)  # which costs nothing where nothing changed
     say("comparing what else would do")
     found = _account(kept, steps)
     before = fitted_to(first, state.measurements, state.rows)
@@ -279,7 +277,7 @@ def _conclude(
 
 def _far_together(state: State) -> Unexplained | None:
     """Return rows left out although their neighbours are far off, too, as a residual without a place."""
-    together = np.setdiff1d(state.asked[~lost_rows(state, heed=True)], state.rows)
+    together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
     if not len(together):
         return None
     errors = look(state.fit.setup, state.measurements, together).residual[:, :3]
