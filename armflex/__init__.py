@@ -29,6 +29,9 @@ from armflex.measured.poses import leaked as leaked
 from armflex.measured.poses import pose_groups as pose_groups
 from armflex.measured.repeats import Repeats as Repeats
 from armflex.measured.repeats import repeats as repeats
+from armflex.plan import draw_plan as draw_plan
+from armflex.plan import plan as plan
+from armflex.plan import write_plan as write_plan
 from armflex.predict import Prediction as Prediction
 from armflex.predict import predict as predict
 from armflex.robot import load_robot as load_robot

@@ -376,6 +376,7 @@ READ = {
     "compensate": ["arm.toml", "rows.csv"],
     "calibrate": ["arm.toml", "rows.csv", "--points", "joint.csv"],
     "trace": ["arm.toml", "rows.csv", "--points", "joint.csv"],
+    "plan": ["arm.toml", "--after", "rows.csv", "--along", "joint.csv"],
     "train": ["joint.csv", "--assembly", "arm.toml"],
     "map": ["arm.toml"],
     "view": ["arm.toml", "--traj", "rows.csv"],

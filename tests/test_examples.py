@@ -75,3 +75,8 @@ def test_workspace_map(tmp_path):
     assert found["worst"] == pytest.approx(0.197, abs=1e-3)
     assert 0.25 < found["ok"] < 0.4 < found["ok"] + found["uncertain"] < 0.7
     assert (tmp_path / "map.png").stat().st_size > 10_000
+
+
+def test_plan(tmp_path):
+    assert run("10_plan", str(tmp_path / "poses.csv"), str(tmp_path / "plan.png")) == pytest.approx(0.37, abs=0.01)
+    assert (tmp_path / "plan.png").stat().st_size > 20_000

@@ -19,9 +19,9 @@ from armflex.cli.trace import as_json, print_trace
 from armflex.effects import CATALOGUE, Effect, Spot
 from armflex.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
+from armflex.plan.advice import INSTEAD, instead
 from armflex.report import render_report
 from armflex.trace.accept import HeldOut, believed, held_out, improvement, pose_folds
-from armflex.trace.advice import INSTEAD, instead
 from armflex.trace.lost import MOST, lost_beams
 from armflex.trace.result import Trace
 from armflex.trace.state import begin

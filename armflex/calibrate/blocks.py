@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from armflex.arm import Arm
 from armflex.calibrate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
 from armflex.calibrate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
 from armflex.calibrate.view import Setup, View
@@ -70,13 +71,17 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     if measurements.rotation is not None:
         blocks.append(MountingBlock(setup.instrument.mounting))
     if prior.joint_offset:
-        kinds = tuple("m" if joint.kind == "prismatic" else "rad" for joint in arm.robot.moving)
-        blocks.append(OffsetBlock(arm.joint_names, prior.joint_offset, kinds))
+        blocks.append(OffsetBlock(arm.joint_names, prior.joint_offset, joint_units(arm)))
     if prior.geometry:
         blocks.append(GeometryBlock(arm.joint_names, prior.geometry))
     if prior.compliance:
         blocks += _compliance_block(setup, prior.compliance)
     return tuple(blocks)
+
+
+def joint_units(arm: Arm) -> tuple[str, ...]:
+    """Return the unit of every joint's position."""
+    return tuple("m" if joint.kind == "prismatic" else "rad" for joint in arm.robot.moving)
 
 
 def _compliance_block(setup: Setup, std: float) -> Sequence[Block]:

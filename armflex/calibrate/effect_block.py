@@ -68,19 +68,7 @@ class EffectBlock:
 
     def columns(self, view: View) -> Array:
         """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
-        now = view.setup.arm.effects[self.ordinal]
-        spot, law = now.spot, now.law
-        columns = [law.columns(spot, now.inner, view, self.scene)]
-        amplitudes = np.array([now.amplitudes[i] for i in spot.terms])
-        for i in self.free:
-            step = STEP if law.inner[i].positive else STEP * max(abs(now.inner[i]), 1e-2)
-            ends = []
-            for side in (1.0, -1.0):
-                moved = list(now.inner)
-                moved[i] = law.inner[i].moved(now.inner[i], side * step)
-                ends.append(law.columns(spot, tuple(moved), view, self.scene) @ amplitudes)
-            columns.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
-        return np.concatenate(columns, axis=2)
+        return effect_columns(view.setup.arm.effects[self.ordinal], self.free, view, self.scene)
 
     def at(self, values: Array) -> Effect:
         """Return the effect at (k,) values of the block."""
@@ -105,6 +93,22 @@ class EffectBlock:
             scale = abs(effect.named[label]) if inner is not None and inner.positive else 1.0
             found[label] = float(deviation) * scale
         return found
+
+
+def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
+    """Return (M, d, k) changes of the readings: exact per amplitude, central differences per free inner parameter."""
+    spot, law = effect.spot, effect.law
+    columns = [law.columns(spot, effect.inner, view, scene)]
+    amplitudes = np.array([effect.amplitudes[i] for i in spot.terms])
+    for i in free:
+        step = STEP if law.inner[i].positive else STEP * max(abs(effect.inner[i]), 1e-2)
+        ends = []
+        for side in (1.0, -1.0):
+            moved = list(effect.inner)
+            moved[i] = law.inner[i].moved(effect.inner[i], side * step)
+            ends.append(law.columns(spot, tuple(moved), view, scene) @ amplitudes)
+        columns.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
+    return np.concatenate(columns, axis=2)
 
 
 def shy_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,10 +87,18 @@ def _trades(fit: Fit) -> list[tuple[str, ...]]:
     normal = fit.columns.T @ fit.columns
     regular = normal + np.diag(fit.prior**-2.0)
     told = fit.posterior.std < UNDETERMINED * fit.prior
-    return [() if told[i] else _partners(normal, regular, i, names) for i in range(len(names))]
+    return [() if told[i] else partners_of(normal, regular, i, names) for i in range(len(names))]
 
 
-def _partners(normal: Array, regular: Array, index: int, names: list[str]) -> tuple[str, ...]:
+def partners_of(normal: Array, regular: Array, index: int, names: Sequence[str]) -> tuple[str, ...]:
+    """Return up to four parameters that take over one parameter's effect on the readings best, the strongest first.
+
+    Args:
+        normal: (P, P) what the readings alone tell.
+        regular: (P, P) the same with what was known before.
+        index: Which parameter.
+        names: Of all parameters.
+    """
     others = np.delete(np.arange(len(names)), index)
     own = np.sqrt(normal[index, index])
     scale = 1.0 / np.sqrt(np.maximum(np.diag(regular)[others], 1e-300))

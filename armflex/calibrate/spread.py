@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
-from armflex.calibrate.blocks import Block
+from armflex.calibrate.blocks import Block, joint_units
 from armflex.calibrate.effect_block import EffectBlock
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.instrument_blocks import MOUNTING, FrameBlock, MountingBlock, SessionBlock, TargetBlock
@@ -95,7 +95,7 @@ def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[F
         return None, (missing,) if arm.instrument is not None else ()
     setup = Setup(arm, arm.instrument or Instrument())
     view = look(setup, rows, np.arange(len(rows)))
-    blocks = _rebuilt(arm.certainty, view, rows)
+    blocks = rebuilt_blocks(arm.certainty, view, rows)
     if blocks is None:
         return None, (OTHER_PARAMETERS,)
     columns = _columns(blocks, view)[:, :3]
@@ -116,7 +116,7 @@ def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None,
     if arm.certainty is None:
         return None, ()
     view = look(Setup(arm, Instrument()), rows, np.arange(len(rows)))
-    blocks = _rebuilt(arm.certainty, view, rows)
+    blocks = rebuilt_blocks(arm.certainty, view, rows)
     if blocks is None:
         return None, (OTHER_PARAMETERS,)
     moving = np.repeat(
@@ -176,7 +176,7 @@ def _unforeseen(arm: Arm, view: View, rows: Measurements) -> Array:
     return variance
 
 
-def _rebuilt(certainty: Certainty, view: View, rows: Measurements) -> list[Block] | None:
+def rebuilt_blocks(certainty: Certainty, view: View, rows: Measurements) -> list[Block] | None:
     """Return the blocks that a fit's labels name, None where they are not those of this arm."""
     arm, blocks = view.setup.arm, []
     effects = [label for label in certainty.labels if label.startswith(f"{EFFECT} ")]
@@ -205,7 +205,7 @@ def _declared(name: str, labels: list[str], view: View, rows: Measurements) -> B
     if name == MOUNTING:
         return MountingBlock(view.setup.instrument.mounting)
     if name == "joint_offset" and tuple(labels) == arm.joint_names:
-        return OffsetBlock(arm.joint_names, 0.0, ("",) * len(labels))
+        return OffsetBlock(arm.joint_names, 0.0, joint_units(arm))
     if name == "geometry" and parts == arm.joint_names:
         return GeometryBlock(parts, 0.0)
     laws = {flexure.name: flexure.law for flexure in arm.flexures if isinstance(flexure.law, LearnedLaw)}

@@ -120,6 +120,11 @@ def _spots(table: Declaration, law: EffectLaw, arm: Arm) -> list[Spot]:
     return spots
 
 
+def spots_on(law: EffectLaw, arm: Arm) -> list[Spot]:
+    """Return every place of a law of the catalogue on an arm, as if everything had been recorded."""
+    return list(law.spots(_everything(arm, "")))
+
+
 def _session(table: Declaration, law: EffectLaw) -> str:
     """Return the session that a table names; a file cannot know which there will be, so any will do."""
     return table.text("partner") if law is SESSION_FRAME else ""

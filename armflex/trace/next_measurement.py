@@ -21,7 +21,8 @@ from armflex.effects.law import Effect
 from armflex.effects.scene import LEVEL_OF, Scene
 from armflex.errors import ArmflexError
 from armflex.measured.measurements import Measurements
-from armflex.trace.advice import instead
+from armflex.plan.advice import instead
+from armflex.plan.information import Truth
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.state import State
 
@@ -35,6 +36,9 @@ TELLING = 1.0
 """Expected difference, in standard deviations of one reading, below which a row tells nothing."""
 
 RIVALS = 2
+
+RIDGE = 1e-12
+"""Relative to a column's square; it keeps what the readings leave open from being anything at all."""
 
 
 @dataclass(frozen=True)
@@ -135,19 +139,19 @@ def _propose(state: State, index: int, rival: Effect, offer: Measurements, view:
     kept = [other for other in (*state.blocks, *state.effects) if other is not block]
     places = np.concatenate([np.zeros(0, dtype=int), *(fit.places(other) for other in kept)])
     imitation = Candidate(rival.law, rival.spot, rival.inner)
-    before = np.hstack([fit.columns[:, places], candidate_columns(imitation, fit, state.scene)])
+    parts = [fit.columns[:, places], candidate_columns(imitation, fit, state.scene)]
     effect = candidate_columns(Candidate(own.law, own.spot, own.inner), fit, state.scene) @ acting
-    precision = np.concatenate([fit.prior[places] ** -2.0, np.full(len(rival.spot.terms), 0.0)])
-    normal = before.T @ before + np.diag(precision + 1e-12 * (before**2).sum(axis=0))
-    values = np.linalg.solve(normal, before.T @ effect)
+    measured = np.hstack([*parts, effect[:, None]])
+    precision = np.concatenate([fit.prior[places] ** -2.0, np.zeros(len(rival.spot.terms) + 1)])
+    normal = measured.T @ measured + np.diag(precision + RIDGE * (measured**2).sum(axis=0))
     there = [_columns(other, view, scene, offer) for other in kept]
     there.append(rival.law.columns(rival.spot, rival.inner, view, scene))
+    there.append((own.law.columns(own.spot, own.inner, view, scene) @ acting)[:, :, None])
     after = np.concatenate(there, axis=2)[:, :3]
-    apart = own.law.columns(own.spot, own.inner, view, scene)[:, :3] @ acting - after @ values
-    spread = np.einsum("mdp,pq,mdq->md", after, np.linalg.inv(normal), after, optimize=True)
-    sigmas = np.sqrt((apart**2 / (view.sigma[:, :3] ** 2 + np.maximum(spread, 0.0))).sum(axis=1))
+    truth = Truth(np.eye(len(normal))[-1], np.arange(len(normal) - 1))
+    sigmas = np.sqrt(truth.apart(normal, after / view.sigma[:, :3, None])[1])
     best = int(sigmas.argmax())
-    return Proposal(rival, best, float(sigmas[best]), float(np.linalg.norm(apart[best])))
+    return Proposal(rival, best, float(sigmas[best]), float(np.linalg.norm(after[best] @ truth.departure(normal))))
 
 
 def _columns(block: Block, view: View, scene: Scene, offer: Measurements) -> Array:

@@ -1,0 +1,220 @@
+"""armflex plan: what to measure next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.cli.options import (
+    Command,
+    OutputPath,
+    PathArgument,
+    json_option,
+    progress,
+    show_flags,
+    write_json,
+)
+from armflex.cli.tables import console, number, print_table
+from armflex.conventions import NUMBER, parse_quantity
+from armflex.errors import InputError
+from armflex.measured.measurements import read_measurements
+from armflex.plan import draw_plan, plan, write_plan
+from armflex.trajectory import read_trajectory
+from armflex.workspace.picture import SUFFIXES
+
+if TYPE_CHECKING:
+    from armflex.plan.result import Plan
+
+MOST_LINES = 10
+"""Parameters that are shown on the terminal; --json has all."""
+
+
+@click.command(cls=Command)
+@click.argument("arm_path", metavar="ARM", type=PathArgument)
+@click.option("-o", "--output", required=True, type=OutputPath(), help="Rows to measure, with x y z to be filled in.")
+@click.option("--rows", type=int, default=20, show_default=True, help="Positions that will be read.")
+@click.option("--after", "after_path", type=PathArgument, metavar="MEAS.csv", help="What was measured already.")
+@click.option(
+    "--along", "along_path", type=PathArgument, metavar="TRAJ.csv", help="Make predictions along this path certain."
+)
+@click.option(
+    "--between",
+    metavar="E1,E2",
+    help="Tell two effects apart, each LAW:SITE[:AXIS[:PARTNER]] as trace's JSON and [[effect]] have them: "
+    "backlash:A2:ry,encoder_offset:A2",
+)
+@click.option("--payload", "payloads", metavar="A,B", help="What may be carried; all payloads where it is left out.")
+@click.option(
+    "--covariate", "covariates", multiple=True, metavar="NAME=LOW,HIGH", help="Values that can be set; may be repeated."
+)
+@click.option("--sigma", metavar="0.2mm", help="Of a position read; that of MEAS.csv, else 0.2mm, where left out.")
+@click.option("--floor", metavar="0.5m", help="Lowest height of the tip in the base frame.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the rows that are offered.")
+@click.option("--picture", type=OutputPath(), metavar="PLAN.png", help="Draw certainty against readings, and where.")
+@json_option
+def command(
+    arm_path: Path,
+    output: Path,
+    rows: int,
+    after_path: Path | None,
+    along_path: Path | None,
+    between: str | None,
+    payloads: str | None,
+    covariates: tuple[str, ...],
+    sigma: str | None,
+    floor: str | None,
+    seed: int,
+    picture: Path | None,
+    json_path: Path | None,
+) -> None:
+    """The rows to measure next, in the order to drive them, and what they will tell.
+
+    They make what [prior] frees as certain as can be, or what is predicted --along a path, or they tell two effects
+    apart --between. Stops whose pose begins with 'to ' are driven to and not read.
+    """
+    if picture is not None and picture.suffix not in SUFFIXES:
+        raise InputError(f"{picture}: expected a name that ends in {' or '.join(SUFFIXES)}")
+    arm = _declared(arm_path)
+    asked = {
+        "after": None if after_path is None else read_measurements(after_path, arm),
+        "along": None if along_path is None else read_trajectory(along_path, arm),
+        "between": None if between is None else _pair(between),
+        "payloads": None if payloads is None else [name.strip() for name in payloads.split(",")],
+        "covariates": _levels(covariates),
+        "sigma": None if sigma is None else parse_quantity(sigma, "length"),
+        "floor": -np.inf if floor is None else parse_quantity(floor, "length"),
+    }
+    with progress("planning") as tick:
+        found = plan(arm, rows, seed=seed, progress=tick, **asked)
+    write_plan(found, output)
+    if picture is not None:
+        draw_plan(found, picture)
+    print_plan(found)
+    show_flags(found.flags)
+    write_json(json_path, as_json(found))
+    console().print(f"Written to {' and '.join(str(path) for path in (output, picture) if path)}.")
+
+
+def _declared(path: Path) -> Arm:
+    from armflex.arm_file import load_arm
+
+    if path.suffix != ".toml":
+        raise InputError(f"{path}: plan needs an arm.toml, whose [prior] says what is not known")
+    return load_arm(path)
+
+
+def _pair(text: str) -> tuple[str, str]:
+    names = tuple(part.strip() for part in text.split(","))
+    if len(names) != 2 or not all(names):
+        raise InputError(f"--between: {text!r} is not of the form E1,E2, such as backlash:A2,friction_windup:A2")
+    return names
+
+
+def _levels(texts: tuple[str, ...]) -> dict[str, list[float]]:
+    """Return values by name from 'temperature=10,35'."""
+    found: dict[str, list[float]] = {}
+    for text in texts:
+        name, equals, values = (piece.strip() for piece in text.rpartition("="))
+        parts = [part.strip() for part in values.split(",")]
+        if not equals or not name or not all(NUMBER.fullmatch(part) for part in parts):
+            raise InputError(f"--covariate: {text!r} is not of the form NAME=NUMBER,NUMBER")
+        if name in found:
+            raise InputError(f"--covariate: {name!r} is given twice")
+        found[name] = [float(part) for part in parts]
+    return found
+
+
+def print_plan(found: Plan) -> None:
+    """Print what will be reached, against poses at random, which parameters gain most, and what cannot be told."""
+    out, goal = console(), found.goal
+    count, stops = len(found.worth), len(found.rows)
+    before, after = (number(float(goal.shown(value)), 3) for value in (found.reached[0], found.reached[-1]))
+    run_ups = f", and {stops - count} stops to come from the right side" if stops > count else ""
+    out.print(f"{count} rows to read{run_ups}; noise {number(float(found.reach.sigma.max()) * 1e3, 2)} mm")
+    out.print(f"{goal.title}: {before} now, {after} after; {_at_random(found)}")
+    left = sum(found.offered.dropped.values())
+    if left:
+        reasons = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in found.offered.dropped.items())
+        out.print(f"Of {left + len(found.offered.rows)} rows offered {left} were left out: {reasons}.")
+    for rival in found.rivals:
+        out.print(f"{rival.name} {_sizes(rival)}, {rival.source}")
+    rows = [[p["name"], number(p["before"], 3), number(p["after"], 3), p["unit"]] for p in _gaining(found)]
+    if rows:
+        print_table("Expected to become more certain, most first", ["parameter", "± now", "± after", "unit"], rows)
+    for line in found.advice:
+        out.print(line)
+
+
+def _at_random(found: Plan) -> str:
+    if found.random_rows is None:
+        most = found.random.shape[1] - 1
+        reached = number(float(found.goal.shown(found.random.mean(axis=0)[-1])), 3)
+        return f"{most} poses at random reach {reached}"
+    return f"as much as {found.random_rows} poses at random"
+
+
+def _sizes(rival: Any) -> str:
+    named = zip(rival.suspect.labels, rival.size, rival.suspect.units, strict=True)
+    return ", ".join(f"{label} {value:.3g} {unit}" for label, value, unit in named if value)
+
+
+def _gaining(found: Plan) -> list[dict[str, Any]]:
+    """Return the parameters that gain most, but for the instrument's place."""
+    known = [p for p in _parameters(found) if not p["name"].startswith(("instrument", "session_frame"))]
+    return sorted(known, key=lambda p: p["after"] / p["before"])[:MOST_LINES] if not found.rivals else []
+
+
+def _parameters(found: Plan) -> list[dict[str, Any]]:
+    blind = {one.name for one in found.blind}
+    values = zip(found.model.names, found.model.units, found.std_before, found.std_after, strict=True)
+    return [
+        {"name": name, "unit": unit, "before": float(before), "after": float(after), "told_by_tip": name not in blind}
+        for name, unit, before, after in values
+        if before > 0.0
+    ]
+
+
+def as_json(found: Plan) -> dict[str, Any]:
+    """Return a plan for programs, SI; what was reached is as the terminal shows it."""
+    rows, goal = found.rows, found.goal
+    read = iter(found.worth.tolist())
+    return {
+        "format": "armflex-plan-1",
+        "rows": len(found.worth),
+        "stops": [_stop(rows, i, next(read) if rows.measured[i] else None) for i in range(len(rows))],
+        "sigma_m": found.reach.sigma.tolist(),
+        "goal": goal.title,
+        "expected": {
+            "reached": goal.shown(found.reached).tolist(),
+            "random": goal.shown(found.random.mean(axis=0)).tolist(),
+            "everything": float(goal.shown(found.everything)),
+            "random_rows": found.random_rows,
+        },
+        "parameters": _parameters(found),
+        "separation_sigmas": float(goal.shown(found.reached[-1])) if found.rivals else None,
+        "between": [
+            {
+                "name": rival.name,
+                "size": dict(zip(rival.suspect.labels, rival.size.tolist(), strict=True)),
+                "source": rival.source,
+            }
+            for rival in found.rivals
+        ],
+        "not_told": [
+            {"parameter": b.name, "moves_mm": b.moves * 1e3, "trades_against": list(b.partners), "instead": b.instead}
+            for b in found.blind
+        ],
+        "advice": list(found.advice),
+        "left_out": dict(found.offered.dropped),
+        "motion": {"ordered": found.way[0], "as_chosen": found.way[1]},
+        "flags": [str(flag) for flag in found.flags],
+    }
+
+
+def _stop(rows: Any, i: int, worth: float | None) -> dict[str, Any]:
+    q = dict(zip(rows.joint_names, rows.q[i].tolist(), strict=True))
+    return {"pose": rows.pose[i], "read": worth is not None, "payload": rows.payload[i], "q": q, "worth": worth}

@@ -1,0 +1,211 @@
+"""What a plan is linear in: every parameter that is free, what is known of each, and how offered rows answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate import calibrate
+from armflex.calibrate.blocks import Block, FrameBlock, SessionBlock, declared_blocks
+from armflex.calibrate.effect_block import EffectBlock, effect_columns, shy_prior
+from armflex.calibrate.fit import Fit, prior_of
+from armflex.calibrate.robust import whitened_columns
+from armflex.calibrate.spread import FRAMES, OF_THE_INSTRUMENT, OTHER_PARAMETERS, rebuilt_blocks, scene_of
+from armflex.calibrate.view import Setup, View, look
+from armflex.conventions import Array
+from armflex.effects.law import Effect
+from armflex.effects.scene import Scene
+from armflex.errors import InputError
+from armflex.measured.instrument import Instrument
+from armflex.measured.measurements import Measurements
+from armflex.plan.information import inverse
+from armflex.plan.offer import Offer, remembers
+
+ANYWHERE, ANYHOW = 100.0, 3.0
+"""Standard deviations [m, rad] of where an instrument stands of which nothing is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Before:
+    """The arm as it is known before the rows that are planned.
+
+    Attributes:
+        setup: Arm and instrument, calibrated where there is something to do it with.
+        campaign: What was measured, None where nothing was.
+        view: All of its rows.
+        scene: The same as effects see them.
+        weights: (M,) what every row counts beside the others, 0 where nothing was read.
+        fit: The campaign's fit.
+        noise: Standard deviation of the readings over the stated one, 1 or more.
+    """
+
+    setup: Setup
+    campaign: Measurements | None = None
+    view: View | None = None
+    scene: Scene | None = None
+    weights: Array | None = None
+    fit: Fit | None = None
+    noise: float = 1.0
+
+
+def known_before(arm: Arm, after: Measurements | None) -> Before:
+    """Return an arm as it is known, calibrated with a campaign where there is one.
+
+    Of an arm that is calibrated already only the instrument is placed anew.
+
+    Raises:
+        ArmflexError: The campaign cannot be that of this arm, see `calibrate`.
+    """
+    if after is None:
+        return Before(Setup(arm, arm.instrument or Instrument()))
+    fitted = calibrate(arm, after, keep=arm.certainty is not None).fit
+    view = look(fitted.setup, after, np.arange(len(after)))
+    weights = np.zeros(len(after))
+    weights[fitted.view.rows] = fitted.weights
+    noise = max(fitted.noise, 1.0)
+    return Before(fitted.setup, after, view, scene_of(view, after), weights, fitted, noise)
+
+
+@dataclass(frozen=True, eq=False)
+class Suspect(EffectBlock):
+    """An effect that is in question: free about its own values, whether or not the arm has it."""
+
+    def columns(self, view: View) -> Array:
+        """Return (M, d, k) changes of the readings."""
+        return effect_columns(self.effect, self.free, view, self.scene)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Parameters in units of their standard deviations `scale`, and what is known of them.
+
+    Attributes:
+        blocks: All that is free, suspects last.
+        scale: (P,) prior standard deviations; those of a calibrated arm as its campaign left them.
+        normal: (P, P) normal matrix before the rows that are planned.
+        prior: (P,) standard deviations before anything was measured; infinite where nobody says.
+    """
+
+    blocks: tuple[Block, ...]
+    scale: Array
+    normal: Array
+    prior: Array
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Block and label of every parameter."""
+        return tuple(f"{block.name} {label}" for block in self.blocks for label in block.labels)
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Unit of every parameter."""
+        return tuple(unit for block in self.blocks for unit in block.units)
+
+    @cached_property
+    def moving(self) -> np.ndarray:
+        """(P,) whether a parameter moves the tip, rather than what is read of it."""
+        named = [not block.name.startswith(OF_THE_INSTRUMENT) for block in self.blocks for _ in block.labels]
+        return np.array(named, dtype=bool)
+
+    def place(self, block: Block) -> np.ndarray:
+        """Return the places of one block's parameters."""
+        start = 0
+        for other in self.blocks:
+            if other is block:
+                return np.arange(start, start + len(block.labels))
+            start += len(other.labels)
+        raise KeyError(block.name)
+
+    def rows(self, offer: Offer) -> Array:
+        """Return (N, 3, P) changes of offered readings, in standard deviations of the readings."""
+        return answers(self.blocks, offer.view, offer.rows, offer.scene) * self.scale
+
+    def std(self, normal: Array) -> Array:
+        """Return the (P,) standard deviations of all parameters in their units."""
+        return self.scale * np.sqrt(np.diag(inverse(normal)))
+
+
+def answers(blocks: Sequence[Block], view: View, rows: Measurements, scene: Scene) -> Array:
+    """Return (M, d, P) whitened changes of the readings of some rows per parameter of blocks made for others."""
+    here = [_here(block, rows, scene) for block in blocks]
+    return whitened_columns(here, view, np.ones(len(view.rows))).reshape(*view.residual.shape, -1)
+
+
+def _here(block: Block, rows: Measurements, scene: Scene) -> Block:
+    if isinstance(block, SessionBlock):
+        return replace(block, rows=rows.session)
+    return replace(block, scene=scene) if isinstance(block, EffectBlock) else block
+
+
+def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model:
+    """Return the model of what is known before, and of rows like those offered."""
+    arm = before.setup.arm
+    if before.campaign is None and arm.certainty is not None:
+        return _stored(before.setup, offer, suspects)
+    blocks = (*_declared(before, offer, suspects), *suspects)
+    scale = _finite(blocks)
+    normal = np.eye(len(scale))
+    if before.campaign is not None:
+        columns = answers(blocks, before.view, before.campaign, before.scene) * scale / before.noise
+        columns = (columns * np.sqrt(before.weights)[:, None, None]).reshape(-1, len(scale))
+        normal = normal + columns.T @ columns
+    return Model(blocks, scale, normal, scale)
+
+
+def _declared(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> tuple[Block, ...]:
+    """Return the blocks of [prior], with the planned session beside those of the campaign, and of the arm's effects."""
+    known, planned = before.campaign, offer.rows.session[0]
+    rows = offer.rows if known is None else replace(known, session=(*known.session, planned))
+    return (*declared_blocks(before.setup, rows), *_effect_blocks(before.setup.arm, offer, suspects))
+
+
+def _effect_blocks(arm: Arm, offer: Offer, suspects: Sequence[Suspect]) -> list[Block]:
+    """Return the blocks of the arm's effects that one row tells something of, without those in question."""
+    asked = {suspect.effect.name for suspect in suspects}
+    blocks: list[Block] = []
+    for ordinal, effect in enumerate(arm.effects):
+        if effect.name not in asked and not remembers(effect):
+            free = free_inner(effect)
+            prior = shy_prior(effect, free, offer.view, offer.scene)
+            blocks.append(EffectBlock(effect, free, offer.scene, ordinal, prior))
+    return blocks
+
+
+def free_inner(effect: Effect) -> tuple[int, ...]:
+    """Return which inner parameters a refit would move: those with a scale of their own that the law is smooth in."""
+    pairs = zip(effect.law.inner, effect.inner, strict=True)
+    return tuple(
+        i for i, (inner, value) in enumerate(pairs) if inner.polished and inner.smooth and inner.positive and value > 0
+    )
+
+
+def _finite(blocks: Sequence[Block]) -> Array:
+    """Return (P,) prior standard deviations, wide ones for frames of which nothing is known."""
+    prior = prior_of(blocks)
+    units = np.array([unit for block in blocks for unit in block.units])
+    return np.where(np.isfinite(prior), prior, np.where(units == "m", ANYWHERE, ANYHOW))
+
+
+def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
+    """Return the model of a calibrated arm: frames anew, because another instrument may come."""
+    arm, asked = setup.arm, {suspect.name for suspect in suspects}
+    known = rebuilt_blocks(arm.certainty, offer.view, offer.rows)
+    if known is None:
+        raise InputError(OTHER_PARAMETERS.text)
+    frame = [FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement")]
+    frames = frame if arm.measurement.frame == "unknown" else []
+    kept = [block for block in known if block.name not in (*FRAMES, *asked)]
+    places = np.repeat([block in kept for block in known], [len(block.labels) for block in known])
+    covariance = arm.certainty.covariance[np.ix_(places, places)]
+    blocks = (*frames, *kept, *suspects)
+    std = np.sqrt(np.diag(covariance))
+    scale = np.concatenate([_finite(frames), std, _finite(suspects)])
+    normal, first = np.eye(len(scale)), len(scale) - len(std) - len(_finite(suspects))
+    inside = slice(first, first + len(std))
+    normal[inside, inside] = np.linalg.inv(covariance / np.outer(std, std))
+    told = [np.full(len(block.labels), getattr(arm.prior, block.name, 0.0) or np.inf) for block in blocks]
+    return Model(blocks, scale, normal, np.concatenate(told))

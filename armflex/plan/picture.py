@@ -1,0 +1,107 @@
+"""A plan as a picture: certainty against readings, and where the tip's place is well known, before and after."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import InputError
+from armflex.plan.information import Apart
+from armflex.whole_file import write_whole
+from armflex.workspace.picture import SUFFIXES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import Normalize
+
+    from armflex.plan.result import Plan
+
+CELLS = 22
+"""Cells across a map."""
+
+
+def draw_plan(found: Plan, path: str | Path) -> Path:
+    """Write a picture of a plan.
+
+    Args:
+        found: The plan.
+        path: Ends in .png, .pdf or .svg.
+
+    Raises:
+        InputError: The path ends otherwise.
+        FileError: It cannot be written.
+    """
+    path = Path(path)
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path}: expected a name that ends in {', '.join(SUFFIXES)}")
+    from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(15, 5), layout="constrained")
+    curve, *maps = figure.subplots(1, 3, width_ratios=(1.1, 1.0, 1.0))
+    _draw_curve(curve, found)
+    doubt = {title: values * 1e3 for title, values in found.doubt.items()}
+    every = np.concatenate(list(doubt.values()))
+    norm = LogNorm(float(np.quantile(every, 0.01)), float(np.quantile(every, 0.99)))
+    for axes, (title, values) in zip(maps, doubt.items(), strict=True):
+        marks = _draw_map(axes, found, values, norm)
+        axes.set_title(title)
+    maps[0].set_ylabel("z [m]")
+    maps[1].plot(*_tips(found), "o", mfc="none", mec="crimson", ms=6, label="to be read")
+    maps[1].legend(loc="best", fontsize=8)
+    text = "standard deviation of what would be read, 3-D [mm]"
+    _plain(figure.colorbar(marks, ax=maps, label=text, extend="both").ax)
+    file = BytesIO()
+    figure.savefig(file, format=path.suffix[1:], dpi=100)
+    return write_whole(path, file.getvalue())
+
+
+def _draw_curve(axes: Axes, found: Plan) -> None:
+    """Draw what is reached after each reading, planned and at random."""
+    shown = found.goal.shown
+    at_random = np.sort(shown(found.random), axis=0)
+    count = np.arange(at_random.shape[1])
+    axes.fill_between(count, at_random[0], at_random[-1], color="0.85", label=f"random, {len(at_random)} draws")
+    axes.plot(count, shown(found.random.mean(axis=0)), color="0.5", label="random, mean")
+    axes.plot(np.arange(len(found.reached)), shown(found.reached), color="crimson", marker=".", label="planned")
+    if found.random_rows is not None:
+        end = float(shown(found.reached[-1]))
+        axes.plot([len(found.worth), found.random_rows], [end, end], ":", color="crimson")
+    axes.set(xlabel="readings", ylabel=found.goal.title, xlim=(0, count[-1]))
+    if not isinstance(found.goal, Apart):
+        known = np.concatenate([shown(found.reached)[3:], at_random[:, 3:].ravel()])
+        axes.set_yscale("log")
+        _plain(axes)
+        axes.set_ylim(0.9 * known.min(), 1.1 * known.max())
+    axes.legend(fontsize=8)
+    axes.grid(alpha=0.3, which="both")
+
+
+def _plain(axes: Axes) -> None:
+    """Write the numbers of a logarithmic scale as they are, not as powers of ten."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
+    axes.yaxis.set_major_formatter("{x:.3g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _draw_map(axes: Axes, found: Plan, values: Array, norm: Normalize) -> PolyCollection:
+    """Draw the mean standard deviation where the tip is, all around the base's z axis."""
+    tip = found.offered.view.line.tip[:, :3, 3]
+    right, up = np.hypot(tip[:, 0], tip[:, 1]), tip[:, 2]
+    marks = axes.hexbin(right, up, values, gridsize=CELLS, norm=norm, cmap="viridis_r", linewidths=0.2)
+    axes.set(xlabel="distance from the base's z axis [m]", aspect="equal")
+    return marks
+
+
+def _tips(found: Plan) -> tuple[Array, Array]:
+    """Return where the rigid tip is in rows to be read."""
+    arm = found.reach.arm
+    tips = [arm.rigid_pose(q, enforce_limits=False).translation for q in found.rows.q[found.rows.measured]]
+    return np.hypot(*np.array(tips)[:, :2].T), np.array(tips)[:, 2]

@@ -1,0 +1,201 @@
+"""From a question to rows to measure: what is known, what could be asked, the best of it, and what it will tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate.spread import SESSIONS, scene_of
+from armflex.calibrate.view import look
+from armflex.conventions import Array
+from armflex.effects.law import Effect
+from armflex.errors import Flag, InputError
+from armflex.measured.measurements import Measurements
+from armflex.plan.advice import blind_spots
+from armflex.plan.choose import exchanged, greedy, path
+from armflex.plan.drive import driven
+from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth, added, inverse
+from armflex.plan.model import Before, Model, answers, known_before, model_of
+from armflex.plan.offer import Offer, Reach, around, some_rows, spread, unread
+from armflex.plan.question import Question, check, reach_of, sigma_of
+from armflex.plan.result import TOLD, Plan
+from armflex.plan.rivals import Rival, named_effect, refitted, rival_of, spelled, suspect_of
+from armflex.trajectory import Trajectory
+
+Progress = Callable[[int, int], None]
+
+OFFERED = 1024
+"""Rows among which the first choice is made, a power of two."""
+
+ROUNDS, WIDTH, NARROWER, NEAR = 5, 0.3, 0.6, 20
+"""How often rows near the chosen ones are tried, how near [share of the range] at first, how much nearer each time, and
+how many for each."""
+
+PATH_ROWS = 400
+"""Rows of a trajectory that are looked at, evenly, where it has more."""
+
+DRAWS, FURTHER = 8, 3
+"""Random choices that a plan is held against, and how many times as many rows they have."""
+
+UNKNOWN = 1.0
+"""Standard deviation of a reading [m] beyond which nothing is known of where the instrument stands."""
+
+SCATTER = 1.5
+"""Noise over the stated one beyond which a plan that goes by it is doubtful."""
+
+
+def make(arm: Arm, after: Measurements | None, asked: Question, progress: Progress | None) -> Plan:
+    """Return the plan; `armflex.plan` says what goes in."""
+    check(asked)
+    tick = progress or (lambda done, total: None)
+    effects = [named_effect(text, arm, tuple(asked.covariates)) for text in asked.between or ()]
+    if len({spelled(effect) for effect in effects}) == 1:
+        raise InputError(f"{spelled(effects[0])} is to be told from itself: name two effects")
+    task = _task(known_before(arm, after), asked, effects)
+    tick(1, ROUNDS + 1)
+    return _concluded(task, *_chosen(task, tick))
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A question with everything that is known about it; see `Plan`."""
+
+    asked: Question
+    before: Before
+    reach: Reach
+    doubts: tuple[Flag, ...]
+    offer: Offer
+    model: Model
+    rivals: tuple[Rival, ...]
+    goal: Goal
+
+
+def _task(before: Before, asked: Question, effects: Sequence[Effect]) -> _Task:
+    reach, doubts = reach_of(before, asked, effects)
+    offer = spread(reach, before.setup, OFFERED, asked.seed)
+    if len(offer.rows) < asked.rows:
+        raise InputError(f"{asked.rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")
+    suspects = [suspect_of(effect, offer) for effect in effects]
+    refits = [refitted(suspect, before) for suspect in suspects]
+    explained = min((max(found.noise, 1.0) for found in refits if found), default=before.noise)
+    if explained < before.noise:  # one of them is what makes readings scatter
+        before = replace(before, noise=explained)
+        reach = replace(reach, sigma=sigma_of(before, asked.sigma))
+        offer = offer.with_sigma(reach.sigma)
+    model = model_of(before, offer, suspects)
+    if before.noise > SCATTER:
+        text = f"readings scatter {before.noise:.2g} times as much as stated: something is missing, trace it first"
+        doubts = (*doubts, Flag("unexplained_residual", text))
+    rivals = tuple(rival_of(suspect, found, offer) for suspect, found in zip(suspects, refits, strict=True))
+    return _Task(asked, before, reach, doubts, offer, model, rivals, _goal(before, model, offer, rivals, asked))
+
+
+def _goal(before: Before, model: Model, offer: Offer, rivals: Sequence[Rival], asked: Question) -> Goal:
+    """Return what is to be made as large as can be."""
+    if rivals:
+        truths = tuple(_truth(model, rival) for rival in rivals)
+        every = added(model.normal, model.rows(offer))
+        # One law may hold the other as a special case: then rows are for the case that the wider one is true.
+        tellable = tuple(truth for truth in truths if Apart((truth,)).value(every) >= TOLD**2)
+        return Apart(tellable or truths)
+    if not model.moving.any():
+        raise InputError(
+            "nothing is free: [prior] has neither joint_offset, compliance nor geometry, the arm no effect"
+        )
+    if asked.along is None:
+        return Certain(np.flatnonzero(model.moving))
+    return Foreseen(_weight(before, model, asked.along))
+
+
+def _truth(model: Model, rival: Rival) -> Truth:
+    places = model.place(rival.suspect)
+    own = np.zeros(len(model.scale))
+    own[places] = rival.size / model.scale[places]
+    return Truth(own, np.setdiff1d(np.arange(len(own)), places), float(own @ own))
+
+
+def _weight(before: Before, model: Model, trajectory: Trajectory) -> Array:
+    """Return the (P, P) mean over a trajectory of what parameters do to its readings, squared [m^2]."""
+    arm = before.setup.arm
+    some = np.unique(np.linspace(0, len(trajectory) - 1, min(len(trajectory), PATH_ROWS)).astype(int))
+    ordered = trajectory.for_arm(arm)
+    known = {name: values[some] for name, values in ordered.known.items()}
+    approach = np.column_stack([known.pop(f"approach_{joint}") for joint in arm.joint_names])
+    payload = tuple(trajectory.payload[i] for i in some)
+    rows = unread(arm, ordered.q[some], payload, approach, known, "", np.ones(3))
+    view = look(before.setup, rows, np.arange(len(some)))
+    seen = answers(model.blocks, view, rows, scene_of(view, rows)) * model.scale
+    return np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some)
+
+
+def _chosen(task: _Task, tick: Progress) -> tuple[Measurements, Array]:
+    """Return the rows chosen, and their (n, 3, P) changes; first of all that are offered, then of what is near."""
+    goal, normal, offer, count = task.goal, task.model.normal, task.offer, task.asked.rows
+    rng = np.random.default_rng(task.asked.seed)
+    rows = task.model.rows(offer)
+    chosen = exchanged(goal, normal, rows, greedy(goal, normal, rows, count), 3)
+    width = WIDTH
+    for number in range(ROUNDS):
+        offer = around(task.reach, task.before.setup, offer.box[chosen], width, NEAR, rng)
+        rows = task.model.rows(offer)
+        chosen = exchanged(goal, normal, rows, range(count), 2)
+        width *= NARROWER
+        tick(number + 2, ROUNDS + 1)
+    told = rows[chosen]
+    best = greedy(goal, normal, told, count)
+    return some_rows(offer.rows, np.array(chosen)[best]), told[best]
+
+
+def _concluded(task: _Task, chosen: Measurements, rows: Array) -> Plan:
+    """Return the plan of rows chosen, the most telling first, and their (n, 3, P) changes."""
+    model, reach, goal, campaign = task.model, task.reach, task.goal, task.before.campaign
+    every, normal = model.rows(task.offer), added(model.normal, rows)
+    reached = path(goal, model.normal, rows)
+    start = np.clip(np.zeros(len(reach.lower)), reach.lower, reach.upper)
+    stops, order, way = driven(chosen, reach, start if campaign is None else campaign.q[-1])
+    return Plan(
+        rows=stops,
+        reach=reach,
+        goal=goal,
+        model=model,
+        normal=normal,
+        worth=np.diff(reached)[order],
+        reached=reached,
+        random=_at_random(goal, model, every, FURTHER * len(rows), task.asked.seed),
+        everything=goal.value(added(model.normal, every)),
+        rivals=task.rivals,
+        blind=blind_spots(model, every, float(reach.sigma.max())),
+        offered=task.offer,
+        doubt=_doubts(model, reach, every, rows, task.asked.seed),
+        way=way,
+        flags=task.doubts,
+    )
+
+
+def _at_random(goal: Goal, model: Model, rows: Array, count: int, seed: int) -> Array:
+    """Return (DRAWS, m + 1) what the goal reaches with rows at random."""
+    rng = np.random.default_rng(seed)
+    most = min(count, len(rows))
+    return np.array([path(goal, model.normal, rows[rng.choice(len(rows), most, False)]) for _ in range(DRAWS)])
+
+
+def _doubts(model: Model, reach: Reach, every: Array, rows: Array, seed: int) -> dict[str, Array]:
+    """Return what to draw by its title: (N,) standard deviations of what would be read in 3-D [m].
+
+    How the next session moves the instrument is no part of it: that is not of the arm.
+    """
+    chosen = np.random.default_rng(seed).choice(len(every), len(rows), False)
+    states, measured = {"known now": model.normal}, every
+    every = every * np.array([not name.startswith(SESSIONS) for name in model.names])
+    if _doubt(reach, every, model.normal).min() > UNKNOWN:
+        states = {f"after {len(rows)} readings at random": added(model.normal, measured[chosen])}
+    states[f"after {len(rows)} planned readings"] = added(model.normal, rows)
+    return {title: _doubt(reach, every, normal) for title, normal in states.items()}
+
+
+def _doubt(reach: Reach, rows: Array, normal: Array) -> Array:
+    seen = rows * reach.sigma[:, None]
+    return np.sqrt(np.maximum(np.einsum("ndp,pq,ndq->n", seen, inverse(normal), seen, optimize=True), 0.0))

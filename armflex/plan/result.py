@@ -1,0 +1,110 @@
+"""What a plan is: rows in the order to drive them, and what they are expected to tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import Flag
+from armflex.measured.measurements import Measurements
+from armflex.plan.advice import Blind, in_words, instead
+from armflex.plan.information import Goal
+from armflex.plan.model import Model
+from armflex.plan.offer import Offer, Reach
+from armflex.plan.rivals import Rival
+
+TOLD = 3.0
+"""Standard deviations at which two effects are told apart."""
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Plan:
+    """Rows to measure, in the order to drive them, and what they are expected to tell.
+
+    Attributes:
+        rows: All stops; `measured` where a position is to be read, elsewhere the arm only comes from the right side.
+        reach: What could be asked.
+        goal: What was made as large as it can be.
+        model: Parameters, and what is known before.
+        normal: (P, P) normal matrix after the rows.
+        worth: (n,) rise of the goal's value by each row that is read, the best first one alone, and so on.
+        reached: (n + 1,) the goal's value after none, one, ... of them, the most telling first.
+        random: (DRAWS, m + 1) the same of poses at random.
+        everything: The goal's value if all rows that were offered were measured.
+        rivals: The two effects in question, if any.
+        blind: Parameters of which no tip reading tells anything.
+        offered: Rows that were offered first, spread evenly.
+        doubt: By title, (N,) standard deviation there of what the instrument would read, in 3-D [m]: before or, while
+            nothing is known of where the instrument stands, after as many rows at random; and after the plan.
+        way: Motion of all joints together, in ranges, and what it would be in the order in which rows were chosen.
+        flags: Doubts.
+    """
+
+    rows: Measurements
+    reach: Reach
+    goal: Goal
+    model: Model
+    normal: Array
+    worth: Array
+    reached: Array
+    random: Array
+    everything: float
+    rivals: tuple[Rival, ...]
+    blind: tuple[Blind, ...]
+    offered: Offer
+    doubt: Mapping[str, Array]
+    way: tuple[float, float]
+    flags: tuple[Flag, ...]
+
+    def __repr__(self) -> str:
+        """One line: how much is to be read, and what it will give."""
+        before, after = (float(self.goal.shown(value)) for value in self.reached[[0, -1]])
+        return f"<Plan: {len(self.worth)} rows to read, {self.goal.title} {before:.3g} -> {after:.3g}>"
+
+    @property
+    def std_before(self) -> Array:
+        """(P,) standard deviation of every parameter of `model.names` before."""
+        return self.model.std(self.model.normal)
+
+    @property
+    def std_after(self) -> Array:
+        """(P,) the same as it is expected to be after."""
+        return self.model.std(self.normal)
+
+    @cached_property
+    def random_rows(self) -> int | None:
+        """How many poses at random reach as much on average, None where more than were tried."""
+        enough = np.flatnonzero(self.random.mean(axis=0) >= self.reached[-1])
+        return int(enough[0]) if len(enough) else None
+
+    @cached_property
+    def advice(self) -> tuple[str, ...]:
+        """What no tip reading tells, and what would."""
+        return (*_between(self), *in_words(self.blind))
+
+
+def _between(plan: Plan) -> tuple[str, ...]:
+    """Return whether two effects in question will be told apart, and what else would tell them."""
+    if not plan.rivals:
+        return ()
+    one, other = (rival.suspect.effect for rival in plan.rivals)
+    pair, apart = f"{one.title} from {other.title}", float(plan.goal.shown(plan.reached[-1]))
+    told: tuple[str, ...] = ()
+    if plan.goal.shown(plan.everything) < TOLD:
+        return (f"No tip reading tells {pair}; instead, {instead(one, other)}.",)
+    if len(plan.goal.truths) == 1:
+        places = np.flatnonzero(plan.goal.truths[0].own)
+        true = one if places[0] in plan.model.place(plan.rivals[0].suspect) else other
+        false = other if true is one else one
+        told += (
+            f"Were {false.title} true, {true.title} and what calibration frees would do as well whatever is read; "
+            f"these rows are for the case that it is {true.title}. Otherwise, {instead(one, other)}.",
+        )
+    if apart < TOLD:
+        more = int(np.ceil((len(plan.reached) - 1) * (TOLD / max(apart, 1e-9)) ** 2))
+        told += (f"These rows do not tell {pair}: {apart:.2g} standard deviations; about {more} rows would.",)
+    return told

@@ -1,0 +1,180 @@
+"""Effects to be told apart, as one writes them: LAW:SITE[:AXIS[:PARTNER]], such as backlash:A2:ry.
+
+The parts are `effect`, `site`, `axis` and `partner` of `armflex trace --json` and of [[effect]] in an arm.toml; an
+axis or a partner may be left out where there is only one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate.effect_block import EffectBlock, shy_prior
+from armflex.calibrate.fit import ROUGH, Fit, fit
+from armflex.conventions import Array
+from armflex.effects.catalogue import CATALOGUE
+from armflex.effects.effect_file import DEFAULTS, names_of, spots_on
+from armflex.effects.effect_file import TEMPERATURE as USUAL_TEMPERATURE
+from armflex.effects.law import Effect, EffectLaw, Inner
+from armflex.effects.scene import TEMPERATURE, Scene
+from armflex.effects.session_frame import SESSION_FRAME
+from armflex.effects.spot import Spot
+from armflex.errors import InputError, UnknownNameError, UnsupportedError
+from armflex.plan.model import Before, Suspect, answers, free_inner
+from armflex.plan.offer import Offer, remembers
+
+SHOWS = 5.0
+"""RMS of what an effect of unknown size is taken to move the readings by, in their standard deviations."""
+
+NOWHERE = -1
+"""Place of a suspect among the arm's effects."""
+
+CLEAR = 2.0
+"""Standard deviations from zero at which an estimate is taken for an effect's size."""
+
+
+def spelled(effect: Effect) -> str:
+    """Return how an effect is written on the command line."""
+    return _spelled(".".join(part for part in names_of(effect.law) if part), effect.spot)
+
+
+def _spelled(name: str, spot: Spot) -> str:
+    return ":".join((name, spot.place, spot.axis or "", spot.partner)).rstrip(":")
+
+
+def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
+    """Return an effect of the arm, or one that it might have with all its amplitudes at zero, by how it is written.
+
+    A law that depends on a temperature takes the one of the `columns` whose name is that of one.
+
+    Raises:
+        UnknownNameError: No such law, or it makes no sense at such a place of the arm.
+        InputError: More than one place is meant.
+        UnsupportedError: What it does depends on the rows before, or on a session that has been.
+    """
+    own = [effect for effect in arm.effects if _means(text, spelled(effect))]
+    if own:
+        return own[0]
+    name = text.partition(":")[0].strip()
+    if name not in CATALOGUE:
+        raise UnknownNameError("effect", name, [*CATALOGUE, *map(spelled, arm.effects)])
+    law = CATALOGUE[name]
+    if law is SESSION_FRAME:
+        raise UnsupportedError("session_frame is of a session that has been: no row still to be measured tells of it")
+    spot = _spot(text, law, arm)
+    warm = [column for column in columns if TEMPERATURE.search(column)]
+    if spot.covariates == (USUAL_TEMPERATURE,) and len(warm) == 1:
+        spot = replace(spot, covariates=(warm[0],))
+    return Effect(law, spot, (0.0,) * (len(law.amplitudes) + len(law.inner)))
+
+
+def _spot(text: str, law: EffectLaw, arm: Arm) -> Spot:
+    """Return the place meant, with as many terms as may act there."""
+    spots = {}
+    for spot in sorted(spots_on(law, arm), key=lambda spot: len(spot.terms)):
+        spots[_spelled(law.name, spot)] = spot
+    meant = [text] if text in spots else [name for name in spots if _means(text, name)]
+    if not meant:
+        raise UnknownNameError(f"place of {law.name}", text, spots)
+    if len(meant) > 1:
+        raise InputError(f"{text!r} may be {' or '.join(meant[:6])}: say which")
+    return spots[meant[0]]
+
+
+def _means(text: str, name: str) -> bool:
+    """Return whether a name is what a text says, as far as it goes."""
+    return f"{name}:".startswith(f"{text.strip().rstrip(':')}:")
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """An effect in question.
+
+    Attributes:
+        suspect: Its columns.
+        size: (k,) values of its free parameters for which rows are planned, inner ones 0.
+        source: Where the size is from.
+    """
+
+    suspect: Suspect
+    size: Array
+    source: str
+
+    @property
+    def name(self) -> str:
+        """How it is written."""
+        return spelled(self.suspect.effect)
+
+
+def suspect_of(effect: Effect, offer: Offer) -> Suspect:
+    """Return an effect in question, with inner parameters amid those that a search would begin with.
+
+    Raises:
+        UnsupportedError: What it does depends on the rows before.
+    """
+    law, spot, scene = effect.law, effect.spot, offer.scene
+    if not any(effect.amplitudes):
+        inner = tuple(_usual(one, spot, scene) for one in law.inner)
+        effect = replace(effect, values=(*effect.amplitudes, *inner))
+    if remembers(effect):
+        text = f"{effect.title} depends on the rows before: no choice of single rows tells it from another effect"
+        raise UnsupportedError(text)
+    free = free_inner(effect) if any(effect.amplitudes) else ()
+    return Suspect(effect, free, scene, NOWHERE, shy_prior(effect, free, offer.view, scene))
+
+
+def _usual(inner: Inner, spot: Spot, scene: Scene) -> float:
+    """Return what an inner parameter is taken to be while nobody has searched for it."""
+    if inner.name == "lag":
+        return 0.0
+    if inner.usual is not None:
+        return inner.usual
+    values = sorted(float(value) for value in inner.grid(spot, scene))
+    return values[len(values) // 2] if values else DEFAULTS.get(inner.name, 0.0)
+
+
+def refitted(suspect: Suspect, before: Before) -> Fit | None:
+    """Return the campaign's fit with a suspect added, None where there is no campaign or the arm has it already."""
+    effect, arm = suspect.effect, before.setup.arm
+    if before.fit is None or any(effect.name == other.name for other in arm.effects):
+        return None
+    prior = shy_prior(effect, (), before.view, before.scene)
+    block = EffectBlock(effect, (), before.scene, len(arm.effects), prior)
+    start = np.concatenate([before.fit.values, np.zeros(len(prior))])
+    known = before.fit
+    return fit(known.declared, (*known.blocks, block), before.campaign, known.view.rows, start, effort=ROUGH)
+
+
+def rival_of(suspect: Suspect, fitted: Fit | None, offer: Offer) -> Rival:
+    """Return the rival with its size: that of the arm, that of a refit if it is clear, or one that shows."""
+    effect, terms = suspect.effect, len(suspect.effect.spot.terms)
+    size = np.zeros(len(suspect.labels))
+    if any(effect.amplitudes):
+        size[:terms] = [effect.amplitudes[i] for i in effect.spot.terms]
+        return Rival(suspect, size, "of the arm")
+    if fitted is not None:
+        found, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.covariance))[-terms:]
+        if np.linalg.norm(found / std) > CLEAR * np.sqrt(terms):
+            size[:terms] = found
+            return Rival(suspect, size, "estimated from what was measured")
+    size[:terms] = _that_shows(suspect, offer, terms)
+    return Rival(suspect, size, f"taken so large that it moves readings by {SHOWS:g} standard deviations")
+
+
+def _that_shows(suspect: Suspect, offer: Offer, terms: int) -> Array:
+    """Return (terms,) amplitudes that move the readings alike, and together by `SHOWS`."""
+    columns = answers([suspect], offer.view, offer.rows, offer.scene)[:, :, :terms]
+    moved = np.sqrt((columns**2).mean(axis=(0, 1)))
+    moving = moved > 0.0
+    if not moving.any():
+        raise InputError(f"{suspect.effect.title} moves the tip in none of the rows that can be measured")
+    return np.where(moving, SHOWS / np.where(moving, moved, 1.0), 0.0) / np.sqrt(moving.sum())
+
+
+def needed(effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Return the columns that effects depend on beside joint positions and payloads, each once."""
+    names = [name for effect in effects for name in effect.spot.covariates]
+    return tuple(dict.fromkeys(name for name in names if not name.startswith("q_") and name != "payload_mass"))
