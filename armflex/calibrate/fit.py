@@ -50,7 +50,7 @@ class Effort:
     content: bool
 
 
-THOROUGH = Effort(60, 8, FLAT, content=False)
+THOROUGH = Effort(200, 8, FLAT, content=False)
 ROUGH = Effort(10, 4, 0.3, content=True)
 """To compare candidates: a fall of 0.3 is a tenth of what tells two apart, and some laws have kinks."""
 
