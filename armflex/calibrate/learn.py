@@ -56,7 +56,7 @@ def fit_learning(
     for _ in range(ROUNDS):
         found = fit(declared, (*blocks, laws), measurements, rows, start, effort=ROUGH)
         own = found.places(laws)
-        better, start = rescaled(laws, found.values[own], np.diag(found.covariance)[own]), found.values
+        better, start = rescaled(laws, found.values[own], np.diag(found.posterior.covariance)[own]), found.values
         laws, change = better, moved(better, laws)
         if change < SETTLED:
             break
@@ -78,7 +78,7 @@ def _settled(arm: Arm, found: Fit, block: LawBlock) -> dict[str, LearnedLaw]:
     for name, places in zip(block.flexures, own, strict=True):
         law = laws[name]
         assert isinstance(law, LearnedLaw)
-        spread = found.covariance[np.ix_(places, places)]
+        spread = found.posterior.covariance[np.ix_(places, places)]
         settled[name] = law.settled(spread, line.flexure_wrenches[:, names.index(name)], line.row)
     return settled
 

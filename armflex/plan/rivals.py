@@ -156,7 +156,7 @@ def rival_of(suspect: Suspect, fitted: Fit | None, offer: Offer) -> Rival:
         size[:terms] = [effect.amplitudes[i] for i in effect.spot.terms]
         return Rival(suspect, size, "of the arm")
     if fitted is not None:
-        found, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.covariance))[-terms:]
+        found, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
         if np.linalg.norm(found / std) > CLEAR * np.sqrt(terms):
             size[:terms] = found
             return Rival(suspect, size, "estimated from what was measured")
