@@ -16,6 +16,7 @@
 from __future__ import annotations
 
 import re
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -117,6 +118,8 @@ def _from_matrix(matrix: Array, name: str) -> pin.SE3:
 
 def covariate_array(values: ArrayLike, name: str, count: int) -> Array:
     """Return a covariate as a number or one per row of a batch of `count` (0 for a single query)."""
+    if type(values) is float and isfinite(values):  # in a control loop the checks below would take longest
+        return np.float64(values)
     array = real_array(values, f"covariate {name!r}")
     if array.shape not in ((), (count,)) or (array.ndim and not count):
         raise ShapeError(f"covariate {name!r}: expected a number{f' or {count}' if count else ''}, got {array.shape}")

@@ -22,7 +22,9 @@ WAVE = 32
 the results; between two waves it waits, so that what nobody took yet does not fill the memory."""
 
 
-def in_order(tasks: Iterable[Callable[[], Result]], jobs: int | None = None) -> Generator[Result, None, None]:
+def in_order(
+    tasks: Iterable[Callable[[], Result]], jobs: int | None = None, threads: bool = False
+) -> Generator[Result, None, None]:
     """Yield what each task returns, in the order of the tasks; closed early, the work on the rest ends.
 
     A task carries its data (`functools.partial`): large arguments beside it would be put on one worker of a dask
@@ -31,11 +33,12 @@ def in_order(tasks: Iterable[Callable[[], Result]], jobs: int | None = None) -> 
     Args:
         tasks: Functions without arguments that can be sent to another process.
         jobs: Number of processes, -1 for one on each core; None for what `joblib.parallel_config` says, else one.
+        threads: Whether threads will do as well, where `joblib.parallel_config` says nothing else.
     """
     from joblib import Parallel, delayed, effective_n_jobs  # takes a tenth of a second
 
     left, size = iter(tasks), WAVE * effective_n_jobs(jobs)
-    with Parallel(n_jobs=jobs, return_as="generator") as parallel:
+    with Parallel(n_jobs=jobs, return_as="generator", prefer="threads" if threads else None) as parallel:
         wave = list(islice(left, size))
         with _deaf_children() if size > WAVE else nullcontext():
             results = parallel(delayed(partial(_alone, task))() for task in wave)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from unittest import mock
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from small_arms import ROBOTS, arm_of, joint, link, random_compliance, three_joints
 from test_equilibria import KINDS, KNOWN, effects, laws_of
 from test_network import some_law
 
 from armflex import Arm, DeflectionBatch, Flexure, Payload, Wrench, ensemble, load_arm
 from armflex.batch import batch as batch_module
-from armflex.batch import bending
 from armflex.batch import solver as batch_solver
 from armflex.errors import (
     ExtrapolationError,
@@ -62,7 +64,7 @@ def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     if request.param == "compiled":
         pytest.importorskip("numba")
     else:
-        monkeypatch.setattr(batch_solver, "compiled", lambda: bending)
+        monkeypatch.setattr(batch_solver, "compiled", lambda: None)
     monkeypatch.setattr(batch_solver, "MANY", 1)
     return request.param
 
@@ -159,6 +161,48 @@ def test_what_follows_from_an_equilibrium_is_that_of_the_row():
         np.testing.assert_allclose(found.row(i).total_jacobian, one.total_jacobian, rtol=1e-9, atol=1e-9)
 
 
+def assert_consequences(arm: Arm, q: np.ndarray, found: DeflectionBatch, near: float = 1e-9) -> None:
+    """Shares and covariances of a batch are those of its rows, which Pinocchio's derivatives give."""
+    for i in range(len(q)):
+        one = found.row(i)
+        np.testing.assert_allclose(found.contributions[i], one.contributions, rtol=0, atol=NEAR)
+        if one.covariance is None:
+            assert found.covariance is None
+            continue
+        scale = np.sqrt(np.outer(np.diag(one.covariance), np.diag(one.covariance)))
+        np.testing.assert_allclose(found.covariance[i], one.covariance, rtol=0, atol=near * scale.max())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_shares_and_covariances_of_a_crooked_arm(tmp_path, method):
+    law = [LinearLaw(random_compliance(i, 2.0), relative_std=0.1) for i in range(6)]
+    where = {"tip": ("flange", law[0]), "foot": (None, law[1]), "roll": ("roll", law[2])}
+    where |= {"end": ("slide", law[3], True), "seam": ("seam", law[4]), "again": ("roll", law[5])}
+    arm, bodies = crooked(tmp_path, where), [Payload(15.0, [0.2, 0.1, 0.0]), None]
+    q = positions(arm, 8)
+    assert_consequences(arm, q, arm.deflection(q, bodies * 4, method=method))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_shares_and_covariances_of_every_kind_of_law(tmp_path, kind):
+    arm, known = three_joints(tmp_path, laws_of(kind)), {}
+    if kind.startswith("effects"):
+        arm, known = replace(arm, effects=effects()[:-1]), KNOWN
+    q = positions(arm, 9)
+    # The tangents of some effects are differences over steps down to 1e-7 of the load, so they round at 1e-9.
+    assert_consequences(arm, q, arm.deflection(q, covariates=known), 1e-7 if known else 1e-9)
+
+
+def test_shares_and_covariances_where_flexures_turn_far(tmp_path):
+    """Rows too soft for the series are asked by themselves."""
+    laws = [LinearLaw(random_compliance(i, 150.0), relative_std=0.1) for i in range(3)]
+    arm = three_joints(tmp_path, laws)
+    q = positions(arm, 12)
+    found = arm.deflection(q, allow_large=True)
+    assert (np.square(found.twists).sum(axis=(1, 2)) > 0.01).any()
+    assert_consequences(arm, q, found)
+
+
 def test_pieces_in_processes_are_those_in_one(monkeypatch):
     monkeypatch.setattr(batch_module, "PIECE", 5)
     arm, q = bundled("tarm_like"), positions(bundled("tarm_like"), 12)
@@ -166,6 +210,17 @@ def test_pieces_in_processes_are_those_in_one(monkeypatch):
     alone, shared = arm.deflection(q, payloads), arm.deflection(q, payloads, jobs=2)
     np.testing.assert_array_equal(shared.displacement, alone.displacement)
     np.testing.assert_array_equal(shared.wrenches, alone.wrenches)
+
+
+def test_pieces_in_threads_are_those_in_one(monkeypatch):
+    pytest.importorskip("numba")
+    monkeypatch.setattr(batch_module, "PIECE", 5)
+    for module in (batch_module, batch_solver):
+        monkeypatch.setattr(module, "MANY", 1)
+    arm, q = bundled("heavy_six"), positions(bundled("heavy_six"), 12)
+    alone, shared = arm.deflection(q, "p100"), arm.deflection(q, "p100", jobs=2)
+    np.testing.assert_array_equal(shared.displacement, alone.displacement)
+    np.testing.assert_array_equal(shared.twists, alone.twists)
 
 
 def test_a_row_too_soft_for_the_proof_is_asked_alone(tmp_path):
@@ -237,6 +292,32 @@ def test_strict_names_a_row_beyond_training(tmp_path):
         arm.deflection(q, strict=True)
 
 
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    softness=st.floats(0.1, 20.0),
+    kind=st.sampled_from(["linear", "networks", "position dependent"]),
+    count=st.integers(1, 70),
+    method=st.sampled_from(METHODS),
+)
+def test_compiled_code_answers_as_numpy_does(tmp_path_factory, seed, softness, kind, count, method):
+    """Rows that fill the lanes and rows that do not, laws that are the same in all of them and laws that are not."""
+    pytest.importorskip("numba")
+    laws = [LinearLaw(random_compliance(seed + i, softness)) for i in range(3)]
+    if kind == "position dependent":
+        laws[1:] = laws_of("position dependent")[1:]
+    folder = tmp_path_factory.mktemp("arm")
+    arm = networks(folder, (3, 6)[seed % 2]) if kind == "networks" else three_joints(folder, laws)
+    q, found = positions(arm, count, seed), []
+    for many in (1, 10**9):
+        with mock.patch.object(batch_solver, "MANY", many):
+            found.append(arm.deflection(q, method=method, allow_large=True))
+    for name in ("displacement", "twists"):
+        np.testing.assert_allclose(getattr(found[0], name), getattr(found[1], name), rtol=0, atol=NEAR)
+    most = np.abs(found[1].wrenches).max()
+    np.testing.assert_allclose(found[0].wrenches, found[1].wrenches, rtol=0, atol=NEAR * most)
+
+
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("size", [3, 6])
 def test_networks_at_every_joint(way, tmp_path, size, method):
@@ -249,7 +330,7 @@ def test_networks_at_every_joint(way, tmp_path, size, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_each_draw_is_the_arm_with_those_laws(method):
+def test_each_draw_is_the_arm_with_those_laws(way, method):
     arm, q = bundled("tarm_like"), positions(bundled("tarm_like"), 3)
     found, rng = ensemble(arm, q, "p300", draws=4, seed=5, method=method), np.random.default_rng(5)
     assert found.shape == (4, 3, 6)

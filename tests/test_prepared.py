@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_arms import random_compliance, three_joints
 from test_batch import bundled, networks, positions
 from test_equilibria import KINDS, KNOWN, effects, laws_of
 
 from armflex import Arm, Payload
+from armflex.batch import solver as batch_solver
 from armflex.effects.catalogue import EVERY
 from armflex.effects.in_arm import BoundTwist
 from armflex.effects.law import Effect, TwistLaw
@@ -32,6 +33,14 @@ from armflex.errors import (
 from armflex.laws import LinearLaw, Row
 
 METHODS = ("exact", "first_order", "newton", "fixed_point")
+
+
+@pytest.fixture(params=["numpy", "compiled"], autouse=True)
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if request.param == "compiled":
+        pytest.importorskip("numba")
+    else:
+        monkeypatch.setattr(batch_solver, "compiled", lambda: None)
 
 
 def assert_alike(arm: Arm, q: np.ndarray, payload=None, method: str = "exact", **known: float) -> None:
@@ -135,10 +144,44 @@ def test_an_arm_that_turns_too_far_or_buckles(tmp_path):
             soft.prepared(method=method)(np.zeros(3))
 
 
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    seed=st.integers(0, 10**6),
+    softness=st.floats(0.1, 30.0),
+    mass=st.floats(0.0, 100.0),
+    kind=st.sampled_from(["linear", "network"]),
+    method=st.sampled_from(METHODS[:2]),
+)
+def test_random_arms(tmp_path_factory, seed, softness, mass, kind, method):
+    folder, laws = tmp_path_factory.mktemp("arm"), [LinearLaw(random_compliance(seed + i, softness)) for i in range(3)]
+    arm = networks(folder, (3, 6)[seed % 2]) if kind == "network" else three_joints(folder, laws)
+    try:
+        assert_alike(arm, positions(arm, 3, seed), Payload(mass, [0.2, 0.1, -0.1]), method)
+    except SmallDisplacementError:
+        assert softness > 5.0 or kind == "network"
+
+
+def test_no_answer_depends_on_those_before_it():
+    loop, fresh = bundled("tarm_like").prepared("p600"), bundled("tarm_like").prepared("p600")
+    one, *others = positions(bundled("tarm_like"), 5)
+    for q in others:
+        loop(q)
+    np.testing.assert_array_equal(loop(one), fresh(one))
+
+
+@pytest.mark.parametrize("change", [np.asfortranarray, lambda q: q[::-1][::-1], lambda q: q.astype(np.float32)])
+def test_positions_however_they_are_kept(change):
+    arm = bundled("tarm_like")
+    q = change(positions(arm, 1)[0])
+    q.flags.writeable = False
+    found = arm.deflection(q.astype(float), "p300").displacement
+    np.testing.assert_allclose(arm.prepared("p300")(q), found, rtol=0, atol=1e-13)
+
+
 # The proof.
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     softness=st.floats(0.1, 30.0),
     mass=st.floats(0.0, 200.0),

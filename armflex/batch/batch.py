@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from armflex.arm_doubts import wrench_doubts
 from armflex.batch.deflection_batch import Acting, DeflectionBatch
 from armflex.batch.laws import BatchLaws
-from armflex.batch.solver import BatchSolver
+from armflex.batch.solver import MANY, BatchSolver, Found, compiled, room_for
 from armflex.conventions import LARGEST_POSITION, Array, real_array
 from armflex.errors import ExtrapolationError, ShapeError, naming
 from armflex.parallel import in_order
@@ -23,14 +23,8 @@ from armflex.statics.loads import Payload, Wrench
 if TYPE_CHECKING:
     from armflex.arm import Arm
 
-CHUNK = 512
-"""Configurations whose arrays stay near the processor; memory beside the results does not grow with N."""
-
-PIECE = 32 * CHUNK
-"""Configurations that a process is given at a time."""
-
-Found = tuple[Array, Array, Array]
-"""(N, 6) displacements, (N, n, 6) wrenches and twists."""
+PIECE = 16384
+"""Configurations that a process or thread is given at a time."""
 
 
 def deflect_batch(
@@ -49,16 +43,20 @@ def deflect_batch(
     moving = tuple(_motion(arm, values, name, q) for values, name in zip(motion, "va", strict=True))
     acting = Acting(arm, names, moving, covariates, wrenches, asked)
     wrench_doubts(arm, wrenches)  # raises where a link is not the arm's
+    answers = room_for(len(q), len(arm.modelled))
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
-    tasks = [partial(_answer, acting.some(rows), q[rows], rows.start, len(q)) for rows in pieces]
-    answers = _room(len(q), len(arm.modelled))
-    if jobs in (None, 1):
-        for rows, task in zip(pieces, tasks, strict=True):
-            task(tuple(into[rows] for into in answers))
-    else:
-        for rows, part in zip(pieces, in_order(tasks, jobs), strict=True):
-            for into, values in zip(answers, part, strict=True):
-                into[rows] = values
+    rooms = [tuple(part[rows] for part in answers) for rows in pieces]
+    alone = jobs in (None, 1)
+    here = alone or _in_threads(acting, q)  # where what is written is ours
+    tasks = [
+        partial(_answer, acting.some(rows), q[rows], rows.start, len(q), room if here else None)
+        for rows, room in zip(pieces, rooms, strict=True)
+    ]
+    done = (task() for task in tasks) if alone else in_order(tasks, jobs, threads=here)
+    for room, part in zip(rooms, done, strict=True):
+        for into, values in zip(room, part, strict=True):
+            if values is not into:
+                into[:] = values
     found = DeflectionBatch(q, *answers, arm.names, acting)
     if asked.strict:
         _check_seen(found)
@@ -105,24 +103,27 @@ def _check_seen(found: DeflectionBatch) -> None:
         raise ExtrapolationError(f"row {unseen[0]}: " + "; ".join(flag.text for flag in unseen[1]))
 
 
-def _room(count: int, n: int) -> Found:
-    return np.empty((count, 6)), np.empty((count, n, 6)), np.empty((count, n, 6))
+def _in_threads(acting: Acting, q: Array) -> bool:
+    """Return whether the rows are answered by compiled code, which threads can run side by side."""
+    if compiled() is None or len(q) < MANY or not acting.still:
+        return False
+    row = acting.arm.loaded(acting.payload(0)).row(q[:1], acting.some(slice(0, 1)).covariates)
+    return BatchLaws(acting.arm.stack, row).numbers is not None
 
 
-def _answer(acting: Acting, q: Array, first: int, total: int, room: Found | None = None) -> Found:
+def _answer(acting: Acting, q: Array, first: int, total: int, room: Found | None) -> Found:
     """Return the answers at some of `total` positions, from row `first` on; in a room for them where there is one."""
-    count, found = len(q), room or _room(len(q), len(acting.arm.modelled))
-    left = np.ones(count, dtype=bool)
+    count, n = len(q), len(acting.arm.modelled)
+    found, left = room or room_for(count, n), np.ones(count, dtype=bool)
     for loaded, rows in acting.groups(count) if acting.still else ():
         solver = BatchSolver(loaded, acting.asked.method == "exact", total)
-        for some in chunks(rows):
-            row = loaded.row(q[some], acting.known(some))
-            straight, wrenches = solver.straighten(row.q)
-            laws = BatchLaws(loaded.arm.stack, row)
-            answers = solver.settle(row, laws, straight, wrenches, loaded.softening)
-            for into, part in zip(found, (answers.displacement, answers.wrenches, answers.twists), strict=True):
-                into[some] = np.moveaxis(part, -1, 0)
-            left[some] = ~answers.fine
+        for some in chunks(rows, solver.chunk):
+            row, whole = loaded.row(q[some], acting.known(some)), isinstance(some, slice)
+            into = tuple(part[some] for part in found) if whole else room_for(len(row.q), n)
+            left[some] = ~solver.settle(row, BatchLaws(loaded.arm.stack, row), loaded.softening, into)
+            if not whole:
+                for part, values in zip(found, into, strict=True):
+                    part[some] = values
     for i in np.flatnonzero(left):
         with naming(f"row {first + i}"):
             one = alone(acting, q, int(i))
@@ -131,11 +132,11 @@ def _answer(acting: Acting, q: Array, first: int, total: int, room: Found | None
     return found
 
 
-def chunks(rows: np.ndarray) -> Iterator[slice | np.ndarray]:
-    """Yield rows some at a time, as slices where they follow each other: those are not copied."""
+def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
+    """Yield rows `size` at a time, as slices where they follow each other: those are not copied."""
     together = len(rows) > 0 and rows[-1] - rows[0] + 1 == len(rows)
-    for start in range(0, len(rows), CHUNK):
-        some = rows[start : start + CHUNK]
+    for start in range(0, len(rows), size):
+        some = rows[start : start + size]
         yield slice(int(some[0]), int(some[-1]) + 1) if together else some
 
 

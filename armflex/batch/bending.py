@@ -124,9 +124,13 @@ def screws_of(straight: Straight, twists: Array) -> Screws:
     angular = rotated(straight.turn, twists[:, 3:])
     linear = rotated(straight.turn, twists[:, :3]) - cross(angular, straight.origin)
     square = twists[:, 3] ** 2 + twists[:, 4] ** 2 + twists[:, 5] ** 2
+    return Screws(linear, angular, *coefficients(square), square)
+
+
+def coefficients(square: Array) -> tuple[Array, Array]:
+    """Return the exponential's b and c for squared turns [rad^2]: (1 - cos x) / x^2 and (x - sin x) / x^3."""
     second = 0.5 - square * (1 / 24 - square * (1 / 720 - square / 40320))
-    third = 1 / 6 - square * (1 / 120 - square * (1 / 5040 - square / 362880))
-    return Screws(linear, angular, second, third, square)
+    return second, 1 / 6 - square * (1 / 120 - square * (1 / 5040 - square / 362880))
 
 
 def weigh(chain: Chain, straight: Straight, twists: Array | None = None) -> Array:

@@ -64,23 +64,36 @@ class Chain:
         return found
 
     @cached_property
-    def tables(self) -> tuple[Array, ...]:
-        """Rotations, origins, axes, kinds (0 a flexure, 1 turns, 2 slides), places, masses and levers of the links."""
-        links, none = self.links, np.zeros(3)
+    def numbers(self) -> tuple[Array, ...]:
+        """The same as plain arrays, for compiled code.
+
+        links: (m, 19) rotation row by row, origin, axis, mass and lever of each.
+        kinds: (m, 2) what it is, and its place. 0 is a flexure, 1 turns, 2 slides; 4 more where there is a rotation.
+        order: (n,) see `order`.
+        outboard: (n,) see `outboard`.
+        ends: (2, 3) gravity and the tip's origin.
+        """
+        kinds = [((0 if one.axis is None else 2 - one.turns) + 4 * (one.rotation is not None)) for one in self.links]
+        places = [one.place for one in self.links]
         return (
-            np.array([np.eye(3) if one.rotation is None else one.rotation for one in links]),
-            np.array([one.origin for one in links]),
-            np.array([none if one.axis is None else one.axis for one in links]),
-            np.array([0 if one.axis is None else 2 - one.turns for one in links], dtype=np.int64),
-            np.array([one.place for one in links], dtype=np.int64),
-            np.array([one.mass for one in links]),
-            np.array([one.lever for one in links]),
+            np.array([_row(one) for one in self.links]).reshape(-1, 19),
+            np.array([kinds, places], dtype=np.int64).T.copy(),
+            np.array(self.order, dtype=np.int64),
+            self.outboard,
+            np.array([self.gravity, self.tip_origin]),
         )
 
     @cached_property
     def order(self) -> tuple[int, ...]:
         """Numbers of the flexures from base to tip."""
         return tuple(one.place for one in self.links if one.axis is None)
+
+
+def _row(one: Link) -> Array:
+    rotation = np.eye(3) if one.rotation is None else one.rotation
+    return np.concatenate(
+        [rotation.ravel(), one.origin, np.zeros(3) if one.axis is None else one.axis, [one.mass], one.lever]
+    )
 
 
 def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Chain:

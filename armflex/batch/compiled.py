@@ -1,194 +1,304 @@
-"""The functions of `bending` compiled by numba, where that is installed (`pip install armflex[fast]`).
+"""Where an arm under its own weight comes to rest, compiled by numba where that is installed: `pip install
+armflex[fast]`. One configuration at a time for control loops, many for batches.
 
-The same formulas; a loop over configurations is one pass over memory instead of a dozen.
+The formulas are those of `bending`, the steps those of `statics.solver.Solver.settle`. Some configurations go side by
+side, in lanes, the last axis of every array. `lanes` is anything with their number as its length: for one lane a tuple,
+so that the compiler knows and leaves the loops over them out; for many an array, whose loops it widens.
+
+Compiling takes seconds, once: the code is kept beside this file, or where numba keeps such things. It is made anew
+where this file is newer, not for changes of `compiled_chain` alone.
 """
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
-from armflex.batch.bending import rotation_vectors
-from armflex.batch.chain import Chain, Straight
+from armflex.batch.compiled_chain import displace, inner, straighten, tell, weigh
 from armflex.conventions import Array
+from armflex.statics.solver import ENOUGH, NEXT, SLOWEST, SMALL, STEPS
 
-jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+ONE, LANES = (0,), 64
+"""A lane by itself, and how many a batch has: enough to fill the processor's registers, few enough for its caches."""
+MOST_STEPS = len(STEPS)
 
-
-def straighten(chain: Chain, q: Array) -> Straight:
-    """Return the rigid arm at (nq, N) joint positions."""
-    many, n = q.shape[1], chain.flexures
-    turn, origin, moment = np.empty((n, 3, 3, many)), np.empty((n, 3, many)), np.zeros((n, 3, many))
-    here, at = np.zeros((3, 3, many)), np.zeros((3, many))
-    here[0, 0] = here[1, 1] = here[2, 2] = 1.0
-    _straighten(*chain.tables, np.sin(q), np.cos(q), q, here, at, turn, origin, moment)
-    at += np.tensordot(chain.tip_origin, here, axes=(0, 1))
-    return Straight(turn, origin, moment, at, np.matmul(chain.tip_rotation.T, here))
+jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
-def weigh(chain: Chain, straight: Straight, twists: Array | None = None) -> Array:
-    """Return the (n, 6, N) loads on the flexures in their own axes under the weight, bent by (n, 6, N) twists."""
-    n, _, many = straight.origin.shape
-    moments, pull, loads = np.empty((n, 3, many)), np.empty((3, many)), np.empty((n, 6, many))
-    at, bent = (straight.turn, straight.origin, straight.moment), twists is not None
-    order = np.array(chain.order, dtype=np.int64)
-    given = twists if bent else np.empty((0, 6, many))
-    _weigh(*at, given, order, chain.outboard, chain.gravity, bent, moments, pull, loads)
-    return loads
+class Arm(NamedTuple):
+    """Numbers of an arm with a payload; see `Chain.numbers`."""
+
+    links: Array
+    kinds: Array
+    order: Array
+    outboard: Array
+    ends: Array
 
 
-def displace(chain: Chain, straight: Straight, twists: Array) -> Array:
-    """Return the (6, N) displacement of the tip by (n, 6, N) twists: shift [m], rotation vector [rad], base axes."""
-    shift, quaternion = np.empty_like(straight.tip), np.empty((4, straight.tip.shape[1]))
-    order = np.array(chain.order, dtype=np.int64)
-    _displace(straight.turn, straight.origin, straight.tip, twists, order, shift, quaternion)
-    return np.concatenate([shift, rotation_vectors(quaternion[0], quaternion[1:])])
+class Laws(NamedTuple):
+    """Numbers of its laws, for all rows or for each; see `BatchLaws.numbers`."""
+
+    compliance: Array
+    offset: Array
+    neurons: Array
+    starts: Array
+
+
+class Room(NamedTuple):
+    """Arrays of some lanes: those of `Straight`, but that a frame has three rows of `turn`, and what is worked with."""
+
+    turn: Array
+    origin: Array
+    moment: Array
+    tip: Array
+    frame: Array
+    moments: Array
+    loads: Array
+    twists: Array
+    moved: Array
+    pull: Array
+    quaternion: Array
+    lane: Array
+    hidden: Array
+
+
+def room_for(starts: np.ndarray, lanes: int) -> Array:
+    """Return memory for a `Room`, for flexures whose neurons start at (n + 1,) numbers."""
+    most = int(np.diff(starts).max(initial=0))
+    return np.empty((36 * (len(starts) - 1) + 25 + most) * lanes)
 
 
 @jit
-def _straighten(rotation, origin, axis, kind, place, mass, lever, sine, cosine, q, here, at, turn, where, moment):
-    """Fill turn (n, 3, 3, N), where (n, 3, N) and moment (n, 3, N); leave the last frame in `here` and `at`.
+def answer_one(
+    links,
+    kinds,
+    order,
+    outboard,
+    ends,
+    compliance,
+    offset,
+    neurons,
+    starts,
+    bounds,
+    room,
+    exact,
+    q,
+    twists,
+    displacement,
+):
+    """Fill the (6,) displacement and the (n, 6) twists at (nq,) positions; return whether they are an answer."""
+    for j in range(len(q)):
+        if not bounds[0, j] <= q[j] <= bounds[1, j]:
+            return False
+    arm, laws = Arm(links, kinds, order, outboard, ends), Laws(compliance, offset, neurons, starts)
+    here = _divided(room, len(order), ONE)
+    straighten(arm, here, q.reshape(1, -1), 0, ONE)
+    weigh(arm, here, False, ONE)
+    _rest(arm, laws, here, 0, exact, ONE)
+    for i in range(len(order)):
+        for a in range(6):
+            twists[i, a] = here.twists[i, a, 0]
+    displace(arm, here, ONE)
+    tell(here, 0, displacement)
+    return here.lane[0, 0] > 0.0
 
-    kind: 0 a flexure, 1 a turning joint, 2 a sliding one.
+
+@jit
+def answer_many(
+    links, kinds, order, outboard, ends, compliance, offset, neurons, starts, rooms, ready, q, exact, displacement,
+    wrenches, twists, fine,
+):  # fmt: skip
+    """Fill (N, 6) displacements, (N, n, 6) wrenches and twists, and (N,) whether they are answers, at (N, nq) q.
+
+    There is one room, or one for as many rows as there are lanes. Those of a call before with the same arm and q are
+    `ready`: the rigid arm need not be placed again, and the arm comes to rest from where it rested.
     """
-    many, carrier = q.shape[1], -1
-    turned = np.eye(3)
-    for link in range(len(kind)):
-        px, py, pz = origin[link]
-        ax, ay, az = axis[link]
-        own = place[link]
-        for c in range(many):
-            for i in range(3):
-                at[i, c] += here[i, 0, c] * px + here[i, 1, c] * py + here[i, 2, c] * pz
-        turned = rotation[link]
-        plain = True
-        for i in range(3):
-            for j in range(3):
-                plain = plain and turned[i, j] == (1.0 if i == j else 0.0)
-        if not plain:
-            for i in range(3):
-                for c in range(many):
-                    a, b, d = here[i, 0, c], here[i, 1, c], here[i, 2, c]
-                    here[i, 0, c] = a * turned[0, 0] + b * turned[1, 0] + d * turned[2, 0]
-                    here[i, 1, c] = a * turned[0, 1] + b * turned[1, 1] + d * turned[2, 1]
-                    here[i, 2, c] = a * turned[0, 2] + b * turned[1, 2] + d * turned[2, 2]
-        if kind[link] == 0:
-            carrier = own
-            turn[carrier, :, :, :] = here
-            where[carrier, :, :] = at
-        elif kind[link] == 2:
-            for i in range(3):
-                for c in range(many):
-                    along = here[i, 0, c] * ax + here[i, 1, c] * ay + here[i, 2, c] * az
-                    at[i, c] += along * q[own, c]
+    lanes = np.arange(LANES)
+    arm, laws = Arm(links, kinds, order, outboard, ends), Laws(compliance, offset, neurons, starts)
+    for first in range(0, len(q), len(lanes)):
+        here = _divided(rooms[min(first // len(lanes), len(rooms) - 1)], len(order), lanes)
+        if not ready:
+            straighten(arm, here, q, first, lanes)
+            weigh(arm, here, False, lanes)
+        _rest(arm, laws, here, first, exact, lanes)
+        if exact:
+            weigh(arm, here, True, lanes)
+        displace(arm, here, lanes)
+        for c in range(min(len(lanes), len(q) - first)):
+            row = first + c
+            fine[row] = here.lane[0, c] > 0.0
+            tell(here, c, displacement[row])
+            for i in range(len(order)):
+                for a in range(6):
+                    wrenches[row, i, a], twists[row, i, a] = here.loads[i, a, c], here.twists[i, a, c]
+
+
+@inner
+def _divided(room, n, lanes):
+    """Return memory divided into the arrays of some lanes."""
+    turn, room = _cut(room, 3 * n, 3, lanes)
+    origin, room = _cut(room, n, 3, lanes)
+    moment, room = _cut(room, n, 3, lanes)
+    tip, room = _cut(room, 1, 3, lanes)
+    frame, room = _cut(room, 3, 3, lanes)
+    moments, room = _cut(room, n, 3, lanes)
+    loads, room = _cut(room, n, 6, lanes)
+    twists, room = _cut(room, n, 6, lanes)
+    moved, room = _cut(room, n, 6, lanes)
+    pull, room = _cut(room, 1, 3, lanes)
+    quaternion, room = _cut(room, 1, 4, lanes)
+    lane, room = _cut(room, 1, 6, lanes)
+    return Room(turn, origin, moment, tip, frame, moments, loads, twists, moved, pull, quaternion[0], lane[0], room)
+
+
+@inner
+def _cut(room, rows, columns, lanes):
+    size = rows * columns * len(lanes)
+    return room[:size].reshape((rows, columns, len(lanes))), room[size:]
+
+
+@inner
+def _rest(arm, laws, room, first, exact, lanes):
+    """From the loads, leave loads and twists at rest; `fine` lanes are answers, as `Solver.settle` says."""
+    _give(laws, room, room.twists, first, lanes)
+    fine, size, before, drawn = room.lane[0], room.lane[1], room.lane[2], room.lane[3]
+    _square(room.twists, size, lanes)
+    for c in range(len(lanes)):
+        fine[c] = 1.0 if size[c] < SMALL else 0.0
+        before[c], drawn[c] = size[c], 0.0
+    if exact:
+        _settle(arm, laws, room, first, lanes)
+        _square(room.twists, size, lanes)
+        for c in range(len(lanes)):
+            fine[c] *= drawn[c] if size[c] < SMALL else 0.0
+
+
+@inner
+def _settle(arm, laws, room, first, lanes):
+    """Move the twists to rest; lanes that are drawn there, or never will be, are left where they are."""
+    fine, size, before, drawn = room.lane[0], room.lane[1], room.lane[2], room.lane[3]
+    twists, moved = room.twists, room.moved
+    for c in range(len(lanes)):
+        if fine[c] == 0.0:  # it would only make numbers that overflow
+            for i in range(len(twists)):
+                for a in range(6):
+                    twists[i, a, c] = 0.0
+    for _ in range(MOST_STEPS):
+        weigh(arm, room, True, lanes)
+        _give(laws, room, moved, first, lanes)
+        for i in range(len(twists)):
+            for a in range(6):
+                for c in range(len(lanes)):
+                    moved[i, a, c] = (moved[i, a, c] - twists[i, a, c]) * (fine[c] - drawn[c])
+                    twists[i, a, c] += moved[i, a, c]
+        _square(moved, size, lanes)
+        moving = False
+        for c in range(len(lanes)):
+            if fine[c] > drawn[c]:
+                if size[c] <= ENOUGH and size[c] * size[c] <= NEXT * before[c]:
+                    drawn[c] = 1.0
+                elif not size[c] < SLOWEST * before[c]:
+                    fine[c] = 0.0
+                else:
+                    moving = True
+            before[c] = size[c]
+        if not moving:
+            break
+
+
+@inner
+def _give(laws, room, twists, first, lanes):
+    """Fill the (n, 6, W) twists that the laws give under the loads."""
+    last = len(laws.compliance) - 1
+    for i in range(len(twists)):
+        for a in range(6):
+            for c in range(len(lanes)):
+                twists[i, a, c] = laws.offset[min(first + c, last), i, a]
+        if last == 0:
+            _comply(laws.compliance, room.loads, twists, i, lanes)
         else:
-            for i in range(3):
-                for c in range(many):
-                    s, v = sine[own, c], 1.0 - cosine[own, c]
-                    a, b, d = here[i, 0, c], here[i, 1, c], here[i, 2, c]
-                    # A row of the frame times exp(axis): rows turn the other way about the axis.
-                    k0, k1, k2 = b * az - d * ay, d * ax - a * az, a * ay - b * ax
-                    here[i, 0, c] = a + s * k0 + v * (k1 * az - k2 * ay)
-                    here[i, 1, c] = b + s * k1 + v * (k2 * ax - k0 * az)
-                    here[i, 2, c] = d + s * k2 + v * (k0 * ay - k1 * ax)
-        m = mass[link]
-        if m > 0.0 and carrier >= 0:
-            lx, ly, lz = lever[link]
-            for i in range(3):
-                for c in range(many):
-                    arm = here[i, 0, c] * lx + here[i, 1, c] * ly + here[i, 2, c] * lz
-                    moment[carrier, i, c] += m * (at[i, c] + arm)
+            _comply_by_row(laws.compliance, room.loads, twists, i, first, lanes)
+        if laws.starts[i] < laws.starts[i + 1]:
+            _ask(laws, room, twists, i, lanes)
 
 
-@jit
-def _screw(turn, where, twists, k, c):
-    """Return the screw of flexure k in configuration c: linear, angular, and the exponential's coefficients."""
-    x, y, z = twists[k, 3, c], twists[k, 4, c], twists[k, 5, c]
-    wx = turn[k, 0, 0, c] * x + turn[k, 0, 1, c] * y + turn[k, 0, 2, c] * z
-    wy = turn[k, 1, 0, c] * x + turn[k, 1, 1, c] * y + turn[k, 1, 2, c] * z
-    wz = turn[k, 2, 0, c] * x + turn[k, 2, 1, c] * y + turn[k, 2, 2, c] * z
-    s = x * x + y * y + z * z
-    x, y, z = twists[k, 0, c], twists[k, 1, c], twists[k, 2, c]
-    vx = turn[k, 0, 0, c] * x + turn[k, 0, 1, c] * y + turn[k, 0, 2, c] * z
-    vy = turn[k, 1, 0, c] * x + turn[k, 1, 1, c] * y + turn[k, 1, 2, c] * z
-    vz = turn[k, 2, 0, c] * x + turn[k, 2, 1, c] * y + turn[k, 2, 2, c] * z
-    px, py, pz = where[k, 0, c], where[k, 1, c], where[k, 2, c]
-    vx, vy, vz = vx - (wy * pz - wz * py), vy - (wz * px - wx * pz), vz - (wx * py - wy * px)
-    second = 0.5 - s * (1 / 24 - s * (1 / 720 - s / 40320))
-    third = 1 / 6 - s * (1 / 120 - s * (1 / 5040 - s / 362880))
-    return vx, vy, vz, wx, wy, wz, second, third, s
+@inner
+def _comply(compliance, loads, twists, i, lanes):
+    """Add what the compliance of flexure i gives, the same in all rows; most of its entries are zero."""
+    for a in range(6):
+        for b in range(6):
+            softness = compliance[0, i, a, b]
+            if softness != 0.0:
+                for c in range(len(lanes)):
+                    twists[i, a, c] += softness * loads[i, b, c]
 
 
-@jit
-def _weigh(turn, where, moment, twists, order, outboard, gravity, bent, moments, pull, loads):
-    """Fill the (n, 6, N) loads; `moments` (n, 3, N) and `pull` (3, N) are room to work in."""
-    many, n = where.shape[2], len(order)
-    gx, gy, gz = gravity
-    moments[:] = moment
-    for step in range(n - 1, 0, -1):
-        k, inner = order[step], order[step - 1]
-        m = outboard[k]
-        for c in range(many):
-            qx, qy, qz = moments[k, 0, c], moments[k, 1, c], moments[k, 2, c]
-            if bent:
-                vx, vy, vz, wx, wy, wz, b, t, _ = _screw(turn, where, twists, k, c)
-                ux, uy, uz = m * vx + wy * qz - wz * qy, m * vy + wz * qx - wx * qz, m * vz + wx * qy - wy * qx
-                ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-                qx += ux + b * ox + t * (wy * oz - wz * oy)
-                qy += uy + b * oy + t * (wz * ox - wx * oz)
-                qz += uz + b * oz + t * (wx * oy - wy * ox)
-            moments[inner, 0, c] += qx
-            moments[inner, 1, c] += qy
-            moments[inner, 2, c] += qz
-    for c in range(many):
-        pull[0, c], pull[1, c], pull[2, c] = gx, gy, gz
-    for step in range(n):
-        k = order[step]
-        m = outboard[k]
-        for c in range(many):
-            x, y, z = pull[0, c], pull[1, c], pull[2, c]
-            if bent:
-                _, _, _, wx, wy, wz, b, t, s = _screw(turn, where, twists, k, c)
-                a = 1.0 - t * s
-                ox, oy, oz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
-                x += b * (wy * oz - wz * oy) - a * ox
-                y += b * (wz * ox - wx * oz) - a * oy
-                z += b * (wx * oy - wy * ox) - a * oz
-                pull[0, c], pull[1, c], pull[2, c] = x, y, z
-            rx = moments[k, 0, c] - m * where[k, 0, c]
-            ry = moments[k, 1, c] - m * where[k, 1, c]
-            rz = moments[k, 2, c] - m * where[k, 2, c]
-            mx, my, mz = ry * z - rz * y, rz * x - rx * z, rx * y - ry * x
-            x, y, z = m * x, m * y, m * z
-            for j in range(3):
-                r0, r1, r2 = turn[k, 0, j, c], turn[k, 1, j, c], turn[k, 2, j, c]
-                loads[k, j, c] = r0 * x + r1 * y + r2 * z
-                loads[k, 3 + j, c] = r0 * mx + r1 * my + r2 * mz
+@inner
+def _comply_by_row(compliance, loads, twists, i, first, lanes):
+    """Add what the compliance of flexure i gives, another in every row."""
+    for c in range(len(lanes)):
+        row = min(first + c, len(compliance) - 1)
+        for a in range(6):
+            for b in range(6):
+                twists[i, a, c] += compliance[row, i, a, b] * loads[i, b, c]
 
 
-@jit
-def _displace(turn, where, tip, twists, order, shift, quaternion):
-    """Fill the (3, N) shift of the tip and the (4, N) quaternion of its turn, real part first."""
-    many = tip.shape[1]
-    for c in range(many):
-        shift[0, c] = shift[1, c] = shift[2, c] = 0.0
-        quaternion[0, c] = 1.0
-        quaternion[1, c] = quaternion[2, c] = quaternion[3, c] = 0.0
-    for step in range(len(order) - 1, -1, -1):
-        k = order[step]
-        for c in range(many):
-            vx, vy, vz, wx, wy, wz, b, t, s = _screw(turn, where, twists, k, c)
-            x, y, z = tip[0, c] + shift[0, c], tip[1, c] + shift[1, c], tip[2, c] + shift[2, c]
-            ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-            ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-            shift[0, c] += ux + b * ox + t * (wy * oz - wz * oy)
-            shift[1, c] += uy + b * oy + t * (wz * ox - wx * oz)
-            shift[2, c] += uz + b * oz + t * (wx * oy - wy * ox)
-            half = 0.5 - s * (1 / 48 - s * (1 / 3840 - s / 645120))
-            a = 1.0 - s * (1 / 8 - s * (1 / 384 - s / 46080))
-            wx, wy, wz = half * wx, half * wy, half * wz
-            r, i, j, k_ = quaternion[0, c], quaternion[1, c], quaternion[2, c], quaternion[3, c]
-            quaternion[0, c] = a * r - (wx * i + wy * j + wz * k_)
-            quaternion[1, c] = a * i + r * wx + wy * k_ - wz * j
-            quaternion[2, c] = a * j + r * wy + wz * i - wx * k_
-            quaternion[3, c] = a * k_ + r * wz + wx * j - wy * i
+@inner
+def _ask(laws, room, twists, i, lanes):
+    """Add what the networks of flexure i give under its load."""
+    neurons, hidden, loads = laws.neurons, room.hidden, room.loads
+    first, count, w = laws.starts[i], laws.starts[i + 1] - laws.starts[i], len(lanes)
+    for h in range(count):
+        for c in range(w):
+            value = neurons[first + h, 6]
+            for b in range(6):
+                value += neurons[first + h, b] * loads[i, b, c]
+            hidden[h * w + c] = value
+    _curve(hidden, count * w)
+    for h in range(count):
+        k = first + h
+        # Looked up beforehand: to the compiler it might be the twists that these are stored in.
+        x, y, z, u, v, t = neurons[k, 7], neurons[k, 8], neurons[k, 9], neurons[k, 10], neurons[k, 11], neurons[k, 12]
+        for c in range(w):
+            value = hidden[h * w + c]
+            twists[i, 0, c] += x * value
+            twists[i, 1, c] += y * value
+            twists[i, 2, c] += z * value
+            twists[i, 3, c] += u * value
+            twists[i, 4, c] += v * value
+            twists[i, 5, c] += t * value
+
+
+@inner
+def _curve(values, count):
+    """Put tanh in the place of values: one long loop, which the compiler can widen."""
+    for k in range(count):
+        values[k] = _tanh(values[k])
+
+
+@inner
+def _tanh(x):
+    """Return tanh to 5e-16, in a form that the compiler can do for many at once, which it cannot with the library's.
+
+    `less` is exp(y) - 1 of a small y, by its series, then of 2 y, 4 y, ... up to -2 |x|.
+    """
+    y = -min(abs(x), 20.0) / 64.0
+    high = 1 / 5040 + y * (1 / 40320 + y * (1 / 362880 + y * (1 / 3628800 + y * (1 / 39916800 + y / 479001600))))
+    less = y * (1.0 + y * (1 / 2 + y * (1 / 6 + y * (1 / 24 + y * (1 / 120 + y * (1 / 720 + y * high))))))
+    for _ in range(7):
+        less *= less + 2.0
+    return math.copysign(less / (2.0 + less), x)
+
+
+@inner
+def _square(twists, size, lanes):
+    """Fill the (W,) sums of the squares of (n, 6, W) twists."""
+    for c in range(len(lanes)):
+        size[c] = 0.0
+    for i in range(len(twists)):
+        for a in range(6):
+            for c in range(len(lanes)):
+                size[c] += twists[i, a, c] * twists[i, a, c]

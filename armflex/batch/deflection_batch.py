@@ -11,6 +11,7 @@ import numpy as np
 
 from armflex.arm_doubts import SAG_BAND, payload_doubts, sag_doubts, wrench_doubts
 from armflex.batch.bending import tip_poses, turned_by
+from armflex.batch.gains import bend, covariances
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.statics.deflect import Asked
@@ -18,9 +19,14 @@ from armflex.statics.deflection import Deflection, Names, Solved
 from armflex.statics.loaded import LoadedArm
 from armflex.statics.loads import Payload, Wrench
 from armflex.statics.mechanics import LoadCase
+from armflex.statics.solver import SMALL
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
+
+
+CHUNK = 512
+"""Rows whose covariances are found together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,16 +155,45 @@ class DeflectionBatch:
     @cached_property
     def contributions(self) -> Array:
         """(N, n_flexures, 6) first-order share of each flexure in the displacement."""
-        parts = [self.row(i).contributions for i in range(len(self.q))]
-        return np.array(parts).reshape(self.twists.shape)
+        found, left = np.empty_like(self.twists), np.ones(len(self.q), dtype=bool)
+        for loaded, rows in self._small():
+            found[rows[:, None], loaded.chain.order] = bend(
+                loaded.chain, self.q[rows], self.twists[rows]
+            ).contributions()
+            left[rows] = False
+        for i in np.flatnonzero(left):
+            found[i] = self.row(i).contributions
+        return found
 
     @cached_property
     def covariance(self) -> Array | None:
         """(N, 6, 6) of the laws alone, None where no law carries an uncertainty; see `armflex.total_covariance`."""
-        parts = [self.row(i).covariance for i in range(len(self.q))]
-        if all(part is None for part in parts):
-            return None
-        return np.array([np.zeros((6, 6)) if part is None else part for part in parts])
+        found, left = np.zeros((len(self.q), 6, 6)), np.ones(len(self.q), dtype=bool)
+        known = False
+        for loaded, rows in self._small():
+            row, order = loaded.row(self.q[rows], self.acting.known(rows)), list(loaded.chain.order)
+            laws = [self.acting.arm.stack.laws[i] for i in order]
+            loads = np.moveaxis(self.wrenches[rows][:, order], 0, 1)
+            uncertain = [covariances(law, load, row) for law, load in zip(laws, loads, strict=True)]
+            known = known or any(part is not None for part in uncertain)
+            given = [law.tangent(load, row) for law, load in zip(laws, loads, strict=True)]
+            bent = bend(loaded.chain, self.q[rows], self.twists[rows])
+            found[rows], near = bent.covariance(_by_row(given, len(rows)), _by_row(uncertain, len(rows)))
+            left[rows] = ~near
+        for i in np.flatnonzero(left):
+            one = self.row(i).covariance
+            known, found[i] = known or one is not None, 0.0 if one is None else one
+        return found if known else None
+
+    def _small(self) -> Iterator[tuple[LoadedArm, np.ndarray]]:
+        """Yield rows for which arrays will do, some at a time: only weight acts, and the flexures turn little."""
+        if not self.acting.still:
+            return
+        small = (self.twists**2).sum(axis=(1, 2)) < SMALL
+        for loaded, rows in self.acting.groups(len(self.q)):
+            fit = rows[small[rows]]
+            for start in range(0, len(fit), CHUNK):
+                yield loaded, fit[start : start + CHUNK]
 
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
@@ -196,3 +231,12 @@ class DeflectionBatch:
             if flags:
                 return i, flags
         return None
+
+
+def _by_row(parts: list[Array | None], count: int) -> Array:
+    """Return the (N, n, 6, 6) array of n matrices, (N, 6, 6) or (6, 6) for all rows or None for zero."""
+    found = np.zeros((count, len(parts), 6, 6))
+    for i, part in enumerate(parts):
+        if part is not None:
+            found[:, i] = part
+    return found

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from armflex.batch.batch import check_positions, chunks
 from armflex.batch.laws import BatchLaws
-from armflex.batch.solver import BatchSolver
+from armflex.batch.solver import BatchSolver, room_for
 from armflex.conventions import Array, covariate_array, real_array
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
 from armflex.statics.law_stack import LawStack
@@ -67,17 +67,14 @@ def ensemble(
     bounds = [None if loaded.softening is None else loaded.softening.with_laws(stack) for stack in stacks]
     solver = BatchSolver(loaded, method == "exact", draws * len(rows))
     found = np.empty((draws, len(rows), 6))
-    for some in chunks(np.arange(len(rows))):
+    for some in chunks(np.arange(len(rows)), solver.chunk):
         given = {name: values[some] if values.ndim else values for name, values in known.items()}
         row = loaded.row(rows[some], given)
-        straight, wrenches = solver.straighten(row.q)
-        if method == "exact":
-            laws = BatchLaws(arm.stack, row)
-            wrenches = solver.settle(row, laws, straight, wrenches, loaded.softening).wrenches
+        into = room_for(len(row.q), len(arm.modelled))
+        start = solver.near(row, BatchLaws(arm.stack, row), loaded.softening)
         for number, stack in enumerate(stacks):
-            answers = solver.settle(row, BatchLaws(stack, row), straight, wrenches, bounds[number])
-            if not answers.fine.all():
+            if not solver.settle(row, BatchLaws(stack, row), bounds[number], into, start).all():
                 with naming(f"draw {number}"):
                     raise UnsupportedError("the arm so drawn is too soft: it turns too far, or may not stay")
-            found[number, some] = answers.displacement.T
+            found[number, some] = into[0]
     return found if positions.ndim == 2 else found[:, 0]

@@ -16,12 +16,13 @@ from armflex.errors import Flag, MissingCovariateError
 from armflex.flexure import Flexure
 from armflex.laws import Law, LinearLaw, PositionDependentLaw, Row
 from armflex.laws.law import Ranges
+from armflex.laws.linear import NOTHING, UNLOADED
 from armflex.robot import Robot
 
 STEP = 1e-4
 """Relative step of numerical derivatives; they steer Newton's steps and do not enter the solution."""
-UNLOADED = np.zeros((6, 6))
-UNLOADED.flags.writeable = False
+UNITS = np.eye(6)
+UNITS.flags.writeable = False
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,11 @@ class BoundTwist(Law):
         law = self.effect.law
         assert isinstance(law, TwistLaw)
         try:
-            return self._amplitudes @ law.basis(self.here, wrench, row, self.effect.inner)
+            basis = law.basis(self.here, wrench, row, self.effect.inner)
         except MissingCovariateError as error:
             raise MissingCovariateError(error.name, error.given, self.effect.name) from None
+        # The same; for a single load numpy's `dot` takes a third of the time.
+        return self._amplitudes.dot(basis) if basis.ndim == 2 else self._amplitudes @ basis
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, 6) derivative with respect to a (..., 6) wrench, by central differences in one call."""
@@ -64,9 +67,11 @@ class BoundTwist(Law):
             return None
         many = row.q.shape[:-1]
         if not law.loaded:
-            return self.twist(np.zeros((*many, 6)), row), UNLOADED
-        units = np.broadcast_to(np.eye(6), (*many, 6, 6))
-        return UNLOADED[0], np.swapaxes(self.twist(units, row.widened()), -1, -2)
+            return self.twist(np.zeros((*many, 6)) if many else NOTHING, row), UNLOADED
+        if not many:
+            return NOTHING, self.twist(UNITS, row).T
+        units = np.broadcast_to(UNITS, (*many, 6, 6))
+        return NOTHING, np.swapaxes(self.twist(units, row.widened()), -1, -2)
 
     def steepest(self, ranges: Ranges) -> Array | None:
         """Return zero where the effect does not depend on the load."""

@@ -25,12 +25,19 @@ TURNS = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
 
 def on_axis(here: Here, *shapes: Array) -> Array:
     """Return (..., k, 6) twists of (...,) shapes along the spot's axis."""
-    return np.stack(np.broadcast_arrays(*shapes), axis=-1)[..., None] * here.direction
+    return _rows(shapes) * here.direction
 
 
 def on_drive(here: Here, *shapes: Array) -> Array:
     """Return (..., k, 6) twists of (...,) shapes along the joint's own motion."""
-    return np.stack(np.broadcast_arrays(*shapes), axis=-1)[..., None] * here.drive
+    return _rows(shapes) * here.drive
+
+
+def _rows(shapes: tuple[Array, ...]) -> Array:
+    """Return k (...,) shapes as (..., k, 1)."""
+    if len(shapes) == 1:  # the usual case, and numpy takes its time to stack
+        return np.asarray(shapes[0])[..., None, None]
+    return np.stack(np.broadcast_arrays(*shapes), axis=-1)[..., None]
 
 
 def along(here: Here, wrench: Array) -> Array:

@@ -96,6 +96,11 @@ class Here:
         """(3,) vector along the link to its end, in the site's frame [m]."""
         return _link_vector(self.robot, None if self.spot.place == TOOL else self.joint)
 
+    @cached_property
+    def stretch(self) -> Array:
+        """(6,) twist that adds `length` to the link [m]."""
+        return np.concatenate([self.length, np.zeros(3)])
+
 
 def drive_of(joint: Joint) -> Array:
     """Return the (6,) unit twist of a joint's own motion, zero for a fixed one."""

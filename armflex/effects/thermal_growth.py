@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from armflex.conventions import Array
 from armflex.effects.law import Amplitude, TwistLaw, Values
 from armflex.effects.scene import Scene
@@ -17,8 +15,7 @@ def _places(scene: Scene) -> list[Spot]:
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    grown = np.concatenate([here.length, np.zeros(3)])
-    return (warmth(here, row, *inner)[..., None] * grown)[..., None, :]
+    return (warmth(here, row, *inner)[..., None] * here.stretch)[..., None, :]
 
 
 THERMAL_GROWTH = TwistLaw("thermal_growth", _places, (Amplitude("alpha", "1/K"),), _basis, WARM, memory=LAGGED)

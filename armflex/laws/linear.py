@@ -13,7 +13,9 @@ from armflex.laws.law import Law, Ranges, Row, block_norms
 
 SYMMETRY = 1e-9
 NOTHING = np.zeros(6)
-NOTHING.flags.writeable = False
+UNLOADED = np.zeros((6, 6))
+NOTHING.flags.writeable = UNLOADED.flags.writeable = False
+DIAGONAL = np.arange(6)
 ROUNDING = 1e-9
 """Part of a load [Nm per N] below which a moment is none."""
 
@@ -103,10 +105,10 @@ def symmetric_normal(rng: np.random.Generator) -> Array:
 
 
 def entry_covariance(compliance: Array, wrench: Array, relative_std: float) -> Array:
-    """Return the (6, 6) covariance of C w when every entry of C has its own relative error, but C_ij = C_ji."""
-    squares = compliance**2
-    shared = squares * np.outer(wrench, wrench)  # C_ij times w_j moves component i, times w_i component j
-    np.fill_diagonal(shared, squares @ wrench**2)
+    """Return the (..., 6, 6) covariance of C w when every entry of C has its own relative error, but C_ij = C_ji."""
+    squares, pairs = compliance**2, wrench[..., :, None] * wrench[..., None, :]
+    shared = squares * pairs  # C_ij times w_j moves component i, times w_i component j
+    shared[..., DIAGONAL, DIAGONAL] = np.einsum("...ij,...j->...i", squares, wrench**2)
     return relative_std**2 * shared
 
 

@@ -10,14 +10,11 @@ from armflex.arm_doubts import payload_doubts, wrench_doubts
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, ExtrapolationError, Flag
 from armflex.statics.deflection import Deflection, Solved
-from armflex.statics.equilibrium import MAX_ROTATION, check_method, check_small, find_equilibrium
+from armflex.statics.equilibrium import check_method, check_small, find_equilibrium
 from armflex.statics.loaded import LoadedArm
 from armflex.statics.loads import Wrench
 from armflex.statics.mechanics import LoadCase
-from armflex.statics.solver import Solver
-
-SMALL = MAX_ROTATION * MAX_ROTATION
-"""Sum of the squares of all shifts [m] and turns [rad] below which no flexure can have turned too far."""
+from armflex.statics.solver import SMALL, Solver
 
 
 class Asked(NamedTuple):
@@ -86,7 +83,8 @@ def settle(loaded: LoadedArm, solver: Solver, straight: Array) -> tuple[Array, l
     if found is None or not found[0].dot(found[0]) < SMALL:
         return None
     if not softening.proven:
-        torque = solver.torque(solver.bent(straight, found[0]))
+        # What is affine gives the same under every load, so they need not be known.
+        torque = solver.torque(solver.bent(straight, found[0])) if solver.curved else found[0]
         if not softening.stays(-torque[loaded.mechanics.flex.flexure_v], solver.tangent):
             return None
     return found

@@ -119,7 +119,7 @@ class PlacedLaws:
         matrix: (nv, nv) of the laws that are the same everywhere and proportional to the load.
         units: (H, nv) of all networks' neurons together; bias: (H,).
         gains: (nv, H + 1) with the constant last.
-        others: Laws that depend on more than the load, or bend in another way, with the number and the (6,) places of
+        others: Laws that depend on more than the load, or bend in another way, with the number and the six places of
             their flexures.
     """
 
@@ -127,7 +127,7 @@ class PlacedLaws:
     units: Array
     bias: Array
     gains: Array
-    others: tuple[tuple[int, np.ndarray, Law], ...]
+    others: tuple[tuple[int, slice, Law], ...]
 
 
 def place_laws(stack: LawStack, places: Sequence[np.ndarray], size: int) -> PlacedLaws:
@@ -141,7 +141,7 @@ def place_laws(stack: LawStack, places: Sequence[np.ndarray], size: int) -> Plac
         elif isinstance(part, NetworkLaw) and len(part.neurons()[1]) <= MOST_NEURONS:
             networks.append((here, part))
         else:
-            others.append((number, here, part))
+            others.append((number, slice(int(here[0]), int(here[-1]) + 1), part))
     return PlacedLaws(matrix, *_stacked(networks, size), tuple(others))
 
 

@@ -3,42 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
-from armflex.statics.deflect import SMALL, Asked, deflect
+from armflex.laws.network import NetworkLaw
+from armflex.statics.deflect import Asked, deflect, settle
 from armflex.statics.equilibrium import check_method
 from armflex.statics.loaded import LoadedArm
-from armflex.statics.solver import Solver
+from armflex.statics.solver import SMALL, Solver
 
 QUICK = ("exact", "first_order")
 """Methods that a `Solver` has."""
 
+FLOAT = np.dtype(float)
+
 Answer = tuple[Array, Array, Array]
-"""(nv,) motion of the flexures, configuration, (6,) displacement."""
+"""(nq,) joint positions, (n, 6) twists or the (nv,) motion of which they are part, (6,) displacement."""
+
+Quick = Callable[[Array, dict[str, float]], Answer | None]
+"""From (nq,) positions and covariates; None where the general way must be gone, or what is wrong said."""
 
 
 class Prepared:
     """`loop = arm.prepared("p300")`, then `loop(q)` at every tick: the tip's displacement, nothing else computed.
 
-    The answers and the errors are those of `arm.deflection(q, "p300")`; doubts that are no errors are not looked for.
-    It has its own workspace and remembers its last answer: one object for each thread.
+    The answers and the errors are those of `arm.deflection(q, "p300")`, to 1e-13 m and rad; doubts that are no errors
+    are not looked for. No answer depends on those before it. Where numba is installed (`armflex[fast]`), arms whose
+    laws are compliances and networks are answered by compiled code. It has its own workspace and remembers its last
+    answer: one object for each thread.
     """
 
     def __init__(self, loaded: LoadedArm, method: str = "exact", enforce_limits: bool = True) -> None:
         check_method(method)
         self._loaded, self._asked = loaded, Asked(method, enforce_limits)
         self._solver = Solver(loaded.mechanics, loaded.laws)
-        self._first_order, self._needs_row = method == "first_order", bool(loaded.laws.others)
-        self._q = np.zeros(len(loaded.mechanics.flex.q_index))
-        flex = loaded.mechanics.flex
-        self._answer: Answer = (np.zeros(flex.model.nv), flex.neutral.copy(), np.zeros(6))
-        proven = self._first_order or (loaded.softening is not None and loaded.softening.proven)
-        self._quick = None
-        if method in QUICK and proven and not loaded.arm.pulls and not self._needs_row:
-            self._quick = _quick(loaded, self._solver, self._q, exact=not self._first_order)
+        self._first_order = method == "first_order"
+        joints, flexures = len(loaded.mechanics.flex.q_index), len(loaded.flexure_joints)
+        self._answer: Answer = (np.zeros(joints), np.zeros((flexures, 6)), np.zeros(6))
+        self._quick: Quick | None = None
+        if method in QUICK and not loaded.arm.pulls:
+            exact = method == "exact"
+            self._quick = _compiled(loaded, exact) or _plain(loaded, self._solver, exact)
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
         """Return the (6,) displacement of the tip [m, rad], base axes, at (nq,) joint positions [rad or m].
@@ -52,7 +60,7 @@ class Prepared:
         """
         if self._quick is not None:
             try:
-                found = self._quick(q)
+                found = self._quick(q, covariates)
             except (AttributeError, TypeError):  # no array, or not of numbers
                 found = None
             if found is not None:
@@ -63,18 +71,21 @@ class Prepared:
     @property
     def q(self) -> Array:
         """(nq,) joint positions of the last answer [rad or m]."""
-        return self._q.copy()
+        return self._answer[0].copy()
 
     @property
     def wrenches(self) -> Array:
         """(n_flexures, 6) loads on the flexures at the last answer, local axes [N, Nm]."""
-        loaded, at = self._loaded, self._solver.straight(self._q) if self._first_order else self._answer[1]
-        return loaded.mechanics.loads(at, loaded.case(self._q)).reshape(-1, 6)
+        mechanics, case = self._loaded.mechanics, self._loaded.case(self._answer[0])
+        straight = mechanics.straight(case)
+        at = straight if self._first_order else mechanics.bent(straight, self.twists.ravel())
+        return mechanics.loads(at, case).reshape(-1, 6)
 
     @property
     def twists(self) -> Array:
         """(n_flexures, 6) what the flexures do at the last answer, local axes [m, rad]."""
-        return self._answer[0][self._loaded.mechanics.flex.flexure_v].reshape(-1, 6)
+        found = self._answer[1]
+        return found.copy() if found.ndim == 2 else found[self._loaded.mechanics.flex.flexure_v].reshape(-1, 6)
 
     def _ask(self, q: ArrayLike, covariates: dict[str, float]) -> Array:
         """Return the displacement as `deflection` finds it, which also says what is wrong."""
@@ -82,33 +93,59 @@ class Prepared:
         known = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
         found = deflect(self._loaded, checked, flags, known, self._asked, self._solver)
         displacement = found.displacement.copy()
-        self._q[:], motion = checked, found.solved.motion
-        self._answer = (motion, self._solver.bent(found.solved.straight, motion), displacement)
+        self._answer = (checked, found.solved.motion, displacement)
         return displacement
 
 
-def _quick(loaded: LoadedArm, solver: Solver, at: Array, exact: bool) -> Callable[[Array], Answer | None]:
-    """Return a function of (nq,) positions; it gives None where the general way must be gone, or what is wrong said.
+def _compiled(loaded: LoadedArm, exact: bool) -> Quick | None:
+    """Return the question in machine code, None where there is none for an arm's laws, or no proof that it stays."""
+    from armflex.batch.laws import BatchLaws  # which imports the statics of one configuration
+    from armflex.batch.solver import compiled
+
+    proven = not exact or (loaded.softening is not None and loaded.softening.proven)
+    plain = all(isinstance(law, NetworkLaw) for _, _, law in loaded.laws.others)
+    functions = compiled() if proven and plain else None
+    if functions is None:
+        return None
+    bounds, joints, flexures = np.array(loaded.arm.bounds), len(loaded.arm.joint_names), len(loaded.flexure_joints)
+    laws = BatchLaws(loaded.arm.stack, loaded.row(np.zeros((1, joints)), {})).numbers
+    known = (*loaded.chain.numbers, *laws, bounds, functions.room_for(laws[-1], 1), exact)
+    answer, shape = functions.answer_one, (joints,)
+
+    def quick(q: Array, covariates: dict[str, float]) -> Answer | None:
+        if covariates or q.shape != shape or q.dtype != FLOAT:
+            return None
+        here, twists, displacement = q.copy(), np.empty((flexures, 6)), np.empty(6)
+        return (here, twists, displacement) if answer(*known, here, twists, displacement) else None
+
+    quick(bounds.mean(axis=0), {})  # compiled now, not in the loop
+    return quick
+
+
+def _plain(loaded: LoadedArm, solver: Solver, exact: bool) -> Quick:
+    """Return the question to Pinocchio and numpy.
 
     Everything it needs is a local name: to look up attributes takes as long as the mechanics.
     """
     flex, (lower, upper) = loaded.mechanics.flex, loaded.arm.bounds
-    straight, index, count = flex.neutral.copy(), flex.q_index, len(lower)
-    settle, first_order, bent, displacement = solver.settle, solver.first_order, solver.bent, solver.displacement
+    straight, index, count, rows = flex.neutral.copy(), flex.q_index, len(lower), bool(loaded.laws.others)
+    rest = partial(settle, loaded, solver) if exact else solver.first_order
+    bent, displacement = solver.bent, solver.displacement
 
-    def quick(q: Array) -> Answer | None:
+    def quick(q: Array, covariates: dict[str, float]) -> Answer | None:
         values = q.tolist()
         if len(values) != count:
             return None
         for least, value, most in zip(lower, values, upper):  # noqa: B905 - as fast as can be
             if not least <= value <= most:
                 return None
-        straight[index] = q
-        found = settle(straight) if exact else first_order(straight)
+        straight[index] = here = q.astype(float)
+        if rows or covariates:
+            known = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
+            solver.know(loaded.row(here, known))
+        found = rest(straight)
         if found is None or not found[0].dot(found[0]) < SMALL:
             return None
-        at[:] = q
-        configuration = bent(straight, found[0])
-        return found[0], configuration, displacement(configuration, at)
+        return here, found[0], displacement(bent(straight, found[0]), here)
 
     return quick

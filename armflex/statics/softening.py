@@ -59,6 +59,11 @@ class Softening:
         """Whether nothing need be asked: the arm stays wherever it is."""
         return not self.unknown
 
+    @cached_property
+    def _most(self) -> Array:
+        """(n, 2) what the bound may be."""
+        return SHARE * self.reference
+
     def with_laws(self, stack: LawStack) -> Softening:
         """Return the bound for the same arm with other laws."""
         return _judged(self.answer, self.reference, stack, self.ranges)
@@ -69,11 +74,13 @@ class Softening:
         Flexures must be within `BALL`, and joints within their ranges. `tangent` gives the (..., 6, 6) tangent of one
         of the `unknown` laws under its (..., 6) loads.
         """
-        whole: bool | np.ndarray = np.ones(wrenches.shape[:-1], dtype=bool)
+        whole: bool | np.ndarray = True
         for i, laws in self.unknown:
             load = wrenches[..., 6 * i : 6 * i + 6]
-            bound = self.known[i] + sum(block_norms(tangent(law, load)) for law in laws)
-            whole = whole & (bound @ self.answer[i] <= SHARE * self.reference[i]).all(axis=-1)
+            bound = self.known[i]
+            for law in laws:
+                bound = bound + block_norms(tangent(law, load))
+            whole = whole & (bound @ self.answer[i] <= self._most[i]).all(axis=-1)
         return whole
 
 

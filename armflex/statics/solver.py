@@ -15,13 +15,16 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.laws import Law, Row
-from armflex.statics.equilibrium import TOLERANCE
+from armflex.laws.linear import NOTHING, UNLOADED
+from armflex.statics.equilibrium import MAX_ROTATION, TOLERANCE
 from armflex.statics.law_stack import PlacedLaws
 from armflex.statics.mechanics import Mechanics
 
 gravity, integrate = pin.computeGeneralizedGravity, pin.integrate
 place_frames, log3 = pin.framesForwardKinematics, pin.log3
 
+SMALL = MAX_ROTATION * MAX_ROTATION
+"""Sum of the squares of all shifts [m] and turns [rad] below which no flexure can have turned too far."""
 STEPS = range(24)
 ENOUGH = TOLERANCE * TOLERANCE
 """Squared length of the last step, at most."""
@@ -46,8 +49,13 @@ class Solver:
         self._shift, self._turn = tip.translation, tip.rotation
         self._rigid_shift, self._rigid_turn = rigid_tip.translation, rigid_tip.rotation.T
         self._laws, self._row = laws, None
+        self.curved = True
+        """Whether the laws' tangents depend on the load, in the row that is known."""
         self._compliances: dict[int, Array] = {}
-        self.motion = _together(laws, laws.matrix)
+        self._networks = _networks(laws) if len(laws.bias) else None
+        self._softer: list[slice] = []
+        self._matrix, self._usual = laws.matrix.copy(), _sum(_product(laws.matrix), self._networks)
+        self.motion = self._usual
         """(nv,) generalized torques to the (nv,) twists, among zeros, that the laws give."""
 
     def straight(self, q: Array) -> Array:
@@ -58,18 +66,26 @@ class Solver:
 
     def know(self, row: Row) -> None:
         """Take in the row of the questions to come; needed where laws depend on more than the load."""
-        matrix, curved = self._laws.matrix.copy(), []
-        offset = np.zeros(len(matrix))
+        offset, curved = np.zeros(self.model.nv), []
         self._row, self._compliances = row, {}
+        for here in self._softer:
+            self._matrix[here, here] = self._laws.matrix[here, here]
+        self._softer = []
         for _, here, law in self._laws.others:
             affine = law.affine(row)
             if affine is None:
                 curved.append((here, law))
                 continue
-            offset[here] += affine[0]
-            matrix[here[:, None], here] -= affine[1]
-            self._compliances[id(law)] = affine[1]
-        self.motion = _with_others(_together(self._laws, matrix), offset, curved, row)
+            twist, compliance = affine
+            self._compliances[id(law)] = compliance
+            if twist is not NOTHING:
+                offset[here] += twist
+            if compliance is not UNLOADED:
+                self._matrix[here, here] -= compliance
+                self._softer.append(here)
+        self.curved = bool(curved)
+        together = _sum(self._matrix.dot, self._networks) if self._softer else self._usual
+        self.motion = _with_others(together, offset, curved, row)
 
     def tangent(self, law: Law, load: Array) -> Array:
         """Return the (6, 6) tangent of one of the laws under a (6,) load, at the row that is known."""
@@ -117,11 +133,8 @@ class Solver:
         return found
 
 
-def _together(laws: PlacedLaws, matrix: Array) -> Motion:
-    """Return the map of the laws that need not be asked one by one."""
-    linear = _product(matrix)
-    if not len(laws.bias):
-        return linear
+def _networks(laws: PlacedLaws) -> Motion:
+    """Return the map of the networks."""
     hidden = np.ones(len(laws.bias) + 1)
     inner, units, bias, gains, tanh = hidden[:-1], laws.units.dot, laws.bias, laws.gains.dot, np.tanh
 
@@ -131,21 +144,31 @@ def _together(laws: PlacedLaws, matrix: Array) -> Motion:
         tanh(inner, inner)
         return gains(hidden)
 
+    return networks
+
+
+def _sum(linear: Motion | None, networks: Motion | None) -> Motion:
+    """Return the map of the laws that need not be asked one by one."""
+    if linear is None or networks is None:
+        return networks or linear or np.zeros_like
+
     def both(torque: Array) -> Array:
         return linear(torque) + networks(torque)
 
-    return both if matrix.any() else networks
+    return both
 
 
-def _product(matrix: Array) -> Motion:
-    """Return the product with a matrix; diagonal compliances are the usual ones and take a third of the time."""
+def _product(matrix: Array) -> Motion | None:
+    """Return the product with a matrix, None with zero; diagonal ones are the usual and take a third of the time."""
+    if not matrix.any():
+        return None
     diagonal = np.diag(matrix).copy()
     if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
         return partial(np.multiply, diagonal)
     return matrix.dot
 
 
-def _with_others(together: Motion, offset: Array, curved: Sequence[tuple[np.ndarray, Law]], row: Row) -> Motion:
+def _with_others(together: Motion, offset: Array, curved: Sequence[tuple[slice, Law]], row: Row) -> Motion:
     """Return the map with what the other laws give in a row."""
 
     def everything(torque: Array) -> Array:

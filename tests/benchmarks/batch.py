@@ -9,9 +9,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 
@@ -19,23 +18,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from baseline import machine, rigid_baseline
 from boom import make_boom
-from query import arms
+from query import WAYS, arms, by
 
-from armflex import ensemble
-from armflex.batch import bending
-from armflex.batch import solver as batch_solver
+from armflex import Arm, ensemble
+from armflex.laws import LinearLaw
 
 ROWS, ROUNDS, DRAWS = 100_000, 5, 100
-
-
-@contextmanager
-def by(way: str):
-    """Let batches be answered by compiled code, where numba is installed, or by numpy."""
-    if way == "numba":
-        yield
-        return
-    with mock.patch.object(batch_solver, "compiled", lambda: bending):
-        yield
 
 
 def seconds(call: Callable[[], object]) -> float:
@@ -47,7 +35,6 @@ def seconds(call: Callable[[], object]) -> float:
 
 def main() -> None:
     print(machine())
-    ways = ["numpy"] + ["numba"] * (batch_solver.compiled() is not bending)
     with tempfile.TemporaryDirectory() as folder:
         boom = make_boom(Path(folder), drives_only=False, sag=0.03)
     base, known = rigid_baseline(boom.arm), arms(boom)
@@ -56,7 +43,7 @@ def main() -> None:
     print(f"{'laws':>10} {'method':>12} {'':>6} {'x the speed of the loop':>24}")
     for name in ("linear", "networks"):
         for method in ("first_order", "exact"):
-            for way in ways:
+            for way in WAYS:
                 with by(way):
                     known[name].deflection(q[:5000], method=method)
                     rates = []
@@ -65,18 +52,34 @@ def main() -> None:
                         rates.append(loop / seconds(lambda n=name, m=method: known[n].deflection(q, method=m)))
                 print(f"{name:>10} {method:>12} {way:>6} {np.median(rates):24.2f}")
     shared(known, q)
+    followed(known["linear"], q[:2000])
     drawn(boom.arm, q[:2000])
 
 
 def shared(known: dict, q: np.ndarray) -> None:
-    """Print the gain of two processes, by the clock."""
-    arm, times = known["networks"], {}
-    for jobs in (1, 2):
-        arm.deflection(q, jobs=jobs)
-        start = time.perf_counter()
-        arm.deflection(q, jobs=jobs)
-        times[jobs] = time.perf_counter() - start
-    print(f"\nnetworks, exact, two processes: {times[1] / times[2]:.2f} times as fast as one")
+    """Print what two cores gain, by the clock, and what both together spend on it: on an idle machine half of that."""
+    for name in ("linear", "networks"):
+        clock, spent = {}, {}
+        for jobs in (1, 2) * ROUNDS:
+            start, begun = time.perf_counter(), time.process_time()
+            known[name].deflection(q, jobs=jobs)
+            clock.setdefault(jobs, []).append(time.perf_counter() - start)
+            spent.setdefault(jobs, []).append(time.process_time() - begun)
+        gain, cost = np.median(clock[1]) / np.median(clock[2]), np.median(spent[2]) / np.median(spent[1])
+        print(f"{name}, exact, jobs=2: {gain:.2f} times as fast as one, for {cost:.2f} times the processor's time")
+
+
+def followed(arm: Arm, q: np.ndarray) -> None:
+    """Print what shares and covariances of a batch take beside those of its rows."""
+    for one in arm.flexures:
+        assert isinstance(one.law, LinearLaw)
+    doubtful = tuple(replace(one, law=replace(one.law, relative_std=0.1)) for one in arm.flexures)
+    arm = replace(arm, flexures=doubtful)
+    for name in ("contributions", "covariance"):
+        found = arm.deflection(q)
+        many = seconds(lambda found=found, name=name: getattr(found, name)) / len(q)
+        each = seconds(lambda found=found, name=name: [getattr(found.row(i), name) for i in range(200)]) / 200
+        print(f"{name}: {1e6 * many:.0f} us a row in arrays, {each / many:.1f} times as fast as row by row")
 
 
 def drawn(arm: object, q: np.ndarray) -> None:

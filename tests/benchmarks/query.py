@@ -1,5 +1,7 @@
 """One query on a boom of eight joints that sags 30 mm: `arm.deflection`, `arm.prepared`, and the slowest of many calls.
 
+Prepared objects are asked by numpy and, where numba is installed and knows the arm's laws, by compiled code.
+
 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/query.py
 """
 
@@ -10,9 +12,11 @@ import resource
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
@@ -22,6 +26,7 @@ from baseline import machine, medians_us, rigid_baseline
 from boom import Boom, make_boom
 
 from armflex import Arm
+from armflex.batch import solver as batch_solver
 from armflex.conventions import Array
 from armflex.effects.catalogue import EVERY
 from armflex.effects.law import Effect
@@ -33,10 +38,16 @@ GOALS = {
     ("linear", "first order", "deflection"): 5,
     ("linear", "exact", "deflection"): 20,
     ("networks", "exact", "deflection"): 30,
-    ("linear", "first order", "prepared"): 3,
-    ("linear", "exact", "prepared"): 12,
-    ("networks", "exact", "prepared"): 16,
+    ("linear", "first order", "prepared, numpy"): 3,
+    ("linear", "exact", "prepared, numpy"): 12,
+    ("networks", "exact", "prepared, numpy"): 16,
+    ("linear", "first order", "prepared, numba"): 3,
+    ("linear", "exact", "prepared, numba"): 12,
+    ("networks", "exact", "prepared, numba"): 16,
+    ("three effects", "exact", "deflection"): 26,
+    ("three effects", "exact", "prepared, numpy"): 26,
 }
+WAYS = ("numpy", "numba") if batch_solver.compiled() is not None else ("numpy",)
 METHODS = {"first order": "first_order", "exact": "exact"}
 KNOWN = {"temperature": 27.0, "approach_A3": 1.0}
 
@@ -71,26 +82,43 @@ def arms(boom: Boom) -> dict[str, Arm]:
     }
 
 
+@contextmanager
+def by(way: str) -> Iterator[None]:
+    """Let questions be answered by compiled code, or by numpy alone."""
+    if way == "numba":
+        yield
+        return
+    with mock.patch.object(batch_solver, "compiled", lambda: None):
+        yield
+
+
+def prepared(arm: Arm, way: str, method: str = "exact") -> Callable[..., Array]:
+    """Return `arm.prepared` in one of the ways."""
+    with by(way):
+        return arm.prepared(method=method)
+
+
 def ratios(boom: Boom) -> None:
     calls: dict[tuple[str, ...], Callable[[], object]] = {("baseline",): rigid_baseline(boom.arm)}
     for name, arm in arms(boom).items():
         known = KNOWN if arm.effects else {}
         for order, method in METHODS.items():
-            loop = arm.prepared(method=method)
             ask = {"method": method, "covariates": known}
             calls[name, order, "deflection"] = lambda arm=arm, ask=ask: arm.deflection(boom.q, **ask)
             calls[name, order, ".displacement"] = lambda arm=arm, ask=ask: arm.deflection(boom.q, **ask).displacement
-            calls[name, order, "prepared"] = lambda loop=loop, known=known: loop(boom.q, **known)
+            for way in WAYS[: 1 if arm.effects else 2]:
+                loop = prepared(arm, way, method)
+                calls[name, order, f"prepared, {way}"] = lambda loop=loop, known=known: loop(boom.q, **known)
     times = medians_us(calls, rounds=60, repeats=None)
-    print(f"{'laws':>14} {'':>12} {'asked by':>14} {'x baseline':>10} {'goal':>5}")
+    print(f"{'laws':>14} {'':>12} {'asked by':>16} {'x baseline':>10} {'goal':>5}")
     for key, value in list(times.items())[1:]:
         goal = GOALS.get(key, "")
-        print(f"{key[0]:>14} {key[1]:>12} {key[2]:>14} {value / times['baseline',]:10.1f} {goal:>5}")
+        print(f"{key[0]:>14} {key[1]:>12} {key[2]:>16} {value / times['baseline',]:10.1f} {goal:>5}")
 
 
-def slowest(boom: Boom, collected: bool) -> None:
+def slowest(boom: Boom, way: str, collected: bool) -> None:
     """Print the quantiles and the worst of many calls along a path, and what the process met meanwhile."""
-    loop, clock = boom.arm.prepared(), time.perf_counter_ns
+    loop, clock = prepared(boom.arm, way), time.perf_counter_ns
     path = boom.q + 0.2 * np.sin(np.linspace(0.0, 20.0, CALLS))[:, None]
     taken = np.empty(CALLS)
     gc.collect()
@@ -107,8 +135,8 @@ def slowest(boom: Boom, collected: bool) -> None:
     over = int((taken > 10.0 * p50).sum())
     full = gc.get_stats()[2]["collections"] - begun
     print(
-        f"garbage collector {'on' if collected else 'off':>3}: 99 % within {p99 / p50:.1f} medians, 99.9 % within"
-        f" {p999 / p50:.1f}, all within {taken.max() / p50:.0f} ({taken.max() / 1e6:.2f} ms); {over} over 10;"
+        f"{way}, garbage collector {'on' if collected else 'off':>3}: 99 % within {p99 / p50:.1f} medians, 99.9 %"
+        f" within {p999 / p50:.1f}, all within {taken.max() / p50:.0f} ({taken.max() / 1e6:.2f} ms); {over} over 10;"
         f" other processes came between {switches} times, {faults} page faults, {full} full collections"
     )
 
@@ -121,8 +149,9 @@ def main() -> None:
         print(f"{found!r}: residuals {', '.join(f'{size:.0e}' for size in found.residuals)}")
         ratios(boom)
         print(f"\n{CALLS} calls of the prepared object, exact:")
-        for collected in (True, False):
-            slowest(boom, collected)
+        for way in WAYS:
+            for collected in (True, False):
+                slowest(boom, way, collected)
 
 
 if __name__ == "__main__":
