@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bent_joints import Bent, bent
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from small_arms import central_difference
@@ -16,8 +19,11 @@ from armflex.calibrate import Calibration
 from armflex.calibrate.calibrate import first_guess
 from armflex.calibrate.file import write_calibrated
 from armflex.calibrate.law_block import law_block
+from armflex.calibrate.learned import learned_axes
+from armflex.calibrate.sample import sample_laws
 from armflex.calibrate.view import look
-from armflex.errors import ArmFileError
+from armflex.cli.main import armflex
+from armflex.errors import ArmFileError, InputError
 from armflex.laws import AtNode, Beam, Law, LinearLaw, PositionDependentLaw, Row, Section, StructuralLaw, SubJoint
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
 
@@ -208,3 +214,43 @@ def test_what_cannot_be_learned_is_refused(six, tmp_path, change, message):
     path.write_text(path.read_text().replace('model = "linear"\nlearn = true', f"{change}\nlearn = true", 1))
     with pytest.raises(ArmFileError, match=message):
         load_arm(path)
+
+
+def test_sampled_bands_are_laplace_bands_where_laws_are_nearly_straight(tmp_path, monkeypatch):
+    """A compliance about its most probable value is almost linear in its parameters: both ways must agree."""
+    monkeypatch.setattr(sys.modules["armflex.calibrate.sample"], "TUNE", 60)
+    monkeypatch.setattr(sys.modules["armflex.calibrate.sample"], "CHAINS", 2)
+    six = bent(4, "six")
+    arm = load_arm(six.write(tmp_path, "linear"))
+    found = calibrate(arm, read_measurements(tmp_path / "train.csv", arm))
+    samples = sample_laws(found.fit, 120, seed=3)
+    view, names = found.fit.view, found.arm.flexure_names
+    for axis in learned_axes(found.fit, {f.name: f.law for f in found.arm.flexures if f.learn}, samples):
+        if axis.told:
+            assert axis.sampled == pytest.approx(axis.std, rel=0.35)
+    loads = view.line.flexure_wrenches[:5, names.index(six.joints[0])]
+    lower, upper = samples.band(six.joints[0], loads, view.line.row.some(np.arange(5)))
+    law = samples.laws[six.joints[0]]
+    twist = law.twist(loads, view.line.row.some(np.arange(5)))
+    assert (lower <= twist).all() and (twist <= upper).all() and (lower < upper)[:, six.axes[0]].all()
+
+
+def test_nothing_to_sample_is_said(tmp_path):
+    six = bent(4, "six")
+    arm = load_arm(six.write(tmp_path, "none"))
+    found = calibrate(arm, read_measurements(tmp_path / "train.csv", arm))
+    with pytest.raises(InputError, match="no flexure has learn = true"):
+        sample_laws(found.fit)
+
+
+def test_the_command_tells_what_was_learned(six, tmp_path):
+    path = six.write(tmp_path, "linear")
+    out, told = tmp_path / "learned.toml", tmp_path / "told.json"
+    ran = CliRunner().invoke(
+        armflex, ["calibrate", *map(str, (path, tmp_path / "train.csv", "-o", out, "--json", told))]
+    )
+    assert ran.exit_code == 0 and "Laws learned" in ran.output and "Left as declared" in ran.output, ran.output
+    laws = json.loads(told.read_text())["laws"]
+    assert {law["flexure"] for law in laws} == set(six.joints)
+    assert any(law["told"] and law["std"] < 0.2 * law["learned"] for law in laws)
+    assert CliRunner().invoke(armflex, ["deflect", str(out), "--q", "A3=0.4"]).exit_code == 0

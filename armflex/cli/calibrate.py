@@ -11,6 +11,9 @@ import numpy as np
 from armflex.calibrate import Calibration, calibrate
 from armflex.calibrate.file import write_calibrated
 from armflex.calibrate.identify import Parameter
+from armflex.calibrate.law_block import LAW
+from armflex.calibrate.sample import sample_laws
+from armflex.cli.learned import laws_json, print_laws
 from armflex.cli.options import (
     Command,
     OutputPath,
@@ -32,6 +35,7 @@ from armflex.measured.point_export import PointExport
 @click.argument("arm_path", metavar="ARM", type=PathArgument)
 @click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Calibrated arm.toml to write.")
+@click.option("--sample", type=click.IntRange(min=1), help="Draws per chain: learned laws by NUTS, too (minutes).")
 @click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
 @keep_option
 @points_options
@@ -40,6 +44,7 @@ def command(
     arm_path: Path,
     measurements_path: Path,
     output: Path,
+    sample: int | None,
     show_all: bool,
     keep: bool,
     points: PointExport | None,
@@ -50,9 +55,11 @@ def command(
     measurements = read_measurements(measurements_path, arm, points=points)
     with progress("calibrating") as tick:
         found = calibrate(arm, measurements, progress=tick, keep=keep)
+    samples = sample_laws(found.fit, sample) if sample else None
     print_calibration(found, show_all)
+    print_laws(found, samples)
     show_flags(measurements.flags)
-    write_json(json_path, as_json(found))
+    write_json(json_path, as_json(found) | {"laws": laws_json(found, samples)})
     write_calibrated(arm_path, found, output)
     console().print(f"Written to {output}.")
 
@@ -71,7 +78,7 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     if chosen:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "the data say"]
         print_table("Parameters" if show_all else "Moved most, against their priors", columns, map(_cells, chosen))
-    blind = found.undetermined
+    blind = [p for p in found.undetermined if p.block != LAW]
     if blind:
         columns = ["left at its prior", "can be exchanged for"]
         cells = [[p.name, ", ".join(p.trades_against) or "moves the readings too little"] for p in blind[:12]]
@@ -82,7 +89,7 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
 
 
 def _remarkable(found: Calibration) -> list[Parameter]:
-    known = [parameter for parameter in found.parameters if np.isfinite(parameter.prior)]
+    known = [p for p in found.parameters if np.isfinite(p.prior) and p.block != LAW]
     return sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
 
 

@@ -63,6 +63,20 @@ class LearnedLaw(Law):
         """(k,) prior standard deviations about zero."""
         return np.concatenate([np.full(len(group.labels), group.std) for group in self.groups])
 
+    @property
+    def start(self) -> Array:
+        """(k,) values where learning starts: the law as declared."""
+        return np.concatenate([self.plain.start, self.correction.start if self.correction else np.zeros(0)])
+
+    def correcting(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6) twist that the correction adds."""
+        return Correction(self).twist(wrench, row) if self.correction else np.zeros_like(wrench)
+
+    def std(self, spread: Array, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6) standard deviation of the twist for a (k, k) covariance of the values."""
+        by = self.by_values(wrench, row)
+        return np.sqrt(np.maximum(np.einsum("...ak,kl,...al->...a", by, spread, by, optimize=True), 0.0))
+
     def at(self, values: Array) -> LearnedLaw:
         """Return the law at other values."""
         return replace(self, values=values, spread=None)
@@ -70,7 +84,7 @@ class LearnedLaw(Law):
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the twist."""
         twist = self.plain.twist(self._split[0], wrench, row)
-        return twist if self.correction is None else twist + Correction(self).twist(wrench, row)
+        return twist if self.correction is None else twist + self.correcting(wrench, row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
