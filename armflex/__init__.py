@@ -1,5 +1,8 @@
 """armflex: manipulators that sag. Joint compliance, end-effector deflection, path checks and compensation."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from armflex.arm import Arm as Arm
 from armflex.arm import Flexure as Flexure
 from armflex.arm_file import load_arm as load_arm
@@ -51,3 +54,17 @@ from armflex.workspace import map_page as map_page
 from armflex.workspace import map_workspace as map_workspace
 from armflex.workspace import read_map as read_map
 from armflex.workspace import write_map as write_map
+
+if TYPE_CHECKING:
+    from armflex.tracking import Reading as Reading
+    from armflex.tracking import Tracker as Tracker
+
+LATE = {"Tracker": "armflex.tracking", "Reading": "armflex.tracking"}
+"""Names whose packages are imported when they are first asked for: they need scipy."""
+
+
+def __getattr__(name: str) -> object:
+    """Return a name of `LATE`."""
+    if name in LATE:
+        return getattr(import_module(LATE[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

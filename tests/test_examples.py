@@ -80,3 +80,9 @@ def test_workspace_map(tmp_path):
 def test_plan(tmp_path):
     assert run("10_plan", str(tmp_path / "poses.csv"), str(tmp_path / "plan.png")) == pytest.approx(0.37, abs=0.01)
     assert (tmp_path / "plan.png").stat().st_size > 20_000
+
+
+def test_tracker():
+    """Compensated with the arm as tracked, a path on a worn machine is as good as on the day of calibration."""
+    before, without, tracked = run("11_tracker")
+    assert before < 0.5e-3 and without > 1e-3 and tracked < 0.4e-3

@@ -178,32 +178,47 @@ def _unforeseen(arm: Arm, view: View, rows: Measurements) -> Array:
 
 def rebuilt_blocks(certainty: Certainty, view: View, rows: Measurements) -> list[Block] | None:
     """Return the blocks that a fit's labels name, None where they are not those of this arm."""
-    arm, blocks = view.setup.arm, []
     effects = [label for label in certainty.labels if label.startswith(f"{EFFECT} ")]
-    others = [tuple(label.split(" ", 1)) for label in certainty.labels if not label.startswith(f"{EFFECT} ")]
-    for name, group in groupby(others, key=lambda pair: pair[0]):
-        block = _declared(name, [label for _, label in group], view, rows)
+    others = [label for label in certainty.labels if not label.startswith(f"{EFFECT} ")]
+    blocks = blocks_of(others, view.setup, rows.session)
+    if blocks is None:
+        return None
+    if effects:
+        blocks += _effect_blocks(effects, view.setup.arm, scene_of(view, rows))
+    return blocks if labels_of(blocks) == certainty.labels else None
+
+
+def blocks_of(labels: Sequence[str], setup: Setup, sessions: tuple[str, ...]) -> list[Block] | None:
+    """Return the blocks, but for effects, that labels name; None where they are not those of this arm.
+
+    `sessions` are those of the rows that the blocks will be asked about.
+    """
+    blocks: list[Block] = []
+    for name, group in groupby((label.split(" ", 1) for label in labels), key=lambda pair: pair[0]):
+        block = _declared(name, [label for _, label in group], setup, sessions)
         if block is None:
             return None
         blocks.append(block)
-    if effects:
-        blocks += _effect_blocks(effects, arm, scene_of(view, rows))
-    made = tuple(f"{block.name} {label}" for block in blocks for label in block.labels)
-    return blocks if made == certainty.labels else None
+    return blocks
 
 
-def _declared(name: str, labels: list[str], view: View, rows: Measurements) -> Block | None:
+def labels_of(blocks: Sequence[Block]) -> tuple[str, ...]:
+    """Return block and parameter of each."""
+    return tuple(f"{block.name} {label}" for block in blocks for label in block.labels)
+
+
+def _declared(name: str, labels: list[str], setup: Setup, sessions: tuple[str, ...]) -> Block | None:
     """Return a declared block from its labels; its prior no longer matters."""
-    arm, pairs = view.setup.arm, [label.rpartition(" ")[::2] for label in labels]
+    arm, pairs = setup.arm, [label.rpartition(" ")[::2] for label in labels]
     parts = tuple(dict.fromkeys(part for part, _ in pairs))
     if name == INSTRUMENT:
-        return FrameBlock(view.setup.instrument.pose, arm.measurement.gravity_in == "measurement")
+        return FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement")
     if name == SESSIONS:
-        return SessionBlock(parts, rows.session, 0.0, 0.0)
+        return SessionBlock(parts, sessions, 0.0, 0.0)
     if name == "tool":
         return TargetBlock(0.0)
     if name == MOUNTING:
-        return MountingBlock(view.setup.instrument.mounting)
+        return MountingBlock(setup.instrument.mounting)
     if name == "joint_offset" and tuple(labels) == arm.joint_names:
         return OffsetBlock(arm.joint_names, 0.0, joint_units(arm))
     if name == "geometry" and parts == arm.joint_names:

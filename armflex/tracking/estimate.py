@@ -1,0 +1,109 @@
+"""The estimate of a filter as its mean and a square root of its covariance, and what changes it.
+
+The root S, with covariance S S', is any square matrix: a reading costs two thin products (Potter 1963; Andrews 1968,
+"A square root formulation of the Kalman covariance equations", for several numbers at once), and the covariance can
+never lose its sign by rounding. Without drift the result is that of least squares on all readings together.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
+
+from armflex.calibrate.robust import FAR
+from armflex.conventions import Array
+
+UNITS = {size: np.eye(size) for size in (3, 6)}
+
+
+class Seen(NamedTuple):
+    """A reading at the point where the arm is linearised, in standard deviations.
+
+    `residual` (d,) is measured minus predicted there, `columns` (d, P) its fall per parameter.
+    """
+
+    residual: Array
+    columns: Array
+
+
+class Innovation(NamedTuple):
+    """What a reading says that the estimate did not know.
+
+    Attributes:
+        heard: (d, P) columns through the root.
+        inverse: (d, d) inverse of the Cholesky factor of the expected covariance.
+        factor: (d, d) that factor, lower.
+        whitened: (d,) the surprise in standard deviations.
+    """
+
+    heard: Array
+    inverse: Array
+    factor: Array
+    whitened: Array
+
+
+class Estimate(NamedTuple):
+    """Mean (P,) and root (P, P) of the covariance of all parameters, as steps from where the arm is linearised."""
+
+    values: Array
+    root: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(P, P)."""
+        return self.root @ self.root.T
+
+
+def estimate_of(covariance: Array) -> Estimate:
+    """Return the estimate of no step with a covariance, which may be singular."""
+    scale = np.sqrt(np.diag(covariance))
+    unit = np.where(scale > 0.0, scale, 1.0)
+    size, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    root = unit[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))
+    return Estimate(np.zeros(len(root)), np.ascontiguousarray(root))
+
+
+def innovation(estimate: Estimate, seen: Seen) -> Innovation:
+    """Return what a reading says beyond an estimate."""
+    heard = seen.columns.dot(estimate.root)
+    factor, _ = dpotrf(heard.dot(heard.T) + UNITS[len(heard)], lower=1, clean=1)
+    inverse, _ = dtrtri(factor, lower=1)
+    surprise = seen.residual - seen.columns.dot(estimate.values)
+    return Innovation(heard, inverse, factor, inverse.dot(surprise))
+
+
+def absorb(estimate: Estimate, found: Innovation) -> Estimate:
+    """Return the estimate that knows a reading, too."""
+    gain = estimate.root.dot(found.heard.T)
+    half, _ = dtrtri(found.factor + UNITS[len(gain.T)], lower=1)
+    turned = gain.dot(found.inverse.T)
+    values = estimate.values + turned.dot(found.whitened)
+    return Estimate(values, estimate.root - turned.dot(half.dot(found.heard)))
+
+
+def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
+    """Return the estimate after a reading, what that counted (Huber's weight), and its Mahalanobis distance."""
+    found, far = innovation(estimate, seen), FAR[len(seen.residual)]
+    distance = float(found.whitened.dot(found.whitened)) ** 0.5
+    if distance <= far:
+        return absorb(estimate, found), 1.0, distance
+    weight = far / distance
+    part = weight**0.5  # as if it were so much noisier
+    lighter = Seen(part * seen.residual, part * seen.columns)
+    return absorb(estimate, innovation(estimate, lighter)), weight, distance
+
+
+def widen(estimate: Estimate, variance: Array) -> Estimate:
+    """Return the estimate after a random walk: (P,) variances added, the mean as it was."""
+    drifting = np.flatnonzero(variance > 0.0)
+    steps = np.zeros((len(drifting), len(variance)))
+    steps[np.arange(len(drifting)), drifting] = np.sqrt(variance[drifting])
+    factored = dgeqrf(np.vstack([estimate.root.T, steps]))[0]
+    return Estimate(estimate.values, np.ascontiguousarray(np.tril(factored[: len(variance)].T)))
+
+
+def recentred(estimate: Estimate, step: Array, factor: Array) -> Estimate:
+    """Return an estimate as steps from elsewhere: a (P,) step away, in (P,) times larger units."""
+    return Estimate((estimate.values - step) / factor, estimate.root / factor[:, None])

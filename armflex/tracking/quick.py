@@ -1,0 +1,235 @@
+"""The quick way from a reading to its columns: one equilibrium and one geometric stiffness, as Pinocchio has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm
+from armflex.calibrate.arm_blocks import ComplianceBlock, OffsetBlock
+from armflex.calibrate.blocks import Block
+from armflex.calibrate.instrument_blocks import MOUNTING, FrameBlock, TargetBlock
+from armflex.calibrate.law_block import LawBlock
+from armflex.calibrate.view import Setup
+from armflex.conventions import Array, real_array
+from armflex.errors import InputError
+from armflex.laws import Law, Row
+from armflex.laws.learned import LearnedLaw
+from armflex.statics.deflect import SMALL, settle
+from armflex.statics.law_stack import constant_compliance
+from armflex.statics.loaded import LoadedArm
+from armflex.statics.solver import Solver
+from armflex.tracking.estimate import UNITS, Seen
+from armflex.tracking.reading import Reading, spread_of
+
+ENOUGH = 1e-2
+"""Length of the last term taken of the loads' redistribution, relative to the columns.
+
+The terms shrink like the sag over the arm's length, so that one or two are enough and what is left out is some 1e-4.
+Half of the angle by which a flexure turns (exp6's derivative) is left out as well."""
+
+NEAR = 1e-6
+"""Squared length of the last step to rest [m^2, rad^2]: the next ones, taken together by the tangent, leave its square,
+some 1e-8 m."""
+
+TERMS = 30
+"""Of a series, at most: where it takes more, the careful way is gone."""
+
+NONE = np.zeros((3, 3))
+
+
+class _Rest(NamedTuple):
+    """An arm at rest under one payload, and how the reading answers.
+
+    Attributes:
+        point: (3,) target in the instrument's frame.
+        axes: (3, 3) axes of the tip there.
+        answer: (3, nv) answer of the target to joints and to changes of the flexures' laws, loads redistributing.
+        compliance: (nv,) or (nv, nv) of all flexures.
+        motion, torque: (nv,) of the flexures, and on them.
+    """
+
+    point: Array
+    axes: Array
+    answer: Array
+    compliance: Array
+    motion: Array
+    torque: Array
+
+
+Columns = Callable[[_Rest], Array]
+
+
+class Quick:
+    """The quick way for one payload."""
+
+    def __init__(self, setup: Setup, blocks: Sequence[Block], payload: str, beside: float) -> None:
+        self._arm, instrument = setup.arm, setup.instrument
+        self._loaded = self._arm.loaded(payload)
+        self._solver = Solver(self._loaded.mechanics, self._loaded.laws)
+        self._turn, self._shift = instrument.pose.rotation.copy(), instrument.pose.translation.copy()
+        self._target, self._stretch = instrument.target, 1.0 + instrument.scale
+        self._beside, self._tip = beside, self._loaded.mechanics.flex.tip
+        matrix = -self._loaded.laws.matrix
+        diagonal = np.count_nonzero(matrix) == np.count_nonzero(np.diag(matrix))
+        self._varying = self._loaded.laws.others
+        self._compliance = np.diag(matrix).copy() if diagonal and not self._varying else matrix
+        ends = np.cumsum([0, *(len(block.labels) for block in blocks)]).tolist()
+        self._count = ends[-1]
+        places = [slice(*pair) for pair in pairwise(ends)]
+        self._parts = [(place, _columns_of(block, self._loaded)) for place, block in zip(places, blocks, strict=True)]
+
+    def __call__(self, reading: Reading) -> Seen | None:
+        """Return what is seen, None where the arm is not proven to stay."""
+        q, sigma = self._arm.check_position(reading.q)[0], spread_of(reading)
+        position = real_array(reading.position, "position")
+        if position.shape != (3,):
+            raise InputError(f"position: expected (3,) [m], got {position.shape}")
+        rest = self._rest(q)
+        if rest is None:
+            return None
+        if self._beside:
+            sigma = (sigma**2 + self._beside**2) ** 0.5
+        residual = (position - rest.point) / sigma
+        if not isfinite(residual.dot(residual)):
+            raise InputError(f"position: expected three finite numbers [m], got {position}")
+        columns = np.empty((3, self._count))
+        for place, part in self._parts:
+            columns[:, place] = part(rest)
+        columns /= sigma if isinstance(sigma, float) else sigma[..., None]
+        return Seen(residual, columns)
+
+    def _rest(self, q: Array) -> _Rest | None:
+        solver, model, data, turn = self._solver, self._solver.model, self._solver.data, self._turn
+        straight, compliance = solver.straight(q), self._known(q)
+        motion = self._near(straight)
+        if motion is None:
+            return None
+        bent = solver.bent(straight, motion)
+        geometric = pin.computeGeneralizedGravityDerivatives(model, data, bent)
+        tip = pin.updateFramePlacement(model, data, self._tip)
+        jacobian = pin.getFrameJacobian(model, data, self._tip, pin.LOCAL_WORLD_ALIGNED)
+        axes, torque = tip.rotation, data.g
+        lever = axes.dot(self._target)
+        body = turn.dot(jacobian[:3] - pin.skew(lever).dot(jacobian[3:]))
+        answer = _redistributed(body, compliance, geometric)
+        if answer is None:
+            return None
+        # The tangent goes the rest of the way to where the arm rests: what is left is its square.
+        point = turn.dot(tip.translation + lever) + self._shift + answer.dot(solver.motion(torque) - motion)
+        return _Rest(self._stretch * point, turn.dot(axes), answer, compliance, motion, torque)
+
+    def _known(self, q: Array) -> Array:
+        """Return the compliance at (nq,) positions, a vector where it is diagonal; the solver then knows it, too."""
+        if not self._varying:
+            return self._compliance
+        row, compliance = self._loaded.row(q, {}), self._compliance.copy()
+        self._solver.know(row)
+        for _, here, law in self._varying:
+            compliance[here, here] += law.tangent(np.zeros(6), row)
+        return compliance
+
+    def _near(self, straight: Array) -> Array | None:
+        """Return the (nv,) motion close to rest, None where it is far away or not proven that the arm stays."""
+        softening, solver = self._loaded.softening, self._solver
+        if softening is None or not softening.proven:
+            found = settle(self._loaded, solver, straight)
+            return None if found is None else found[0]
+        law, torque = solver.motion, solver.torque
+        motion = law(torque(straight))
+        for _ in range(TERMS):
+            moved = law(torque(solver.bent(straight, motion)))
+            step, motion = moved - motion, moved
+            if step.dot(step) < NEAR:
+                return motion if motion.dot(motion) < SMALL else None
+        return None
+
+
+def _redistributed(answer: Array, compliance: Array, geometric: Array) -> Array | None:
+    """Return answer (I + C G)^-1 as a series, C diagonal as a vector; None where it does not end.
+
+    C is zero at the joints, where this is answer - B C G.
+    """
+    total, enough = answer, ENOUGH**2 * np.vdot(answer, answer)
+    for _ in range(TERMS):
+        further = answer - _times(total, compliance).dot(geometric)
+        step, total = further - total, further
+        if np.vdot(step, step) <= enough:
+            return total
+    return None
+
+
+def _times(rows: Array, compliance: Array) -> Array:
+    return rows * compliance if compliance.ndim == 1 else rows.dot(compliance)
+
+
+def _columns_of(block: Block, loaded: LoadedArm) -> Columns:
+    """Return the function that gives a block's (3, k) columns of an arm at rest."""
+    if isinstance(block, FrameBlock):
+        return lambda rest: np.hstack([UNITS[3], -pin.skew(rest.point)])
+    if isinstance(block, TargetBlock):
+        return lambda rest: rest.axes
+    if isinstance(block, OffsetBlock):
+        places = loaded.mechanics.flex.v_index
+        return lambda rest: rest.answer.take(places, axis=1)
+    if isinstance(block, ComplianceBlock):
+        return _compliance_columns(block, loaded)
+    if isinstance(block, LawBlock):
+        return _law_columns(block, loaded)
+    assert block.name == MOUNTING
+    return lambda rest: NONE
+
+
+def _compliance_columns(block: ComplianceBlock, loaded: LoadedArm) -> Columns:
+    """Return the columns of half of (E C + C E) w, w being minus the torque."""
+    places = _places(block.flexures, loaded)
+    own = np.concatenate([here[list(axes)] for here, axes in zip(places, block.axes, strict=True)])
+
+    def columns(rest: _Rest) -> Array:
+        if rest.compliance.ndim == 1:  # then C w is the motion either way
+            return (rest.answer * rest.motion).take(own, axis=1)
+        both = rest.answer * rest.motion - rest.answer.dot(rest.compliance) * rest.torque
+        return (0.5 * both).take(own, axis=1)
+
+    return columns
+
+
+def _law_columns(block: LawBlock, loaded: LoadedArm) -> Columns:
+    """Return the columns of compliances that are learned: each parameter's is a matrix, made once."""
+    arm, places = loaded.arm, _places(block.flexures, loaded)
+    laws = {flexure.name: flexure.law for flexure in arm.flexures}
+    units = [_by_load(laws[name], arm).reshape(-1, 36) for name in block.flexures]
+    most, count = max(map(len, units)), len(units)
+    matrices = np.array([np.vstack([unit, np.zeros((most - len(unit), 36))]) for unit in units])
+    kept = np.flatnonzero(np.concatenate([np.arange(most) < len(unit) for unit in units]))
+
+    def columns(rest: _Rest) -> Array:
+        answers, loads = rest.answer[:, places].transpose(1, 2, 0), -rest.torque[places]
+        pairs = (answers[:, :, None, :] * loads[:, None, :, None]).reshape(count, 36, 3)
+        return np.matmul(matrices, pairs).reshape(-1, 3)[kept].T
+
+    return columns
+
+
+def _by_load(law: Law, arm: Arm) -> Array:
+    """Return the (k, 6, 6) derivative of a learned compliance by its values."""
+    assert isinstance(law, LearnedLaw) and constant_compliance(law) is not None
+    row = middle_of(arm)
+    return np.array([law.by_values(load, row) for load in np.eye(6)]).transpose(2, 1, 0)
+
+
+def _places(names: Sequence[str], loaded: LoadedArm) -> np.ndarray:
+    """Return the (n, 6) places of flexures among the generalized velocities."""
+    every = loaded.mechanics.flex.flexure_v.reshape(-1, 6)
+    return every[[loaded.arm.flexure_names.index(name) for name in names]]
+
+
+def middle_of(arm: Arm) -> Row:
+    """Return a row in the middle of the joints' ranges, for laws that are the same in every row."""
+    middle = 0.5 * (arm.robot.lower + arm.robot.upper)
+    return Row(np.where(np.isfinite(middle), middle, 0.0), arm.joint_index, {"payload_mass": np.zeros(())})

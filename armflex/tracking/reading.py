@@ -1,0 +1,109 @@
+"""One reading of the tip, as a controller has it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armflex.arm import Arm
+from armflex.conventions import Array, finite_array, real_array
+from armflex.errors import InputError
+from armflex.measured.measurements import Measurements
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Where the tip's target was seen, with the arm standing still.
+
+    Attributes:
+        q: (nq,) the controller's joint positions [rad or m].
+        position: (3,) of the target [m], in the frame that the arm was calibrated in: the instrument's, or the base's
+            where `[measurement]` says so.
+        sigma: Its standard deviation, one number or (3,) [m].
+        payload: Name of what was carried.
+        session: The instrument's setup; with another name its frame is uncertain anew.
+        time: [s], where drift is by time; None where it is by readings.
+        rotation: (3,) rotation vector of the target [rad], None where none was read.
+        sigma_r: Its standard deviation [rad].
+        covariates: What the arm's effects depend on, by name.
+    """
+
+    q: ArrayLike
+    position: ArrayLike
+    sigma: float | ArrayLike
+    payload: str = "none"
+    session: str = "session"
+    time: float | None = None
+    rotation: ArrayLike | None = None
+    sigma_r: float | None = None
+    covariates: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, measurements: Measurements, row: int, timed: bool = False) -> Reading:
+        """Return a row of a campaign, with its time if wanted."""
+        turned = measurements.rotation is not None and np.isfinite(measurements.sigma_r[row])
+        return cls(
+            measurements.q[row],
+            measurements.position[row],
+            measurements.sigma[row],
+            measurements.payload[row],
+            measurements.session[row],
+            float(measurements.time[row]) if timed else None,
+            measurements.rotation[row] if turned else None,
+            float(measurements.sigma_r[row]) if turned else None,
+            {name: float(values[row]) for name, values in measurements.known.items()},
+        )
+
+
+def spread_of(reading: Reading) -> float | Array:
+    """Return the standard deviation of the position, a number or (3,) [m].
+
+    Raises:
+        InputError: It is not positive, or the orientation has none.
+    """
+    if reading.rotation is not None and not (reading.sigma_r is not None and 0.0 < reading.sigma_r < np.inf):
+        raise InputError(f"sigma_r: expected a positive number [rad], got {reading.sigma_r!r}")
+    if isinstance(reading.sigma, float) and 0.0 < reading.sigma < np.inf:
+        return reading.sigma
+    sigma = real_array(reading.sigma, "sigma")
+    if sigma.shape not in ((), (3,)) or not ((sigma > 0.0) & (sigma < np.inf)).all():
+        raise InputError(f"sigma: expected one or three positive numbers [m], got {reading.sigma!r}")
+    return sigma
+
+
+def as_row(reading: Reading, arm: Arm) -> Measurements:
+    """Return a campaign of this reading alone; raises what `spread_of` and `Arm.check_position` do."""
+    q, sigma, known = arm.check_position(reading.q)[0], spread_of(reading), reading.covariates
+    approach = [float(known.get(f"approach_{joint}", 0.0)) for joint in arm.joint_names]
+    turned = reading.rotation is not None
+    return Measurements(
+        joint_names=arm.joint_names,
+        pose=("pose",),
+        session=(reading.session,),
+        payload=(reading.payload,),
+        time=np.array([reading.time or 0.0]),
+        q=q[None],
+        approach=np.array([approach]),
+        measured=np.ones(1, dtype=bool),
+        position=finite_array(reading.position, "position", (3,))[None],
+        rotation=finite_array(reading.rotation, "rotation", (3,))[None] if turned else None,
+        sigma=np.broadcast_to(sigma, (1, 3)),
+        sigma_r=np.array([reading.sigma_r], dtype=float) if turned else None,
+        hold=np.array([known["hold"]]) if "hold" in known else None,
+        covariates={name: np.array([value], dtype=float) for name, value in known.items() if name not in GIVEN},
+        places=(),
+        derived=_underived(reading, arm),
+    )
+
+
+GIVEN = ("hold", "time")
+"""Covariates with a place of their own."""
+
+
+def _underived(reading: Reading, arm: Arm) -> tuple[str, ...]:
+    """Return what the reading does not tell and no order of rows stands in for."""
+    missing = [f"approach_{joint}" for joint in arm.joint_names if f"approach_{joint}" not in reading.covariates]
+    return (*(("time",) if reading.time is None else ()), *missing)

@@ -1,0 +1,261 @@
+"""`Tracker`: calibration kept up with the arm, one reading at a time, for a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import InputError, ModelFileError, Place, UnknownNameError
+from armflex.tracking.estimate import Estimate, estimate_of, recentred, take, widen
+from armflex.tracking.model import model_of
+from armflex.tracking.reading import Reading
+from armflex.tracking.sight import Sight
+from armflex.tracking.state import begun
+from armflex.tracking.state_file import read_state, write_state
+from armflex.tracking.watch import Change, Found, seek
+from armflex.workspace.digest import digest
+
+KEPT = 100
+"""Changes that are remembered."""
+
+EVERY, PATIENCE = 8, 0.02
+"""Drift is added to the covariance at every eighth reading at the latest, and before a reading where it has come to
+this part of a parameter's variance: a new square root costs more than a reading."""
+
+FAR_FROM = 0.1
+"""Change of a compliance beyond which the arm should be linearised again."""
+
+
+class Step(NamedTuple):
+    """What became of a reading.
+
+    Attributes:
+        weight: 1 for most; less the farther a reading is from what was expected.
+        distance: How far it is, in standard deviations of what was expected (Mahalanobis).
+        change: What is announced with it, None for most.
+    """
+
+    weight: float
+    distance: float
+    change: Change | None
+
+
+class Tracker:
+    """The streaming form of `calibrate`; for one thread. Without drift it is the same least squares, to rounding.
+
+    It starts from what a calibration left of certainty (`Arm.certainty`), or where there is none from [prior]. Frames
+    of the campaign's sessions are left behind: every new session's frame is uncertain as [prior] says. Effects of the
+    arm stay as they are. A reading that is off counts less (Huber); where several agree that a law has changed, the
+    law is announced, and followed from where it changed. What is not among the parameters cannot be told from what is.
+
+    Memory is constant. An update takes some 40 times `pin.rnea + pin.computeJointJacobians`, one that looks for a
+    change a few milliseconds, and one that goes the careful way (see `sight`) some ten.
+
+    Args:
+        arm: A calibrated arm, or one that is measured in its base.
+        rates: How fast what drifts, one standard deviation of a random walk per square root of a second where readings
+            have a time, else per square root of a reading; by the beginning of parameters' labels ('compliance A4'), in
+            their units. What is not named does not drift.
+        sigma: What the arm does that no parameter explains [m], one standard deviation, beside that of every reading: 0
+            where the calibration came down to the noise.
+
+    Raises:
+        InputError: Nobody knows where the instrument stands, or nothing may move.
+        UnknownNameError: A rate is for no parameter.
+    """
+
+    def __init__(self, arm: Arm, rates: Mapping[str, float] | None = None, sigma: float = 0.0) -> None:
+        if not 0.0 <= sigma < np.inf:
+            raise InputError(f"sigma: expected a number, zero or more [m], got {sigma}")
+        self._arm, self._model, self._sigma = arm, model_of(arm), float(sigma)
+        self._rates = {name: float(rate) for name, rate in (rates or {}).items()}
+        self._variance = _variances(self._rates, self.labels)
+        self._drifting = np.flatnonzero(self._variance)
+        self._state = begun(estimate_of(self._model.known), self._model.point)
+        self._linearise()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Block and parameter of each, as calibration names them."""
+        return self._model.labels
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of what can be announced to have changed."""
+        return tuple(group.name for group in self._model.groups)
+
+    @property
+    def values(self) -> Array:
+        """(P,) deviations from the arm that tracking started with; values of learned laws as they are."""
+        return self._model.at(self._state.point, self._state.estimate.values)
+
+    @property
+    def covariance(self) -> Array:
+        """(P, P) covariance, drift up to now included."""
+        state, model = self._state, self._model
+        of_steps = state.estimate.covariance + np.diag(self._variance * (state.clock - state.drifted))
+        factor = model.factor(state.estimate.values)
+        return of_steps / np.outer(factor, factor)
+
+    @property
+    def std(self) -> Array:
+        """(P,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def readings(self) -> int:
+        """How many readings were taken in."""
+        return self._state.count
+
+    @property
+    def outliers(self) -> int:
+        """How many of them counted less than in full."""
+        return self._state.outliers
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """What was announced, the last hundred, the latest last."""
+        return tuple(self._state.changes)
+
+    @property
+    def arm(self) -> Arm:
+        """The arm as it is known now, with its certainty: for `compensate`, `deflection`, or another tracker."""
+        return self._model.arm(self.values, self.covariance)
+
+    @property
+    def stale(self) -> bool:
+        """Whether the estimate is so far from where the arm was linearised that `relinearise` is worth its time."""
+        away = np.abs(self._state.estimate.values)[self._model.curved]
+        return bool(len(away) and away.max() > FAR_FROM)
+
+    def update(self, reading: Reading) -> Step:
+        """Take in a reading.
+
+        Raises:
+            InputError, UnknownNameError, MissingCovariateError, ConvergenceError, UnstableEquilibriumError: The reading
+                cannot be used, see `Sight`, or its time runs backwards; the tracker is as it was before.
+        """
+        seen, clock, state = self._sight(reading), self._clock_at(reading), self._state
+        if reading.session != state.session:
+            self._enter(reading.session)
+        state.clock, state.timed = clock, reading.time is not None
+        state.time = float(reading.time) if state.timed else None
+        self._drift()
+        if state.watch.turning:
+            state.watch.turn(state.now)
+        state.estimate, weight, distance = take(state.estimate, seen)
+        state.count += 1
+        state.outliers += weight < 1.0
+        suspicious = state.watch.add(seen, distance)
+        return Step(weight, distance, self._look() if suspicious else None)
+
+    def relinearise(self) -> None:
+        """Linearise the arm about the present estimate: some milliseconds, not for a tick of a controller."""
+        state, step = self._state, self._state.estimate.values
+        factor = self._model.factor(step)
+        state.point = self._model.at(state.point, step)
+        state.estimate = recentred(state.estimate, step, factor)
+        state.watch.recentre(step, factor)
+        self._linearise()
+
+    def save(self, path: str | Path) -> Path:
+        """Write all that is known to a file, whole or not at all; return its path."""
+        return write_state(self._state, self._about, Path(path))
+
+    @classmethod
+    def restore(cls, path: str | Path, arm: Arm) -> Tracker:
+        """Return a tracker that goes on where it was saved, to the last bit; `arm` is the one that it began with.
+
+        Raises:
+            ModelFileError: Missing, damaged, no tracker's state, or that of another arm.
+        """
+        state, about = read_state(Path(path))
+        if about["arm"] != digest(arm):
+            raise ModelFileError(Place(Path(path)), "is of another arm: expected the one that the tracker began with")
+        tracker = cls(arm, about["rates"], about["sigma"])
+        tracker._state = state
+        tracker._linearise()
+        return tracker
+
+    @property
+    def _about(self) -> dict[str, object]:
+        """What a state is of."""
+        return {"arm": digest(self._arm), "rates": self._rates, "sigma": self._sigma}
+
+    def _linearise(self) -> None:
+        model = self._model
+        self._sight = Sight(model.setup(self._state.point), model.blocks, model.aside.unexplained, self._sigma)
+
+    def _clock_at(self, reading: Reading) -> float:
+        """Return the time that drift goes by, at a reading."""
+        state, timed = self._state, reading.time is not None
+        if state.timed is not None and timed != state.timed:
+            raise InputError("time: given for some readings and not for others")
+        if not timed:
+            return state.clock + 1.0
+        if not np.isfinite(reading.time) or (state.time is not None and reading.time < state.time):
+            raise InputError(f"time: {reading.time:g} s after {state.time} s")
+        return state.clock + (reading.time - state.time if state.time is not None else 0.0)
+
+    def _enter(self, session: str) -> None:
+        """Begin a session: its frame is uncertain, and readings before it say nothing of its changes."""
+        state = self._state
+        state.session = session
+        if self._model.restationed.any():
+            state.estimate = widen(state.estimate, self._model.restationed)
+        state.watch.restart(state.now)
+
+    def _drift(self) -> None:
+        """Add what has drifted, where it is time."""
+        state = self._state
+        state.waiting += 1
+        if not len(self._drifting):
+            return
+        if state.waiting < EVERY and state.clock - state.drifted < state.patience:
+            return
+        state.estimate = widen(state.estimate, self._variance * (state.clock - state.drifted))
+        root, state.drifted, state.waiting = state.estimate.root[self._drifting], state.clock, 0
+        state.patience = PATIENCE * float(((root**2).sum(axis=1) / self._variance[self._drifting]).min())
+
+    def _look(self) -> Change | None:
+        """Look for a change; where there is one, go back to before it, open what changed, and go on from there."""
+        state, first = self._state, self._state.watch.first
+        drifted = self._variance * (state.clock - first.drifted)
+        base = widen(first.estimate, drifted) if drifted.any() else first.estimate
+        found = seek(state.watch, base, self._model.groups)
+        if found is None:
+            return None
+        self._follow(base, found)
+        labels = tuple(self.labels[i] for i in found.group.places)
+        said = (found.group.name, found.probability, state.count, first.count + found.start + 1)
+        change = Change(*said, labels, found.size, found.std, found.others)
+        state.changes = [*state.changes, change][-KEPT:]
+        return change
+
+    def _follow(self, base: Estimate, found: Found) -> None:
+        state, opened = self._state, np.zeros(len(self.labels))
+        opened[found.group.places] = found.group.sizes**2
+        state.estimate, state.drifted = base, state.clock
+        for place, seen in enumerate(state.watch.window):
+            if place == found.start:
+                state.estimate = widen(state.estimate, opened)
+            state.estimate = take(state.estimate, seen)[0]
+        state.watch.restart(state.now)
+
+
+def _variances(rates: Mapping[str, float], labels: tuple[str, ...]) -> Array:
+    """Return (P,) variances per unit of time; the longest name that fits a label counts."""
+    variance = np.zeros(len(labels))
+    for name in sorted(rates, key=len):
+        own = [label == name or label.startswith(f"{name} ") for label in labels]
+        if not any(own):
+            raise UnknownNameError("parameter", name, labels)
+        if not 0.0 <= rates[name] < np.inf:
+            raise InputError(f"rate of {name!r}: expected a number, zero or more, got {rates[name]}")
+        variance[own] = float(rates[name]) ** 2
+    return variance

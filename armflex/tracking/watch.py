@@ -1,0 +1,263 @@
+"""Has a law changed, which one, and how sure is that? Asked over the last readings, of which one alone proves nothing.
+
+A cumulated sum of the innovations' squares (Page 1954) says when to look. Then every law is a hypothesis: that its
+parameters jumped, by an amount of the size that is expected of it, just before the sum began to rise. Its evidence is
+the density of the readings since an earlier estimate (Willsky and Jones 1976, with the jump integrated out). In every
+hypothesis, also that nothing changed, a reading that all others contradict counts as lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from armflex.calibrate.robust import FAR
+from armflex.conventions import Array
+from armflex.tracking.estimate import Estimate, Seen, recentred
+from armflex.tracking.groups import Group
+
+WINDOW = 8
+"""An earlier estimate is kept from 8 to 16 readings back."""
+
+SLACK, GATE = 1.5, 16.0
+"""What the sum leaves out of each squared innovation beside its expectation, and where it says to look: further than
+one reading can raise it."""
+
+LOST = 8.0
+"""What a lost reading costs: -log density of one so far off that one in a thousand is."""
+
+RARE = 1e-4
+"""How often a law is expected to change: once in ten thousand readings."""
+
+SURE, CLEAR = 0.99, 0.95
+"""Probability that something changed, and that it was this law, from which on a change is announced."""
+
+FEWEST, MOST = 3, 10
+"""Readings after a change before it can be announced, and after which it is whether or not one law stands out."""
+
+PROMISING = 8
+"""Laws that are weighed with lost readings left out; the others explain the readings too badly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A law that changed.
+
+    Attributes:
+        name: The law, as `Tracker.groups` names it: 'compliance A4', 'joint_offset A2', 'instrument', ...
+        probability: That it was this one, among all laws and no change at all.
+        reading: Number of the reading after which it was announced, the first being 1.
+        since: Number of the first reading after the change, as far as can be told.
+        labels: What changed.
+        size: (k,) by how much, in the parameters' units.
+        std: (k,) one standard deviation of each.
+        others: What else it may have been, with probabilities above one in a hundred.
+    """
+
+    name: str
+    probability: float
+    reading: int
+    since: int
+    labels: tuple[str, ...]
+    size: Array
+    std: Array
+    others: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """An earlier estimate: how many readings it knows, and the clock up to which drift is in it."""
+
+    estimate: Estimate
+    count: int
+    drifted: float
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The most probable hypothesis: its group, the place in the window where it begins, and what it says."""
+
+    group: Group
+    start: int
+    probability: float
+    size: Array
+    std: Array
+    others: tuple[tuple[str, float], ...]
+
+
+@dataclass
+class Watch:
+    """The last readings, an estimate from before them, and how surprising they were.
+
+    Attributes:
+        first: From before all readings of the window.
+        later: From before its ninth, which will take the first one's place.
+        window: Readings since the first anchor, 16 at most.
+        total: Cumulated sum of squared innovations beyond what is expected.
+        rising: Place in the window from which on it has not been zero.
+    """
+
+    first: Anchor
+    later: Anchor
+    window: list[Seen] = field(default_factory=list)
+    total: float = 0.0
+    rising: int = 0
+
+    def restart(self, anchor: Anchor) -> None:
+        """Forget all readings; from here on it is another matter."""
+        self.first = self.later = anchor
+        self.window, self.total, self.rising = [], 0.0, 0
+
+    def turn(self, now: Anchor) -> None:
+        """Before every eighth reading: let the later anchor be the first and those before it go; `now` is the later."""
+        if len(self.window) == 2 * WINDOW:
+            self.first, self.window, self.rising = self.later, self.window[WINDOW:], max(0, self.rising - WINDOW)
+        self.later = now
+
+    @property
+    def turning(self) -> bool:
+        """Whether `turn` is due."""
+        return len(self.window) in (WINDOW, 2 * WINDOW)
+
+    def add(self, seen: Seen, distance: float) -> bool:
+        """Take in a reading and its distance from what was expected; return whether to look for a change."""
+        if self.total == 0.0:
+            self.rising = len(self.window)
+        self.window.append(seen)
+        size = len(seen.residual)
+        self.total = max(0.0, self.total + min(distance, FAR[size]) ** 2 - size - SLACK)
+        return self.total > GATE and len(self.window) - self.rising >= FEWEST
+
+    def recentre(self, step: Array, factor: Array) -> None:
+        """Take in that the arm is linearised elsewhere; see `recentred`."""
+        self.window = [Seen(one.residual - one.columns @ step, one.columns * factor) for one in self.window]
+        self.first = replace(self.first, estimate=recentred(self.first.estimate, step, factor))
+        self.later = replace(self.later, estimate=recentred(self.later.estimate, step, factor))
+
+
+def seek(watch: Watch, before: Estimate, groups: Sequence[Group]) -> Found | None:
+    """Return the change that the window shows, None where it shows none or not yet which.
+
+    Args:
+        watch: The window.
+        before: The estimate before its first reading, what has drifted since included.
+        groups: What may have changed.
+    """
+    task = _task(watch.window, before)
+    plain = task.explained(task.inverse)
+    weights, best = {None: -plain.cost}, {}
+    for start in _starts(plain, watch.rising):
+        for group in task.promising(groups, start):
+            found = task.changed(group, start)
+            weight = np.log(RARE) - found.cost
+            if weight > weights.get(group.name, -np.inf):
+                weights[group.name], best[group.name] = weight, (group, found, start)
+    return _judged(task, weights, best)
+
+
+@dataclass(frozen=True, eq=False)
+class _Explained:
+    """How a hypothesis explains the window: its cost (-log density), V^-1 and V^-1 e of what is not lost, and that."""
+
+    cost: float
+    inverse: Array
+    pulls: Array
+    lost: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """The window's positions in standard deviations: (n, 3, P) columns, (n, 3) errors and V^-1 (3 n, 3 n) without a
+    change, with the logarithm of V's determinant."""
+
+    columns: Array
+    errors: Array
+    inverse: Array
+    log_volume: float
+
+    def promising(self, groups: Sequence[Group], start: int) -> list[Group]:
+        """Return the groups whose jump before the reading at `start` says most, as if no reading were lost."""
+        heard = self.columns.copy()
+        heard[:start] = 0.0
+        heard = heard.reshape(len(self.inverse), -1)
+        through = self.inverse @ heard
+        inner, pull = heard.T @ through, through.T @ self.errors.ravel()
+        gains = [_gain(inner[np.ix_(one.places, one.places)], pull[one.places], one.sizes) for one in groups]
+        return [groups[i] for i in np.argsort(gains)[: -PROMISING - 1 : -1]]
+
+    def changed(self, group: Group, start: int) -> _Explained:
+        """Return how well it is explained that a group jumped before the reading at `start`."""
+        heard = self.jump(group, start)
+        through = self.inverse @ heard
+        inner = np.eye(len(group.places)) + heard.T @ through
+        inverse = self.inverse - through @ np.linalg.solve(inner, through.T)
+        return self.explained(inverse, float(np.linalg.slogdet(inner)[1]))
+
+    def jump(self, group: Group, start: int) -> Array:
+        """Return the (3 n, k) change of the errors per expected size of a group's jump."""
+        heard = self.columns[:, :, group.places] * group.sizes
+        heard[:start] = 0.0
+        return heard.reshape(-1, len(group.places))
+
+    def explained(self, inverse: Array, more_volume: float = 0.0) -> _Explained:
+        """Return the cost with V^-1 given, leaving out one reading after the other that all the rest contradict."""
+        count = len(self.errors)
+        lost, errors, inverse = np.zeros(count, dtype=bool), self.errors.ravel().copy(), inverse.copy()
+        while True:
+            pulls = inverse @ errors
+            own = inverse.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
+            parts = pulls.reshape(count, 3)
+            # What a reading is off from where all others have it, squared: the block of V^-1 is that distance's metric.
+            far = (parts * np.linalg.solve(own, parts[:, :, None])[:, :, 0]).sum(axis=1)
+            worst = int(far.argmax())
+            if far[worst] <= 2.0 * LOST:
+                break
+            here = slice(3 * worst, 3 * worst + 3)
+            inverse -= inverse[:, here] @ np.linalg.solve(own[worst], inverse[here])
+            inverse[here], inverse[:, here], inverse[here, here], errors[here] = 0.0, 0.0, np.eye(3), 0.0
+            lost[worst] = True
+        cost = 0.5 * (errors @ pulls + self.log_volume + more_volume) + LOST * lost.sum()
+        return _Explained(float(cost), inverse, pulls, lost)
+
+
+def _gain(inner: Array, pull: Array, sizes: Array) -> float:
+    """Return the logarithm of how much more probable a jump of a group makes the errors."""
+    factor = np.linalg.cholesky(np.eye(len(sizes)) + inner * np.outer(sizes, sizes))
+    along = np.linalg.solve(factor, sizes * pull)
+    return float(0.5 * along @ along - np.log(np.diag(factor)).sum())
+
+
+def _task(window: Sequence[Seen], before: Estimate) -> _Task:
+    columns = np.array([seen.columns[:3] for seen in window])
+    errors = np.array([seen.residual[:3] for seen in window]) - columns @ before.values
+    heard = columns.reshape(-1, len(before.values)) @ before.root
+    volume = np.eye(len(heard)) + heard @ heard.T
+    return _Task(columns, errors, np.linalg.inv(volume), float(np.linalg.slogdet(volume)[1]))
+
+
+def _starts(plain: _Explained, rising: int) -> list[int]:
+    """Return where a change may begin: where the sum rises, and where readings begin to be lost to the end."""
+    last = len(plain.lost) - FEWEST
+    kept = np.flatnonzero(~plain.lost)
+    run = int(kept[-1]) + 1 if len(kept) else 0
+    return sorted({min(rising, last), min(run, last)})
+
+
+def _judged(task: _Task, weights: dict[str | None, float], best: dict[str, tuple]) -> Found | None:
+    """Return the most probable change where it is sure that there was one, and clear which."""
+    total = np.logaddexp.reduce(list(weights.values()))
+    shares = {name: float(np.exp(weight - total)) for name, weight in weights.items()}
+    name = max(best, key=lambda one: shares[one])
+    group, explained, start = best[name]
+    clear = shares[name] >= CLEAR or len(task.errors) - start >= MOST
+    if shares[None] > 1.0 - SURE or not clear:
+        return None
+    heard = task.jump(group, start).reshape(len(task.errors), 3, -1) * ~explained.lost[:, None, None]
+    heard = heard.reshape(-1, len(group.places))
+    size = group.sizes * (heard.T @ explained.pulls)
+    left = np.eye(len(group.places)) - heard.T @ explained.inverse @ heard
+    others = sorted(((one, p) for one, p in shares.items() if one and one != name and p > 0.01), key=lambda x: -x[1])
+    std = group.sizes * np.sqrt(np.maximum(np.diag(left), 0.0))
+    return Found(group, start, shares[name], size, std, tuple(others))
