@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bent_joints import Bent, bent
 from click.testing import CliRunner
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_arms import central_difference
 
@@ -98,6 +98,7 @@ def test_rows_at_once_are_rows_one_by_one(name):
         np.testing.assert_allclose(together, each, rtol=1e-9, atol=1e-18)
 
 
+@settings(deadline=None, max_examples=40)
 @given(seed=st.integers(0, 10_000), size=st.floats(0.0, 3.0))
 def test_a_learned_compliance_is_symmetric_and_gains_no_energy(seed, size):
     for name in ("linear", "position_dependent"):
@@ -191,6 +192,14 @@ def test_what_was_learned_is_written_and_read(six, learned, tmp_path):
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6)
     rows = read_measurements(folder / "test.csv", again)
     np.testing.assert_allclose(predict(again, rows).sigma, predict(found.arm, rows).sigma, rtol=1e-6)
+
+
+def test_learning_again_begins_at_what_was_declared(six, learned):
+    """What the same readings taught must not count twice."""
+    folder, found = learned
+    again = calibrate(found.arm, read_measurements(folder / "train.csv", found.arm))
+    assert again.fit.labels == found.fit.labels
+    np.testing.assert_allclose(again.rms, found.rms, rtol=1e-2)
 
 
 def test_a_law_that_is_not_learned_any_more_is_refused(learned, tmp_path):

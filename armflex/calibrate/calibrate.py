@@ -125,14 +125,7 @@ def calibrate(
         ConvergenceError: The fit did not settle.
     """
     used = np.flatnonzero(measurements.measured) if rows is None else rows
-    if len(used) < FEWEST_ROWS:
-        raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
-    fixed = [effect.name for effect in arm.effects if not isinstance(effect.law, TwistLaw | LoadLaw)]
-    if fixed:
-        text = f"effects that change the model itself cannot be fitted about: {listing(fixed)}"
-        others = listing(name for name, law in CATALOGUE.items() if not isinstance(law, TwistLaw | LoadLaw))
-        raise UnsupportedError(f"{text} (such are {others}); leave them out of the arm that is fitted")
-    derived_directions(arm, measurements, used)
+    _check_fit(arm, measurements, used)
     declared = first_guess(arm if keep else replace(arm, certainty=None), measurements, used)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.name in FRAMES]
     frame = [block for block in blocks if block.name == INSTRUMENT]
@@ -143,13 +136,20 @@ def calibrate(
         found = fit(declared, blocks, measurements, used, progress=progress)
     else:
         found = fit_learning(declared, blocks, laws, measurements, used, progress)
-    fitted = found.setup
-    return Calibration(
-        replace(settled(fitted.arm, found), instrument=fitted.instrument, certainty=certainty_of(found)),
-        found,
-        placed,
-        measurements,
-    )
+    known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
+    return Calibration(replace(settled(found.setup.arm, found), **known), found, placed, measurements)
+
+
+def _check_fit(arm: Arm, measurements: Measurements, used: np.ndarray) -> None:
+    """Raise where an arm cannot be fitted to some rows of a campaign; see `calibrate`."""
+    if len(used) < FEWEST_ROWS:
+        raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
+    fixed = [effect.name for effect in arm.effects if not isinstance(effect.law, TwistLaw | LoadLaw)]
+    if fixed:
+        text = f"effects that change the model itself cannot be fitted about: {listing(fixed)}"
+        others = listing(name for name, law in CATALOGUE.items() if not isinstance(law, TwistLaw | LoadLaw))
+        raise UnsupportedError(f"{text} (such are {others}); leave them out of the arm that is fitted")
+    derived_directions(arm, measurements, used)
 
 
 def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup:

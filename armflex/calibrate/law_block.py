@@ -10,6 +10,7 @@ from armflex.arm import Arm
 from armflex.calibrate.view import Setup, View
 from armflex.conventions import Array
 from armflex.flexure import Flexure
+from armflex.laws import Law
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
 
 LAW = "law"
@@ -91,10 +92,14 @@ def law_block(setup: Setup, rows: View) -> LawBlock | None:
 
 
 def start_law(flexure: Flexure, seen: Seen) -> LearnedLaw:
-    """Return the law of a flexure with its parameters, as it was declared."""
+    """Return the law of a flexure with its parameters, as it was declared, also where it was learned before."""
     assert flexure.learn is not None
-    return learned_law(flexure.law, flexure.learn, seen)
+    return learned_law(_declared(flexure), flexure.learn, seen)
+
+
+def _declared(flexure: Flexure) -> Law:
+    return flexure.law.declared if isinstance(flexure.law, LearnedLaw) else flexure.law
 
 
 def _seen(flexure: Flexure, index: int, rows: View) -> Seen:
-    return seen_in(flexure.law, rows.line.flexure_wrenches[:, index], rows.line.row)
+    return seen_in(_declared(flexure), rows.line.flexure_wrenches[:, index], rows.line.row)

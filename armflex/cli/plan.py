@@ -23,6 +23,8 @@ from armflex.conventions import NUMBER, parse_quantity
 from armflex.errors import InputError
 from armflex.measured.measurements import read_measurements
 from armflex.plan import draw_plan, plan, write_plan
+from armflex.plan.advice import Blind
+from armflex.plan.rivals import Rival
 from armflex.trajectory import read_trajectory
 from armflex.workspace.picture import SUFFIXES
 
@@ -180,39 +182,43 @@ def _parameters(found: Plan) -> list[dict[str, Any]]:
 
 def as_json(found: Plan) -> dict[str, Any]:
     """Return a plan for programs, SI; what was reached is as the terminal shows it."""
-    rows, goal = found.rows, found.goal
-    read = iter(found.worth.tolist())
+    rows, read = found.rows, iter(found.worth.tolist())
     return {
         "format": "armflex-plan-1",
         "rows": len(found.worth),
         "stops": [_stop(rows, i, next(read) if rows.measured[i] else None) for i in range(len(rows))],
         "sigma_m": found.reach.sigma.tolist(),
-        "goal": goal.title,
-        "expected": {
-            "reached": goal.shown(found.reached).tolist(),
-            "random": goal.shown(found.random.mean(axis=0)).tolist(),
-            "everything": float(goal.shown(found.everything)),
-            "random_rows": found.random_rows,
-        },
+        "goal": found.goal.title,
+        "expected": _expected(found),
         "parameters": _parameters(found),
-        "separation_sigmas": float(goal.shown(found.reached[-1])) if found.rivals else None,
-        "between": [
-            {
-                "name": rival.name,
-                "size": dict(zip(rival.suspect.labels, rival.size.tolist(), strict=True)),
-                "source": rival.source,
-            }
-            for rival in found.rivals
-        ],
-        "not_told": [
-            {"parameter": b.name, "moves_mm": b.moves * 1e3, "trades_against": list(b.partners), "instead": b.instead}
-            for b in found.blind
-        ],
+        "separation_sigmas": float(found.goal.shown(found.reached[-1])) if found.rivals else None,
+        "between": [_rival(rival) for rival in found.rivals],
+        "not_told": [_untold(blind) for blind in found.blind],
         "advice": list(found.advice),
         "left_out": dict(found.offered.dropped),
         "motion": {"ordered": found.way[0], "as_chosen": found.way[1]},
         "flags": [str(flag) for flag in found.flags],
     }
+
+
+def _expected(found: Plan) -> dict[str, Any]:
+    goal = found.goal
+    return {
+        "reached": goal.shown(found.reached).tolist(),
+        "random": goal.shown(found.random.mean(axis=0)).tolist(),
+        "everything": float(goal.shown(found.everything)),
+        "random_rows": found.random_rows,
+    }
+
+
+def _rival(rival: Rival) -> dict[str, Any]:
+    size = dict(zip(rival.suspect.labels, rival.size.tolist(), strict=True))
+    return {"name": rival.name, "size": size, "source": rival.source}
+
+
+def _untold(blind: Blind) -> dict[str, Any]:
+    moves = {"moves_mm": blind.moves * 1e3, "trades_against": list(blind.partners)}
+    return {"parameter": blind.name, **moves, "instead": blind.instead}
 
 
 def _stop(rows: Any, i: int, worth: float | None) -> dict[str, Any]:

@@ -61,7 +61,7 @@ def learned_law(law: Law, learning: Learning, seen: Seen) -> LearnedLaw:
     correction = CORRECTIONS[learning.model](law, learning, seen) if learning.model in CORRECTIONS else None
     groups = (*plain.groups, *(correction.groups if correction else ()))
     values = np.concatenate([plain.start, correction.start if correction else np.zeros(0)])
-    return LearnedLaw(plain, correction, seen, values, tuple(group.std for group in groups))
+    return LearnedLaw(law, plain, correction, seen, values, tuple(group.std for group in groups))
 
 
 def _plain(law: Law, learning: Learning) -> Part:

@@ -15,7 +15,7 @@ from armflex.laws.learned.part import Group
 class FixedPart:
     """A law without parameters."""
 
-    trained: Law
+    declared: Law
     groups: tuple[Group, ...] = ()
 
     @property
@@ -25,11 +25,11 @@ class FixedPart:
 
     def twist(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the law's twist."""
-        return self.trained.twist(wrench, row)
+        return self.declared.twist(wrench, row)
 
     def tangent(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the law's tangent."""
-        return self.trained.tangent(wrench, row)
+        return self.declared.tangent(wrench, row)
 
     def by_values(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the derivative by no values."""
@@ -37,4 +37,4 @@ class FixedPart:
 
     def law(self, values: Array) -> Law | None:
         """Return the law."""
-        return self.trained
+        return self.declared

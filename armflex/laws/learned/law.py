@@ -21,6 +21,7 @@ class LearnedLaw(Law):
     """The sum of parts at values of their parameters.
 
     Attributes:
+        declared: The law that it is learned about.
         plain: The part that holds under every load.
         correction: The part that counts within the window alone, None for none.
         seen: The loads that it was learned under.
@@ -30,6 +31,7 @@ class LearnedLaw(Law):
         reach: (6,) the largest correction at the loads seen [m, rad], None where there is none.
     """
 
+    declared: Law
     plain: Part
     correction: Part | None
     seen: Seen
