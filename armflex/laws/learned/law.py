@@ -72,7 +72,7 @@ class LearnedLaw(Law):
 
     def correcting(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) twist that the correction adds."""
-        return Correction(self).twist(wrench, row) if self.correction else np.zeros_like(wrench)
+        return self._corrected.twist(wrench, row) if self.correction else np.zeros_like(wrench)
 
     def std(self, spread: Array, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) standard deviation of the twist for a (k, k) covariance of the values."""
@@ -91,7 +91,7 @@ class LearnedLaw(Law):
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
         tangent = self.plain.tangent(self._split[0], wrench, row)
-        return tangent if self.correction is None else tangent + Correction(self).tangent(wrench, row)
+        return tangent if self.correction is None else tangent + self._corrected.tangent(wrench, row)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, k) derivative of the twist by the values."""
@@ -144,13 +144,17 @@ class LearnedLaw(Law):
         known = self.plain.law(self._split[0])
         if known is None:
             return (self,)
-        return (known,) if self.correction is None else (known, Correction(self))
+        return (known,) if self.correction is None else (known, self._corrected)
 
     @cached_property
     def constant(self) -> Array | None:
         """(6, 6) compliance where the law is nothing else, None where it is."""
         known = self.parts
         return known[0].compliance if len(known) == 1 and isinstance(known[0], LinearLaw) else None
+
+    @cached_property
+    def _corrected(self) -> Correction:
+        return Correction(self)
 
     @cached_property
     def _split(self) -> tuple[Array, Array]:
@@ -189,6 +193,6 @@ class Correction(Law):
         assert self.of.correction is not None
         return self.of.correction
 
-    @property
+    @cached_property
     def _values(self) -> Array:
         return self.of.values[len(self.of.plain.start) :]

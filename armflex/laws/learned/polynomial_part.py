@@ -58,11 +58,11 @@ class PolynomialPart:
 
     def tangent(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
-        scale = self.load_scale[list(self.components)]
+        scale = self._scale
         z, own = wrench[..., self.components] / scale, np.eye(len(self.components))
         size, straight = np.abs(z)[..., None], [np.broadcast_to(own, (*z.shape, len(own)))] if self.linear else []
         alone = [np.sign(z)[..., None] * own, 2.0 * size * own, 2.0 * z[..., None] * own, 3.0 * size**2 * own]
-        first, second = _columns(self._pairs)
+        first, second = self._pair_columns
         products = z[..., first, None] * own[second] + z[..., second, None] * own[first]
         slopes = np.concatenate([*straight, *alone, products, self._radial_slopes(z)], axis=-2) / scale
         whole = np.zeros((*wrench.shape[:-1], 6, 6))
@@ -79,20 +79,20 @@ class PolynomialPart:
         return None
 
     def _terms(self, wrench: Array) -> Array:
-        z = wrench[..., self.components] / self.load_scale[list(self.components)]
-        first, second = _columns(self._pairs)
+        z = wrench[..., self.components] / self._scale
+        first, second = self._pair_columns
         straight = [z] if self.linear else []
         alone = [np.abs(z), z * np.abs(z), z**2, z**3]
         return np.concatenate([*straight, *alone, z[..., first] * z[..., second], self._lengths(z)], axis=-1)
 
     def _lengths(self, z: Array) -> Array:
         """Return the (..., r) radial loads."""
-        first, second = _columns(self._radial)
+        first, second = self._radial_columns
         return np.hypot(z[..., first], z[..., second])
 
     def _radial_slopes(self, z: Array) -> Array:
         """Return their (..., r, c) derivative by z, zero where there is no load."""
-        first, second = _columns(self._radial)
+        first, second = self._radial_columns
         own, length = np.eye(len(self.components)), self._lengths(z)[..., None]
         sides = z[..., first, None] * own[first] + z[..., second, None] * own[second]
         return sides / np.where(length > 0.0, length, 1.0)
@@ -116,6 +116,19 @@ class PolynomialPart:
         """Places of x and y of the force, and of the moment, where both count."""
         known = list(self.components)
         return [(known.index(x), known.index(x + 1)) for x in (0, 3) if {x, x + 1} <= set(known)]
+
+    @cached_property
+    def _pair_columns(self) -> tuple[np.ndarray, np.ndarray]:
+        return _columns(self._pairs)
+
+    @cached_property
+    def _radial_columns(self) -> tuple[np.ndarray, np.ndarray]:
+        return _columns(self._radial)
+
+    @cached_property
+    def _scale(self) -> Array:
+        """Typical loads of the components that count."""
+        return self.load_scale[list(self.components)]
 
 
 def _columns(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:

@@ -33,17 +33,19 @@ class Window:
     def distance(self, wrench: Array) -> Array:
         """Return the (...) distance of a (..., 6) wrench, 1 at the furthest that was seen."""
         off = wrench - self.mean
-        return np.sqrt(np.einsum("...i,ij,...j->...", off, self.precision, off))
+        return np.sqrt(((off @ self.precision) * off).sum(axis=-1))
 
     def __call__(self, wrench: Array) -> Array:
         """Return the (...) weight."""
-        share = np.clip((FADED - self.distance(wrench)) / (FADED - 1.0), 0.0, 1.0)
+        share = np.minimum(np.maximum((FADED - self.distance(wrench)) / (FADED - 1.0), 0.0), 1.0)
         return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
 
     def slope(self, wrench: Array) -> Array:
         """Return its (..., 6) derivative by the wrench."""
         distance = self.distance(wrench)[..., None]
-        share = np.clip((FADED - distance) / (FADED - 1.0), 0.0, 1.0)
+        if (distance <= 1.0).all():
+            return np.zeros(np.shape(wrench))
+        share = np.minimum(np.maximum((FADED - distance) / (FADED - 1.0), 0.0), 1.0)
         steep = -30.0 * share**2 * (1.0 - share) ** 2 / (FADED - 1.0)
         return steep * ((wrench - self.mean) @ self.precision) / np.maximum(distance, 1e-300)
 
