@@ -47,6 +47,7 @@ from armflex.trajectory import Trajectory as Trajectory
 from armflex.trajectory import read_trajectory as read_trajectory
 from armflex.trajectory import write_trajectory as write_trajectory
 from armflex.version import __version__ as __version__
+from armflex.view import draw_laws as draw_laws
 from armflex.view import view as view
 from armflex.workspace import WorkspaceMap as WorkspaceMap
 from armflex.workspace import draw_map as draw_map

@@ -12,6 +12,7 @@ from campaign_files import ARMS, declared_text, write_rows
 from campaigns import SIGMA, Drawn, draw, read
 from plant import Array, Push, State
 
+CORNER = 0.45  # of the travel of either joint that is never visited
 SHARE = 0.25  # of the linear twist under a typical load
 SHAPES: dict[str, Callable[[Array, Array], Array]] = {
     "yields": lambda z, other: np.tanh(1.5 * z),
@@ -57,20 +58,35 @@ class Bent:
         """The arm at every stop."""
         return self.drawn.plant.relax(self.drawn.rows, (self.act,))
 
-    def write(self, folder: Path, model: str, without: str | None = None) -> Path:
+    def carrying(self, number: int) -> Array:
+        """Stops with the payload of this number; the heaviest is the last."""
+        return self.drawn.rows.payload == number
+
+    def corner(self) -> Array:
+        """Stops in one corner of the travel of the two joints that carry the tip furthest."""
+        q, frames = self.drawn.rows.q, self.state().frames
+        lever = np.linalg.norm(frames[:, -1, None, :3, 3] - frames[:, :-1, :3, 3], axis=2).mean(axis=0)
+        slides = np.array([joint.kind == "prismatic" for joint in self.drawn.plant.joints])
+        low, travel = q.min(axis=0), np.ptp(q, axis=0)
+        far = np.argsort(-travel * np.where(slides, 1.0, lever))[:2]
+        share = ((q - low) / travel)[:, far]
+        upper = np.random.default_rng([self.drawn.seed, 5]).random(2) < 0.5
+        return (np.where(upper, share, 1.0 - share) > 1.0 - CORNER).all(axis=1)
+
+    def write(self, folder: Path, model: str, unseen: Array | None = None) -> Path:
         """Write arm.toml that learns the bent joints as `model`, train.csv, test.csv and unseen.csv; return the arm.
 
-        Rows with the payload `without` are in unseen.csv alone.
+        The stops in `unseen` are read in unseen.csv alone.
         """
         folder.mkdir(parents=True, exist_ok=True)
         drawn, names = self.drawn, [joint.name for joint in self.drawn.plant.joints]
         payloads = [name for name, _, _ in ARMS[drawn.arm].payloads]
         seen = read(drawn.plant, self.state(), drawn.station, drawn.shifts) + drawn.errors
-        kept = np.ones(len(seen), bool) if without is None else drawn.rows.payload != payloads.index(without)
+        away = np.zeros(len(seen), bool) if unseen is None else unseen
         for name, shown in (
-            ("train", drawn.rows.measured & kept),
-            ("test", drawn.rows.held_out & kept),
-            ("unseen", ~kept & (drawn.rows.measured | drawn.rows.held_out)),
+            ("train", drawn.rows.measured & ~away),
+            ("test", drawn.rows.held_out & ~away),
+            ("unseen", away & (drawn.rows.measured | drawn.rows.held_out)),
         ):
             write_rows(folder / f"{name}.csv", drawn.rows, names, payloads, seen, shown, SIGMA)
         learned = "|".join(self.joints)

@@ -86,3 +86,9 @@ def test_tracker():
     """Compensated with the arm as tracked, a path on a worn machine is as good as on the day of calibration."""
     before, without, tracked = run("11_tracker")
     assert before < 0.5e-3 and without > 1e-3 and tracked < 0.4e-3
+
+
+def test_learn_on_the_arm(tmp_path):
+    before, after = run("12_learn_on_the_arm", str(tmp_path))
+    assert before > 3.0 and after < 1.1
+    assert (tmp_path / "laws.png").stat().st_size > 20_000

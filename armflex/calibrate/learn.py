@@ -14,7 +14,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
-from armflex.calibrate.fit import ROUGH, Effort, Fit, fit
+from armflex.calibrate.fit import Effort, Fit, fit
 from armflex.calibrate.law_block import LawBlock, with_laws
 from armflex.calibrate.view import Progress, Setup
 from armflex.conventions import Array
@@ -28,8 +28,12 @@ which would leave what they cannot tell without any doubt."""
 ROUNDS = 8
 """Fits at most in search of the scales."""
 
-PATIENT = Effort(30, 8, 0.1, content=True)
-"""For the last fit. Networks have long valleys in which nothing is gained but rounding: where one ends is no matter."""
+BRISK = Effort(10, 8, 0.3, content=True)
+"""For the fits in search of the scales; far from the truth a network's steps need much damping."""
+
+PATIENT = Effort(150, 8, 0.05, content=True)
+"""For the last fit. Networks have long valleys: one that is left halfway has values, and bands, that are not its own;
+only where nothing is gained but rounding it is no matter where one ends."""
 
 SETTLED = 0.2
 """Logarithm of a change of every scale below which the search ends."""
@@ -52,15 +56,29 @@ def fit_learning(
     Raises:
         ConvergenceError, ArmflexError: See `fit`.
     """
-    start = np.concatenate([np.zeros(sum(len(block.labels) for block in blocks)), laws.start])
+    start = _plain_first(declared, blocks, laws, measurements, rows)
     for _ in range(ROUNDS):
-        found = fit(declared, (*blocks, laws), measurements, rows, start, effort=ROUGH)
+        found = fit(declared, (*blocks, laws), measurements, rows, start, effort=BRISK)
         own = found.places(laws)
         better, start = rescaled(laws, found.values[own], np.diag(found.posterior.covariance)[own]), found.values
         laws, change = better, moved(better, laws)
         if change < SETTLED:
             break
     return fit(declared, (*blocks, laws), measurements, rows, start, progress=progress, effort=PATIENT)
+
+
+def _plain_first(
+    declared: Setup, blocks: Sequence[Block], laws: LawBlock, measurements: Measurements, rows: np.ndarray
+) -> Array:
+    """Return the values from which to learn: the best ones without corrections, which then have the rest to explain.
+
+    Free from the first step on, a network that still means nothing may lead compliances far astray.
+    """
+    plain = replace(laws, laws=tuple(law.without_correction() for law in laws.laws))
+    found = fit(declared, (*blocks, plain), measurements, rows, effort=BRISK).values
+    others, own = np.split(found, [len(found) - len(plain.labels)])
+    pairs = zip(plain.split(own), laws.laws, strict=True)
+    return np.concatenate([others, *(part for values, law in pairs for part in (values, law.values[len(values) :]))])
 
 
 def settled(arm: Arm, found: Fit) -> Arm:

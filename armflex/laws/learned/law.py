@@ -83,6 +83,11 @@ class LearnedLaw(Law):
         """Return the law at other values."""
         return replace(self, values=values, spread=None)
 
+    def without_correction(self) -> LearnedLaw:
+        """Return the plain part alone."""
+        plain, count = self._split[0], len(self.plain.groups)
+        return LearnedLaw(self.declared, self.plain, None, self.seen, plain, self.scales[:count])
+
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the twist."""
         twist = self.plain.twist(self._split[0], wrench, row)
