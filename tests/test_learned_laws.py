@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -190,6 +191,10 @@ def test_what_was_learned_is_written_and_read(six, learned, tmp_path):
     one, other = (arm.deflection(q, "p300") for arm in (found.arm, again))
     np.testing.assert_array_equal(one.displacement, other.displacement)
     np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6)
+    for kept, before in zip(again.flexures, found.arm.flexures, strict=True):
+        if kept.learn is not None:  # beyond the loads seen, too
+            load, row = 3.0 * before.law.seen.loads[1], Row(q, found.arm.joint_index)
+            np.testing.assert_allclose(kept.law.covariance(load, row), before.law.covariance(load, row), rtol=1e-6)
     rows = read_measurements(folder / "test.csv", again)
     np.testing.assert_allclose(predict(again, rows).sigma, predict(found.arm, rows).sigma, rtol=1e-6)
 
@@ -216,11 +221,15 @@ def test_a_law_that_is_not_learned_any_more_is_refused(learned, tmp_path):
         ('model = "neural"\nneurons = 0', "neurons: .*from 1 to 64, got 0"),
         ('model = "neural"\nneurons = 2.5', "neurons: .*got 2.5"),
         ('model = "polynomial"\nneuron = 3', "neuron"),
+        ('model = "linear"\n#', "is zero: there is nothing"),
     ],
 )
 def test_what_cannot_be_learned_is_refused(six, tmp_path, change, message):
     path = six.write(tmp_path, "linear")
-    path.write_text(path.read_text().replace('model = "linear"\nlearn = true', f"{change}\nlearn = true", 1))
+    text = path.read_text().replace('model = "linear"\nlearn = true', f"{change}\nlearn = true", 1)
+    if "#" in change:
+        text = re.sub(r"learn = true\ncompliance = \[.*\]", "learn = true\ncompliance = [0, 0, 0, 0, 0, 0]", text)
+    path.write_text(text)
     with pytest.raises(ArmFileError, match=message):
         load_arm(path)
 

@@ -15,6 +15,7 @@ from armflex.calibrate.arm_blocks import ComplianceBlock
 from armflex.calibrate.calibrate import Calibration
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.law_table import law_tables
+from armflex.calibrate.learn import settled
 from armflex.calibrate.spread import EFFECT, RANDOM, certainty_of
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
@@ -142,7 +143,7 @@ def as_table(fit: Fit, measurements: Measurements, rows: np.ndarray, rms: float)
         "compliance": {name: values.tolist() for name, values in _log_factors(fit).items()},
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
     }
-    if laws := law_tables(setup.arm):
+    if laws := law_tables(settled(setup.arm, fit)):
         table["law"] = laws
     if certainty.unexplained is not None:
         table["unexplained"] = dict(zip(("site", "axis", "std"), certainty.unexplained, strict=True))

@@ -131,4 +131,4 @@ def _scale(expected: float, std: float, values: Array, variance: Array) -> float
 def moved(block: LawBlock, other: LawBlock) -> float:
     """Return the largest factor between the scales of two blocks, as a logarithm."""
     pairs = zip(block.laws, other.laws, strict=True)
-    return float(max(np.abs(np.log(np.divide(a.scales, b.scales))).max() for a, b in pairs))
+    return float(max(np.abs(np.log(np.divide(a.scales, b.scales))).max(initial=0.0) for a, b in pairs))

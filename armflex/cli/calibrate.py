@@ -30,6 +30,9 @@ from armflex.cli.tables import console, number, print_table
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
 
+SCATTERED = 1.5
+"""Scatter over the stated noise from which an arm is said to lack something."""
+
 
 @click.command(cls=Command)
 @click.argument("arm_path", metavar="ARM", type=PathArgument)
@@ -84,6 +87,11 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         cells = [[p.name, ", ".join(p.trades_against) or "moves the readings too little"] for p in blind[:12]]
         more = f" (12 of {len(blind)})" if len(blind) > 12 else ""
         print_table(f"What these data cannot determine{more}", columns, cells)
+    if not found.fit.blocks:
+        console().print("Nothing was fitted: [prior] frees nothing.")
+    if found.fit.noise > SCATTERED:
+        text = f"The readings scatter {found.fit.noise:.2g} times as much as stated: something is missing, and what was"
+        console().print(f"{text} fitted makes up for it as well as it can. `armflex trace` looks for it.")
     for outlier in found.outliers[:5]:
         console().print(f"outlier: {outlier.place}, {outlier.error_m * 1e3:.3g} mm off")
 

@@ -55,7 +55,7 @@ MOST_LINES = 10
 )
 @click.option("--sigma", metavar="0.2mm", help="Of a position read; that of MEAS.csv, else 0.2mm, where left out.")
 @click.option("--floor", metavar="0.5m", help="Lowest height of the tip in the base frame.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the rows that are offered.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the rows that are offered.")
 @click.option("--picture", type=OutputPath(), metavar="PLAN.png", help="Draw certainty against readings, and where.")
 @json_option
 def command(

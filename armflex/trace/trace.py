@@ -11,6 +11,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, calibrate
 from armflex.calibrate.fit import Fit, robust_limit
+from armflex.calibrate.learn import settled
 from armflex.calibrate.spread import certainty_of
 from armflex.calibrate.view import look
 from armflex.effects.scene import POSE
@@ -302,4 +303,5 @@ def _traced(calibration: Calibration, state: State, found: tuple[Found, ...]) ->
     """Return the arm with everything fitted; a random twist stays behind, because nobody can foresee it."""
     final = state.fit.setup
     effects = (*calibration.arm.effects, *(one.effect for one in found))
-    return replace(final.arm, effects=effects, instrument=final.instrument, certainty=certainty_of(state.fit))
+    arm = settled(final.arm, state.fit)
+    return replace(arm, effects=effects, instrument=final.instrument, certainty=certainty_of(state.fit))

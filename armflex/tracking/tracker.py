@@ -140,6 +140,8 @@ class Tracker:
             InputError, UnknownNameError, MissingCovariateError, ConvergenceError, UnstableEquilibriumError: The reading
                 cannot be used, see `Sight`, or its time runs backwards; the tracker is as it was before.
         """
+        if not isinstance(reading, Reading):
+            raise InputError(f"expected a Reading, got {reading!r}")
         seen, clock, state = self._sight(reading), self._clock_at(reading), self._state
         if reading.session != state.session:
             self._enter(reading.session)
@@ -255,7 +257,7 @@ def _variances(rates: Mapping[str, float], labels: tuple[str, ...]) -> Array:
         own = [label == name or label.startswith(f"{name} ") for label in labels]
         if not any(own):
             raise UnknownNameError("parameter", name, labels)
-        if not 0.0 <= rates[name] < np.inf:
-            raise InputError(f"rate of {name!r}: expected a number, zero or more, got {rates[name]}")
+        if not isinstance(rates[name], float | int) or not 0.0 <= rates[name] < np.inf:
+            raise InputError(f"rate of {name!r}: expected a number, zero or more, got {rates[name]!r}")
         variance[own] = float(rates[name]) ** 2
     return variance

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.declaration import Declaration
+from armflex.laws.at_node import AtNode
 from armflex.laws.law import Law, Ranges, Row
 from armflex.laws.learned.compliance_part import LOOSE, CompliancePart
 from armflex.laws.learned.fixed_part import FixedPart
@@ -46,6 +47,10 @@ class Learning:
 
 def read_learning(table: Declaration, model: str, law: Law, ranges: Ranges) -> Learning:
     """Return what `learn = true` frees; `neurons` is a network's size."""
+    if isinstance(law, LinearLaw) and not law.compliance.any():
+        raise table.fail("compliance", "is zero: there is nothing that could be learned about it, give a rough one")
+    if isinstance(law, AtNode) and isinstance(law.law, PositionDependentLaw):
+        raise table.fail("node", "a law that depends on a position cannot be learned at a node: give it at the joint")
     neurons = table.number("neurons", 6.0)
     if neurons not in range(1, MOST_NEURONS + 1):
         raise table.fail("neurons", f"expected a whole number from 1 to {MOST_NEURONS}, got {neurons:g}")

@@ -28,7 +28,7 @@ class LearnedLaw(Law):
         values: (k,) values of both parts' parameters, the plain one's first.
         scales: Prior standard deviation of every group of parameters.
         spread: (k, k) covariance of the values, None where nobody says.
-        reach: (6,) the largest correction at the loads seen [m, rad], None where there is none.
+        reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
     """
 
     declared: Law
@@ -63,7 +63,7 @@ class LearnedLaw(Law):
     @property
     def prior(self) -> Array:
         """(k,) prior standard deviations about zero."""
-        return np.concatenate([np.full(len(group.labels), group.std) for group in self.groups])
+        return np.concatenate([np.zeros(0), *(np.full(len(group.labels), group.std) for group in self.groups)])
 
     @property
     def start(self) -> Array:
@@ -127,7 +127,9 @@ class LearnedLaw(Law):
         if self.correction is None:
             return replace(self, spread=spread)
         sizes = self.correction.twist(self._split[1], wrenches, row)
-        return replace(self, spread=spread, reach=np.abs(sizes).max(axis=0))
+        by, start = self.correction.by_values(self._split[1], wrenches, row), len(self.plain.start)
+        doubt = np.einsum("nak,kl,nal->na", by, spread[start:, start:], by, optimize=True)
+        return replace(self, spread=spread, reach=np.sqrt((sizes**2 + doubt).max(axis=0)))
 
     def draw(self, rng: np.random.Generator) -> LearnedLaw:
         """Return the law at values drawn from what is known of them."""

@@ -73,10 +73,13 @@ class StructuralPart:
         return np.array(columns).T
 
     def _at(self, values: Array) -> StructuralLaw:
-        if values.tobytes() not in self._known:
+        key = values.tobytes()
+        made = self._known.get(key)
+        if made is None:
+            made = self._made(values)
             self._known.clear()
-            self._known[values.tobytes()] = self._made(values)
-        return self._known[values.tobytes()]
+            self._known[key] = made
+        return made
 
     def _made(self, values: Array) -> StructuralLaw:
         left, subjoints = iter(values), list(self.declared.subjoints)
