@@ -95,3 +95,13 @@ def _compliance_block(setup: Setup, std: float) -> Sequence[Block]:
                 names.append(flexure.name)
                 axes.append(given)
     return [ComplianceBlock(tuple(names), tuple(axes), std)] if names else []
+
+
+def places_of(block: Block, blocks: Sequence[Block]) -> np.ndarray:
+    """Return the places of one block's parameters among those of all."""
+    start = 0
+    for other in blocks:
+        if other is block:
+            return np.arange(start, start + len(other.labels))
+        start += len(other.labels)
+    raise KeyError(block.name)

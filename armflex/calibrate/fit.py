@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.calibrate.blocks import Block
+from armflex.calibrate.blocks import Block, places_of
 from armflex.calibrate.posterior import Posterior, posterior_of
 from armflex.calibrate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
 from armflex.calibrate.view import Progress, Setup, View, look, position_rms
@@ -134,12 +134,7 @@ class Fit:
 
     def places(self, block: Block) -> np.ndarray:
         """Return the places of one block's parameters among all."""
-        start = 0
-        for other in self.blocks:
-            if other is block:
-                return np.arange(start, start + len(other.labels))
-            start += len(other.labels)
-        raise KeyError(block.name)
+        return places_of(block, self.blocks)
 
     def value(self, block: str) -> Array:
         """Return the values of the block of a name."""

@@ -76,6 +76,12 @@ class LawBlock:
         return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
 
 
+def learned_laws(arm: Arm) -> dict[str, LearnedLaw]:
+    """Return the learned laws of an arm by flexure."""
+    laws = {flexure.name: flexure.law for flexure in arm.flexures}
+    return {name: law for name, law in laws.items() if isinstance(law, LearnedLaw)}
+
+
 def with_laws(arm: Arm, laws: dict[str, LearnedLaw]) -> Arm:
     """Return the arm with other laws at some flexures."""
     changed = [replace(f, law=laws[f.name]) if f.name in laws else f for f in arm.flexures]

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from armflex.arm import Arm
+from armflex.calibrate.law_block import learned_laws
 from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.flexure import Flexure
@@ -17,8 +18,7 @@ SHAPES = {"mean": (6,), "precision": (6, 6), "loads": (2, 6), "load_scale": (6,)
 
 def law_tables(arm: Arm) -> dict[str, dict[str, Any]]:
     """Return a table for every learned law of an arm."""
-    learned = {flexure.name: flexure.law for flexure in arm.flexures}
-    return {name: _table(law) for name, law in learned.items() if isinstance(law, LearnedLaw)}
+    return {name: _table(law) for name, law in learned_laws(arm).items()}
 
 
 def _table(law: LearnedLaw) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.fit import Effort, Fit, fit
-from armflex.calibrate.law_block import LawBlock, with_laws
+from armflex.calibrate.law_block import LawBlock, learned_laws, with_laws
 from armflex.calibrate.view import Progress, Setup
 from armflex.conventions import Array
 from armflex.laws.learned import LearnedLaw
@@ -90,14 +90,11 @@ def settled(arm: Arm, found: Fit) -> Arm:
 
 
 def _settled(arm: Arm, found: Fit, block: LawBlock) -> dict[str, LearnedLaw]:
-    laws = {flexure.name: flexure.law for flexure in arm.flexures}
-    line, names = found.view.line, arm.flexure_names
+    laws, line, names = learned_laws(arm), found.view.line, arm.flexure_names
     settled, own = {}, block.split(found.places(block))
     for name, places in zip(block.flexures, own, strict=True):
-        law = laws[name]
-        assert isinstance(law, LearnedLaw)
         spread = found.posterior.covariance[np.ix_(places, places)]
-        settled[name] = law.settled(spread, line.flexure_wrenches[:, names.index(name)], line.row)
+        settled[name] = laws[name].settled(spread, line.flexure_wrenches[:, names.index(name)], line.row)
     return settled
 
 

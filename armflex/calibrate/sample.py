@@ -11,9 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.arm import Arm
 from armflex.calibrate.fit import Fit
-from armflex.calibrate.law_block import LawBlock
+from armflex.calibrate.law_block import LawBlock, learned_laws
 from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.laws import Row
@@ -141,9 +140,4 @@ def _problem(found: Fit) -> _Problem:
     blocks = [block for block in found.blocks if isinstance(block, LawBlock)]
     if not blocks:
         raise InputError("no flexure has learn = true: there is no law to sample")
-    return _Problem(found, blocks[0], _laws(found.setup.arm, blocks[0]))
-
-
-def _laws(arm: Arm, block: LawBlock) -> dict[str, LearnedLaw]:
-    laws = {flexure.name: flexure.law for flexure in arm.flexures}
-    return {name: law for name in block.flexures if isinstance(law := laws[name], LearnedLaw)}
+    return _Problem(found, blocks[0], learned_laws(found.setup.arm))

@@ -14,7 +14,7 @@ from armflex.calibrate.blocks import Block, joint_units
 from armflex.calibrate.effect_block import EffectBlock
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.instrument_blocks import MOUNTING, FrameBlock, MountingBlock, SessionBlock, TargetBlock
-from armflex.calibrate.law_block import LAW, LawBlock
+from armflex.calibrate.law_block import LAW, LawBlock, learned_laws
 from armflex.calibrate.view import Setup, View, look
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
@@ -223,7 +223,7 @@ def _declared(name: str, labels: list[str], setup: Setup, sessions: tuple[str, .
         return OffsetBlock(arm.joint_names, 0.0, joint_units(arm))
     if name == "geometry" and parts == arm.joint_names:
         return GeometryBlock(parts, 0.0)
-    laws = {flexure.name: flexure.law for flexure in arm.flexures if isinstance(flexure.law, LearnedLaw)}
+    laws = learned_laws(arm)
     if name == LAW and laws:
         return LawBlock(tuple(laws), tuple(laws.values()))
     if name == COMPLIANCE and {part for part, _ in pairs} <= {flexure.name for flexure in arm.flexures}:

@@ -6,11 +6,10 @@ from dataclasses import asdict
 from typing import Any
 
 from armflex.calibrate import Calibration
-from armflex.calibrate.law_block import LAW
+from armflex.calibrate.law_block import LAW, learned_laws
 from armflex.calibrate.learned import LearnedAxis, learned_axes
 from armflex.calibrate.sample import LawSamples
 from armflex.cli.tables import console, number, print_table
-from armflex.laws.learned import LearnedLaw
 
 
 def print_laws(found: Calibration, samples: LawSamples | None) -> None:
@@ -43,8 +42,7 @@ def laws_json(found: Calibration, samples: LawSamples | None) -> list[dict[str, 
 
 
 def _axes(found: Calibration, samples: LawSamples | None) -> tuple[LearnedAxis, ...]:
-    laws = {flexure.name: flexure.law for flexure in found.arm.flexures if isinstance(flexure.law, LearnedLaw)}
-    settled = {name: law for name, law in laws.items() if law.spread is not None}
+    settled = {name: law for name, law in learned_laws(found.arm).items() if law.spread is not None}
     return learned_axes(found.fit, settled, samples) if settled and not _kept(found) else ()
 
 

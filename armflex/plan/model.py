@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate import calibrate
-from armflex.calibrate.blocks import Block, FrameBlock, SessionBlock, declared_blocks
+from armflex.calibrate.blocks import Block, FrameBlock, SessionBlock, declared_blocks, places_of
 from armflex.calibrate.effect_block import EffectBlock, effect_columns, shy_prior
 from armflex.calibrate.fit import Fit, prior_of
 from armflex.calibrate.robust import whitened_columns
@@ -113,12 +113,7 @@ class Model:
 
     def place(self, block: Block) -> np.ndarray:
         """Return the places of one block's parameters."""
-        start = 0
-        for other in self.blocks:
-            if other is block:
-                return np.arange(start, start + len(block.labels))
-            start += len(other.labels)
-        raise KeyError(block.name)
+        return places_of(block, self.blocks)
 
     def rows(self, offer: Offer) -> Array:
         """Return (N, 3, P) changes of offered readings, in standard deviations of the readings."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
-from armflex.laws.law import Law, Row
+from armflex.laws.law import Row
+from armflex.laws.learned.correcting import Correcting
 from armflex.laws.learned.part import Group
 
 START = 0.3
@@ -19,22 +19,14 @@ STEEP = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class NetworkPart:
+class NetworkPart(Correcting):
     """twist = scale W (tanh(V z + b) - tanh(b)), z = load / scale.
 
-    Attributes:
-        components: Of the load that count, 0 to 5.
-        axes: Of the twist that answer, 0 to 5.
-        load_scale: (6,) typical loads [N, Nm].
-        twist_scale: (6,) typical twists [m, rad].
+    Attributes, beside those of `Correcting`:
         neurons: Number of hidden neurons.
         seed: Of the hidden weights that learning starts from.
     """
 
-    components: tuple[int, ...]
-    axes: tuple[int, ...]
-    load_scale: Array
-    twist_scale: Array
     neurons: int
     seed: int = 0
 
@@ -61,42 +53,31 @@ class NetworkPart:
     def twist(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the twist."""
         hidden, bias, output = self._weights(values)
-        return (np.tanh(self._z(wrench) @ hidden.T + bias) - np.tanh(bias)) @ (self._spread @ output).T
+        return (np.tanh(self.scaled(wrench) @ hidden.T + bias) - np.tanh(bias)) @ (self.spread @ output).T
 
     def tangent(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
         hidden, bias, output = self._weights(values)
-        slope = 1.0 - np.tanh(self._z(wrench) @ hidden.T + bias) ** 2
+        slope = 1.0 - np.tanh(self.scaled(wrench) @ hidden.T + bias) ** 2
         whole = np.zeros((*wrench.shape[:-1], 6, 6))
-        into = hidden / self.load_scale[list(self.components)]
-        whole[..., self.components] = (self._spread @ output) @ (slope[..., None] * into)
+        into = hidden / self.typical
+        whole[..., self.components] = (self.spread @ output) @ (slope[..., None] * into)
         return whole
 
     def by_values(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the derivative by the values."""
         hidden, bias, output = self._weights(values)
-        z, curve = self._z(wrench), np.tanh(self._z(wrench) @ hidden.T + bias)
-        gains, shape = self._spread @ output, wrench.shape[:-1]
+        z = self.scaled(wrench)
+        curve = np.tanh(z @ hidden.T + bias)
+        gains, shape = self.spread @ output, wrench.shape[:-1]
         slope, rest = 1.0 - curve**2, 1.0 - np.tanh(bias) ** 2
         by_hidden = np.einsum("ah,...h,...k->...ahk", gains, slope, z).reshape(*shape, 6, -1)
         by_bias = gains * (slope - rest)[..., None, :]
-        by_output = np.einsum("ab,...h->...abh", self._spread, curve - np.tanh(bias)).reshape(*shape, 6, -1)
+        by_output = np.einsum("ab,...h->...abh", self.spread, curve - np.tanh(bias)).reshape(*shape, 6, -1)
         return np.concatenate([by_hidden, by_bias, by_output], axis=-1)
-
-    def law(self, values: Array) -> Law | None:
-        """Return None."""
-        return None
-
-    def _z(self, wrench: Array) -> Array:
-        return wrench[..., self.components] / self.load_scale[list(self.components)]
 
     def _weights(self, values: Array) -> tuple[Array, Array, Array]:
         """Return (H, k) hidden weights, (H,) biases, (axes, H) output weights."""
         inner = self.neurons * len(self.components)
         hidden, bias, output = np.split(values, [inner, inner + self.neurons])
         return hidden.reshape(self.neurons, -1), bias, output.reshape(-1, self.neurons)
-
-    @cached_property
-    def _spread(self) -> Array:
-        """(6, axes) typical twist at the place of every axis."""
-        return np.diag(self.twist_scale)[:, list(self.axes)]

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
-from armflex.laws.law import Law, Row
+from armflex.laws.law import Row
+from armflex.laws.learned.correcting import Correcting
 from armflex.laws.learned.part import Group
 
 FORMS = ("|{}|", "{}|{}|", "{}^2", "{}^3")
@@ -19,21 +20,13 @@ START = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class PolynomialPart:
+class PolynomialPart(Correcting):
     """Terms |z|, z|z|, z^2, z^3 of every component z = load / scale that counts, products of two, radial loads.
 
-    Attributes:
-        components: Of the load that count, 0 to 5.
-        axes: Of the twist that answer, 0 to 5.
-        load_scale: (6,) typical loads [N, Nm].
-        twist_scale: (6,) typical twists [m, rad]; values are in parts of them.
+    Attributes, beside those of `Correcting`:
         linear: Whether z is among the terms, where no compliance is learned beside them.
     """
 
-    components: tuple[int, ...]
-    axes: tuple[int, ...]
-    load_scale: Array
-    twist_scale: Array
     linear: bool = False
 
     @property
@@ -58,13 +51,12 @@ class PolynomialPart:
 
     def tangent(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
-        scale = self._scale
-        z, own = wrench[..., self.components] / scale, np.eye(len(self.components))
+        z, own = self.scaled(wrench), np.eye(len(self.components))
         size, straight = np.abs(z)[..., None], [np.broadcast_to(own, (*z.shape, len(own)))] if self.linear else []
         alone = [np.sign(z)[..., None] * own, 2.0 * size * own, 2.0 * z[..., None] * own, 3.0 * size**2 * own]
         first, second = self._pair_columns
         products = z[..., first, None] * own[second] + z[..., second, None] * own[first]
-        slopes = np.concatenate([*straight, *alone, products, self._radial_slopes(z)], axis=-2) / scale
+        slopes = np.concatenate([*straight, *alone, products, self._radial_slopes(z)], axis=-2) / self.typical
         whole = np.zeros((*wrench.shape[:-1], 6, 6))
         whole[..., self.components] = np.swapaxes(self._gains(values), -1, -2) @ slopes
         return whole
@@ -72,14 +64,10 @@ class PolynomialPart:
     def by_values(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the derivative by the values."""
         terms = self._terms(wrench)
-        return np.einsum("...p,ab->...abp", terms, self._spread).reshape(*wrench.shape[:-1], 6, -1)
-
-    def law(self, values: Array) -> Law | None:
-        """Return None."""
-        return None
+        return np.einsum("...p,ab->...abp", terms, self.spread).reshape(*wrench.shape[:-1], 6, -1)
 
     def _terms(self, wrench: Array) -> Array:
-        z = wrench[..., self.components] / self._scale
+        z = self.scaled(wrench)
         first, second = self._pair_columns
         straight = [z] if self.linear else []
         alone = [np.abs(z), z * np.abs(z), z**2, z**3]
@@ -99,12 +87,7 @@ class PolynomialPart:
 
     def _gains(self, values: Array) -> Array:
         """Return the (terms, 6) twist per term."""
-        return (self._spread @ values.reshape(len(self.axes), -1)).T
-
-    @cached_property
-    def _spread(self) -> Array:
-        """(6, axes) typical twist at the place of every axis."""
-        return np.diag(self.twist_scale)[:, list(self.axes)]
+        return (self.spread @ values.reshape(len(self.axes), -1)).T
 
     @cached_property
     def _pairs(self) -> list[tuple[int, int]]:
@@ -124,11 +107,6 @@ class PolynomialPart:
     @cached_property
     def _radial_columns(self) -> tuple[np.ndarray, np.ndarray]:
         return _columns(self._radial)
-
-    @cached_property
-    def _scale(self) -> Array:
-        """Typical loads of the components that count."""
-        return self.load_scale[list(self.components)]
 
 
 def _columns(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
