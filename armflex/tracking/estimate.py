@@ -15,6 +15,9 @@ from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
 from armflex.calibrate.robust import FAR
 from armflex.conventions import Array
 
+GROSS = 100.0
+"""Mahalanobis distance from which on nothing but a mistake explains a reading: it is left out."""
+
 UNITS = {size: np.eye(size) for size in (3, 6)}
 
 
@@ -84,15 +87,32 @@ def absorb(estimate: Estimate, found: Innovation) -> Estimate:
 
 
 def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
-    """Return the estimate after a reading, what that counted (Huber's weight), and its Mahalanobis distance."""
+    """Return the estimate after a reading, what that counted, and its Mahalanobis distance.
+
+    The distance d is by all that was expected, what was not known of the parameters included. Beyond `FAR` a reading
+    counts (FAR / d)^2: it moves the estimate the less the farther it is, and beyond `GROSS` not at all.
+    """
     found, far = innovation(estimate, seen), FAR[len(seen.residual)]
     distance = float(found.whitened.dot(found.whitened)) ** 0.5
     if distance <= far:
         return absorb(estimate, found), 1.0, distance
-    weight = far / distance
-    part = weight**0.5  # as if it were so much noisier
-    lighter = Seen(part * seen.residual, part * seen.columns)
-    return absorb(estimate, innovation(estimate, lighter)), weight, distance
+    if not distance < GROSS:
+        return estimate, 0.0, distance
+    weight = (far / distance) ** 2
+    return absorb(estimate, innovation(estimate, _lighter(seen, found, weight))), weight, distance
+
+
+def _lighter(seen: Seen, found: Innovation, weight: float) -> Seen:
+    """Return a reading so noisy that its gain is a part of what it was, however little is known of the parameters."""
+    expected = found.factor.dot(found.factor.T) / weight - found.heard.dot(found.heard.T)
+    noise = np.linalg.cholesky(expected)
+    return Seen(np.linalg.solve(noise, seen.residual), np.linalg.solve(noise, seen.columns))
+
+
+def spread(estimate: Estimate, seen: Seen) -> float:
+    """Return the mean variance of what is read that is due to the parameters, by that of the noise."""
+    heard = seen.columns.dot(estimate.root)
+    return float(np.vdot(heard, heard)) / len(heard)
 
 
 def widen(estimate: Estimate, variance: Array) -> Estimate:

@@ -18,7 +18,7 @@ from armflex.tracking.state import State
 from armflex.tracking.watch import Anchor, Change, Watch
 from armflex.whole_file import write_whole
 
-KEY, FORMAT = "armflex", "armflex-tracker-1"
+KEY, FORMAT = "armflex", "armflex-tracker-2"
 PLAIN = ("count", "outliers", "session", "time", "timed", "clock", "drifted", "waiting", "patience")
 """What of a state is told as it is."""
 
@@ -39,7 +39,7 @@ def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
         "about": dict(about),
         "plain": {name: getattr(state, name) for name in PLAIN},
         "anchors": [[anchor.count, anchor.drifted] for anchor in (watch.first, watch.later)],
-        "watch": [len(watch.window), watch.total, watch.rising],
+        "watch": [watch.weights, watch.total, watch.rising, watch.unsettled],
         "changes": [_told_change(change) for change in state.changes],
     }
     tensors = {name: np.ascontiguousarray(values) for name, values in tensors.items()}
@@ -65,10 +65,10 @@ def _state(said: Mapping[str, Any], tensors: Tensors) -> State:
         Anchor(_estimate(name, tensors), *numbers)
         for name, numbers in zip(("first", "later"), said["anchors"], strict=True)
     ]
-    count, total, rising = said["watch"]
-    window = [Seen(tensors[f"window {i} residual"], tensors[f"window {i} columns"]) for i in range(count)]
+    weights, *numbers = said["watch"]
+    window = [Seen(tensors[f"window {i} residual"], tensors[f"window {i} columns"]) for i in range(len(weights))]
     changes = [_change(i, told, tensors) for i, told in enumerate(said["changes"])]
-    watch = Watch(anchors[0], anchors[1], window, total, rising)
+    watch = Watch(anchors[0], anchors[1], window, weights, *numbers)
     return State(_estimate("now", tensors), tensors["point"], watch, changes=changes, **said["plain"])
 
 

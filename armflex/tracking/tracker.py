@@ -11,13 +11,13 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError, ModelFileError, Place, UnknownNameError
-from armflex.tracking.estimate import Estimate, estimate_of, recentred, take, widen
+from armflex.tracking.estimate import Estimate, estimate_of, recentred, spread, take, widen
 from armflex.tracking.model import model_of
 from armflex.tracking.reading import Reading
 from armflex.tracking.sight import Sight
 from armflex.tracking.state import begun
 from armflex.tracking.state_file import read_state, write_state
-from armflex.tracking.watch import Change, Found, seek
+from armflex.tracking.watch import WINDOW, Anchor, Change, Found, lost_among, seek
 from armflex.workspace.digest import digest
 
 KEPT = 100
@@ -130,6 +130,8 @@ class Tracker:
     @property
     def stale(self) -> bool:
         """Whether the estimate is so far from where the arm was linearised that `relinearise` is worth its time."""
+        if self._state.watch.unsettled:
+            return False
         away = np.abs(self._state.estimate.values)[self._model.curved]
         return bool(len(away) and away.max() > FAR_FROM)
 
@@ -148,12 +150,17 @@ class Tracker:
         state.clock, state.timed = clock, reading.time is not None
         state.time = float(reading.time) if state.timed else None
         self._drift()
-        if state.watch.turning:
-            state.watch.turn(state.now)
+        watch = state.watch
+        if watch.turning:
+            watch.turn(state.now)
+        if watch.unsettled:
+            watch.foresee(spread(state.estimate, seen))
         state.estimate, weight, distance = take(state.estimate, seen)
         state.count += 1
         state.outliers += weight < 1.0
-        suspicious = state.watch.add(seen, distance)
+        suspicious = watch.add(seen, weight, distance)
+        if watch.unsettled:
+            weight = self._reconsidered()
         return Step(weight, distance, self._look() if suspicious else None)
 
     def relinearise(self) -> None:
@@ -224,11 +231,34 @@ class Tracker:
         root, state.drifted, state.waiting = state.estimate.root[self._drifting], state.clock, 0
         state.patience = PATIENCE * float(((root**2).sum(axis=1) / self._variance[self._drifting]).min())
 
-    def _look(self) -> Change | None:
-        """Look for a change; where there is one, go back to before it, open what changed, and go on from there."""
+    def _reconsidered(self) -> float:
+        """Judge the window's readings again, each by all others; return what the last one counts."""
+        state, watch, base = self._state, self._state.watch, self._before
+        lost = lost_among(watch.window, base)
+        if lost != [weight == 0.0 for weight in watch.weights]:
+            weights, state.drifted = [], state.clock
+            state.estimate = base
+            for place, (seen, gone) in enumerate(zip(watch.window, lost, strict=True)):
+                if place == WINDOW:
+                    watch.later = Anchor(state.estimate, watch.first.count + place, state.drifted)
+                weight = 0.0
+                if not gone:
+                    state.estimate, weight, _ = take(state.estimate, seen)
+                weights.append(weight)
+            state.outliers += sum(w < 1.0 for w in weights) - sum(w < 1.0 for w in watch.weights)
+            watch.weights = weights
+        return watch.weights[-1]
+
+    @property
+    def _before(self) -> Estimate:
+        """The estimate from before the window, with what has drifted since."""
         state, first = self._state, self._state.watch.first
         drifted = self._variance * (state.clock - first.drifted)
-        base = widen(first.estimate, drifted) if drifted.any() else first.estimate
+        return widen(first.estimate, drifted) if drifted.any() else first.estimate
+
+    def _look(self) -> Change | None:
+        """Look for a change; where there is one, go back to before it, open what changed, and go on from there."""
+        state, first, base = self._state, self._state.watch.first, self._before
         found = seek(state.watch, base, self._model.groups)
         if found is None:
             return None
@@ -246,7 +276,8 @@ class Tracker:
         for place, seen in enumerate(state.watch.window):
             if place == found.start:
                 state.estimate = widen(state.estimate, opened)
-            state.estimate = take(state.estimate, seen)[0]
+            if not found.lost[place]:
+                state.estimate = take(state.estimate, seen)[0]
         state.watch.restart(state.now)
 
 

@@ -37,6 +37,9 @@ SURE, CLEAR = 0.99, 0.95
 FEWEST, MOST = 3, 10
 """Readings after a change before it can be announced, and after which it is whether or not one law stands out."""
 
+FORESEEN = 1.0
+"""Variance of what is expected of a reading, by that of its noise, below which it is foreseen."""
+
 PROMISING = 8
 """Laws that are weighed with lost readings left out; the others explain the readings too badly."""
 
@@ -85,6 +88,7 @@ class Found:
     size: Array
     std: Array
     others: tuple[tuple[str, float], ...]
+    lost: list[bool]
 
 
 @dataclass
@@ -95,25 +99,32 @@ class Watch:
         first: From before all readings of the window.
         later: From before its ninth, which will take the first one's place.
         window: Readings since the first anchor, 16 at most.
+        weights: What each of them counted.
         total: Cumulated sum of squared innovations beyond what is expected.
         rising: Place in the window from which on it has not been zero.
+        unsettled: Readings in a row that have yet to be foreseen before a change is believed. Until then what was
+            expected was so wide that a gross reading may have been taken for true: those of the window are judged
+            again, each by all others, after every reading.
     """
 
     first: Anchor
     later: Anchor
     window: list[Seen] = field(default_factory=list)
+    weights: list[float] = field(default_factory=list)
     total: float = 0.0
     rising: int = 0
+    unsettled: int = FEWEST
 
     def restart(self, anchor: Anchor) -> None:
         """Forget all readings; from here on it is another matter."""
         self.first = self.later = anchor
-        self.window, self.total, self.rising = [], 0.0, 0
+        self.window, self.weights, self.total, self.rising, self.unsettled = [], [], 0.0, 0, FEWEST
 
     def turn(self, now: Anchor) -> None:
         """Before every eighth reading: let the later anchor be the first and those before it go; `now` is the later."""
         if len(self.window) == 2 * WINDOW:
-            self.first, self.window, self.rising = self.later, self.window[WINDOW:], max(0, self.rising - WINDOW)
+            self.first, self.window, self.weights = self.later, self.window[WINDOW:], self.weights[WINDOW:]
+            self.rising = max(0, self.rising - WINDOW)
         self.later = now
 
     @property
@@ -121,11 +132,18 @@ class Watch:
         """Whether `turn` is due."""
         return len(self.window) in (WINDOW, 2 * WINDOW)
 
-    def add(self, seen: Seen, distance: float) -> bool:
+    def foresee(self, spread: float) -> None:
+        """Take in how wide the next reading is expected, see `spread`."""
+        self.unsettled = self.unsettled - 1 if spread < FORESEEN else FEWEST
+
+    def add(self, seen: Seen, weight: float, distance: float) -> bool:
         """Take in a reading and its distance from what was expected; return whether to look for a change."""
         if self.total == 0.0:
             self.rising = len(self.window)
         self.window.append(seen)
+        self.weights.append(weight)
+        if self.unsettled:
+            return False
         size = len(seen.residual)
         self.total = max(0.0, self.total + min(distance, FAR[size]) ** 2 - size - SLACK)
         return self.total > GATE and len(self.window) - self.rising >= FEWEST
@@ -155,6 +173,12 @@ def seek(watch: Watch, before: Estimate, groups: Sequence[Group]) -> Found | Non
             if weight > weights.get(group.name, -np.inf):
                 weights[group.name], best[group.name] = weight, (group, found, start)
     return _judged(task, weights, best)
+
+
+def lost_among(window: Sequence[Seen], before: Estimate) -> list[bool]:
+    """Return which readings of a window the others and the estimate `before` them contradict, if nothing changed."""
+    task = _task(window, before)
+    return task.explained(task.inverse).lost.tolist()
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,4 +284,4 @@ def _judged(task: _Task, weights: dict[str | None, float], best: dict[str, tuple
     left = np.eye(len(group.places)) - heard.T @ explained.inverse @ heard
     others = sorted(((one, p) for one, p in shares.items() if one and one != name and p > 0.01), key=lambda x: -x[1])
     std = group.sizes * np.sqrt(np.maximum(np.diag(left), 0.0))
-    return Found(group, start, shares[name], size, std, tuple(others))
+    return Found(group, start, shares[name], size, std, tuple(others), explained.lost.tolist())
