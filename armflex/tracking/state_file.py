@@ -14,6 +14,7 @@ from safetensors.numpy import save
 
 from armflex.errors import ModelFileError, Place
 from armflex.tracking.estimate import Estimate, Seen
+from armflex.tracking.reading import Reading
 from armflex.tracking.state import State
 from armflex.tracking.watch import Anchor, Change, Watch
 from armflex.whole_file import write_whole
@@ -40,6 +41,7 @@ def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
         "plain": {name: getattr(state, name) for name in PLAIN},
         "anchors": [[anchor.count, anchor.drifted] for anchor in (watch.first, watch.later)],
         "watch": [watch.weights, watch.total, watch.rising, watch.unsettled],
+        "readings": [_told_reading(reading) for reading in watch.readings],
         "changes": [_told_change(change) for change in state.changes],
     }
     tensors = {name: np.ascontiguousarray(values) for name, values in tensors.items()}
@@ -68,7 +70,8 @@ def _state(said: Mapping[str, Any], tensors: Tensors) -> State:
     weights, *numbers = said["watch"]
     window = [Seen(tensors[f"window {i} residual"], tensors[f"window {i} columns"]) for i in range(len(weights))]
     changes = [_change(i, told, tensors) for i, told in enumerate(said["changes"])]
-    watch = Watch(anchors[0], anchors[1], window, weights, *numbers)
+    readings = [Reading(**told) for told in said["readings"]]
+    watch = Watch(anchors[0], anchors[1], window, weights, *numbers, readings)
     return State(_estimate("now", tensors), tensors["point"], watch, changes=changes, **said["plain"])
 
 
@@ -78,6 +81,14 @@ def _told_estimate(name: str, estimate: Estimate) -> Tensors:
 
 def _estimate(name: str, tensors: Tensors) -> Estimate:
     return Estimate(tensors[f"{name} values"], tensors[f"{name} root"])
+
+
+def _told_reading(reading: Reading) -> dict[str, Any]:
+    """Return what a reading says in plain numbers: it was found good, and what was given may be of any kind."""
+    numbers = ("q", "position", "sigma", "rotation", "sigma_r", "time")
+    told = {name: value for name, value in vars(reading).items() if value is not None}
+    told |= {name: np.asarray(told[name], dtype=float).tolist() for name in numbers if name in told}
+    return told | {"covariates": {name: float(value) for name, value in reading.covariates.items()}}
 
 
 def _told_change(change: Change) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -77,7 +77,7 @@ class Tracker:
         self._variance = _variances(self._rates, self.labels)
         self._drifting = np.flatnonzero(self._variance)
         self._state = begun(estimate_of(self._model.known), self._model.point)
-        self._linearise()
+        self._sight = self._sight_at(self._state.point)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -153,24 +153,31 @@ class Tracker:
         watch = state.watch
         if watch.turning:
             watch.turn(state.now)
-        if watch.unsettled:
-            watch.foresee(spread(state.estimate, seen))
-        state.estimate, weight, distance = take(state.estimate, seen)
-        state.count += 1
+        before, state.count = state.estimate, state.count + 1
+        state.estimate, weight, distance = take(before, seen)
         state.outliers += weight < 1.0
-        suspicious = watch.add(seen, weight, distance)
         if watch.unsettled:
-            weight = self._reconsidered()
+            watch.add_unsettled(reading, seen, weight, spread(before, seen))
+            return Step(self._reconsidered(), distance, None)
+        suspicious = watch.add(seen, weight, distance)
         return Step(weight, distance, self._look() if suspicious else None)
 
     def relinearise(self) -> None:
-        """Linearise the arm about the present estimate: some milliseconds, not for a tick of a controller."""
-        state, step = self._state, self._state.estimate.values
-        factor = self._model.factor(step)
-        state.point = self._model.at(state.point, step)
+        """Linearise the arm about the present estimate: some milliseconds, not for a tick of a controller.
+
+        Raises:
+            ConvergenceError, UnstableEquilibriumError: The arm would not stay there; the tracker is as it was before.
+        """
+        state, model, step = self._state, self._model, self._state.estimate.values
+        factor, point = model.factor(step), model.at(state.point, step)
+        sight = self._sight_at(point)
+        anew = [sight(reading) for reading in state.watch.readings]
+        state.point, self._sight = point, sight
         state.estimate = recentred(state.estimate, step, factor)
         state.watch.recentre(step, factor)
-        self._linearise()
+        if anew:
+            state.watch.window = anew
+            self._take_again(self._before, lost_among(anew, self._before))
 
     def save(self, path: str | Path) -> Path:
         """Write all that is known to a file, whole or not at all; return its path."""
@@ -188,7 +195,7 @@ class Tracker:
             raise ModelFileError(Place(Path(path)), "is of another arm: expected the one that the tracker began with")
         tracker = cls(arm, about["rates"], about["sigma"])
         tracker._state = state
-        tracker._linearise()
+        tracker._sight = tracker._sight_at(state.point)
         return tracker
 
     @property
@@ -196,9 +203,9 @@ class Tracker:
         """What a state is of."""
         return {"arm": digest(self._arm), "rates": self._rates, "sigma": self._sigma}
 
-    def _linearise(self) -> None:
+    def _sight_at(self, point: Array) -> Sight:
         model = self._model
-        self._sight = Sight(model.setup(self._state.point), model.blocks, model.aside.unexplained, self._sigma)
+        return Sight(model.setup(point), model.blocks, model.aside.unexplained, self._sigma)
 
     def _clock_at(self, reading: Reading) -> float:
         """Return the time that drift goes by, at a reading."""
@@ -233,21 +240,23 @@ class Tracker:
 
     def _reconsidered(self) -> float:
         """Judge the window's readings again, each by all others; return what the last one counts."""
-        state, watch, base = self._state, self._state.watch, self._before
+        watch, base = self._state.watch, self._before
         lost = lost_among(watch.window, base)
         if lost != [weight == 0.0 for weight in watch.weights]:
-            weights, state.drifted = [], state.clock
-            state.estimate = base
-            for place, (seen, gone) in enumerate(zip(watch.window, lost, strict=True)):
-                if place == WINDOW:
-                    watch.later = Anchor(state.estimate, watch.first.count + place, state.drifted)
-                weight = 0.0
-                if not gone:
-                    state.estimate, weight, _ = take(state.estimate, seen)
-                weights.append(weight)
-            state.outliers += sum(w < 1.0 for w in weights) - sum(w < 1.0 for w in watch.weights)
-            watch.weights = weights
+            self._take_again(base, lost)
         return watch.weights[-1]
+
+    def _take_again(self, base: Estimate, lost: Sequence[bool]) -> None:
+        """Let the window's readings count but for the lost ones, from the estimate before all of them."""
+        state, watch, weights = self._state, self._state.watch, []
+        for place, (seen, gone) in enumerate(zip(watch.window, lost, strict=True)):
+            if place == WINDOW:
+                watch.later = Anchor(base, watch.first.count + place, state.clock)
+            base, weight, _ = (base, 0.0, 0.0) if gone else take(base, seen)
+            weights.append(weight)
+        state.estimate, state.drifted = base, state.clock
+        state.outliers += sum(one < 1.0 for one in weights) - sum(one < 1.0 for one in watch.weights)
+        watch.weights = weights
 
     @property
     def _before(self) -> Estimate:

@@ -17,6 +17,7 @@ from armflex.calibrate.robust import FAR
 from armflex.conventions import Array
 from armflex.tracking.estimate import Estimate, Seen, recentred
 from armflex.tracking.groups import Group
+from armflex.tracking.reading import Reading
 
 WINDOW = 8
 """An earlier estimate is kept from 8 to 16 readings back."""
@@ -39,6 +40,9 @@ FEWEST, MOST = 3, 10
 
 FORESEEN = 1.0
 """Variance of what is expected of a reading, by that of its noise, below which it is foreseen."""
+
+LONGEST = 48
+"""Readings after which nothing is unsettled."""
 
 PROMISING = 8
 """Laws that are weighed with lost readings left out; the others explain the readings too badly."""
@@ -98,13 +102,14 @@ class Watch:
     Attributes:
         first: From before all readings of the window.
         later: From before its ninth, which will take the first one's place.
-        window: Readings since the first anchor, 16 at most.
+        window: Readings since the first anchor, 16 at most, 48 while unsettled.
         weights: What each of them counted.
         total: Cumulated sum of squared innovations beyond what is expected.
         rising: Place in the window from which on it has not been zero.
         unsettled: Readings in a row that have yet to be foreseen before a change is believed. Until then what was
             expected was so wide that a gross reading may have been taken for true: those of the window are judged
             again, each by all others, after every reading.
+        readings: Those of the window while unsettled, to be looked at anew where the arm is linearised elsewhere.
     """
 
     first: Anchor
@@ -114,15 +119,20 @@ class Watch:
     total: float = 0.0
     rising: int = 0
     unsettled: int = FEWEST
+    readings: list[Reading] = field(default_factory=list)
 
     def restart(self, anchor: Anchor) -> None:
         """Forget all readings; from here on it is another matter."""
         self.first = self.later = anchor
         self.window, self.weights, self.total, self.rising, self.unsettled = [], [], 0.0, 0, FEWEST
+        self.readings = []
 
     def turn(self, now: Anchor) -> None:
         """Before every eighth reading: let the later anchor be the first and those before it go; `now` is the later."""
-        if len(self.window) == 2 * WINDOW:
+        if len(self.window) > 2 * WINDOW:
+            self.restart(now)
+            self.unsettled = 0
+        elif len(self.window) == 2 * WINDOW:
             self.first, self.window, self.weights = self.later, self.window[WINDOW:], self.weights[WINDOW:]
             self.rising = max(0, self.rising - WINDOW)
         self.later = now
@@ -130,11 +140,8 @@ class Watch:
     @property
     def turning(self) -> bool:
         """Whether `turn` is due."""
-        return len(self.window) in (WINDOW, 2 * WINDOW)
-
-    def foresee(self, spread: float) -> None:
-        """Take in how wide the next reading is expected, see `spread`."""
-        self.unsettled = self.unsettled - 1 if spread < FORESEEN else FEWEST
+        size = len(self.window)
+        return size == WINDOW or size >= (LONGEST if self.unsettled else 2 * WINDOW)
 
     def add(self, seen: Seen, weight: float, distance: float) -> bool:
         """Take in a reading and its distance from what was expected; return whether to look for a change."""
@@ -142,11 +149,17 @@ class Watch:
             self.rising = len(self.window)
         self.window.append(seen)
         self.weights.append(weight)
-        if self.unsettled:
-            return False
+        self.readings = []
         size = len(seen.residual)
         self.total = max(0.0, self.total + min(distance, FAR[size]) ** 2 - size - SLACK)
         return self.total > GATE and len(self.window) - self.rising >= FEWEST
+
+    def add_unsettled(self, reading: Reading, seen: Seen, weight: float, spread: float) -> None:
+        """Take in a reading, and how wide it was expected; see `estimate.spread`."""
+        self.window.append(seen)
+        self.weights.append(weight)
+        self.readings.append(reading)
+        self.unsettled = self.unsettled - 1 if spread < FORESEEN else FEWEST
 
     def recentre(self, step: Array, factor: Array) -> None:
         """Take in that the arm is linearised elsewhere; see `recentred`."""
