@@ -273,7 +273,7 @@ def test_drift_widens_by_its_rate_alone(known, machine):
     readings = [replace(one, time=float(i)) for i, one in enumerate(machine.readings(3, 30))]
     tracker = followed(Tracker(known, {"tool": 1e-6, "tool dx": 1e-5}), readings)
     place, before = tracker.labels.index("tool dx"), tracker.covariance
-    tracker.update(replace(readings[-1], time=readings[-1].time + 1e4, sigma=1e3))
+    tracker.update(replace(readings[-1], time=readings[-1].time + 1e4, sigma=10.0))
     grown = np.diag(tracker.covariance - before)
     assert grown[place : place + 3] == pytest.approx([1e-6, 1e-8, 1e-8], rel=1e-3)
     assert np.abs(np.delete(grown, range(place, place + 3))).max() < 1e-9
@@ -354,7 +354,7 @@ def test_a_new_session_loosens_the_instruments_frame_alone(known, machine):
     tracker, readings = Tracker(replace(known, prior=prior)), machine.readings(3, 60)
     followed(tracker, readings[:-1])
     before = tracker.covariance
-    tracker.update(replace(readings[-1], session="next", sigma=1e3))
+    tracker.update(replace(readings[-1], session="next", sigma=10.0))
     grown = np.diag(tracker.covariance - before)
     assert tracker.labels[:6] == tuple(f"instrument {axis}" for axis in ("dx", "dy", "dz", "rx", "ry", "rz"))
     assert grown[:6] == pytest.approx(np.repeat([5e-4, 5e-5], 3) ** 2, rel=1e-3)

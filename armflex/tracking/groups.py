@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,10 @@ class Group:
     places: np.ndarray
     sizes: Array
 
+    def in_steps(self, factor: Array) -> Group:
+        """Return the group with sizes of steps, by (P,) how much larger those are; see `Model.factor`."""
+        return replace(self, sizes=self.sizes * factor[self.places])
+
 
 def groups_of(blocks: Sequence[Block], arm: Arm) -> tuple[Group, ...]:
     """Return the groups of all parameters, in the order of the blocks."""
@@ -56,5 +60,6 @@ def _sizes(block: Block, arm: Arm) -> Array:
         return BUMPED
     if block.name == LAW:
         return block.prior
-    declared = {COMPLIANCE: arm.prior.compliance, OFFSET: arm.prior.joint_offset, TOOL: arm.prior.tool}
+    prior = arm.prior
+    declared = {COMPLIANCE: prior.compliance, OFFSET: prior.joint_offset, GEOMETRY: prior.geometry, TOOL: prior.tool}
     return np.full(len(block.labels), declared.get(block.name) or SIZES[block.name])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,6 +24,15 @@ from armflex.tracking.reading import Reading, as_row
 LEAST = 0.1
 """A compliance may become this part of what it was in one step."""
 
+CURVED, TURNED = 0.1, 2e-3
+"""Change of a compliance, and turn of the instrument [rad], beyond which the arm should be linearised again."""
+
+WIDE = 1e4
+"""Standard deviation along a direction of which nothing is known, by the size of a change: metres, and a radian."""
+
+UNTOLD = 0.25
+"""Part of such a direction's variance that is left where no reading has told of it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Model:
@@ -35,6 +45,7 @@ class Model:
         known: (P, P) their covariance then.
         restationed: (P,) variances that a new session adds.
         aside: What is known of what is not tracked: the arm's effects, and a twist without a cause.
+        wide: (k, P) directions of which nothing is known, each as long as it is uncertain in `known`.
     """
 
     declared: Setup
@@ -43,6 +54,7 @@ class Model:
     known: Array
     restationed: Array
     aside: Certainty
+    wide: Array
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
@@ -50,10 +62,9 @@ class Model:
         return labels_of(self.blocks)
 
     @cached_property
-    def curved(self) -> np.ndarray:
-        """(P,) whether a value is a logarithm, or one of a learned law."""
-        each = [block.logarithmic or isinstance(block, LawBlock) for block in self.blocks for _ in block.labels]
-        return np.array(each, dtype=bool)
+    def straight(self) -> Array:
+        """(P,) step of each from which on the arm should be linearised again."""
+        return np.concatenate([_straight(block) for block in self.blocks])
 
     @cached_property
     def logarithmic(self) -> np.ndarray:
@@ -79,16 +90,26 @@ class Model:
 
     def arm(self, values: Array, covariance: Array) -> Arm:
         """Return the arm at (P,) values with their covariance."""
-        setup, start, laws = self.setup(values), 0, {}
+        setup, start, laws, known = self.setup(values), 0, {}, self._known(covariance)
         fitted = {flexure.name: flexure.law for flexure in setup.arm.flexures}
         for block in self.blocks:
             if isinstance(block, LawBlock):
                 places = block.split(np.arange(start, start + len(block.labels)))
                 for name, own in zip(block.flexures, places, strict=True):
-                    laws[name] = replace(fitted[name], spread=covariance[np.ix_(own, own)])
+                    laws[name] = replace(fitted[name], spread=known.covariance[np.ix_(own, own)])
             start += len(block.labels)
-        known = _beside(Certainty(self.labels, covariance), self.aside)
-        return replace(with_laws(setup.arm, laws), instrument=setup.instrument, certainty=known)
+        certainty = _beside(known, self.aside)
+        return replace(with_laws(setup.arm, laws), instrument=setup.instrument, certainty=certainty)
+
+    def _known(self, covariance: Array) -> Certainty:
+        """Return what (P, P) tells, apart from the directions of which no reading told anything."""
+        along = np.linalg.pinv(self.wide.T)
+        left, turn = np.linalg.eigh(along @ covariance @ along.T)
+        unknown = (turn.T @ self.wide)[left > UNTOLD]
+        if not len(unknown):
+            return Certainty(self.labels, covariance)
+        others = np.eye(len(covariance)) - unknown.T @ np.linalg.pinv(unknown.T)
+        return Certainty(self.labels, others @ covariance @ others.T, directions=unknown)
 
 
 def model_of(arm: Arm) -> Model:
@@ -113,7 +134,26 @@ def model_of(arm: Arm) -> Model:
         raise InputError("nothing may move: the arm was not calibrated, and [prior] frees nothing")
     of_frame = [block.name == INSTRUMENT for block in blocks]
     added = [restationing if own else np.zeros(len(block.labels)) for block, own in zip(blocks, of_frame, strict=True)]
-    return Model(setup, tuple(blocks), np.concatenate(starts), kept.covariance, np.concatenate(added), aside)
+    wide = _wide(kept, groups_of(blocks, arm))
+    known = kept.covariance + wide.T @ wide
+    return Model(setup, tuple(blocks), np.concatenate(starts), known, np.concatenate(added), aside, wide)
+
+
+def _wide(certainty: Certainty, groups: Sequence[Group]) -> Array:
+    """Return the (k, P) undetermined directions, as long as nobody would expect."""
+    sizes = np.ones(len(certainty.labels))
+    for group in groups:
+        sizes[group.places] = group.sizes
+    none = np.zeros((0, len(sizes)))
+    directions = none if certainty.directions is None else certainty.directions
+    return directions * (WIDE / np.abs(directions / sizes).max(axis=1, keepdims=True, initial=0.0))
+
+
+def _straight(block: Block) -> Array:
+    """Return the (k,) steps of a block's parameters over which readings change as they do at first."""
+    if block.name == INSTRUMENT:
+        return np.repeat([np.inf, TURNED], 3)
+    return np.full(len(block.labels), CURVED if block.logarithmic or isinstance(block, LawBlock) else np.inf)
 
 
 def _declared(setup: Setup) -> Certainty:
@@ -134,11 +174,18 @@ def _split(certainty: Certainty) -> tuple[Certainty, Certainty]:
     kinds = [label.split(" ", 1)[0] for label in certainty.labels]
     kept = [i for i, kind in enumerate(kinds) if kind not in (EFFECT, SESSIONS)]
     aside = [i for i, kind in enumerate(kinds) if kind == EFFECT]
-    parts = [
-        Certainty(tuple(certainty.labels[i] for i in places), certainty.covariance[np.ix_(places, places)])
-        for places in (kept, aside)
-    ]
+    parts = [_part(certainty, places) for places in (kept, aside)]
     return parts[0], replace(parts[1], unexplained=certainty.unexplained)
+
+
+def _part(certainty: Certainty, places: Sequence[int]) -> Certainty:
+    """Return what is known of some of the parameters."""
+    labels, covariance = tuple(certainty.labels[i] for i in places), certainty.covariance[np.ix_(places, places)]
+    if certainty.directions is None:
+        return Certainty(labels, covariance)
+    directions = certainty.directions[:, places]
+    directions = directions[directions.any(axis=1)]
+    return Certainty(labels, covariance, directions=directions if len(directions) else None)
 
 
 def _beside(one: Certainty, other: Certainty) -> Certainty:
@@ -146,4 +193,10 @@ def _beside(one: Certainty, other: Certainty) -> Certainty:
     count, size = len(one.labels), len(one.labels) + len(other.labels)
     covariance = np.zeros((size, size))
     covariance[:count, :count], covariance[count:, count:] = one.covariance, other.covariance
-    return Certainty((*one.labels, *other.labels), covariance, other.unexplained)
+    padded = [
+        np.pad(part.directions, ((0, 0), beside))
+        for part, beside in ((one, (0, size - count)), (other, (count, 0)))
+        if part.directions is not None
+    ]
+    directions = np.vstack(padded) if padded else None
+    return Certainty((*one.labels, *other.labels), covariance, other.unexplained, directions)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,20 +59,39 @@ class Reading:
         )
 
 
+SIGMA = 1e-9, 10.0
+"""Least and greatest standard deviation of a position [m]: outside it is in another unit, or a mistake."""
+
+
+def number(value: object, name: str) -> float:
+    """Return a real number of any kind as a float; raise `InputError` naming it where it is none."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(f"{name}: expected a number, got {value!r}")
+    return float(value)
+
+
+def sensible(sigma: float | Array, name: str) -> None:
+    """Raise `InputError` where a standard deviation of a position is none."""
+    least, most = SIGMA
+    if not ((np.asarray(sigma) >= least) & (np.asarray(sigma) <= most)).all():
+        raise InputError(f"{name}: expected a standard deviation from {least:g} to {most:g} m, got {sigma}")
+
+
 def spread_of(reading: Reading) -> float | Array:
     """Return the standard deviation of the position, a number or (3,) [m].
 
     Raises:
-        InputError: It is not positive, or the orientation has none.
+        InputError: It is no sensible one, or the orientation has none.
     """
-    if reading.rotation is not None and not (reading.sigma_r is not None and 0.0 < reading.sigma_r < np.inf):
+    if reading.rotation is not None and not 0.0 < number(reading.sigma_r, "sigma_r") < np.inf:
         raise InputError(f"sigma_r: expected a positive number [rad], got {reading.sigma_r!r}")
-    if isinstance(reading.sigma, float) and 0.0 < reading.sigma < np.inf:
+    if type(reading.sigma) is float and SIGMA[0] <= reading.sigma <= SIGMA[1]:
         return reading.sigma
     sigma = real_array(reading.sigma, "sigma")
-    if sigma.shape not in ((), (3,)) or not ((sigma > 0.0) & (sigma < np.inf)).all():
-        raise InputError(f"sigma: expected one or three positive numbers [m], got {reading.sigma!r}")
-    return sigma
+    if sigma.shape not in ((), (3,)):
+        raise InputError(f"sigma: expected one or three numbers [m], got {reading.sigma!r}")
+    sensible(sigma, "sigma")
+    return sigma if sigma.ndim else float(sigma)
 
 
 def as_row(reading: Reading, arm: Arm) -> Measurements:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,8 +13,9 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError, ModelFileError, Place, UnknownNameError
 from armflex.tracking.estimate import Estimate, estimate_of, recentred, spread, take, widen
+from armflex.tracking.groups import Group
 from armflex.tracking.model import model_of
-from armflex.tracking.reading import Reading
+from armflex.tracking.reading import Reading, number, sensible
 from armflex.tracking.sight import Sight
 from armflex.tracking.state import begun
 from armflex.tracking.state_file import read_state, write_state
@@ -27,8 +29,8 @@ EVERY, PATIENCE = 8, 0.02
 """Drift is added to the covariance at every eighth reading at the latest, and before a reading where it has come to
 this part of a parameter's variance: a new square root costs more than a reading."""
 
-FAR_FROM = 0.1
-"""Change of a compliance beyond which the arm should be linearised again."""
+FASTEST = 10
+"""A rate, per unit of time, at most, by what is expected of a change."""
 
 
 class Step(NamedTuple):
@@ -65,16 +67,17 @@ class Tracker:
             where the calibration came down to the noise.
 
     Raises:
-        InputError: Nobody knows where the instrument stands, or nothing may move.
+        InputError: Nobody knows where the instrument stands, or nothing may move; a rate or sigma is no number of its
+            kind, or absurd.
         UnknownNameError: A rate is for no parameter.
     """
 
     def __init__(self, arm: Arm, rates: Mapping[str, float] | None = None, sigma: float = 0.0) -> None:
-        if not 0.0 <= sigma < np.inf:
-            raise InputError(f"sigma: expected a number, zero or more [m], got {sigma}")
-        self._arm, self._model, self._sigma = arm, model_of(arm), float(sigma)
+        self._arm, self._model, self._sigma = arm, model_of(arm), number(sigma, "sigma")
+        if self._sigma:
+            sensible(self._sigma, "sigma")
+        self._variance = _variances(rates or {}, self.labels, self._model.groups)
         self._rates = {name: float(rate) for name, rate in (rates or {}).items()}
-        self._variance = _variances(self._rates, self.labels)
         self._drifting = np.flatnonzero(self._variance)
         self._state = begun(estimate_of(self._model.known), self._model.point)
         self._sight = self._sight_at(self._state.point)
@@ -98,9 +101,8 @@ class Tracker:
     def covariance(self) -> Array:
         """(P, P) covariance, drift up to now included."""
         state, model = self._state, self._model
-        of_steps = state.estimate.covariance + np.diag(self._variance * (state.clock - state.drifted))
-        factor = model.factor(state.estimate.values)
-        return of_steps / np.outer(factor, factor)
+        factor, drifted = model.factor(state.estimate.values), self._variance * (state.clock - state.drifted)
+        return state.estimate.covariance / np.outer(factor, factor) + np.diag(drifted)
 
     @property
     def std(self) -> Array:
@@ -132,8 +134,7 @@ class Tracker:
         """Whether the estimate is so far from where the arm was linearised that `relinearise` is worth its time."""
         if self._state.watch.unsettled:
             return False
-        away = np.abs(self._state.estimate.values)[self._model.curved]
-        return bool(len(away) and away.max() > FAR_FROM)
+        return bool((np.abs(self._state.estimate.values) > self._model.straight).any())
 
     def update(self, reading: Reading) -> Step:
         """Take in a reading.
@@ -214,9 +215,10 @@ class Tracker:
             raise InputError("time: given for some readings and not for others")
         if not timed:
             return state.clock + 1.0
-        if not np.isfinite(reading.time) or (state.time is not None and reading.time < state.time):
-            raise InputError(f"time: {reading.time:g} s after {state.time} s")
-        return state.clock + (reading.time - state.time if state.time is not None else 0.0)
+        time = number(reading.time, "time")
+        if not isfinite(time) or (state.time is not None and time < state.time):
+            raise InputError(f"time: {time:g} s after {state.time} s")
+        return state.clock + (time - state.time if state.time is not None else 0.0)
 
     def _enter(self, session: str) -> None:
         """Begin a session: its frame is uncertain, and readings before it say nothing of its changes."""
@@ -234,9 +236,14 @@ class Tracker:
             return
         if state.waiting < EVERY and state.clock - state.drifted < state.patience:
             return
-        state.estimate = widen(state.estimate, self._variance * (state.clock - state.drifted))
+        rate = self._rate(state.estimate)
+        state.estimate = widen(state.estimate, rate * (state.clock - state.drifted))
         root, state.drifted, state.waiting = state.estimate.root[self._drifting], state.clock, 0
-        state.patience = PATIENCE * float(((root**2).sum(axis=1) / self._variance[self._drifting]).min())
+        state.patience = PATIENCE * float(((root**2).sum(axis=1) / rate[self._drifting]).min())
+
+    def _rate(self, estimate: Estimate) -> Array:
+        """Return (P,) variances that steps gain per unit of time; those of logarithms are of the factor."""
+        return self._variance * self._model.factor(estimate.values) ** 2
 
     def _reconsidered(self) -> float:
         """Judge the window's readings again, each by all others; return what the last one counts."""
@@ -261,43 +268,52 @@ class Tracker:
     @property
     def _before(self) -> Estimate:
         """The estimate from before the window, with what has drifted since."""
-        state, first = self._state, self._state.watch.first
-        drifted = self._variance * (state.clock - first.drifted)
-        return widen(first.estimate, drifted) if drifted.any() else first.estimate
+        first = self._state.watch.first
+        elapsed = self._state.clock - first.drifted
+        return widen(first.estimate, self._rate(first.estimate) * elapsed) if len(self._drifting) else first.estimate
 
     def _look(self) -> Change | None:
         """Look for a change; where there is one, go back to before it, open what changed, and go on from there."""
-        state, first, base = self._state, self._state.watch.first, self._before
-        found = seek(state.watch, base, self._model.groups)
+        state, first, base, model = self._state, self._state.watch.first, self._before, self._model
+        factor = model.factor(state.estimate.values)
+        found = seek(state.watch, base, [group.in_steps(factor) for group in model.groups])
         if found is None:
             return None
+        own, jump = found.group.places, np.zeros(len(factor))
+        jump[own] = found.size
+        size = (model.at(state.point, base.values + jump) - model.at(state.point, base.values))[own]
         self._follow(base, found)
-        labels = tuple(self.labels[i] for i in found.group.places)
+        labels = tuple(self.labels[i] for i in own)
         said = (found.group.name, found.probability, state.count, first.count + found.start + 1)
-        change = Change(*said, labels, found.size, found.std, found.others)
+        change = Change(*said, labels, size, found.std / factor[own], found.others)
         state.changes = [*state.changes, change][-KEPT:]
         return change
 
     def _follow(self, base: Estimate, found: Found) -> None:
+        """Take the window's readings again, with what changed open from where it changed."""
         state, opened = self._state, np.zeros(len(self.labels))
         opened[found.group.places] = found.group.sizes**2
         state.estimate, state.drifted = base, state.clock
-        for place, seen in enumerate(state.watch.window):
+        for place, (seen, gone) in enumerate(zip(state.watch.window, found.lost, strict=True)):
             if place == found.start:
                 state.estimate = widen(state.estimate, opened)
-            if not found.lost[place]:
+            if not gone:
                 state.estimate = take(state.estimate, seen)[0]
         state.watch.restart(state.now)
 
 
-def _variances(rates: Mapping[str, float], labels: tuple[str, ...]) -> Array:
+def _variances(rates: Mapping[str, float], labels: tuple[str, ...], groups: Sequence[Group]) -> Array:
     """Return (P,) variances per unit of time; the longest name that fits a label counts."""
-    variance = np.zeros(len(labels))
+    variance, most = np.zeros(len(labels)), np.zeros(len(labels))
+    for group in groups:
+        most[group.places] = FASTEST * group.sizes
     for name in sorted(rates, key=len):
         own = [label == name or label.startswith(f"{name} ") for label in labels]
         if not any(own):
             raise UnknownNameError("parameter", name, labels)
-        if not isinstance(rates[name], float | int) or not 0.0 <= rates[name] < np.inf:
-            raise InputError(f"rate of {name!r}: expected a number, zero or more, got {rates[name]!r}")
-        variance[own] = float(rates[name]) ** 2
+        rate, limit = number(rates[name], f"rate of {name!r}"), float(most[own].max())
+        if not 0.0 <= rate <= limit:
+            expected = f"{limit:.3g}, {FASTEST} times the size of a change of it"
+            raise InputError(f"rate of {name!r}: expected a number from 0 to {expected}, got {rate:g}")
+        variance[own] = rate**2
     return variance

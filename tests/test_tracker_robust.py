@@ -1,0 +1,206 @@
+"""What a tracker makes of mistakes: gross first readings, absurd numbers, and directions that nobody determined."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_tracker import SIGMA, Machine, error, followed, known, machine  # noqa: F401 - fixtures
+
+from armflex import Arm, Reading, Tracker
+from armflex.certainty import Certainty
+from armflex.errors import InputError
+from armflex.tracking.estimate import Seen, absorb, estimate_of, innovation, take, widen
+from armflex.tracking.groups import groups_of
+from armflex.tracking.model import model_of
+
+NOISE = np.sqrt(3.0) * SIGMA
+
+
+def shifted(readings: list[Reading], shifts: dict[int, list[float]]) -> list[Reading]:
+    """Return readings of which some are off by so much [m]."""
+    return [replace(one, position=one.position + np.array(shifts.get(i, 0.0))) for i, one in enumerate(readings)]
+
+
+@pytest.mark.parametrize(
+    "shifts",
+    [
+        {0: [0.0, 0.0, 0.05]},
+        {2: [0.0, 0.0, 0.5]},
+        {2: [0.0, 5e-3, 0.0]},
+        {1: [5.0, 0.0, 0.0], 4: [0.0, 0.02, 0.0]},
+        {1: [0.03, 0.0, 0.0], 3: [0.03, 0.0, 0.0], 6: [0.1, 0.0, -0.3]},
+    ],
+)
+def test_gross_readings_among_the_first_of_a_declared_arm(machine, shifts):  # noqa: F811
+    """Priors are so wide that some could be true when they come."""
+    readings = machine.readings(5, 150)
+    tracker = followed(Tracker(machine.arm), shifted(readings, shifts))
+    clean = followed(Tracker(machine.arm), [one for i, one in enumerate(readings) if i not in shifts])
+    assert not tracker.changes and tracker.outliers == clean.outliers + len(shifts)
+    assert np.abs((tracker.values - clean.values) / clean.std).max() < 0.05
+    assert error(tracker.arm, machine) < 1.1 * NOISE
+
+
+def test_a_reading_in_the_wrong_unit_is_left_out(known, machine):  # noqa: F811
+    for arm in (machine.arm, known):
+        tracker, readings = Tracker(arm), machine.readings(6, 40)
+        readings[2] = replace(readings[2], position=1e3 * readings[2].position)
+        weights = [tracker.update(reading).weight for reading in readings]
+        assert weights[2] == 0.0 and min(weights[:2] + weights[3:]) > 0.5 and not tracker.changes
+
+
+def test_readings_of_machines_far_from_what_was_declared(machine):  # noqa: F811
+    """Wide priors: what bends more than it was declared is no reason to drop readings, which are looked at anew."""
+    wide = replace(machine.arm, prior=replace(machine.arm.prior, compliance=0.6, joint_offset=5e-3))
+    rng, counted = np.random.default_rng(3), []
+    for seed in range(5):
+        compliance = {name: c * rng.uniform(0.6, 1.6) for name, c in machine.plant.compliance.items()}
+        offset = {name: rng.normal(0.0, 5e-3) for name in machine.plant.offset}
+        far = replace(machine, plant=replace(machine.plant, compliance=compliance, offset=offset))
+        tracker = followed(Tracker(wide), shifted(far.readings(1500 + 10 * seed, 120), {3: [0.0, 0.0, 0.2]}))
+        assert error(tracker.arm, far) < 1.1 * NOISE
+        counted.append(tracker.outliers)
+    assert np.mean(counted) < 3.0
+
+
+def test_a_gross_first_reading_of_a_session_moves_nothing(known, machine):  # noqa: F811
+    prior = replace(known.prior, session_translation=5e-4, session_rotation=5e-5)
+    readings = [replace(one, session=str(i // 20)) for i, one in enumerate(machine.readings(7, 60))]
+    clean, tracker = Tracker(replace(known, prior=prior)), Tracker(replace(known, prior=prior))
+    for i, reading in enumerate(readings):
+        if i % 20:
+            clean.update(reading)
+        else:
+            reading = replace(reading, position=reading.position + [0.0, 2e-3, 0.5])
+        assert (tracker.update(reading).weight == 1.0) == bool(i % 20)
+    assert np.abs((tracker.values - clean.values) / clean.std).max() < 1.0 and not tracker.changes
+
+
+def test_how_much_a_far_reading_moves_an_estimate():
+    """Along its own direction, the less the farther, whether the parameters or the noise are what is not known."""
+    rng = np.random.default_rng(0)
+    for width in (1e-3, 1.0, 1e3):
+        before = estimate_of(width**2 * np.diag(rng.uniform(0.5, 2.0, 5)))
+        columns, away = rng.normal(size=(3, 5)), rng.normal(size=3)
+        root = np.linalg.cholesky(columns @ before.covariance @ columns.T + np.eye(3))
+        away = root @ away / np.linalg.norm(away)
+        whole = absorb(before, innovation(before, Seen(away, columns))).values
+        for distance in (3.9, 6.0, 20.0, 99.0, 101.0):
+            after, weight, told = take(before, Seen(distance * away, columns))
+            expected = 1.0 if distance < 4.0 else (4.0 / distance) ** 2 if distance < 100.0 else 0.0
+            assert told == pytest.approx(distance) and weight == pytest.approx(expected)
+            assert after.values == pytest.approx(weight * distance * whole, rel=1e-6, abs=1e-12 * width)
+            gone = before.covariance - after.covariance
+            assert np.linalg.eigvalsh(gone).min() > -1e-9 * width**2
+
+
+def test_readings_kept_for_another_look_are_saved(machine, tmp_path):  # noqa: F811
+    """Saved while all is unsettled, with numbers of other kinds among the readings."""
+    readings = shifted(machine.readings(8, 60), {2: [0.0, 0.0, 0.04]})
+    kinds = [
+        replace(one, q=one.q.tolist(), sigma=np.full(3, SIGMA), time=np.float32(i), covariates={"hold": np.float32(1.0)})
+        for i, one in enumerate(readings)
+    ]
+    one = followed(Tracker(machine.arm, {"compliance": np.float32(1e-3)}), kinds[:7])
+    other = Tracker.restore(one.save(tmp_path / "state"), machine.arm)
+    followed(one, kinds[7:]), followed(other, kinds[7:])
+    assert (one.values == other.values).all() and (one.covariance == other.covariance).all() and one.outliers == 1
+    assert one.save(tmp_path / "one").read_bytes() == other.save(tmp_path / "other").read_bytes()
+
+
+@pytest.mark.parametrize("time", [np.float32(3.0), np.int64(3), 3, np.float64(3.0)])
+def test_a_time_of_any_kind_is_saved(known, machine, tmp_path, time):  # noqa: F811
+    tracker, (reading,) = Tracker(known), machine.readings(3, 1)
+    tracker.update(replace(reading, time=time))
+    again = Tracker.restore(tracker.save(tmp_path / "state"), known)
+    with pytest.raises(InputError, match="time: 2 s after 3.0 s"):
+        again.update(replace(reading, time=2))
+
+
+@pytest.mark.parametrize("rate", [-1e-3, np.nan, np.inf, 1e3, "fast", True, None])
+def test_absurd_rates_are_refused(known, rate):  # noqa: F811
+    with pytest.raises(InputError, match="rate of 'joint_offset'"):
+        Tracker(known, {"joint_offset": rate})
+
+
+@pytest.mark.parametrize("sigma", [0.0, -1e-4, np.nan, np.inf, 2000.0, "2e-4", [2e-4, 0.0, 2e-4], [2e-4, 2e-4], 1e-30])
+def test_absurd_standard_deviations_are_refused(known, machine, sigma):  # noqa: F811
+    tracker, (reading,) = Tracker(known), machine.readings(3, 1)
+    with pytest.raises(InputError, match="sigma"):
+        tracker.update(replace(reading, sigma=sigma))
+    assert tracker.readings == 0
+    if sigma != 0.0:
+        with pytest.raises(InputError, match="sigma"):
+            Tracker(known, sigma=sigma)
+
+
+def with_open(arm: Arm, directions: np.ndarray) -> Arm:
+    """Return the arm as if a calibration had left directions open."""
+    left = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    others = np.eye(len(arm.certainty.labels)) - left.T @ left
+    covariance = others @ arm.certainty.covariance @ others.T
+    return replace(arm, certainty=Certainty(arm.certainty.labels, covariance, directions=directions))
+
+
+def test_directions_that_a_calibration_left_open_are_unknown(known, machine):  # noqa: F811
+    """The tool stands 20 mm elsewhere along an axis that was never determined: it is found, and known from then on."""
+    place = known.certainty.labels.index("tool dx")
+    arm = with_open(known, 1e-3 * np.eye(len(known.certainty.labels))[[place]])
+    moved = replace(machine, plant=replace(machine.plant, target=machine.plant.target + [0.02, 0.0, 0.0]))
+    tracker = Tracker(arm)
+    assert tracker.std[place] > 1.0 and tracker.arm.certainty.undetermined == ("tool dx",)
+    followed(tracker, moved.readings(9, 60))
+    assert not tracker.changes and tracker.outliers == 0
+    assert tracker.values[place] == pytest.approx(0.02, abs=5.0 * tracker.std[place])
+    assert tracker.std[place] < 1e-4 and tracker.arm.certainty.directions is None
+    assert error(tracker.arm, moved) < 1.1 * NOISE
+
+
+def test_directions_of_which_no_reading_tells_stay_open(known, machine):  # noqa: F811
+    """How the target is turned on the tool, which readings without an orientation do not say."""
+    certainty, axes = known.certainty, ("rx", "ry", "rz")
+    count = len(certainty.labels)
+    labels = (*certainty.labels[:3], *(f"mounting {axis}" for axis in axes), *certainty.labels[3:])
+    covariance = np.insert(np.insert(certainty.covariance, [3] * 3, 0.0, axis=0), [3] * 3, 0.0, axis=1)
+    arm = replace(known, certainty=Certainty(labels, covariance, directions=np.eye(count + 3)[3:6]))
+    tracker, plain = followed(Tracker(arm), machine.readings(9, 40)), followed(Tracker(known), machine.readings(9, 40))
+    assert tracker.arm.certainty.undetermined == tuple(f"mounting {axis}" for axis in axes)
+    assert (tracker.std[3:6] > 1.0).all()
+    kept = np.delete(np.arange(count + 3), [3, 4, 5])
+    left = tracker.arm.certainty.covariance
+    assert left[np.ix_(kept, kept)] == pytest.approx(plain.covariance, rel=1e-6, abs=1e-15)
+    assert np.abs(left[3:6]).max() < 1e-12
+    again = Tracker(tracker.arm)
+    assert (again.std[3:6] > 1.0).all() and again.std[kept] == pytest.approx(plain.std, rel=1e-6)
+
+
+def test_drift_of_a_logarithm_is_the_same_wherever_the_arm_is_linearised(known, machine):  # noqa: F811
+    """The estimate is far from where the arm was linearised: drift by the logarithm's rate, not by its factor's."""
+    rate, waited = 2e-3, 2500.0
+    softer = {"softer": {"A2": 1.3, "A4": 1.3}}
+    readings = [replace(one, time=float(i)) for i, one in enumerate(machine.readings(10, 60, **softer))]
+    tracker = Tracker(known, {"compliance": rate})
+    for reading in readings:
+        tracker.update(reading)
+    assert tracker.stale and np.abs(tracker.values).max() > 0.2
+    logs, before = [label.startswith("compliance") for label in tracker.labels], tracker.covariance
+    tracker.update(replace(readings[-1], time=readings[-1].time + waited, sigma=10.0))
+    grown = np.diag(tracker.covariance - before)[logs]
+    assert grown == pytest.approx(np.full(len(grown), rate**2 * waited), rel=1e-3)
+    now = tracker.covariance
+    tracker.relinearise()
+    assert tracker.covariance == pytest.approx(now, rel=1e-9, abs=1e-18)
+
+
+def test_a_random_walk_widens_by_its_variances():
+    before = estimate_of(np.diag([1.0, 4.0, 0.25]))
+    assert widen(before, np.array([0.0, 1.0, 2.0])).covariance == pytest.approx(np.diag([1.0, 5.0, 2.25]))
+
+
+def test_sizes_of_a_change_are_those_declared(machine):  # noqa: F811
+    prior = replace(machine.arm.prior, geometry=3e-5, joint_offset=2e-3, tool=7e-3, compliance=0.3)
+    model = model_of(replace(machine.arm, prior=prior))
+    sizes = {group.name.split(" ")[0]: set(group.sizes) for group in groups_of(model.blocks, model.declared.arm)}
+    assert sizes == {"tool": {7e-3}, "joint_offset": {2e-3}, "geometry": {3e-5}, "compliance": {0.3}}
