@@ -7,6 +7,8 @@ never lose its sign by rounding. Without drift the result is that of least squar
 
 from __future__ import annotations
 
+from functools import cache
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +21,16 @@ GROSS = 100.0
 """Mahalanobis distance from which on nothing but a mistake explains a reading: it is left out."""
 
 UNITS = {size: np.eye(size) for size in (3, 6)}
+
+
+@cache
+def compiled() -> ModuleType | None:
+    """Return the compiled functions where numba is installed, and finds a place to keep them."""
+    try:
+        from armflex.tracking import compiled
+    except (ImportError, RuntimeError):
+        return None
+    return compiled
 
 
 class Seen(NamedTuple):
@@ -92,7 +104,12 @@ def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
     The distance d is by all that was expected, what was not known of the parameters included. Beyond `FAR` a reading
     counts (FAR / d)^2: it moves the estimate the less the farther it is, and beyond `GROSS` not at all.
     """
-    found, far = innovation(estimate, seen), FAR[len(seen.residual)]
+    far, functions = FAR[len(seen.residual)], compiled()
+    if functions is not None:
+        distance, values, root = functions.take(*estimate, *seen, far)
+        if distance <= far:
+            return Estimate(values, root), 1.0, distance
+    found = innovation(estimate, seen)
     distance = float(found.whitened.dot(found.whitened)) ** 0.5
     if distance <= far:
         return absorb(estimate, found), 1.0, distance

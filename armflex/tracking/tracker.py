@@ -12,7 +12,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError, ModelFileError, Place, UnknownNameError
-from armflex.tracking.estimate import Estimate, estimate_of, recentred, spread, take, widen
+from armflex.tracking.estimate import Estimate, Seen, estimate_of, recentred, spread, take, widen
 from armflex.tracking.groups import Group
 from armflex.tracking.model import model_of
 from armflex.tracking.reading import Reading, number, sensible
@@ -25,8 +25,8 @@ from armflex.workspace.digest import digest
 KEPT = 100
 """Changes that are remembered."""
 
-EVERY, PATIENCE = 8, 0.02
-"""Drift is added to the covariance at every eighth reading at the latest, and before a reading where it has come to
+EVERY, PATIENCE = 16, 0.02
+"""Drift is added to the covariance at every sixteenth reading at the latest, and before a reading where it has come to
 this part of a parameter's variance: a new square root costs more than a reading."""
 
 FASTEST = 10
@@ -81,6 +81,7 @@ class Tracker:
         self._drifting = np.flatnonzero(self._variance)
         self._state = begun(estimate_of(self._model.known), self._model.point)
         self._sight = self._sight_at(self._state.point)
+        take(self._state.estimate, Seen(np.zeros(3), np.zeros((3, len(self.labels)))))  # compiled now, not in the loop
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -82,7 +82,7 @@ def ratios(boom: Boom) -> None:
         for name, rates in (("", {}), (" drifting", drift(arm))):
             tracker, rows = Tracker(arm, rates), itertools.cycle(readings(arm, boom.q))
             calls[f"{count} parameters{name}"] = updates(tracker, rows)
-    times = medians_us(calls, rounds=30, repeats=None)
+    times = medians_us(calls, rounds=30, repeats=None, clock=time.process_time)
     print(f"{'':>28} {'x baseline':>10} {'goal':>5}   ({times['baseline']:.1f} us)")
     for name, value in list(times.items())[1:]:
         print(f"{name:>28} {value / times['baseline']:10.1f} {GOAL if 'parameters' in name else '':>5}")
