@@ -138,7 +138,12 @@ def test_quick_columns_are_those_of_a_calibration(known, machine):
 
 
 def test_quick_columns_where_a_law_depends_on_position_and_the_instrument_stands_elsewhere(tarm):
-    """M1's compliance is a full matrix that grows as the mast goes down."""
+    arm, readings = elsewhere(tarm)
+    assert_alike(model_of(arm), readings)
+
+
+def elsewhere(tarm: Arm) -> tuple[Arm, list[Reading]]:
+    """Return the boom seen from outside: M1's compliance is a full matrix that grows as the mast goes down."""
     rng, pose = np.random.default_rng(3), pin.SE3(pin.exp3(np.array([0.3, -0.2, 2.0])), np.array([5.0, -3.0, 1.0]))
     instrument = Instrument(pose=pose, target=np.array([0.1, -0.05, 0.2]))
     axes = ("dx", "dy", "dz", "rx", "ry", "rz")
@@ -150,7 +155,7 @@ def test_quick_columns_where_a_law_depends_on_position_and_the_instrument_stands
         Reading(rng.uniform(arm.robot.lower, arm.robot.upper) * 0.5, rng.normal(0.0, 5.0, 3), SIGMA, "p300")
         for _ in range(8)
     ]
-    assert_alike(model_of(arm), readings)
+    return arm, readings
 
 
 def assert_alike(model: Model, readings: list[Reading]) -> None:

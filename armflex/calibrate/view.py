@@ -90,13 +90,17 @@ def look(
     rows: np.ndarray,
     progress: Progress | None = None,
     near: View | None = None,
+    linearizer: Linearizer | None = None,
 ) -> View:
-    """Return the view of some rows of a campaign at one setup; one of the same rows and a like setup helps."""
+    """Return the view of some rows of a campaign at one setup; one of the same rows and a like setup helps.
+
+    So does a `linearizer` of the setup's arm that was used before: it keeps its models.
+    """
     payloads = [measurements.payload[row] for row in rows]
     known = {name: values[rows] for name, values in known_rows(setup.arm, measurements).items()}
     alike = near is not None and near.setup.arm.flexure_names == setup.arm.flexure_names
     start = near.line.flexure_twists if alike else None
-    line = Linearizer(setup.arm).rows(measurements.q[rows], payloads, known, progress, start)
+    line = (linearizer or Linearizer(setup.arm)).rows(measurements.q[rows], payloads, known, progress, start)
     sessions = [measurements.session[row] for row in rows]
     instrument = setup.instrument
     residual = measurements.position[rows] - instrument.readings(line.tip, sessions)

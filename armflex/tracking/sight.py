@@ -18,6 +18,7 @@ from armflex.calibrate.instrument_blocks import FrameBlock, MountingBlock, Targe
 from armflex.calibrate.law_block import LawBlock
 from armflex.calibrate.view import Setup, look
 from armflex.conventions import TWIST_NAMES
+from armflex.statics.linearise import Linearizer
 from armflex.tracking.estimate import Seen
 from armflex.tracking.quick import Quick, middle_of
 from armflex.tracking.reading import Reading, as_row
@@ -34,7 +35,7 @@ class Sight:
         self._setup, self._blocks, self._unexplained = setup, blocks, unexplained
         self._able = unexplained is None and _quick_enough(setup, blocks)
         self._quick: dict[str, Quick] = {}
-        self._beside = beside
+        self._linearizer, self._beside = Linearizer(setup.arm), beside
 
     def __call__(self, reading: Reading) -> Seen:
         """Return a reading in standard deviations.
@@ -50,7 +51,7 @@ class Sight:
             found = self._quick[reading.payload](reading)
             if found is not None:
                 return found
-        return carefully(self._setup, self._blocks, reading, self._unexplained, self._beside)
+        return carefully(self._setup, self._blocks, reading, self._unexplained, self._beside, self._linearizer)
 
 
 def carefully(
@@ -59,6 +60,7 @@ def carefully(
     reading: Reading,
     unexplained: tuple[str, str, float] | None = None,
     beside: float = 0.0,
+    linearizer: Linearizer | None = None,
 ) -> Seen:
     """Return a reading as a calibration sees it.
 
@@ -68,8 +70,9 @@ def carefully(
         reading: The reading.
         unexplained: A twist without a cause: site, axis and size.
         beside: Standard deviation of the position beside the reading's own [m].
+        linearizer: Of the setup's arm, with the models that it has made.
     """
-    view = look(setup, as_row(reading, setup.arm), np.arange(1))
+    view = look(setup, as_row(reading, setup.arm), np.arange(1), linearizer=linearizer)
     columns = np.concatenate([block.columns(view) for block in blocks], axis=2)[0]
     noise = np.diag(view.sigma[0] ** 2)
     noise[:3, :3] += beside**2 * np.eye(3)
