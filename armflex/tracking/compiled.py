@@ -40,7 +40,7 @@ def see(
         enough, terms: Where the series ends: its last term's square by the first's, and how many at most.
     """
     answer, loads, ended = _answer(jacobian, geometric, turn, places, compliance, enough, terms)
-    point, columns, residual = np.empty(3), np.zeros((3, len(kinds))), np.empty(3)
+    point, columns, residual, twist = np.empty(3), np.zeros((3, len(kinds))), np.empty(3), np.empty(6)
     if not ended:
         return False, residual, columns
     for r in range(3):
@@ -59,6 +59,8 @@ def see(
             columns[k, p] = 1.0
         elif kind == TURN:
             columns[(k + 1) % 3, p], columns[(k + 2) % 3, p] = -point[(k + 2) % 3], point[(k + 1) % 3]
+        elif kind == LAW:
+            _give(torque, law_places[k], law_units[k], twist)
         for r in range(3):
             if kind == TARGET:
                 for i in range(3):
@@ -68,7 +70,7 @@ def see(
             elif kind == COMPLIANCE:
                 columns[r, p] = 0.5 * (answer[r, k] * motion[k] - loads[r, k] * torque[k])
             elif kind == LAW:
-                columns[r, p] = _given(answer[r], torque, law_places[k], law_units[k])
+                columns[r, p] = _along(answer[r], law_places[k], twist)
             columns[r, p] /= sigma[r]
     return True, residual, columns
 
@@ -79,14 +81,19 @@ def _row(matrix, i, vector):
 
 
 @inner
-def _given(answer, torque, places, unit):
-    """Return what a (6, 6) compliance gives under minus the torque, through a (nv,) answer."""
+def _give(torque, places, unit, twist):
+    """Fill the (6,) twist that a (6, 6) compliance gives under minus the torque."""
+    for a in range(6):
+        twist[a] = 0.0
+        for b in range(6):
+            twist[a] -= unit[a, b] * torque[places[b]]
+
+
+@inner
+def _along(answer, places, twist):
     value = 0.0
     for a in range(6):
-        along = 0.0
-        for b in range(6):
-            along -= unit[a, b] * torque[places[b]]
-        value += answer[places[a]] * along
+        value += answer[places[a]] * twist[a]
     return value
 
 
@@ -150,7 +157,7 @@ def _redistribute(loads, geometric, places, found):
 @jit
 def take(values, root, residual, columns, far):
     """Return distance, values and root of `estimate.take`; beyond `far` these are as they were."""
-    heard, whitened = _heard(columns, root), residual.copy()
+    heard, whitened = columns @ root, residual.copy()
     for r in range(len(residual)):
         for i in range(len(values)):
             whitened[r] -= columns[r, i] * values[i]
@@ -164,21 +171,6 @@ def take(values, root, residual, columns, far):
         return distance, values, root
     after, left = _absorb(values, root, heard, factor, whitened)
     return distance, after, left
-
-
-@inner
-def _heard(columns, root):
-    """Return (d, P) columns through the root."""
-    d, count = columns.shape
-    heard = np.zeros((d, count))
-    for first in range(0, d, 3):  # three rows at a time, so that the root is read once for each
-        for i in range(count):
-            x, y, z = columns[first, i], columns[first + 1, i], columns[first + 2, i]
-            for j in range(count):
-                heard[first, j] += x * root[i, j]
-                heard[first + 1, j] += y * root[i, j]
-                heard[first + 2, j] += z * root[i, j]
-    return heard
 
 
 @inner
@@ -220,22 +212,20 @@ def _absorb(values, root, heard, factor, whitened):
         for j in range(count):
             heard[r, j] *= once
             half[r, j] *= more
-    after, left = values.copy(), root.copy()
-    for first in range(0, d, 3):
-        _follow(after, left, root, heard[first : first + 3], half[first : first + 3], whitened[first : first + 3])
-    return after, left
+    gain = root @ heard.T
+    left = _less(root, gain, half, 0)
+    for first in range(3, d, 3):
+        left = _less(left, gain, half, first)
+    return values + gain @ whitened, left
 
 
 @inner
-def _follow(after, left, root, heard, half, whitened):
-    """Add to the values, and take from the root, what three numbers say."""
-    count = len(after)
+def _less(root, gain, half, first):
+    """Return the root less three columns of the gain times three rows."""
+    count = len(root)
+    left = np.empty((count, count))
     for i in range(count):
-        x = y = z = 0.0
+        x, y, z = gain[i, first], gain[i, first + 1], gain[i, first + 2]
         for j in range(count):
-            x += root[i, j] * heard[0, j]
-            y += root[i, j] * heard[1, j]
-            z += root[i, j] * heard[2, j]
-        after[i] += x * whitened[0] + y * whitened[1] + z * whitened[2]
-        for j in range(count):
-            left[i, j] -= x * half[0, j] + y * half[1, j] + z * half[2, j]
+            left[i, j] = root[i, j] - (x * half[first, j] + y * half[first + 1, j] + z * half[first + 2, j])
+    return left
