@@ -19,9 +19,8 @@ from armflex.certainty import Certainty
 from armflex.effects.catalogue import EVERY
 from armflex.effects.law import Effect
 from armflex.effects.spot import Spot
-from armflex.errors import InputError, JointLimitError, MissingCovariateError, ModelFileError, UnknownNameError
+from armflex.errors import MissingCovariateError
 from armflex.measured.instrument import Instrument
-from armflex.prior import Prior
 from armflex.tracking.model import Model, model_of
 from armflex.tracking.sight import Sight, carefully
 
@@ -282,76 +281,6 @@ def test_drift_widens_by_its_rate_alone(known, machine):
     grown = np.diag(tracker.covariance - before)
     assert grown[place : place + 3] == pytest.approx([1e-6, 1e-8, 1e-8], rel=1e-3)
     assert np.abs(np.delete(grown, range(place, place + 3))).max() < 1e-9
-
-
-def test_saved_and_restored_without_loss(known, machine, tmp_path):
-    readings = machine.readings(700, 60, softer={"A4": 1.2})
-    tracker = followed(Tracker(known, {"compliance": 1e-3}), readings[:33])
-    tracker.save(tmp_path / "state.safetensors")
-    again = Tracker.restore(tmp_path / "state.safetensors", known)
-    one, other = followed(tracker, readings[33:]), followed(again, readings[33:])
-    assert (one.values == other.values).all() and (one.covariance == other.covariance).all()
-    assert one.readings == other.readings == 60 and one.outliers == other.outliers
-    assert [vars(c).keys() for c in one.changes] == [vars(c).keys() for c in other.changes] and one.changes
-    one.save(tmp_path / "one"), other.save(tmp_path / "other")
-    assert (tmp_path / "one").read_bytes() == (tmp_path / "other").read_bytes()
-
-
-def test_memory_is_constant(known, machine, tmp_path):
-    readings = machine.readings(3, 150)
-    tracker, sizes = Tracker(known), []
-    for reading in readings * 2:
-        tracker.update(reading)
-        sizes.append(tracker.save(tmp_path / "state").stat().st_size if tracker.readings % 50 == 0 else 0)
-    assert max(sizes) < 1.2 * min(size for size in sizes if size)
-
-
-def test_a_state_is_refused_for_another_arm_or_damaged(known, machine, tmp_path):
-    path = Tracker(known).save(tmp_path / "state")
-    with pytest.raises(ModelFileError, match="another arm"):
-        Tracker.restore(path, machine.arm)
-    data = bytearray(path.read_bytes())
-    data[-5] ^= 1
-    path.write_bytes(bytes(data))
-    with pytest.raises(ModelFileError, match="damaged"):
-        Tracker.restore(path, known)
-    path.write_bytes(b"nothing")
-    with pytest.raises(ModelFileError, match="safetensors"):
-        Tracker.restore(path, known)
-
-
-def test_bad_readings_leave_everything_as_it_was(known, machine):
-    tracker, (good,) = Tracker(known), machine.readings(3, 1)
-    tracker.update(replace(good, time=5.0))
-    before = tracker.values, tracker.covariance
-    bad = [
-        (JointLimitError, {"q": np.full(7, 9.0)}),
-        (InputError, {"q": good.q[:3]}),
-        (InputError, {"position": [0.0, np.nan, 0.0]}),
-        (InputError, {"position": [0.0, 1.0]}),
-        (InputError, {"position": ["a", "b", "c"]}),
-        (InputError, {"sigma": 0.0}),
-        (InputError, {"sigma": [1e-4, np.nan, 1e-4]}),
-        (InputError, {"rotation": np.zeros(3)}),
-        (UnknownNameError, {"payload": "p6000"}),
-        (InputError, {"time": 4.0}),
-        (InputError, {"time": None}),
-    ]
-    for kind, change in bad:
-        with pytest.raises(kind):
-            tracker.update(replace(good, **{"time": 6.0, **change}))
-    assert (tracker.values == before[0]).all() and (tracker.covariance == before[1]).all() and tracker.readings == 1
-
-
-def test_what_cannot_be_tracked_is_said(known, machine):
-    with pytest.raises(UnknownNameError, match="compliance A4"):
-        Tracker(known, {"compliance A44": 1e-3})
-    with pytest.raises(InputError, match="rate of 'tool'"):
-        Tracker(known, {"tool": -1.0})
-    with pytest.raises(InputError, match="calibrate the arm"):
-        Tracker(load_arm(ROBOTS / "tarm_like" / "measured.toml"))
-    with pytest.raises(InputError, match="nothing may move"):
-        Tracker(replace(machine.arm, prior=Prior()))
 
 
 def test_a_new_session_loosens_the_instruments_frame_alone(known, machine):

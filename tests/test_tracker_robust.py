@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_arms import ROBOTS
 from test_tracker import SIGMA, Machine, error, followed, known, machine  # noqa: F401 - fixtures
 
-from armflex import Arm, Reading, Tracker
+from armflex import Arm, Reading, Tracker, load_arm
 from armflex.certainty import Certainty
-from armflex.errors import InputError
+from armflex.errors import InputError, JointLimitError, UnknownNameError
+from armflex.prior import Prior
 from armflex.tracking.estimate import Seen, absorb, estimate_of, innovation, take, widen
 from armflex.tracking.groups import groups_of
 from armflex.tracking.model import model_of
@@ -96,27 +98,38 @@ def test_how_much_a_far_reading_moves_an_estimate():
             assert np.linalg.eigvalsh(gone).min() > -1e-9 * width**2
 
 
-def test_readings_kept_for_another_look_are_saved(machine, tmp_path):  # noqa: F811
-    """Saved while all is unsettled, with numbers of other kinds among the readings."""
-    readings = shifted(machine.readings(8, 60), {2: [0.0, 0.0, 0.04]})
-    kinds = [
-        replace(one, q=one.q.tolist(), sigma=np.full(3, SIGMA), time=np.float32(i), covariates={"hold": np.int64(1)})
-        for i, one in enumerate(readings)
+def test_bad_readings_leave_everything_as_it_was(known, machine):  # noqa: F811
+    tracker, (good,) = Tracker(known), machine.readings(3, 1)
+    tracker.update(replace(good, time=5.0))
+    before = tracker.values, tracker.covariance
+    bad = [
+        (JointLimitError, {"q": np.full(7, 9.0)}),
+        (InputError, {"q": good.q[:3]}),
+        (InputError, {"position": [0.0, np.nan, 0.0]}),
+        (InputError, {"position": [0.0, 1.0]}),
+        (InputError, {"position": ["a", "b", "c"]}),
+        (InputError, {"sigma": 0.0}),
+        (InputError, {"sigma": [1e-4, np.nan, 1e-4]}),
+        (InputError, {"rotation": np.zeros(3)}),
+        (UnknownNameError, {"payload": "p6000"}),
+        (InputError, {"time": 4.0}),
+        (InputError, {"time": None}),
     ]
-    one = followed(Tracker(machine.arm, {"compliance": np.float32(1e-3)}), kinds[:7])
-    other = Tracker.restore(one.save(tmp_path / "state"), machine.arm)
-    followed(one, kinds[7:]), followed(other, kinds[7:])
-    assert (one.values == other.values).all() and (one.covariance == other.covariance).all() and one.outliers == 1
-    assert one.save(tmp_path / "one").read_bytes() == other.save(tmp_path / "other").read_bytes()
+    for kind, change in bad:
+        with pytest.raises(kind):
+            tracker.update(replace(good, **{"time": 6.0, **change}))
+    assert (tracker.values == before[0]).all() and (tracker.covariance == before[1]).all() and tracker.readings == 1
 
 
-@pytest.mark.parametrize("time", [np.float32(3.0), np.int64(3), 3, np.float64(3.0)])
-def test_a_time_of_any_kind_is_saved(known, machine, tmp_path, time):  # noqa: F811
-    tracker, (reading,) = Tracker(known), machine.readings(3, 1)
-    tracker.update(replace(reading, time=time))
-    again = Tracker.restore(tracker.save(tmp_path / "state"), known)
-    with pytest.raises(InputError, match="time: 2 s after 3"):
-        again.update(replace(reading, time=2))
+def test_what_cannot_be_tracked_is_said(known, machine):  # noqa: F811
+    with pytest.raises(UnknownNameError, match="compliance A4"):
+        Tracker(known, {"compliance A44": 1e-3})
+    with pytest.raises(InputError, match="rate of 'tool'"):
+        Tracker(known, {"tool": -1.0})
+    with pytest.raises(InputError, match="calibrate the arm"):
+        Tracker(load_arm(ROBOTS / "tarm_like" / "measured.toml"))
+    with pytest.raises(InputError, match="nothing may move"):
+        Tracker(replace(machine.arm, prior=Prior()))
 
 
 @pytest.mark.parametrize("rate", [-1e-3, np.nan, np.inf, 1e3, "fast", True, None])

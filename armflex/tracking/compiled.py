@@ -40,17 +40,11 @@ def see(
         enough, terms: Where the series ends: its last term's square by the first's, and how many at most.
     """
     answer, loads, ended = _answer(jacobian, geometric, turn, places, compliance, enough, terms)
-    point, columns, residual, twist = np.empty(3), np.zeros((3, len(kinds))), np.empty(3), np.empty(6)
+    residual, columns = np.empty(3), np.zeros((3, len(kinds)))
     if not ended:
         return False, residual, columns
+    point, twist = _point(carrier, origin, motion, given, answer, turn, shift, local, stretch), np.empty(6)
     for r in range(3):
-        point[r] = shift[r]
-        for k in range(len(motion)):
-            point[r] += answer[r, k] * (given[k] - motion[k])
-        for i in range(3):
-            point[r] += turn[r, i] * (origin[i] + _row(carrier, i, local))
-    for r in range(3):
-        point[r] *= stretch
         residual[r] = (position[r] - point[r]) / sigma[r]
     _comply(answer, places, compliance, loads)
     for p in range(len(kinds)):
@@ -59,13 +53,12 @@ def see(
             columns[k, p] = 1.0
         elif kind == TURN:
             columns[(k + 1) % 3, p], columns[(k + 2) % 3, p] = -point[(k + 2) % 3], point[(k + 1) % 3]
+        elif kind == TARGET:
+            _aim(carrier, turn, axes[:, k], columns[:, p])
         elif kind == LAW:
             _give(torque, law_places[k], law_units[k], twist)
         for r in range(3):
-            if kind == TARGET:
-                for i in range(3):
-                    columns[r, p] += turn[r, i] * _row(carrier, i, axes[:, k])
-            elif kind == JOINT:
+            if kind == JOINT:
                 columns[r, p] = answer[r, k]
             elif kind == COMPLIANCE:
                 columns[r, p] = 0.5 * (answer[r, k] * motion[k] - loads[r, k] * torque[k])
@@ -73,6 +66,27 @@ def see(
                 columns[r, p] = _along(answer[r], law_places[k], twist)
             columns[r, p] /= sigma[r]
     return True, residual, columns
+
+
+@inner
+def _point(carrier, origin, motion, given, answer, turn, shift, local, stretch):
+    """Return where the instrument sees the target, the tangent going the rest of the way to where the arm rests."""
+    point = shift.copy()
+    for r in range(3):
+        for k in range(len(motion)):
+            point[r] += answer[r, k] * (given[k] - motion[k])
+        for i in range(3):
+            point[r] += turn[r, i] * (origin[i] + _row(carrier, i, local))
+        point[r] *= stretch
+    return point
+
+
+@inner
+def _aim(carrier, turn, axis, column):
+    """Add an axis of the tip as the instrument sees it."""
+    for r in range(3):
+        for i in range(3):
+            column[r] += turn[r, i] * _row(carrier, i, axis)
 
 
 @inner

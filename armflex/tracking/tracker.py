@@ -37,7 +37,7 @@ class Step(NamedTuple):
     """What became of a reading.
 
     Attributes:
-        weight: 1 for most; less the farther a reading is from what was expected.
+        weight: 1 for most; less the farther a reading is from what was expected, 0 where it was left out.
         distance: How far it is, in standard deviations of what was expected (Mahalanobis).
         change: What is announced with it, None for most.
     """
@@ -52,11 +52,16 @@ class Tracker:
 
     It starts from what a calibration left of certainty (`Arm.certainty`), or where there is none from [prior]. Frames
     of the campaign's sessions are left behind: every new session's frame is uncertain as [prior] says. Effects of the
-    arm stay as they are. A reading that is off counts less (Huber); where several agree that a law has changed, the
-    law is announced, and followed from where it changed. What is not among the parameters cannot be told from what is.
+    arm stay as they are. Directions that it left open are as uncertain as can be until a reading tells of them. A
+    reading that is off counts less; where several agree that a law has changed, the law is announced, and followed from
+    where it changed. What is not among the parameters cannot be told from what is.
 
-    Memory is constant. An update takes some 40 times `pin.rnea + pin.computeJointJacobians`, one that looks for a
-    change a few milliseconds, and one that goes the careful way (see `sight`) some ten.
+    While too little is known to tell a gross reading from a true one (the arm is as declared, or the session is new),
+    the readings so far, 48 at most, are judged again by one another after every reading, and no change is announced.
+
+    Memory is constant. Where numba is installed (`armflex[fast]`) an update takes some 25 times `pin.rnea +
+    pin.computeJointJacobians`, else 40; one that looks for a change, or judges readings again, a few milliseconds, and
+    one that goes the careful way (see `sight`) two, or twenty with a payload that is new to it.
 
     Args:
         arm: A calibrated arm, or one that is measured in its base.
