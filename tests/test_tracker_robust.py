@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from small_arms import ROBOTS
 from test_tracker import SIGMA, Machine, error, followed, known, machine  # noqa: F401 - fixtures
@@ -169,6 +170,23 @@ def test_directions_that_a_calibration_left_open_are_unknown(known, machine):  #
     assert tracker.values[place] == pytest.approx(0.02, abs=5.0 * tracker.std[place])
     assert tracker.std[place] < 1e-4 and tracker.arm.certainty.directions is None
     assert error(tracker.arm, moved) < 1.1 * NOISE
+
+
+def test_an_instrument_that_stands_nobody_knows_where(known, machine):  # noqa: F811
+    """Its whole frame was left open, and it stands half a metre and 50 mrad from where the arm's file has it."""
+    count, axes = len(known.certainty.labels), ("dx", "dy", "dz", "rx", "ry", "rz")
+    labels = (*(f"instrument {axis}" for axis in axes), *known.certainty.labels)
+    covariance = np.pad(known.certainty.covariance, ((6, 0), (6, 0)))
+    open_frame = Certainty(labels, covariance, directions=np.eye(6, count + 6))
+    tracker = Tracker(replace(known, certainty=open_frame))
+    stands = pin.SE3(pin.exp3(np.array([0.01, -0.02, 0.05])), np.array([0.3, -0.4, 0.1]))
+    readings = [replace(one, position=stands.act(one.position)) for one in machine.readings(11, 60)]
+    readings[1] = replace(readings[1], position=readings[1].position + np.array([0.0, 0.5, 0.0]))
+    followed(tracker, readings)
+    assert not tracker.changes and tracker.arm.certainty.directions is None
+    off = stands.actInv(tracker.arm.instrument.pose)
+    assert np.abs(off.translation).max() < 5e-4 and np.abs(pin.log3(off.rotation)).max() < 5e-5
+    assert tracker.std[:3].max() < 5e-4 and tracker.std[3:6].max() < 5e-5 and tracker.outliers == 1
 
 
 def test_directions_of_which_no_reading_tells_stay_open(known, machine):  # noqa: F811

@@ -40,7 +40,7 @@ def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
         "about": dict(about),
         "plain": {name: getattr(state, name) for name in PLAIN},
         "anchors": [[anchor.count, anchor.drifted] for anchor in (watch.first, watch.later)],
-        "watch": [watch.weights, watch.total, watch.rising, watch.unsettled],
+        "watch": [watch.weights, watch.total, watch.rising, watch.unsettled, watch.part],
         "readings": [_told_reading(reading) for reading in watch.readings],
         "changes": [_told_change(change) for change in state.changes],
     }

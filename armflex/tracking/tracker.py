@@ -19,7 +19,7 @@ from armflex.tracking.reading import Reading, number, sensible
 from armflex.tracking.sight import Sight
 from armflex.tracking.state import begun
 from armflex.tracking.state_file import read_state, write_state
-from armflex.tracking.watch import WINDOW, Anchor, Change, Found, lost_among, seek
+from armflex.tracking.watch import WINDOW, Anchor, Change, Found, contradicted, fainter, seek
 from armflex.workspace.digest import digest
 
 KEPT = 100
@@ -139,7 +139,7 @@ class Tracker:
     @property
     def stale(self) -> bool:
         """Whether the estimate is so far from where the arm was linearised that `relinearise` is worth its time."""
-        if self._state.watch.unsettled:
+        if self._state.watch.unsettled and self._state.watch.part == 1.0:
             return False
         return bool((np.abs(self._state.estimate.values) > self._model.straight).any())
 
@@ -185,7 +185,7 @@ class Tracker:
         state.watch.recentre(step, factor)
         if anew:
             state.watch.window = anew
-            self._take_again(self._before, lost_among(anew, self._before))
+            self._take_again(self._before, *contradicted(anew, self._before))
 
     def save(self, path: str | Path) -> Path:
         """Write all that is known to a file, whole or not at all; return its path."""
@@ -255,22 +255,22 @@ class Tracker:
     def _reconsidered(self) -> float:
         """Judge the window's readings again, each by all others; return what the last one counts."""
         watch, base = self._state.watch, self._before
-        lost = lost_among(watch.window, base)
-        if lost != [weight == 0.0 for weight in watch.weights]:
-            self._take_again(base, lost)
+        lost, part = contradicted(watch.window, base)
+        if min(part, watch.part) < 1.0 or lost != [weight == 0.0 for weight in watch.weights]:
+            self._take_again(base, lost, part)
         return watch.weights[-1]
 
-    def _take_again(self, base: Estimate, lost: Sequence[bool]) -> None:
-        """Let the window's readings count but for the lost ones, from the estimate before all of them."""
+    def _take_again(self, base: Estimate, lost: Sequence[bool], part: float) -> None:
+        """Let a part of the window's readings count, but for the lost ones, from the estimate before all of them."""
         state, watch, weights = self._state, self._state.watch, []
         for place, (seen, gone) in enumerate(zip(watch.window, lost, strict=True)):
             if place == WINDOW:
                 watch.later = Anchor(base, watch.first.count + place, state.clock)
-            base, weight, _ = (base, 0.0, 0.0) if gone else take(base, seen)
-            weights.append(weight)
+            base, weight, _ = (base, 0.0, 0.0) if gone else take(base, fainter(seen, part))
+            weights.append(weight * part**2)
         state.estimate, state.drifted = base, state.clock
         state.outliers += sum(one < 1.0 for one in weights) - sum(one < 1.0 for one in watch.weights)
-        watch.weights = weights
+        watch.weights, watch.part = weights, part
 
     @property
     def _before(self) -> Estimate:

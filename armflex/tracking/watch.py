@@ -44,6 +44,9 @@ FORESEEN = 1.0
 LONGEST = 48
 """Readings after which nothing is unsettled."""
 
+FAINTEST = 1e-5
+"""Part of its residual below which a reading counts for nothing."""
+
 PROMISING = 8
 """Laws that are weighed with lost readings left out; the others explain the readings too badly."""
 
@@ -109,6 +112,7 @@ class Watch:
         unsettled: Readings in a row that have yet to be foreseen before a change is believed. Until then what was
             expected was so wide that a gross reading may have been taken for true: those of the window are judged
             again, each by all others, after every reading.
+        part: Part of their residuals by which they are judged then; see `contradicted`.
         readings: Those of the window while unsettled, to be looked at anew where the arm is linearised elsewhere.
     """
 
@@ -119,13 +123,14 @@ class Watch:
     total: float = 0.0
     rising: int = 0
     unsettled: int = FEWEST
+    part: float = 1.0
     readings: list[Reading] = field(default_factory=list)
 
     def restart(self, anchor: Anchor) -> None:
         """Forget all readings; from here on it is another matter."""
         self.first = self.later = anchor
         self.window, self.weights, self.total, self.rising, self.unsettled = [], [], 0.0, 0, FEWEST
-        self.readings = []
+        self.part, self.readings = 1.0, []
 
     def turn(self, now: Anchor) -> None:
         """Before every eighth reading: let the later anchor be the first and those before it go; `now` is the later."""
@@ -159,7 +164,7 @@ class Watch:
         self.window.append(seen)
         self.weights.append(weight)
         self.readings.append(reading)
-        self.unsettled = self.unsettled - 1 if spread < FORESEEN else FEWEST
+        self.unsettled = self.unsettled - 1 if spread < FORESEEN and self.part == 1.0 else FEWEST
 
     def recentre(self, step: Array, factor: Array) -> None:
         """Take in that the arm is linearised elsewhere; see `recentred`."""
@@ -188,10 +193,24 @@ def seek(watch: Watch, before: Estimate, groups: Sequence[Group]) -> Found | Non
     return _judged(task, weights, best)
 
 
-def lost_among(window: Sequence[Seen], before: Estimate) -> list[bool]:
-    """Return which readings of a window the others and the estimate `before` them contradict, if nothing changed."""
-    task = _task(window, before)
-    return task.explained(task.inverse).lost.tolist()
+def contradicted(window: Sequence[Seen], before: Estimate) -> tuple[list[bool], float]:
+    """Return which readings of a window the others and the estimate `before` them contradict, if nothing changed.
+
+    Where that is most of them it is the arm that is linearised too far away, and not the readings that are wrong: they
+    are judged as if they were noisier, until most agree. The second number is the part of their residuals that is left.
+    """
+    part = 1.0
+    while True:
+        task = _task([fainter(seen, part) for seen in window], before)
+        lost = task.explained(task.inverse).lost
+        if lost.sum() <= max(1, len(lost) // 2) or part < FAINTEST:
+            return lost.tolist(), part
+        part *= 0.5
+
+
+def fainter(seen: Seen, part: float) -> Seen:
+    """Return a reading by larger standard deviations."""
+    return seen if part == 1.0 else Seen(part * seen.residual, part * seen.columns)
 
 
 @dataclass(frozen=True, eq=False)
