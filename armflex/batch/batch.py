@@ -67,8 +67,8 @@ def check_positions(arm: Arm, q: Array, enforce_limits: bool) -> Array:
     """Return a copy of (N, nq) positions; raise as `Arm.check_position` does, naming the first row that is wrong."""
     lower, upper = np.maximum(arm.robot.lower, -LARGEST_POSITION), np.minimum(arm.robot.upper, LARGEST_POSITION)
     fits = q.shape[1] == len(lower)
-    odd = ~((q >= lower) & (q <= upper)).all(axis=1) if fits else np.ones(len(q), dtype=bool)
-    for i in np.flatnonzero(odd):
+    inside = (q >= lower) & (q <= upper) if fits else np.zeros((len(q), 1), dtype=bool)
+    for i in () if inside.all() else np.flatnonzero(~inside.all(axis=1)):
         with naming(f"row {i}"):
             arm.check_position(q[i], enforce_limits)
     if not fits and not len(q):

@@ -19,7 +19,7 @@ from armflex.statics.solver import ENOUGH, NEXT, SLOWEST, SMALL, STEPS
 MANY = 4096
 """Questions for which compiled code is worth its import."""
 
-CHUNK, COMPILED_CHUNK = 4096, 2048
+CHUNK, COMPILED_CHUNK = 4096, 8192
 """Rows that are asked about together, by numpy and by compiled code."""
 
 
