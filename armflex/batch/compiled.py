@@ -69,10 +69,9 @@ class Room(NamedTuple):
     hidden: Array
 
 
-def room_for(starts: np.ndarray, lanes: int) -> Array:
-    """Return memory for a `Room`, for flexures whose neurons start at (n + 1,) numbers."""
-    most = int(np.diff(starts).max(initial=0))
-    return np.empty((36 * (len(starts) - 1) + 25 + most) * lanes)
+def room_for(flexures: int, lanes: int, rooms: int = 1) -> Array:
+    """Return memory for some times a `Room`, in rows of six: to cut it into others takes longer than to fill it."""
+    return np.empty((rooms, 9 * flexures + 7, 6, lanes))
 
 
 @jit
@@ -88,6 +87,7 @@ def answer_one(
     starts,
     bounds,
     room,
+    hidden,
     exact,
     q,
     twists,
@@ -98,7 +98,7 @@ def answer_one(
         if not bounds[0, j] <= q[j] <= bounds[1, j]:
             return False
     arm, laws = Arm(links, kinds, order, outboard, ends), Laws(compliance, offset, neurons, starts)
-    here = _divided(room, len(order), ONE)
+    here = _divided(room, hidden, len(order))
     straighten(arm, here, q.reshape(1, -1), 0, ONE)
     weigh(arm, here, False, ONE)
     _rest(arm, laws, here, 0, exact, ONE)
@@ -120,10 +120,10 @@ def answer_many(
     There is one room, or one for as many rows as there are lanes. Those of a call before with the same arm and q are
     `ready`: the rigid arm need not be placed again, and the arm comes to rest from where it rested.
     """
-    lanes = np.arange(LANES)
+    lanes, hidden = np.arange(LANES), np.empty(len(neurons) * LANES)
     arm, laws = Arm(links, kinds, order, outboard, ends), Laws(compliance, offset, neurons, starts)
     for first in range(0, len(q), len(lanes)):
-        here = _divided(rooms[min(first // len(lanes), len(rooms) - 1)], len(order), lanes)
+        here = _divided(rooms[min(first // len(lanes), len(rooms) - 1)], hidden, len(order))
         if not ready:
             straighten(arm, here, q, first, lanes)
             weigh(arm, here, False, lanes)
@@ -141,27 +141,24 @@ def answer_many(
 
 
 @inner
-def _divided(room, n, lanes):
+def _divided(room, hidden, n):
     """Return memory divided into the arrays of some lanes."""
-    turn, room = _cut(room, 3 * n, 3, lanes)
-    origin, room = _cut(room, n, 3, lanes)
-    moment, room = _cut(room, n, 3, lanes)
-    tip, room = _cut(room, 1, 3, lanes)
-    frame, room = _cut(room, 3, 3, lanes)
-    moments, room = _cut(room, n, 3, lanes)
-    loads, room = _cut(room, n, 6, lanes)
-    twists, room = _cut(room, n, 6, lanes)
-    moved, room = _cut(room, n, 6, lanes)
-    pull, room = _cut(room, 1, 3, lanes)
-    quaternion, room = _cut(room, 1, 4, lanes)
-    lane, room = _cut(room, 1, 6, lanes)
-    return Room(turn, origin, moment, tip, frame, moments, loads, twists, moved, pull, quaternion[0], lane[0], room)
-
-
-@inner
-def _cut(room, rows, columns, lanes):
-    size = rows * columns * len(lanes)
-    return room[:size].reshape((rows, columns, len(lanes))), room[size:]
+    last = room[9 * n :]
+    return Room(
+        turn=room[: 3 * n],
+        origin=room[3 * n : 4 * n],
+        moment=room[4 * n : 5 * n],
+        tip=last[:1],
+        frame=last[1:4],
+        moments=room[5 * n : 6 * n],
+        loads=room[6 * n : 7 * n],
+        twists=room[7 * n : 8 * n],
+        moved=room[8 * n : 9 * n],
+        pull=last[4:5],
+        quaternion=last[5],
+        lane=last[6],
+        hidden=hidden,
+    )
 
 
 @inner
@@ -218,36 +215,37 @@ def _give(laws, room, twists, first, lanes):
     """Fill the (n, 6, W) twists that the laws give under the loads."""
     last = len(laws.compliance) - 1
     for i in range(len(twists)):
-        for a in range(6):
-            for c in range(len(lanes)):
-                twists[i, a, c] = laws.offset[min(first + c, last), i, a]
         if last == 0:
-            _comply(laws.compliance, room.loads, twists, i, lanes)
+            _comply(laws, room.loads, twists, i, lanes)
         else:
-            _comply_by_row(laws.compliance, room.loads, twists, i, first, lanes)
+            _comply_by_row(laws, room.loads, twists, i, first, lanes)
         if laws.starts[i] < laws.starts[i + 1]:
             _ask(laws, room, twists, i, lanes)
 
 
 @inner
-def _comply(compliance, loads, twists, i, lanes):
-    """Add what the compliance of flexure i gives, the same in all rows; most of its entries are zero."""
+def _comply(laws, loads, twists, i, lanes):
+    """Fill in what the compliance of flexure i gives, the same in all rows."""
+    given = laws.compliance
     for a in range(6):
-        for b in range(6):
-            softness = compliance[0, i, a, b]
-            if softness != 0.0:
-                for c in range(len(lanes)):
-                    twists[i, a, c] += softness * loads[i, b, c]
+        # Looked up beforehand: to the compiler it might be the twists that these are stored in.
+        offset, x, y, z = laws.offset[0, i, a], given[0, i, a, 0], given[0, i, a, 1], given[0, i, a, 2]
+        u, v, t = given[0, i, a, 3], given[0, i, a, 4], given[0, i, a, 5]
+        for c in range(len(lanes)):
+            force = x * loads[i, 0, c] + y * loads[i, 1, c] + z * loads[i, 2, c]
+            twists[i, a, c] = offset + force + u * loads[i, 3, c] + v * loads[i, 4, c] + t * loads[i, 5, c]
 
 
 @inner
-def _comply_by_row(compliance, loads, twists, i, first, lanes):
-    """Add what the compliance of flexure i gives, another in every row."""
+def _comply_by_row(laws, loads, twists, i, first, lanes):
+    """Fill in what the compliance of flexure i gives, another in every row."""
     for c in range(len(lanes)):
-        row = min(first + c, len(compliance) - 1)
+        row = min(first + c, len(laws.compliance) - 1)
         for a in range(6):
+            value = laws.offset[row, i, a]
             for b in range(6):
-                twists[i, a, c] += compliance[row, i, a, b] * loads[i, b, c]
+                value += laws.compliance[row, i, a, b] * loads[i, b, c]
+            twists[i, a, c] = value
 
 
 @inner

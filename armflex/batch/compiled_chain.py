@@ -11,7 +11,7 @@ import math
 import numba
 import numpy as np
 
-inner = numba.njit(nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+inner = numba.njit(nogil=True, forceinline=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 in_order = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})
 """For sums whose order matters."""
 

@@ -54,7 +54,7 @@ class BatchSolver:
         found, numbers = room_for(len(row.q), self._chain.flexures), self._numbers(laws)
         if numbers is not None:
             lanes = self._compiled.LANES
-            rooms = np.array([self._compiled.room_for(numbers[-1], lanes) for _ in row.q[::lanes]])
+            rooms = self._compiled.room_for(self._chain.flexures, lanes, len(row.q[::lanes]))
             self._by_compiled(row.q, numbers, found, rooms, ready=False)
             return rooms
         straight, wrenches = self.straighten(row.q)
@@ -78,8 +78,8 @@ class BatchSolver:
         if numbers is None or placed:
             fine = self._by_numpy(laws, *(start if placed else self.straighten(row.q)), found)
         elif start is None:
-            room = self._compiled.room_for(numbers[-1], self._compiled.LANES)
-            fine = self._by_compiled(row.q, numbers, found, room[None], ready=False)
+            room = self._compiled.room_for(self._chain.flexures, self._compiled.LANES)
+            fine = self._by_compiled(row.q, numbers, found, room, ready=False)
         else:
             fine = self._by_compiled(row.q, numbers, found, start, ready=True)
         return fine & self._stays(row, laws, found[1], softening) if self._exact else fine

@@ -109,7 +109,8 @@ def _compiled(loaded: LoadedArm, exact: bool) -> Quick | None:
         return None
     bounds, joints, flexures = np.array(loaded.arm.bounds), len(loaded.arm.joint_names), len(loaded.flexure_joints)
     laws = BatchLaws(loaded.arm.stack, loaded.row(np.zeros((1, joints)), {})).numbers
-    known = (*loaded.chain.numbers, *laws, bounds, functions.room_for(laws[-1], 1), exact)
+    room, hidden = functions.room_for(flexures, lanes=1)[0], np.empty(len(laws[2]))
+    known = (*loaded.chain.numbers, *laws, bounds, room, hidden, exact)
     answer, shape = functions.answer_one, (joints,)
 
     def quick(q: Array, covariates: dict[str, float]) -> Answer | None:
