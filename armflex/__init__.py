@@ -13,6 +13,7 @@ from armflex.calibrate import Bootstrap as Bootstrap
 from armflex.calibrate import Calibration as Calibration
 from armflex.calibrate import bootstrap as bootstrap
 from armflex.calibrate import calibrate as calibrate
+from armflex.calibrate.draw import draw_arms as draw_arms
 from armflex.check import CheckReport as CheckReport
 from armflex.check import check as check
 from armflex.compensate import Compensation as Compensation

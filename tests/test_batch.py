@@ -14,7 +14,7 @@ from small_arms import ROBOTS, arm_of, joint, link, random_compliance, three_joi
 from test_equilibria import KINDS, KNOWN, effects, laws_of
 from test_network import some_law
 
-from armflex import Arm, DeflectionBatch, Flexure, Payload, Wrench, ensemble, load_arm
+from armflex import Arm, DeflectionBatch, Flexure, Payload, Wrench, draw_arms, ensemble, load_arm
 from armflex.batch import batch as batch_module
 from armflex.batch import solver as batch_solver
 from armflex.errors import (
@@ -25,9 +25,9 @@ from armflex.errors import (
     ShapeError,
     SmallDisplacementError,
     UnknownNameError,
-    UnsupportedError,
 )
 from armflex.laws import LinearLaw
+from armflex.robot.model import Corrections
 
 NEAR = 1e-12
 """m and rad; of loads relative to the largest."""
@@ -57,6 +57,13 @@ def assert_rows(arm: Arm, q: np.ndarray, found: DeflectionBatch, payloads=None, 
         np.testing.assert_allclose(found.wrenches[i], one.wrenches, rtol=0, atol=NEAR * most)
         np.testing.assert_allclose(found.pose[i], one.pose.homogeneous, rtol=0, atol=NEAR)
         np.testing.assert_allclose(found.rigid_pose[i], one.rigid_pose.homogeneous, rtol=0, atol=NEAR)
+
+
+def corrected(arm: Arm) -> Arm:
+    """Return an arm whose joints and links are not quite where they are said to be."""
+    twist = np.array([2e-3, -1e-3, 3e-3, 4e-3, -2e-3, 5e-3])
+    moved = Corrections(dict.fromkeys(arm.joint_names, 3e-3), {arm.joint_names[2]: twist, arm.joint_names[-1]: -twist})
+    return replace(arm, corrections=moved)
 
 
 @pytest.fixture(params=["numpy", "compiled"])
@@ -326,6 +333,15 @@ def test_networks_at_every_joint(way, tmp_path, size, method):
     assert_rows(arm, q, arm.deflection(q, method=method), method=method)
 
 
+def test_an_arm_that_stands_elsewhere_than_its_controller_says(way):
+    arm, q = corrected(bundled("tarm_like")), positions(bundled("tarm_like"), 5)
+    for method in METHODS:
+        assert_rows(arm, q, arm.deflection(q, "p600", method=method), "p600", method=method)
+    drawn = replace(arm, flexures=tuple(replace(one, law=replace(one.law, relative_std=0.0)) for one in arm.flexures))
+    one = drawn.deflection(q, "p600").displacement
+    np.testing.assert_allclose(ensemble(drawn, q, "p600", draws=2), [one, one], rtol=0, atol=NEAR)
+
+
 # Draws.
 
 
@@ -356,7 +372,10 @@ def test_the_same_seed_draws_the_same_laws_anywhere():
     assert np.abs(ensemble(arm, q[3], draws=3, seed=4) - whole[:, 3]).max() > 1e-6
 
 
-def test_an_arm_that_is_pulled_at_has_no_draws(tmp_path):
+def test_an_arm_that_is_pulled_at_is_drawn_whole(tmp_path):
     arm = replace(three_joints(tmp_path, laws_of("linear")), effects=effects()[-1:])
-    with pytest.raises(UnsupportedError, match="pulls"):
-        ensemble(arm, np.zeros(3))
+    softer = tuple(replace(one, law=replace(one.law, relative_std=0.1)) for one in arm.flexures)
+    arm, q = replace(arm, flexures=softer), positions(arm, 3)
+    expected = [one.deflection(q).displacement for one in draw_arms(arm, 3, seed=1)]
+    np.testing.assert_array_equal(ensemble(arm, q, draws=3, seed=1), expected)
+    assert np.ptp(expected, axis=0).max() > 1e-9

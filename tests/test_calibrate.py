@@ -14,15 +14,16 @@ from campaigns import draw
 from plant import Campaign, Plant
 from small_arms import ROBOTS
 
-from armflex import calibrate, load_arm, predict, read_measurements, total_covariance
+from armflex import calibrate, draw_arms, ensemble, load_arm, predict, read_measurements, total_covariance
 from armflex.calibrate.blocks import declared_blocks
 from armflex.calibrate.calibrate import first_guess
 from armflex.calibrate.file import write_calibrated
 from armflex.calibrate.fit import prior_of, realise
 from armflex.calibrate.posterior import posterior_of
 from armflex.calibrate.view import look
+from armflex.certainty import Certainty
 from armflex.cli.calibrate import as_json
-from armflex.errors import ArmFileError
+from armflex.errors import ArmFileError, UnsupportedError
 from armflex.laws import LinearLaw
 
 PAYLOADS = (("empty", 0.0, (0, 0, 0)), ("p100", 100.0, (0.1, 0.0, 0.0)), ("p200", 200.0, (0.1, 0.0, 0.0)))
@@ -254,6 +255,19 @@ def test_the_whole_covariance_of_the_tip_is_of_what_was_fitted_too(measured, fou
     assert one.covariance is None and not doubts
     moved = arm.deflection(q, "p200", v=np.zeros(6), a=np.zeros(6))
     assert [flag.code for flag in total_covariance(moved)[1]] == ["certainty_at_rest"]
+
+
+def test_draws_of_a_fitted_arm_spread_as_its_whole_covariance_says(found):
+    arm, q = found.arm, found.arm.position(J1=0.4, J2=0.3, J3=-0.5, J5=0.2)
+    drawn = ensemble(arm, q, "p200", draws=400)
+    expected = np.sqrt(np.diag(total_covariance(arm.deflection(q, "p200"))[0]))
+    # A standard deviation from 400 draws is right to a root of 800, at 4 of them.
+    np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=4.0 / np.sqrt(800))
+    one = draw_arms(arm, 2, seed=5)[1].deflection(q, "p200").displacement
+    np.testing.assert_allclose(ensemble(arm, q, "p200", draws=2, seed=5)[1], one, rtol=0, atol=1e-12)
+    lost = dataclasses.replace(arm, certainty=Certainty(("compliance J9 rx",), np.eye(1)))
+    with pytest.raises(UnsupportedError, match="no longer has every fitted parameter"):
+        draw_arms(lost, 1)
 
 
 def test_the_whole_covariance_of_an_arm_as_declared_is_that_of_its_laws(tarm):

@@ -16,12 +16,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_arms import ROBOTS
 
-from armflex import Arm, Calibration, Measurements, Payload, calibrate, load_arm, predict, read_measurements, trace
+from armflex import (
+    Arm,
+    Calibration,
+    Measurements,
+    Payload,
+    calibrate,
+    draw_arms,
+    load_arm,
+    predict,
+    read_measurements,
+    total_covariance,
+    trace,
+)
 from armflex.calibrate.effect_block import EffectBlock, shy_prior
 from armflex.calibrate.file import write_calibrated, write_traced
 from armflex.calibrate.spread import certainty_of
+from armflex.certainty import Certainty
 from armflex.effects import CATALOGUE, Effect, EffectLaw
 from armflex.effects.effect_file import SHAPES, effect_table
+from armflex.effects.remember import settled
 from armflex.effects.scene import Scene
 from armflex.effects.spot import Spot
 from armflex.errors import ArmFileError, MissingCovariateError, UnsupportedError
@@ -418,6 +432,30 @@ def test_the_file_holds_values_and_uncertainties_of_all(traced: tuple) -> None:
     first = text["effect"][0]
     assert dict(first["parameters"]) == found.found[0].effect.named
     assert dict(first["std"]) == pytest.approx(dict(found.found[0].std))
+
+
+def test_draws_of_a_traced_arm_move_its_effects(traced: tuple) -> None:
+    """All but those of the instrument."""
+    arm = quietly(traced[2])
+    drawn = draw_arms(arm, 20, seed=2)
+    for i, effect in enumerate(arm.effects):
+        values = np.array([one.effects[i].values for one in drawn])
+        moves = np.ptp(values, axis=0) > 0.0
+        assert moves.any() != (effect.name.startswith(("tracker_scale", "session_frame"))), effect.name
+        np.testing.assert_allclose(values.mean(axis=0)[~moves], np.array(effect.values)[~moves])
+
+
+def test_draws_of_a_traced_arm_spread_as_its_whole_covariance_says(traced: tuple) -> None:
+    """But for hysteresis, whose state the covariance takes to be another than it is told."""
+    arm = quietly(traced[2])
+    kept = [i for i, label in enumerate(arm.certainty.labels) if not label.startswith("effect hysteresis")]
+    known = Certainty(tuple(arm.certainty.labels[i] for i in kept), arm.certainty.covariance[np.ix_(kept, kept)])
+    arm = dataclasses.replace(arm, effects=arm.effects[1:], certainty=known)
+    q, warm = arm.position(J2=0.3, J3=-0.5), settled(arm, {"temperature": 22.0})
+    found = [one.deflection(q, "p120", covariates=warm).displacement for one in draw_arms(arm, 400, seed=2)]
+    expected = total_covariance(arm.deflection(q, "p120", covariates=warm))[0]
+    # A standard deviation from 400 draws is right to a root of 800, at 4 of them.
+    np.testing.assert_allclose(np.std(found, axis=0), np.sqrt(np.diag(expected)), rtol=4.0 / np.sqrt(800))
 
 
 def test_an_arm_whose_model_effects_changed_is_not_fitted_about_them(traced: tuple) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_arms import random_compliance, three_joints
-from test_batch import bundled, networks, positions
+from test_batch import bundled, corrected, networks, positions
 from test_equilibria import KINDS, KNOWN, effects, laws_of
 
 from armflex import Arm, Payload
@@ -58,6 +58,12 @@ def assert_alike(arm: Arm, q: np.ndarray, payload=None, method: str = "exact", *
 @pytest.mark.parametrize(("name", "payload"), [("tarm_like", "p600"), ("heavy_six", None)])
 def test_the_bundled_arms(name, payload, method):
     assert_alike(bundled(name), positions(bundled(name), 5), payload, method)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_arm_that_stands_elsewhere_than_its_controller_says(method):
+    arm = corrected(bundled("tarm_like"))
+    assert_alike(arm, positions(arm, 5), "p600", method)
 
 
 @pytest.mark.parametrize("kind", KINDS)

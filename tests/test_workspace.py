@@ -24,7 +24,7 @@ from scipy.stats import qmc
 from small_arms import ROBOTS, arm_of, central_difference, joint, link, one_joint, three_joints
 from test_effect_files import arm_with
 
-from armflex import Arm, load_arm, map_workspace, read_map, write_map
+from armflex import Arm, draw_arms, load_arm, map_workspace, read_map, write_map
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import (
@@ -124,6 +124,27 @@ def test_what_a_fit_left_uncertain_is_propagated(heavy: Arm) -> None:
     assert map_workspace(arm, rows=12, uncertainty=False).sigma is None
     other = replace(arm, certainty=Certainty(("compliance J9 rx",), np.eye(1)))
     assert [flag.code for flag in map_workspace(other, rows=12).flags] == ["no_certainty"]
+
+
+def test_draws_are_asked_as_well(tarm: Arm) -> None:
+    """The worst of a voxel is that of all arms drawn, each asked by itself."""
+    found = map_workspace(tarm, PAYLOADS, rows=40, voxel=4.0, seed=3, draws=3)
+    assert (found.draws, found.sigma) == (3, None) and found.answered.sum() == 40 * 2 * 4
+    arms = (tarm, *draw_arms(tarm, 3, seed=3))
+    q = configurations(tarm, 40, 3)
+    lengths = np.array([[one.deflection(q, name).displacement[:, :3] for name in PAYLOADS] for one in arms])
+    lengths = np.linalg.norm(lengths, axis=-1)
+    places = np.array([np.floor(tarm.rigid_pose(one).translation / 4.0).astype(int) for one in q])
+    for i, place in enumerate(found.index):
+        here = np.where((places == place).all(axis=1), lengths, 0.0)
+        draw, payload, row = np.unravel_index(here.argmax(), here.shape)
+        assert (found.worst_draw[i], found.worst_payload[i]) == (draw, payload)
+        np.testing.assert_allclose(found.worst[i], here.max(), rtol=1e-9)
+        np.testing.assert_allclose(found.worst_q[i], q[row], atol=1e-12)
+    assert found.worst_draw.any()
+    assert (found.worst >= map_workspace(tarm, PAYLOADS, rows=40, voxel=4.0, seed=3).worst - 1e-12).all()
+    with pytest.raises(InputError, match="draws"):
+        map_workspace(tarm, rows=1, draws=-1)
 
 
 def softer(arm: Arm, factors: dict[str, tuple[int, float]], certain: Sequence[str] = ()) -> Arm:
@@ -296,7 +317,7 @@ def test_files_hold_the_map(tarm: Arm, tmp_path: Path) -> None:
         lambda path: path.write_bytes(path.read_bytes()[:500]),
         lambda path: path.write_text("x,y\n1,2\n"),
         lambda path: np.savez(path, index=np.zeros((2, 3))),
-        lambda path: np.savez(path, about='{"format": "armflex-map-1"}'),
+        lambda path: np.savez(path, about='{"format": "armflex-map-2"}'),
         lambda path: np.savez(path, **{**np.load(path), "worst": np.zeros(3)}),
         lambda path: path.unlink(),
     ],

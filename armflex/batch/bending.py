@@ -197,6 +197,24 @@ def tip_poses(chain: Chain, q: Array) -> Array:
     return found
 
 
+def from_elsewhere(displacements: Array, before: Array, after: Array) -> Array:
+    """Return the (N, 6) displacements from (N, 4, 4) poses `after` of what was displaced from poses `before`."""
+    found = np.empty_like(displacements)
+    found[:, :3] = displacements[:, :3] + before[:, :3, 3] - after[:, :3, 3]
+    turned = turned_by(displacements[:, 3:], before[:, :3, :3]) @ np.swapaxes(after[:, :3, :3], 1, 2)
+    found[:, 3:] = turns_of(turned)
+    return found
+
+
+def turns_of(matrices: Array) -> Array:
+    """Return the (N, 3) rotation vectors of (N, 3, 3) rotations by less than half a turn."""
+    skew = matrices - np.swapaxes(matrices, 1, 2)
+    axes = 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    sine = np.linalg.norm(axes, axis=1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(matrices, axis1=1, axis2=2) - 1.0))
+    return axes * np.where(sine < 1e-8, 1.0, angle / np.where(sine < 1e-8, 1.0, sine))[:, None]
+
+
 def turned_by(vectors: Array, matrices: Array) -> Array:
     """Return (N, 3, 3) orientations turned by (N, 3) rotation vectors in base axes."""
     angle = np.linalg.norm(vectors, axis=1)[:, None, None]

@@ -142,7 +142,8 @@ class DeflectionBatch:
     @cached_property
     def rigid_pose(self) -> Array:
         """(N, 4, 4) tip poses of the rigid arm in the base frame."""
-        return tip_poses(self.acting.arm.loaded(None).chain, self.q)
+        loaded = self.acting.arm.loaded(None)
+        return tip_poses(loaded.nominal or loaded.chain, self.q)
 
     @cached_property
     def pose(self) -> Array:

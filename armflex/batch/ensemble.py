@@ -34,9 +34,11 @@ def ensemble(
 ) -> Array:
     """Return the (draws, 6) or (draws, N, 6) displacements of the tip, each draw with one set of laws in all rows.
 
-    What is shared is computed once: where the rigid arm is, and the loads from which every draw comes to rest (to
-    first order they are the same for all). Laws are drawn by `Law.draw`: compliances by their relative uncertainty or
-    their fit's covariance, networks from their posterior. What effects and calibration leave open is not drawn.
+    Laws are drawn by `Law.draw`: compliances by their relative uncertainty or their fit's covariance, networks from
+    their posterior. What is shared is computed once: where the rigid arm is, and the loads from which every draw comes
+    to rest (to first order they are the same for all). On an arm that was calibrated or traced what was fitted is drawn
+    as well, see `draw_arms`; each draw is then an arm of its own, and takes as long, also where an effect pulls at a
+    link.
 
     Args:
         arm: The arm.
@@ -48,19 +50,40 @@ def ensemble(
         method: "exact" or "first_order"; see `find_equilibrium`.
 
     Raises:
-        InputError: As `Arm.deflection`, or no such method.
-        UnsupportedError: A draw has no equilibrium that is proven stable, or something pulls at the arm.
+        InputError: As `Arm.deflection`, or no such method; also where a draw has no equilibrium.
+        UnsupportedError: A draw has no equilibrium that is proven stable, or see `draw_arms`.
     """
     if method not in METHODS:
         raise InputError(f"method {method!r} is not known{did_you_mean(method, METHODS)} (known: {', '.join(METHODS)})")
-    if arm.pulls:
-        raise UnsupportedError("an effect pulls at a link of the arm, which draws do not reckon with")
     positions = real_array(q, "q")
     if positions.ndim not in (1, 2):
         raise ShapeError(f"q: expected shape (nq,) or (N, nq), got {positions.shape}")
     rows = check_positions(arm, np.atleast_2d(positions), enforce_limits=True)
     count = len(rows) if positions.ndim == 2 else 0
     known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
+    asked = (arm, rows, payload, known, method)
+    plain = arm.certainty is None and not arm.pulls
+    found = _by_laws(*asked, draws, seed) if plain else _by_arms(*asked, draws, seed)
+    return found if positions.ndim == 2 else found[:, 0]
+
+
+def _by_arms(
+    arm: Arm, rows: Array, payload: str | Payload | None, known: dict[str, Array], method: str, draws: int, seed: int
+) -> Array:
+    """Return the (draws, N, 6) displacements of drawn arms, one after the other."""
+    from armflex.calibrate.draw import draw_arms  # which imports this package
+
+    found = np.empty((draws, len(rows), 6))
+    for number, drawn in enumerate(draw_arms(arm, draws, seed)):
+        with naming(f"draw {number}"):
+            found[number] = drawn.deflection(rows, payload, covariates=known, method=method).displacement
+    return found
+
+
+def _by_laws(
+    arm: Arm, rows: Array, payload: str | Payload | None, known: dict[str, Array], method: str, draws: int, seed: int
+) -> Array:
+    """Return the (draws, N, 6) displacements of the same arm with drawn laws."""
     rng = np.random.default_rng(seed)
     stacks = [LawStack(arm.stack.names, tuple(law.draw(rng) for law in arm.stack.laws)) for _ in range(draws)]
     loaded = arm.loaded(payload)
@@ -77,4 +100,4 @@ def ensemble(
                 with naming(f"draw {number}"):
                     raise UnsupportedError("the arm so drawn is too soft: it turns too far, or may not stay")
             found[number, some] = into[0]
-    return found if positions.ndim == 2 else found[:, 0]
+    return found

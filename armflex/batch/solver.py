@@ -34,7 +34,7 @@ class BatchSolver:
     """Answers of one arm with one payload, some rows at a time; `total` is how many are to come."""
 
     def __init__(self, loaded: LoadedArm, exact: bool, total: int) -> None:
-        self._chain, self._exact = loaded.chain, exact
+        self._chain, self._nominal, self._exact = loaded.chain, loaded.nominal, exact
         self._compiled = compiled() if total >= MANY else None
         bounds = loaded.arm.bounds
         self._lower, self._upper = np.array(bounds[0]), np.array(bounds[1])
@@ -82,6 +82,10 @@ class BatchSolver:
             fine = self._by_compiled(row.q, numbers, found, room, ready=False)
         else:
             fine = self._by_compiled(row.q, numbers, found, start, ready=True)
+        if self._nominal is not None:
+            found[0][:] = bending.from_elsewhere(
+                found[0], bending.tip_poses(self._chain, row.q), bending.tip_poses(self._nominal, row.q)
+            )
         return fine & self._stays(row, laws, found[1], softening) if self._exact else fine
 
     def _by_compiled(self, q: Array, numbers: tuple[Array, ...], found: Found, rooms: Array, ready: bool) -> np.ndarray:

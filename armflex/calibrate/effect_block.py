@@ -28,14 +28,14 @@ class EffectBlock:
     Attributes:
         effect: Where it starts; its fixed inner parameters stay as they are here.
         free: Which inner parameters move, from where they start; positive ones by the logarithm of a factor.
-        scene: The campaign.
+        scene: The campaign; None where the block is only applied.
         ordinal: Place of the effect among the arm's.
         prior: (k,) standard deviations of its values about zero; see `shy_prior`.
     """
 
     effect: Effect
     free: tuple[int, ...]
-    scene: Scene
+    scene: Scene | None
     ordinal: int
     prior: Array
     logarithmic: bool = False
@@ -68,6 +68,7 @@ class EffectBlock:
 
     def columns(self, view: View) -> Array:
         """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
+        assert self.scene is not None
         return effect_columns(view.setup.arm.effects[self.ordinal], self.free, view, self.scene)
 
     def at(self, values: Array) -> Effect:

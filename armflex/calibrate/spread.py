@@ -178,13 +178,24 @@ def _unforeseen(arm: Arm, view: View, rows: Measurements) -> Array:
 
 def rebuilt_blocks(certainty: Certainty, view: View, rows: Measurements) -> list[Block] | None:
     """Return the blocks that a fit's labels name, None where they are not those of this arm."""
+    moved = any(label.startswith(f"{EFFECT} ") for label in certainty.labels)
+    return _named_blocks(certainty, view.setup, rows.session, scene_of(view, rows) if moved else None)
+
+
+def applied_blocks(certainty: Certainty, setup: Setup) -> list[Block] | None:
+    """Return the same blocks to be applied only: no row is known that they could be asked about."""
+    return _named_blocks(certainty, setup, (), None)
+
+
+def _named_blocks(
+    certainty: Certainty, setup: Setup, sessions: tuple[str, ...], scene: Scene | None
+) -> list[Block] | None:
     effects = [label for label in certainty.labels if label.startswith(f"{EFFECT} ")]
     others = [label for label in certainty.labels if not label.startswith(f"{EFFECT} ")]
-    blocks = blocks_of(others, view.setup, rows.session)
+    blocks = blocks_of(others, setup, sessions)
     if blocks is None:
         return None
-    if effects:
-        blocks += _effect_blocks(effects, view.setup.arm, scene_of(view, rows))
+    blocks += _effect_blocks(effects, setup.arm, scene)
     return blocks if labels_of(blocks) == certainty.labels else None
 
 
@@ -242,7 +253,7 @@ def scene_of(view: View, rows: Measurements) -> Scene:
     return survey(rows, view.setup.arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
-def _effect_blocks(labels: list[str], arm: Arm, scene: Scene) -> list[Block]:
+def _effect_blocks(labels: list[str], arm: Arm, scene: Scene | None) -> list[Block]:
     """Return the blocks of the effects whose parameters the labels name, in order."""
     blocks: list[Block] = []
     for ordinal, effect in enumerate(arm.effects):

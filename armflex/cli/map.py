@@ -46,6 +46,7 @@ from armflex.workspace.workspace_map import CHUNK, VERDICTS
 @click.option("--page", type=OutputPath(), metavar="MAP.html", help="Write a page in which the map can be turned.")
 @click.option("--method", type=click.Choice(METHODS), default="exact", show_default=True)
 @click.option("--uncertainty/--no-uncertainty", default=True, show_default=True, help="Of the worst in every voxel.")
+@click.option("--draws", type=int, default=0, show_default=True, help="Arms drawn from what is known, asked as well.")
 @click.option("--strict", is_flag=True, help="Refuse loads beyond those that a trained law has seen.")
 @covariates_option
 @json_option
@@ -101,6 +102,7 @@ def _check_ending(path: Path | None, endings: tuple[str, ...]) -> None:
 def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
     """Print what was asked, what was refused, and where the tip moves most."""
     asked = f"{found.rows} configurations, payload {', '.join(found.payloads)}"
+    asked += f", {found.draws} draws of the arm" if found.draws else ""
     console().print(f"base {found.base}, tip {found.tip}; {asked}; {len(found)} voxels of {found.voxel:g} m\n")
     counts = found.refused.sum(axis=0)
     for reason, count in zip(found.reasons, counts, strict=True):
@@ -126,7 +128,8 @@ def _print_worst(found: WorkspaceMap, tolerance: float | None) -> None:
     place = ", ".join(f"{x:.3g}" for x in found.centres[here])
     console().print(f"The tip moves most, {number(found.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
     q = " ".join(f"{joint}={x:.4f}" for joint, x in zip(found.joints, found.worst_q[here], strict=True))
-    console().print(f"  {q}, payload {found.payloads[found.worst_payload[here]]}")
+    draw = f", draw {found.worst_draw[here]}" if found.draws else ""
+    console().print(f"  {q}, payload {found.payloads[found.worst_payload[here]]}{draw}")
 
 
 def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
@@ -140,6 +143,7 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
         "payloads": list(found.payloads),
         "rows": found.rows,
         "seed": found.seed,
+        "draws": found.draws,
         "voxel_m": found.voxel,
         "voxels": len(found),
         "answered": int(found.answered.sum()),

@@ -49,6 +49,11 @@ class Corrections:
     geometry: Mapping[str, Array] = field(default_factory=dict)
     bodies: Mapping[str, Array] = field(default_factory=dict)
 
+    @property
+    def move(self) -> bool:
+        """Whether the rigid arm stands elsewhere than without them."""
+        return any(self.joint_offset.values()) or any(np.any(twist) for twist in self.geometry.values())
+
     def body(self, link: str, inertial: Inertial | None) -> pin.Inertia | None:
         """Return the true body of a link, None for one without mass."""
         extra = self.bodies.get(link, np.zeros(4))

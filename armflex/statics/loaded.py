@@ -81,6 +81,13 @@ class LoadedArm:
         """The arm as arrays, for many configurations at once."""
         return chain_of(self.mechanics.flex, self.flexure_joints)
 
+    @cached_property
+    def nominal(self) -> Chain | None:
+        """The rigid arm as the controller knows it, as arrays; None where corrections leave it where `chain` is."""
+        if not self.arm.corrections.move:
+            return None
+        return chain_of(self.mechanics.rigid, ())
+
     @property
     def solver(self) -> Solver:
         """This thread's workspace."""

@@ -6,10 +6,12 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
 from armflex.laws.network import NetworkLaw
+from armflex.robot import build_model
 from armflex.statics.deflect import Asked, deflect, settle
 from armflex.statics.equilibrium import check_method
 from armflex.statics.loaded import LoadedArm
@@ -120,7 +122,28 @@ def _compiled(loaded: LoadedArm, exact: bool) -> Quick | None:
         return (here, twists, displacement) if answer(*known, here, twists, displacement) else None
 
     quick(bounds.mean(axis=0), {})  # compiled now, not in the loop
-    return quick
+    return quick if loaded.nominal is None else _from_nominal(loaded, quick)
+
+
+def _from_nominal(loaded: LoadedArm, quick: Quick) -> Quick:
+    """Return the question whose displacements are from where the controller has the rigid arm, not from where it is."""
+    true, nominal = build_model(loaded.arm.robot, (), None, loaded.arm.corrections), loaded.mechanics.rigid
+    datas = (true.model.createData(), nominal.model.createData())
+    here, there = datas[0].oMf[true.tip], datas[1].oMf[nominal.tip]
+    origin, turn, nominal_origin, back = here.translation, here.rotation, there.translation, there.rotation.T
+
+    def moved(q: Array, covariates: dict[str, float]) -> Answer | None:
+        found = quick(q, covariates)
+        if found is None:
+            return None
+        displacement = found[2]
+        pin.framesForwardKinematics(true.model, datas[0], found[0])
+        pin.framesForwardKinematics(nominal.model, datas[1], found[0])
+        displacement[:3] += origin - nominal_origin
+        displacement[3:] = pin.log3(pin.exp3(displacement[3:]).dot(turn).dot(back))
+        return found
+
+    return moved
 
 
 def _plain(loaded: LoadedArm, solver: Solver, exact: bool) -> Quick:

@@ -15,9 +15,9 @@ from armflex.measured.table import write_table
 from armflex.whole_file import write_whole
 from armflex.workspace.workspace_map import WorkspaceMap
 
-FORMAT = "armflex-map-1"
+FORMAT = "armflex-map-2"
 SUFFIXES = (".npz", ".csv")
-COUNTS = ("index", "configurations", "answered", "refused", "worst_payload")
+COUNTS = ("index", "configurations", "answered", "refused", "worst_payload", "worst_draw")
 ARRAYS = (*COUNTS, "mean", "worst", "sigma", "worst_q")
 
 
@@ -93,4 +93,6 @@ def _columns(found: WorkspaceMap, tolerance: float | None) -> dict[str, list]:
     if tolerance is not None:
         columns["verdict"] = found.verdicts(tolerance).tolist()
     columns["payload"] = [found.payloads[i] for i in found.worst_payload]
+    if found.draws:
+        columns["draw"] = found.worst_draw.tolist()
     return columns | {f"q_{joint}": found.worst_q[:, i].tolist() for i, joint in enumerate(found.joints)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import product
 from typing import Any
 from uuid import uuid4
 
@@ -37,18 +38,23 @@ class Question:
     """An arm, what it carries, and how its answers are told apart.
 
     Attributes:
-        arm: The arm.
+        arms: The arm, and others drawn from what is known of it.
         payloads: Names; "none" for nothing.
         voxel: Edge of a cell [m].
         options: Of `Arm.deflection`, covariates among them.
         token: Names this question among all that a worker ever gets.
     """
 
-    arm: Arm
+    arms: tuple[Arm, ...]
     payloads: tuple[str, ...]
     voxel: float
     options: Mapping[str, Any]
     token: str = field(default_factory=lambda: uuid4().hex)
+
+    @property
+    def arm(self) -> Arm:
+        """The arm itself."""
+        return self.arms[0]
 
     def __hash__(self) -> int:
         return hash(self.token)
@@ -66,17 +72,17 @@ class Answer:
 
 
 @lru_cache(maxsize=2)
-def _kept(question: Question) -> Arm:
-    """Return the arm as it first came here: its models are made already."""
-    return question.arm
+def _kept(question: Question) -> tuple[Arm, ...]:
+    """Return the arms as they first came here: their models are made already."""
+    return question.arms
 
 
 def answers(question: Question, q: Array) -> Answer:
-    """Return the answers at (N, nq) configurations under every payload."""
+    """Return the answers of every arm at (N, nq) configurations under every payload."""
     flags: dict[str, Flag] = {}
     parts = []
-    for number, payload in enumerate(question.payloads):
-        for some, outcome in _outcomes(question, payload, q, np.arange(len(q))):
+    for number, (arm, payload) in enumerate(product(_kept(question), question.payloads)):
+        for some, outcome in _outcomes(arm, payload, question.options, q, np.arange(len(q))):
             parts.append(_counted(outcome, q[some], question.voxel, number))
             for flag in outcome.flags:
                 flags.setdefault(flag.code, flag)
@@ -100,17 +106,18 @@ class _Outcome:
     flags: tuple[Flag, ...] = ()
 
 
-def _outcomes(question: Question, payload: str, q: Array, rows: np.ndarray) -> Iterator[tuple[np.ndarray, _Outcome]]:
+def _outcomes(
+    arm: Arm, payload: str, options: Mapping[str, Any], q: Array, rows: np.ndarray
+) -> Iterator[tuple[np.ndarray, _Outcome]]:
     """Yield rows of q and their outcome; where one of them is refused, halves are asked until it stands alone."""
-    arm = _kept(question)
     try:
-        found = arm.deflection(q[rows], payload, **question.options)
+        found = arm.deflection(q[rows], payload, **options)
     except tuple(REASONS.values()) as error:
         if len(rows) == 1:
             yield rows, _refused(arm, q[rows[0]], error)
             return
         for half in np.array_split(rows, 2):
-            yield from _outcomes(question, payload, q, half)
+            yield from _outcomes(arm, payload, options, q, half)
         return
     flags = tuple(Flag(flag.code, flag.text.partition(": ")[2]) for flag in found.flags)  # without "row 7: "
     yield rows, _Outcome(found.rigid_pose[:, :3, 3], np.linalg.norm(found.displacement[:, :3], axis=1), flags=flags)
@@ -121,20 +128,20 @@ def _refused(arm: Arm, q: Array, error: ArmflexError) -> _Outcome:
     return _Outcome(arm.rigid_pose(q).translation[None], np.array([-np.inf]), reason)
 
 
-def _counted(outcome: _Outcome, q: Array, voxel: float, payload: int) -> Tally:
-    """Return a row for each outcome; a configuration is counted with its first payload."""
+def _counted(outcome: _Outcome, q: Array, voxel: float, number: int) -> Tally:
+    """Return a row for each outcome, of an arm and a payload by number; a configuration is counted with the first."""
     count, given = len(q), not outcome.reason
     refused = np.zeros((count, len(REASONS)), dtype=np.int64)
     if not given:
         refused[:, list(REASONS).index(outcome.reason)] = 1
     return Tally(
         cell=cell_numbers(outcome.tip, voxel),
-        configurations=np.full(count, payload == 0, dtype=np.int64),
+        configurations=np.full(count, number == 0, dtype=np.int64),
         answered=np.full(count, given, dtype=np.int64),
         refused=refused,
         total=outcome.displacement if given else np.zeros(count),
         worst=outcome.displacement,
-        payload=np.full(count, payload, dtype=np.int64),
+        case=np.full(count, number, dtype=np.int64),
         q=q,
     )
 
@@ -158,7 +165,7 @@ def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tu
 
 def _sigmas(question: Question, q: Array, payload: str) -> tuple[Array, tuple[Flag, ...]]:
     """Return (n,) uncertainties under one payload, NaN at the brink of what has an answer."""
-    arm = _kept(question)
+    arm = _kept(question)[0]
     try:
         batch = arm.deflection(q, payload, **question.options)
         known = question.options["covariates"]

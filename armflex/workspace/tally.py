@@ -27,11 +27,11 @@ class Tally:
     Attributes:
         cell: (V,) number of the cell, see `cell_numbers`.
         configurations: (V,) how many had their rigid tip there.
-        answered: (V,) how many answers there are, one for each configuration and payload.
+        answered: (V,) how many answers there are, one for each configuration, payload and arm.
         refused: (V, r) how many were refused for each of r reasons.
         total: (V,) sum of the displacements [m].
         worst: (V,) largest displacement [m], -inf where there is no answer.
-        payload: (V,) number of the payload of the largest.
+        case: (V,) which arm, and which of the p payloads, the largest is of: p times the one's number plus the other's.
         q: (V, nq) its joint positions [rad or m].
     """
 
@@ -41,7 +41,7 @@ class Tally:
     refused: np.ndarray
     total: Array
     worst: Array
-    payload: np.ndarray
+    case: np.ndarray
     q: Array
 
     def __len__(self) -> int:
@@ -49,7 +49,7 @@ class Tally:
 
 
 SUMMED = ("configurations", "answered", "refused", "total")
-OF_WORST = ("cell", "worst", "payload", "q")
+OF_WORST = ("cell", "worst", "case", "q")
 
 
 def joined(tallies: Sequence[Tally]) -> Tally:

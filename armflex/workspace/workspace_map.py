@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio
 
 from armflex.arm import Arm
+from armflex.calibrate.draw import draw_arms
 from armflex.calibrate.spread import without_declared_doubt
 from armflex.check import COVERAGE
 from armflex.conventions import Array
@@ -38,8 +39,14 @@ JOINED_AT_ONCE = 16
 WORST_AT_ONCE = 256
 """Largest displacements whose uncertainty is found together."""
 
+MOST_DRAWS = 1000
+"""Arms that are drawn; each has its own models, of some hundred kilobytes."""
+
 MOST_VOXELS = 5_000_000
 """Voxels that a map may have, which is about a gigabyte."""
+
+PARTS = ("robot", "flexures", "corrections", "effects")
+"""What an arm's answers depend on, beside what it carries."""
 
 VERDICTS = ("ok", "uncertain", "fail")
 
@@ -48,7 +55,8 @@ VERDICTS = ("ok", "uncertain", "fail")
 class WorkspaceMap:
     """The displacement of the tip by where the rigid arm has it: V voxels of a grid along the base's axes.
 
-    An answer is that of one configuration under one payload.
+    An answer is that of one configuration under one payload, by the arm as it is or by one drawn from what is known of
+    it.
 
     Attributes:
         voxel: Edge of a voxel [m].
@@ -62,9 +70,11 @@ class WorkspaceMap:
         sigma: (V,) its standard uncertainty [m], likewise and where it cannot be told; None where nobody states one.
         worst_q: (V, nq) configuration of the largest [rad or m].
         worst_payload: (V,) its payload, as a place in `payloads`.
+        worst_draw: (V,) which draw it is of, 0 for the arm as it is.
         payloads: Names of what was carried in turn.
         joints, base, tip: Order of q, and the frames.
         rows, seed: How many configurations were drawn, and how.
+        draws: How many arms were drawn.
         flags: Doubts; each came up somewhere.
     """
 
@@ -79,12 +89,14 @@ class WorkspaceMap:
     sigma: Array | None
     worst_q: Array
     worst_payload: np.ndarray
+    worst_draw: np.ndarray
     payloads: tuple[str, ...]
     joints: tuple[str, ...]
     base: str
     tip: str
     rows: int
     seed: int
+    draws: int
     flags: tuple[Flag, ...]
 
     def __repr__(self) -> str:
@@ -135,6 +147,7 @@ def map_workspace(
     method: str = "exact",
     strict: bool = False,
     uncertainty: bool = True,
+    draws: int = 0,
     jobs: int | None = None,
     chunk: int = CHUNK,
     store: str | Path | None = None,
@@ -155,6 +168,8 @@ def map_workspace(
         method: See `Arm.deflection`.
         strict: Refuse, and count, loads beyond those that a trained law has seen.
         uncertainty: False leaves out the standard uncertainty of the largest displacement in every voxel.
+        draws: Ask so many arms drawn from what is known of this one as well, see `draw_arms`: the largest displacement
+            is then that of any of them, and has no uncertainty beside.
         jobs: Processes, -1 for all cores; None for what joblib was told, else one.
         chunk: Configurations that are asked at once, a power of two; part of what the map's last digits depend on.
         store: Folder that keeps finished chunks. With it an interrupted map goes on from where it was, and one of more
@@ -167,7 +182,7 @@ def map_workspace(
         FileError: The store belongs to another map or cannot be used.
         MissingCovariateError: An effect depends on something that was not given.
     """
-    rows, seed, chunk = _counts(rows, seed, chunk)
+    rows, seed, chunk, draws = _counts(rows, seed, chunk, draws)
     lower, upper, flags = drawn_range(arm)
     names = _payload_names(arm, payloads)
     if method not in METHODS:
@@ -175,27 +190,31 @@ def map_workspace(
     edge = _edge(voxel, furthest(arm, lower, upper), rows)
     known = settled(arm, covariates or {})
     options = {"covariates": known, "method": method, "strict": strict}
-    question = Question(without_declared_doubt(arm), names, edge, options)
+    arms = (without_declared_doubt(arm), *(draw_arms(arm, draws, seed) if draws else ()))
+    question = Question(arms, names, edge, options)
     drawn = Configurations(lower, upper, rows, seed, chunk)
     kept = None if store is None else open_store(Path(store), _manifest(question, drawn))
     with closing(_chunks(question, drawn, kept, jobs)) as chunks:
         tally, met = _gathered(drawn, chunks, progress)
-    sigma, doubts = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
+    sigma, doubts = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty and not draws else (None, ())
     return _map_of(question, drawn, tally, sigma, (*flags, *met, *doubts))
 
 
-def _counts(rows: int, seed: int, chunk: int) -> tuple[int, int, int]:
+def _counts(rows: int, seed: int, chunk: int, draws: int) -> tuple[int, int, int, int]:
     try:
-        rows, seed, chunk = (operator.index(value) for value in (rows, seed, chunk))
+        rows, seed, chunk, draws = (operator.index(value) for value in (rows, seed, chunk, draws))
     except TypeError:
-        raise InputError(f"rows {rows!r}, seed {seed!r}, chunk {chunk!r}: expected whole numbers") from None
+        text = f"rows {rows!r}, seed {seed!r}, chunk {chunk!r}, draws {draws!r}"
+        raise InputError(f"{text}: expected whole numbers") from None
+    if not 0 <= draws <= MOST_DRAWS:
+        raise InputError(f"draws is {draws}, expected 0 to {MOST_DRAWS}")
     if not 1 <= rows <= MOST_ROWS:
         raise InputError(f"{rows} configurations: expected 1 to {MOST_ROWS}")
     if seed < 0:
         raise InputError(f"seed is {seed}, expected 0 or more")
     if not 1 <= chunk <= 1 << 20 or chunk & (chunk - 1):
         raise InputError(f"chunk is {chunk}, expected a power of two up to {1 << 20}")
-    return rows, seed, chunk
+    return rows, seed, chunk, draws
 
 
 def _payload_names(arm: Arm, payloads: str | Sequence[str]) -> tuple[str, ...]:
@@ -224,12 +243,16 @@ def _manifest(question: Question, drawn: Configurations) -> Manifest:
     import scipy  # not needed otherwise before there is work
 
     arm = question.arm
-    parts = {name: digest(getattr(arm, name)) for name in ("robot", "flexures", "corrections", "effects")}
+    parts = {name: digest(getattr(arm, name)) for name in PARTS}
     carried = {f"payload {name}": digest(arm.payload(name)) for name in question.payloads}
     software = {"armflex": __version__, **{module.__name__: module.__version__ for module in (np, scipy, pinocchio)}}
     settings = {"payloads": list(question.payloads), "voxel": question.voxel}
-    settings |= {"seed": drawn.seed, "chunk": drawn.chunk, **question.options}
-    return {"format": "armflex-map-chunks-1", **parts, **carried, **settings, **software}
+    settings |= {"seed": drawn.seed, "chunk": drawn.chunk, **question.options, "draws": _digests(question.arms[1:])}
+    return {"format": "armflex-map-chunks-2", **parts, **carried, **settings, **software}
+
+
+def _digests(arms: Sequence[Arm]) -> list[str]:
+    return [digest(tuple(getattr(arm, name) for name in PARTS)) for arm in arms]
 
 
 def _chunks(
@@ -277,7 +300,7 @@ def _uncertainties(
     """
     some = np.flatnonzero(tally.answered)
     pieces = [some[first : first + WORST_AT_ONCE] for first in range(0, len(some), WORST_AT_ONCE)]
-    tasks = (partial(sigmas, question, tally.q[rows], tally.payload[rows]) for rows in pieces)
+    tasks = (partial(sigmas, question, tally.q[rows], tally.case[rows]) for rows in pieces)
     sigma, flags, done = np.full(len(tally), np.nan), {}, 0
     for rows, (found, doubts) in zip(pieces, in_order(tasks, jobs), strict=True):
         sigma[rows] = found
@@ -304,12 +327,14 @@ def _map_of(
         worst=np.where(some, tally.worst, np.nan),
         sigma=sigma,
         worst_q=tally.q,
-        worst_payload=tally.payload,
+        worst_payload=tally.case % len(question.payloads),
+        worst_draw=tally.case // len(question.payloads),
         payloads=question.payloads,
         joints=arm.joint_names,
         base=arm.robot.base,
         tip=arm.robot.tip,
         rows=drawn.rows,
         seed=drawn.seed,
+        draws=len(question.arms) - 1,
         flags=flags,
     )

@@ -1,0 +1,88 @@
+"""Arms that are as likely as one: their laws, and what was fitted to a campaign, drawn from what is known of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.calibrate.blocks import Block
+from armflex.calibrate.effect_block import EffectBlock
+from armflex.calibrate.law_block import LawBlock
+from armflex.calibrate.spread import OF_THE_INSTRUMENT, applied_blocks, without_declared_doubt
+from armflex.calibrate.view import Setup
+from armflex.conventions import Array
+from armflex.effects.law import LoadLaw, TwistLaw
+from armflex.errors import UnsupportedError
+from armflex.measured.instrument import Instrument
+
+
+def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
+    """Return arms drawn from what is known of one.
+
+    On an arm that was calibrated or traced the fitted parameters are drawn together, effects included, by the
+    covariance that the fit left; declared uncertainties of fitted laws are contained in it. All other laws are drawn by
+    `Law.draw`. Where the instrument stands is no part of the arm. What nothing determines stays as it is, as does what
+    remained without a cause, and that by which an effect remembers: the state that is given to it is told by it.
+
+    Args:
+        arm: The arm.
+        draws: How many.
+        seed: Of the random numbers.
+
+    Raises:
+        UnsupportedError: The arm no longer has every parameter that was fitted.
+    """
+    rng = np.random.default_rng(seed)
+    certain = without_declared_doubt(arm)
+    if arm.certainty is None:
+        return tuple(_with_drawn_laws(certain, rng) for _ in range(draws))
+    setup = Setup(certain, Instrument())
+    blocks = applied_blocks(arm.certainty, setup)
+    if blocks is None:
+        raise UnsupportedError("the arm no longer has every fitted parameter (another preset?): it cannot be drawn")
+    start, root = _start(blocks), _root(arm.certainty.covariance)
+    drawn = (start + root @ rng.normal(size=len(start)) for _ in range(draws))
+    return tuple(_with_drawn_laws(_at(setup, blocks, values), rng) for values in drawn)
+
+
+def _with_drawn_laws(arm: Arm, rng: np.random.Generator) -> Arm:
+    """Return the arm with the laws that carry an uncertainty of their own drawn, and none left."""
+    flexures = [replace(one, law=one.law.draw(rng)) for one in arm.flexures]
+    return replace(arm, flexures=tuple(flexures), certainty=None)
+
+
+def _start(blocks: Sequence[Block]) -> Array:
+    """Return the (P,) values at which the arm is as it is."""
+    own = [one.start if isinstance(one, LawBlock | EffectBlock) else np.zeros(len(one.labels)) for one in blocks]
+    return np.concatenate([np.zeros(0), *own])
+
+
+def _root(covariance: Array) -> Array:
+    """Return a (P, P) root of a covariance that may be singular."""
+    variances, directions = np.linalg.eigh(covariance)
+    return directions * np.sqrt(np.maximum(variances, 0.0))
+
+
+def _at(setup: Setup, blocks: Sequence[Block], values: Array) -> Arm:
+    """Return the arm at (P,) values of its blocks."""
+    parts = np.split(values, np.cumsum([len(block.labels) for block in blocks])[:-1])
+    for block, own in zip(blocks, parts, strict=True):
+        if block.name.startswith(OF_THE_INSTRUMENT):
+            continue
+        setup = _with_effect(setup, block, own) if isinstance(block, EffectBlock) else block.apply(setup, own)
+    return setup.arm
+
+
+def _with_effect(setup: Setup, block: EffectBlock, values: Array) -> Setup:
+    """Return the setup with one of its effects at other values."""
+    if isinstance(block.effect.law, TwistLaw) and block.effect.law.memory:
+        values = np.append(values[: len(block.effect.spot.terms)], np.zeros(len(block.free)))
+    effect, kept = block.at(values), list(setup.arm.effects)
+    if not isinstance(effect.law, TwistLaw | LoadLaw):  # it has changed the arm, to which what is more of it is added
+        more = np.subtract(effect.amplitudes, block.effect.amplitudes)
+        setup = effect.law.apply(replace(effect, values=(*more.tolist(), *effect.inner)), setup)
+    kept[block.ordinal] = effect
+    return replace(setup, arm=replace(setup.arm, effects=tuple(kept)))
