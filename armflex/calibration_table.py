@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Flexure
-from armflex.calibrate.law_block import LAW
 from armflex.calibrate.law_table import read_learned
+from armflex.calibrate.spread import law_labels
 from armflex.certainty import Certainty
 from armflex.certainty_table import read_certainty
 from armflex.declaration import Declaration
@@ -68,8 +68,10 @@ def _scale(flexure: Flexure, compliance: Declaration) -> Flexure:
 def _learned(flexure: Flexure, laws: Declaration | None, certainty: Certainty | None) -> Flexure:
     if laws is None or flexure.name not in laws.table:
         return flexure
-    covariance = None if certainty is None else certainty.part(f"{LAW} {flexure.name} ")
-    return read_learned(flexure, laws.sub(flexure.name), covariance)
+    found = read_learned(flexure, laws.sub(flexure.name), None)
+    if certainty is None:
+        return found
+    return replace(found, law=replace(found.law, spread=certainty.among(law_labels(found))))
 
 
 def _level(arm: Arm) -> Arm:

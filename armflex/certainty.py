@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.errors import InputError
 
 CANCELLED = 1e-5
 """Share of what parameters do one by one that is left of it where they cancel each other."""
@@ -24,12 +26,20 @@ class Certainty:
         unexplained: Site, axis and standard deviation [m or rad] of a random twist that nobody can predict, None where
             there is none.
         directions: (k, P) directions that neither the campaign nor a prior determined, None where there are none.
+
+    Raises:
+        InputError: Two parameters have the same label.
     """
 
     labels: tuple[str, ...]
     covariance: Array
     unexplained: tuple[str, str, float] | None = None
     directions: Array | None = None
+
+    def __post_init__(self) -> None:
+        if len(set(self.labels)) < len(self.labels):
+            twice = next(label for label in self.labels if self.labels.count(label) > 1)
+            raise InputError(f"two parameters are both named {twice!r}: rename a flexure or a node of its assembly")
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
@@ -46,7 +56,9 @@ class Certainty:
         size = (np.abs(columns) @ np.abs(self.directions.T)).max(axis=1, keepdims=True)
         return (np.abs(columns @ self.directions.T) > CANCELLED * size).any(axis=-1)
 
-    def part(self, beginning: str) -> Array | None:
-        """Return the covariance of the parameters whose labels begin so, None where there are none."""
-        own = np.flatnonzero([label.startswith(beginning) for label in self.labels])
-        return self.covariance[np.ix_(own, own)] if len(own) else None
+    def among(self, labels: Sequence[str]) -> Array | None:
+        """Return the (k, k) covariance of the parameters of k whole labels, None where it is not known of each."""
+        if not set(labels) <= set(self.labels):
+            return None
+        own = [self.labels.index(label) for label in labels]
+        return self.covariance[np.ix_(own, own)]

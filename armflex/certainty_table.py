@@ -17,6 +17,8 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
     if not all([table.has("parameters"), table.has("covariance") or table.has("covariance_file")]):
         return None
     labels = table.texts("parameters")
+    if len(set(labels)) < len(labels):
+        raise table.fail("parameters", "a parameter is named twice")
     covariance = _from_file(table, labels) if table.has("covariance_file") else _from_rows(table, labels)
     if (np.diag(covariance) < 0.0).any():
         raise table.fail("covariance", "a variance is negative")

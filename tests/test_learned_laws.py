@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import sys
@@ -15,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_arms import central_difference
 
-from armflex import Arm, calibrate, load_arm, predict, read_measurements
+from armflex import Arm, calibrate, load_arm, predict, read_measurements, total_covariance
 from armflex.calibrate import Calibration
 from armflex.calibrate.calibrate import first_guess
 from armflex.calibrate.file import write_calibrated
@@ -23,8 +24,10 @@ from armflex.calibrate.law_block import law_block
 from armflex.calibrate.learned import learned_axes
 from armflex.calibrate.sample import sample_laws
 from armflex.calibrate.view import look
+from armflex.certainty import Certainty
 from armflex.cli.main import armflex
 from armflex.errors import ArmFileError, InputError
+from armflex.flexure import Flexure
 from armflex.laws import AtNode, Beam, Law, LinearLaw, PositionDependentLaw, Row, Section, StructuralLaw, SubJoint
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
 
@@ -197,6 +200,48 @@ def test_what_was_learned_is_written_and_read(six, learned, tmp_path):
             np.testing.assert_allclose(kept.law.covariance(load, row), before.law.covariance(load, row), rtol=1e-6)
     rows = read_measurements(folder / "test.csv", again)
     np.testing.assert_allclose(predict(again, rows).sigma, predict(found.arm, rows).sigma, rtol=1e-6)
+
+
+def named_as(arm: Arm, names: tuple[str, str], node: str) -> Arm:
+    """The boom with A2 and A3 renamed and learned, the second as a bearing at a node of some name."""
+
+    def change(flexure: Flexure) -> Flexure:
+        if flexure.name == "A2":
+            return dataclasses.replace(flexure, name=names[0], learn=Learning("linear"))
+        if flexure.name == "A3":
+            law = StructuralLaw({node: np.zeros(3)}, node, (SubJoint(node, flexure.law),), ())
+            return dataclasses.replace(flexure, name=names[1], learn=Learning("structural"), law=law)
+        return flexure
+
+    return dataclasses.replace(arm, flexures=tuple(map(change, arm.flexures)))
+
+
+def test_names_that_begin_alike_and_hold_blanks_are_names_like_others(six, tmp_path):
+    plain = load_arm(six.write(tmp_path, "none"))
+    rows = read_measurements(tmp_path / "train.csv", plain)
+    found = []
+    for names, node in ((("one", "other"), "a"), (("A2", "A2 x"), "2@the bearing")):
+        arm = calibrate(named_as(plain, names, node), rows, np.flatnonzero(rows.measured)[:60]).arm
+        found.append(total_covariance(arm.deflection(six.drawn.rows.q[3], "p300"))[0])
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
+
+
+def test_laws_of_names_that_begin_alike_are_read_with_their_own_covariance(six, tmp_path):
+    path = six.write(tmp_path, "none")
+    text = path.read_text().replace("[flexure.A3]", '[flexure."A2 x"]')
+    path.write_text(re.sub(r'(joint = "A[23]"\nmodel = "linear"\n)', r"\1learn = true\n", text))
+    arm = load_arm(path)
+    rows = read_measurements(tmp_path / "train.csv", arm)
+    found = calibrate(arm, rows, np.flatnonzero(rows.measured)[:60])
+    again = load_arm(write_calibrated(path, found, tmp_path / "learned.toml"))
+    for kept, before in zip(again.flexures, found.arm.flexures, strict=True):
+        if kept.learn is not None:
+            np.testing.assert_allclose(kept.law.spread, before.law.spread, rtol=1e-6)
+
+
+def test_parameters_named_alike_are_refused():
+    with pytest.raises(InputError, match="law A2 1@n 2@m:dx"):
+        Certainty(("tool dx", "law A2 1@n 2@m:dx", "law A2 1@n 2@m:dx"), np.eye(3))
 
 
 def test_learning_again_begins_at_what_was_declared(six, learned):

@@ -22,6 +22,7 @@ from armflex.effects.remember import known_rows
 from armflex.effects.rigid import rigid_motion
 from armflex.effects.scene import Scene, survey
 from armflex.errors import Flag, listing
+from armflex.flexure import Flexure
 from armflex.laws import Law, LinearLaw, PositionDependentLaw
 from armflex.laws.learned import LearnedLaw
 from armflex.measured.instrument import Instrument
@@ -145,12 +146,20 @@ def _columns(blocks: Sequence[Block], view: View) -> Array:
 
 def without_declared_doubt(arm: Arm) -> Arm:
     """Return the arm whose fitted compliances carry no declared uncertainty: the fit's covariance stands in for it."""
-    of_laws = [label for label in _labels(arm) if label.startswith((f"{COMPLIANCE} ", f"{LAW} "))]
-    fitted = {label.split(" ", 1)[1].rsplit(" ", 1)[0] for label in of_laws}
-    if not fitted:
+    known = set(_labels(arm))
+    fitted = [not known.isdisjoint(law_labels(flexure)) for flexure in arm.flexures]
+    if not any(fitted):
         return arm
-    flexures = [replace(f, law=_undoubted(f.law)) if f.name in fitted else f for f in arm.flexures]
-    return replace(arm, flexures=tuple(flexures))
+    pairs = zip(arm.flexures, fitted, strict=True)
+    return replace(arm, flexures=tuple(replace(f, law=_undoubted(f.law)) if own else f for f, own in pairs))
+
+
+def law_labels(flexure: Flexure) -> tuple[str, ...]:
+    """Return how the parameters of a flexure's law are named in a `Certainty`; names may hold blanks themselves."""
+    law = flexure.law
+    if isinstance(law, LearnedLaw):
+        return tuple(f"{LAW} {flexure.name} {label}" for label in law.labels)
+    return tuple(f"{COMPLIANCE} {flexure.name} {axis}" for axis in TWIST_NAMES)
 
 
 def _undoubted(law: Law) -> Law:
