@@ -57,6 +57,8 @@ class Arm:
         measurement: Frame in which campaigns of this arm are measured.
         prior: What calibration may move, one standard deviation each.
         corrections: Constant errors of the kinematics that calibration found; part of what makes the tip displaced.
+        factors: Logarithms (6,) of what calibration found to be the factors on the axes of a flexure's compliance, by
+            flexure; `flexures` have them already.
         instrument: Where the instrument stands that measured this arm, None when it was not calibrated.
         effects: What it does beyond its flexures, as measurements showed.
         certainty: How well everything that was fitted is known, None where nothing was, or where nobody says.
@@ -70,6 +72,7 @@ class Arm:
     measurement: Measurement = field(default_factory=Measurement)
     prior: Prior = field(default_factory=Prior)
     corrections: Corrections = field(default_factory=Corrections)
+    factors: Mapping[str, Array] = field(default_factory=dict)
     instrument: Instrument | None = None
     effects: tuple[Effect, ...] = ()
     certainty: Certainty | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from armflex.calibrate.law_table import read_learned
 from armflex.calibrate.spread import law_labels
 from armflex.certainty import Certainty
 from armflex.certainty_table import read_certainty
+from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import did_you_mean
 from armflex.laws.scaled import scaled
@@ -48,8 +50,15 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         table.has(key)
     certainty = read_certainty(table, arm)
     table.finish()
-    flexures = tuple(_learned(_scale(flexure, compliance), laws, certainty) for flexure in arm.flexures)
-    fitted = replace(arm, flexures=flexures, corrections=corrections, instrument=instrument, certainty=certainty)
+    factors = {name: compliance.numbers(name, (6,)) for name in compliance.table}
+    fitted = replace(
+        arm,
+        flexures=tuple(_learned(_scaled(flexure, factors), laws, certainty) for flexure in arm.flexures),
+        corrections=corrections,
+        factors=factors,
+        instrument=instrument,
+        certainty=certainty,
+    )
     return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
 
 
@@ -59,10 +68,10 @@ def _check_names(table: Declaration, known: tuple[str, ...]) -> None:
             raise table.fail(name, f"the arm has no {name!r}{did_you_mean(name, known)}")
 
 
-def _scale(flexure: Flexure, compliance: Declaration) -> Flexure:
-    if flexure.name not in compliance.table:
+def _scaled(flexure: Flexure, factors: Mapping[str, Array]) -> Flexure:
+    if flexure.name not in factors:
         return flexure
-    return replace(flexure, law=scaled(flexure.law, np.exp(0.5 * compliance.numbers(flexure.name, (6,)))))
+    return replace(flexure, law=scaled(flexure.law, np.exp(0.5 * factors[flexure.name])))
 
 
 def _learned(flexure: Flexure, laws: Declaration | None, certainty: Certainty | None) -> Flexure:

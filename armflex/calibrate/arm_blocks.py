@@ -124,13 +124,16 @@ class ComplianceBlock:
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with the laws scaled."""
-        factors, start = {}, 0
-        for name, axes in zip(self.flexures, self.axes, strict=True):
-            factor = np.ones(6)
-            factor[list(axes)] = np.exp(0.5 * values[start : start + len(axes)])
-            factors[name], start = factor, start + len(axes)
+        parts = np.split(values, np.cumsum([len(axes) for axes in self.axes])[:-1])
+        steps = {name: np.zeros(6) for name in self.flexures}
+        for name, axes, part in zip(self.flexures, self.axes, parts, strict=True):
+            steps[name][list(axes)] = part
+        arm, before = setup.arm, setup.arm.factors
         changed = tuple(
-            replace(flexure, law=scaled(flexure.law, factors[flexure.name])) if flexure.name in factors else flexure
-            for flexure in setup.arm.flexures
+            replace(flexure, law=scaled(flexure.law, np.exp(0.5 * steps[flexure.name])))
+            if flexure.name in steps
+            else flexure
+            for flexure in arm.flexures
         )
-        return replace(setup, arm=replace(setup.arm, flexures=changed))
+        factors = {**before, **{name: before.get(name, np.zeros(6)) + step for name, step in steps.items()}}
+        return replace(setup, arm=replace(arm, flexures=changed, factors=factors))

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 from safetensors.numpy import save
 
-from armflex.calibrate.arm_blocks import ComplianceBlock
 from armflex.calibrate.calibrate import Calibration
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.law_table import law_tables
@@ -70,9 +69,7 @@ def _write(declared: Path, calibration: dict[str, Any], effects: Sequence[dict[s
 
     document = tomlkit.parse(declared.read_text(encoding="utf-8-sig"))
     _move_files(document, declared.parent.resolve(), path.parent.resolve())
-    earlier = document.pop("calibration", None)
-    if earlier is not None:
-        calibration = calibration | {"compliance": dict(earlier.get("compliance", {})) | calibration["compliance"]}
+    document.pop("calibration", None)
     if effects and "effect" not in document:
         document.append("effect", tomlkit.aot())
     for effect in effects:
@@ -140,7 +137,7 @@ def as_table(fit: Fit, measurements: Measurements, rows: np.ndarray, rms: float)
         "mounting": instrument.mounting.tolist(),
         "joint_offset": dict(corrections.joint_offset),
         "geometry": {name: values.tolist() for name, values in corrections.geometry.items()},
-        "compliance": {name: values.tolist() for name, values in _log_factors(fit).items()},
+        "compliance": {name: values.tolist() for name, values in setup.arm.factors.items()},
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
     }
     if laws := law_tables(settled(setup.arm, fit)):
@@ -167,15 +164,3 @@ def _declared_part(fit: Fit) -> Setup:
             setup = block.apply(setup, fit.values[start : start + count])
         start += count
     return setup
-
-
-def _log_factors(fit: Fit) -> dict[str, Array]:
-    """Return (6,) logarithms of the factors on every flexure's compliance axes."""
-    found: dict[str, Array] = {}
-    for block in fit.blocks:
-        if isinstance(block, ComplianceBlock):
-            values = iter(fit.value(block.name))
-            for name, axes in zip(block.flexures, block.axes, strict=True):
-                found[name] = np.zeros(6)
-                found[name][list(axes)] = [next(values) for _ in axes]
-    return found
