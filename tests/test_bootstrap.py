@@ -39,7 +39,7 @@ def spread_over_stated(folder: Path, prior: str) -> float:
     """
     arm, measurements = asked(folder, prior)
     found = bootstrap(arm, measurements, draws=DRAWS, seed=1)
-    calibrated = calibrate(arm, measurements)
+    calibrated = calibrate(arm, measurements, as_stated=True)
     stated, widened = {one.name: one for one in calibrated.parameters}, max(1.0, calibrated.fit.noise)
     ratios = [
         std / (stated[name].std / widened)

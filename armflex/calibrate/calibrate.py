@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,6 +31,12 @@ OUTLIER = 0.5
 
 FEWEST_ROWS = 4
 
+EVEN = 0.05
+"""Scatter above the noise counted with, relative to it, from which readings are weighed anew."""
+
+ROUNDS = 5
+"""Times at most that they are."""
+
 
 @dataclass(frozen=True)
 class Outlier:
@@ -50,12 +57,14 @@ class Calibration:
         fit: The fit itself: values, covariance, residuals.
         placed: The rows as the declared arm explains them, only the instrument's frame fitted.
         measurements: The campaign.
+        weighed: Factor on the stated noise by which the fit weighed the readings: 1, more where they scatter more.
     """
 
     arm: Arm
     fit: Fit
     placed: View
     measurements: Measurements
+    weighed: float = 1.0
 
     @property
     def declared_rms(self) -> float:
@@ -71,6 +80,11 @@ class Calibration:
     def rms(self) -> float:
         """RMS of the 3-D position error after calibration [m]."""
         return self.fit.rms
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the readings over the stated one, if what is left of them is nothing else."""
+        return self.weighed * self.fit.noise
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -106,8 +120,13 @@ def calibrate(
     rows: np.ndarray | None = None,
     progress: Progress | None = None,
     keep: bool = False,
+    as_stated: bool = False,
 ) -> Calibration:
     """Return the arm with everything that its [prior] frees fitted to a campaign.
+
+    Readings that scatter more than they state, because the arm lacks something, are weighed by their scatter: else what
+    is free would be driven far beyond its prior to make up for it. An arm that was calibrated before is fitted about
+    what it was calibrated to.
 
     Args:
         arm: The arm as declared; its prior says what may move and how far.
@@ -117,6 +136,7 @@ def calibrate(
         keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames, and how the
             target is turned on the tool, are fitted. The covariance of what is kept stays as it was, as if it were
             independent of the new frames'.
+        as_stated: Weigh readings by their stated noise alone, as a search for what the arm lacks must.
 
     Raises:
         InputError: Too few rows were measured, or see `check_readings`.
@@ -132,12 +152,27 @@ def calibrate(
     before = fit(declared, frame, measurements, used) if frame else None
     placed = before.view if before else look(declared, measurements, used)
     laws = None if keep else law_block(declared, placed)
-    if laws is None:
-        found = fit(declared, blocks, measurements, used, progress=progress)
-    else:
-        found = fit_learning(declared, blocks, laws, measurements, used, progress)
+
+    def fitted(weighed: Measurements) -> Fit:
+        if laws is None:
+            return fit(declared, blocks, weighed, used, progress=progress)
+        return fit_learning(declared, blocks, laws, weighed, used, progress)
+
+    found, weighed = _weighed(fitted, measurements, 0 if as_stated else ROUNDS)
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
-    return Calibration(replace(settled(found.setup.arm, found), **known), found, placed, measurements)
+    return Calibration(replace(settled(found.setup.arm, found), **known), found, placed, measurements, weighed)
+
+
+def _weighed(fitted: Callable[[Measurements], Fit], measurements: Measurements, rounds: int) -> tuple[Fit, float]:
+    """Return a fit to readings that scatter as they are weighed, and by which factor on the stated noise they are."""
+    found, factor = fitted(measurements), 1.0
+    for _ in range(rounds):
+        if found.noise <= 1.0 + EVEN:
+            break
+        factor *= found.noise
+        sigma_r = None if measurements.sigma_r is None else factor * measurements.sigma_r
+        found = fitted(replace(measurements, sigma=factor * measurements.sigma, sigma_r=sigma_r))
+    return found, factor
 
 
 def _check_fit(arm: Arm, measurements: Measurements, used: np.ndarray) -> None:

@@ -109,8 +109,13 @@ class Fit:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the readings over the stated one, if the residual is nothing else."""
-        return float(np.sqrt(self.residual @ self.residual / self.freedom))
+        """Standard deviation of the readings over that by which they were weighed, if the residual is nothing else.
+
+        A reading that is far off counts as one at the limit (Huber's proposal 2), so that a lost beam is no noise.
+        """
+        size = len(self.residual) // len(self.weights)
+        within = self.residual * np.sqrt(np.repeat(self.weights, size))
+        return float(np.sqrt(within @ within / self.freedom))
 
     @cached_property
     def posterior(self) -> Posterior:

@@ -54,8 +54,8 @@ class Parameter:
 
     @property
     def surprising(self) -> bool:
-        """Whether the declared value was wrong by more than its prior allows."""
-        return abs(self.pull) > SURPRISING
+        """Whether the declared value was wrong by more than its prior allows, and the data determine it."""
+        return self.determined and abs(self.pull) > SURPRISING
 
 
 def parameters(fit: Fit) -> tuple[Parameter, ...]:

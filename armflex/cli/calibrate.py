@@ -83,15 +83,17 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         print_table("Parameters" if show_all else "Moved most, against their priors", columns, map(_cells, chosen))
     blind = [p for p in found.undetermined if p.block != LAW]
     if blind:
-        columns = ["left at its prior", "can be exchanged for"]
+        columns = ["not told from its prior", "can be exchanged for"]
         cells = [[p.name, ", ".join(p.trades_against) or "moves the readings too little"] for p in blind[:12]]
         more = f" (12 of {len(blind)})" if len(blind) > 12 else ""
         print_table(f"What these data cannot determine{more}", columns, cells)
     if not found.fit.blocks:
         console().print("Nothing was fitted: [prior] frees nothing.")
-    if found.fit.noise > SCATTERED:
-        text = f"The readings scatter {found.fit.noise:.2g} times as much as stated: something is missing, and what was"
-        console().print(f"{text} fitted makes up for it as well as it can. `armflex trace` looks for it.")
+    if found.scatter > SCATTERED:
+        text = (
+            f"The readings scatter {found.scatter:.2g} times as much as stated, and were weighed by that: something is"
+        )
+        console().print(f"{text} missing, which what was fitted may make up for. `armflex trace` looks for it.")
     for outlier in found.outliers[:5]:
         console().print(f"outlier: {outlier.place}, {outlier.error_m * 1e3:.3g} mm off")
 
@@ -114,6 +116,7 @@ def as_json(found: Calibration) -> dict[str, Any]:
         "format": "armflex-calibrate-1",
         "rows": len(found.fit.view.rows),
         "noise_rms_mm": found.noise_rms * 1e3,
+        "noise_over_stated": found.scatter,
         "rms_mm": {"declared": found.declared_rms * 1e3, "calibrated": found.rms * 1e3},
         "parameters": [
             {

@@ -62,7 +62,7 @@ def known_before(arm: Arm, after: Measurements | None) -> Before:
     """
     if after is None:
         return Before(Setup(arm, arm.instrument or Instrument()))
-    fitted = calibrate(arm, after, keep=arm.certainty is not None).fit
+    fitted = calibrate(arm, after, keep=arm.certainty is not None, as_stated=True).fit
     view = look(fitted.setup, after, np.arange(len(after)))
     weights = np.zeros(len(after))
     weights[fitted.view.rows] = fitted.weights

@@ -82,7 +82,7 @@ def trace(
     """Return the traced arm and its account; `armflex.trace` says what goes in."""
     say = report or (lambda text: None)
     say("calibrating")
-    calibration = calibrate(arm, measurements, rows, keep=keep)
+    calibration = calibrate(arm, measurements, rows, keep=keep, as_stated=True)
     state = begin(calibration)
     first = state.fit
     looked = _look(state, say)
