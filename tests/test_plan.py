@@ -32,6 +32,7 @@ from armflex.effects.catalogue import LAWS
 from armflex.effects.effect_file import spots_on
 from armflex.effects.law import Effect
 from armflex.errors import UnknownNameError, UnsupportedError
+from armflex.laws.learned import Learning
 from armflex.plan.choose import exchanged, greedy, path
 from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth, added
 from armflex.plan.order import driving_order, motion
@@ -351,6 +352,24 @@ def test_a_calibrated_arm_is_planned_from_its_covariance(campaign) -> None:
     assert not any(name.startswith("session_frame") for name in before)
 
 
+def test_laws_that_are_to_be_learned_are_among_what_is_planned_for(campaign) -> None:
+    """Before a campaign as uncertain as they were declared, after one as their covariance has it."""
+    arm, measured = campaign
+    flexures = [replace(f, learn=Learning("linear")) if f.name == "A2" else f for f in arm.flexures]
+    arm = replace(arm, flexures=tuple(flexures))
+    first = plan(arm, 4)
+    before = dict(zip(first.model.names, first.std_before, strict=True))
+    after = dict(zip(first.model.names, first.std_after, strict=True))
+    assert before["law A2 ry"] == pytest.approx(0.5) and after["law A2 ry"] < 0.25
+    assert not any(name.startswith("compliance A2") for name in before)
+    assert "law A2 dx" in {one.name for one in first.blind}
+    fitted = calibrate(arm, measured)
+    stored = {p.name: p.std for p in fitted.parameters if p.block == "law"}
+    for further in (plan(fitted.arm, 4), plan(arm, 4, after=measured)):
+        before = dict(zip(further.model.names, further.std_before, strict=True))
+        np.testing.assert_allclose([before[name] for name in stored], list(stored.values()), rtol=0.05)
+
+
 def test_the_command_writes_rows_a_picture_and_json(armflex: Run, tmp_path: Path) -> None:
     out = fine(armflex("plan", BOOM, "--rows", 5, "-o", "p.csv", "--json", "p.json", "--picture", "p.png"))
     assert "5 rows to read" in out.stdout and "No tip reading tells" in out.stdout
@@ -380,6 +399,7 @@ def test_the_command_says_how_far_apart_rivals_will_be(armflex: Run, tmp_path: P
         (["--covariate", "temperature"], "NAME=NUMBER"),
         (["--covariate", "temperature=1,x"], "NAME=NUMBER"),
         (["--sigma", "0.1"], "unit"),
+        (["--sigma", "1000m"], "the arm's reach"),
         (["--picture", "p.txt"], ".png"),
         (["--after", ROBOTS / "heavy_six" / "trajectory.csv"], "no column"),
     ],

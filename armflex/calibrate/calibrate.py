@@ -31,11 +31,11 @@ OUTLIER = 0.5
 
 FEWEST_ROWS = 4
 
-EVEN = 0.05
-"""Scatter above the noise counted with, relative to it, from which readings are weighed anew."""
+CHANCE = 4.0
+"""Standard deviations of its cube root (Wilson and Hilferty 1931) by which a sum of squares is too large for chance."""
 
-ROUNDS = 5
-"""Times at most that they are."""
+EVEN, ROUNDS = 0.05, 5
+"""Scatter over that by which readings were weighed from which they are weighed once more, and how often at most."""
 
 
 @dataclass(frozen=True)
@@ -166,6 +166,9 @@ def calibrate(
 def _weighed(fitted: Callable[[Measurements], Fit], measurements: Measurements, rounds: int) -> tuple[Fit, float]:
     """Return a fit to readings that scatter as they are weighed, and by which factor on the stated noise they are."""
     found, factor = fitted(measurements), 1.0
+    spread = 2.0 / (9.0 * found.freedom)
+    if found.noise ** (2.0 / 3.0) <= 1.0 - spread + CHANCE * np.sqrt(spread):
+        return found, factor
     for _ in range(rounds):
         if found.noise <= 1.0 + EVEN:
             break

@@ -68,6 +68,7 @@ def instead(own: Effect, rival: Effect) -> str:
 AS_EFFECT = {
     "joint_offset": "encoder_offset",
     "compliance": "compliance",
+    "law": "compliance",
     "geometry": "link_geometry",
     "tool": "tool_shift",
 }
@@ -119,7 +120,7 @@ def _blind(model: Model, seen: Array, whole: Array, place: int, moves: float) ->
     partners = () if faint else partners_of(seen, whole, place, model.names)
     block, _, label = name.partition(" ")
     law = label.split(" ")[0] if block == "effect" else AS_EFFECT.get(block, block)
-    instead = UNLOADED if faint and block == "compliance" else INSTEAD.get(law, ON_THE_LINK)
+    instead = UNLOADED if faint and AS_EFFECT.get(block) == "compliance" else INSTEAD.get(law, ON_THE_LINK)
     return Blind(name, moves, partners, instead)
 
 

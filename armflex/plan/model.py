@@ -13,6 +13,7 @@ from armflex.calibrate import calibrate
 from armflex.calibrate.blocks import Block, FrameBlock, SessionBlock, declared_blocks, places_of
 from armflex.calibrate.effect_block import EffectBlock, effect_columns, shy_prior
 from armflex.calibrate.fit import Fit, prior_of
+from armflex.calibrate.law_block import LawBlock, law_block, learned_laws
 from armflex.calibrate.robust import whitened_columns
 from armflex.calibrate.spread import FRAMES, OF_THE_INSTRUMENT, OTHER_PARAMETERS, rebuilt_blocks, scene_of
 from armflex.calibrate.view import Setup, View, look
@@ -52,22 +53,23 @@ class Before:
     noise: float = 1.0
 
 
-def known_before(arm: Arm, after: Measurements | None) -> Before:
+def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Before:
     """Return an arm as it is known, calibrated with a campaign where there is one.
 
-    Of an arm that is calibrated already only the instrument is placed anew.
+    Of an arm that is calibrated already only the instrument is placed anew. An effect in question may be what makes
+    readings scatter: then they are weighed `as_stated`.
 
     Raises:
         ArmflexError: The campaign cannot be that of this arm, see `calibrate`.
     """
     if after is None:
         return Before(Setup(arm, arm.instrument or Instrument()))
-    fitted = calibrate(arm, after, keep=arm.certainty is not None, as_stated=True).fit
+    found = calibrate(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
+    fitted = found.fit
     view = look(fitted.setup, after, np.arange(len(after)))
     weights = np.zeros(len(after))
     weights[fitted.view.rows] = fitted.weights
-    noise = max(fitted.noise, 1.0)
-    return Before(fitted.setup, after, view, scene_of(view, after), weights, fitted, noise)
+    return Before(fitted.setup, after, view, scene_of(view, after), weights, fitted, max(found.scatter, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +126,16 @@ class Model:
         return self.scale * np.sqrt(np.diag(inverse(normal)))
 
 
+def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
+    """Return both with the laws that are still to be learned free about what was declared, under the offered loads."""
+    arm = before.setup.arm
+    block = None if learned_laws(arm) else law_block(before.setup, offer.view)
+    if block is None:
+        return before, offer
+    setup = block.apply(before.setup, block.start)
+    return replace(before, setup=setup), offer.seen_by(setup)
+
+
 def answers(blocks: Sequence[Block], view: View, rows: Measurements, scene: Scene) -> Array:
     """Return (M, d, P) whitened changes of the readings of some rows per parameter of blocks made for others."""
     here = [_here(block, rows, scene) for block in blocks]
@@ -152,10 +164,12 @@ def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model
 
 
 def _declared(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> tuple[Block, ...]:
-    """Return the blocks of [prior], with the planned session beside those of the campaign, and of the arm's effects."""
+    """Return the blocks of [prior], of learned laws and of effects, the planned session beside the campaign's."""
     known, planned = before.campaign, offer.rows.session[0]
     rows = offer.rows if known is None else replace(known, session=(*known.session, planned))
-    return (*declared_blocks(before.setup, rows), *_effect_blocks(before.setup.arm, offer, suspects))
+    arm, laws = before.setup.arm, learned_laws(before.setup.arm)
+    learned = (LawBlock(tuple(laws), tuple(laws.values())),) if laws else ()
+    return (*declared_blocks(before.setup, rows), *learned, *_effect_blocks(arm, offer, suspects))
 
 
 def _effect_blocks(arm: Arm, offer: Offer, suspects: Sequence[Suspect]) -> list[Block]:
@@ -202,5 +216,11 @@ def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
     normal, first = np.eye(len(scale)), len(scale) - len(std) - len(_finite(suspects))
     inside = slice(first, first + len(std))
     normal[inside, inside] = np.linalg.inv(covariance / np.outer(std, std))
-    told = [np.full(len(block.labels), getattr(arm.prior, block.name, 0.0) or np.inf) for block in blocks]
-    return Model(blocks, scale, normal, np.concatenate(told))
+    return Model(blocks, scale, normal, np.concatenate([_told(block, arm) for block in blocks]))
+
+
+def _told(block: Block, arm: Arm) -> Array:
+    """Return the standard deviations of a block's parameters before anything was measured."""
+    if isinstance(block, LawBlock):
+        return block.prior
+    return np.full(len(block.labels), getattr(arm.prior, block.name, 0.0) or np.inf)

@@ -166,6 +166,11 @@ class Offer:
         every = np.broadcast_to(sigma, (len(self.rows), 3))
         return replace(self, rows=replace(self.rows, sigma=every), view=replace(self.view, sigma=every))
 
+    def seen_by(self, setup: Setup) -> Offer:
+        """Return the same rows as another arm or instrument has them."""
+        view = look(setup, self.rows, np.arange(len(self.rows)))
+        return replace(self, view=view, scene=scene_of(view, self.rows))
+
 
 def spread(reach: Reach, setup: Setup, count: int, seed: int) -> Offer:
     """Return up to `count` rows spread evenly over all that may be asked, `count` a power of two.

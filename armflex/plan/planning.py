@@ -18,7 +18,7 @@ from armflex.plan.advice import blind_spots
 from armflex.plan.choose import exchanged, greedy, path
 from armflex.plan.drive import driven
 from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth, added, inverse
-from armflex.plan.model import Before, Model, answers, known_before, model_of
+from armflex.plan.model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.offer import Offer, Reach, around, some_rows, spread, unread
 from armflex.plan.question import Question, check, reach_of, sigma_of
 from armflex.plan.result import TOLD, Plan
@@ -54,7 +54,7 @@ def make(arm: Arm, after: Measurements | None, asked: Question, progress: Progre
     effects = [named_effect(text, arm, tuple(asked.covariates)) for text in asked.between or ()]
     if len({spelled(effect) for effect in effects}) == 1:
         raise InputError(f"{spelled(effects[0])} is to be told from itself: name two effects")
-    task = _task(known_before(arm, after), asked, effects)
+    task = _task(known_before(arm, after, as_stated=bool(effects)), asked, effects)
     tick(1, ROUNDS + 1)
     return _concluded(task, *_chosen(task, tick))
 
@@ -78,6 +78,7 @@ def _task(before: Before, asked: Question, effects: Sequence[Effect]) -> _Task:
     offer = spread(reach, before.setup, OFFERED, asked.seed)
     if len(offer.rows) < asked.rows:
         raise InputError(f"{asked.rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")
+    before, offer = learning(before, offer)
     suspects = [suspect_of(effect, offer) for effect in effects]
     refits = [refitted(suspect, before) for suspect in suspects]
     explained = min((max(found.noise, 1.0) for found in refits if found), default=before.noise)
@@ -103,7 +104,8 @@ def _goal(before: Before, model: Model, offer: Offer, rivals: Sequence[Rival], a
         return Apart(tellable or truths)
     if not model.moving.any():
         raise InputError(
-            "nothing is free: [prior] has neither joint_offset, compliance nor geometry, the arm no effect"
+            "nothing is free: [prior] has neither joint_offset, compliance nor geometry, no law is to be learned, and "
+            "the arm has no effect"
         )
     if asked.along is None:
         return Certain(np.flatnonzero(model.moving))

@@ -22,6 +22,9 @@ from armflex.workspace.configurations import drawn_range
 
 MOST_ROWS = 500
 
+COARSEST = 0.01
+"""Standard deviation of a position read, as a share of the arm's reach, beyond which it is no measurement."""
+
 READING = 2e-4
 """Standard deviation of a position read [m] where nobody says: a laser tracker some metres away."""
 
@@ -73,6 +76,9 @@ def reach_of(before: Before, asked: Question, effects: Sequence[Effect]) -> tupl
     session = _new_session(before.campaign)
     payloads = _payloads(arm, asked.payloads)
     sigma = sigma_of(before, asked.sigma)
+    if sigma.max() > COARSEST * arm.robot.reach:
+        text = f"sigma is {sigma.max():.3g} m, more than {COARSEST:.0%} of the arm's reach of {arm.robot.reach:.3g} m"
+        raise InputError(f"{text}: is it in another unit?")
     return Reach(arm, lower, upper, payloads, tuple(approached), levels, session, sigma, asked.floor), doubts
 
 
