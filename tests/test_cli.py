@@ -67,8 +67,8 @@ def test_deflect_json(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
     found = strict_json(tmp_path / "d.json")
     assert set(found) == {
         "format", "payload", "base", "tip", "method", "joint_names", "flexure_names", "q", "joint_loads", "wrenches",
-        "twists", "contributions", "remainder", "displacement", "covariance", "compliance", "pose", "rigid_pose",
-        "flags",
+        "twists", "contributions", "corrected", "remainder", "displacement", "covariance", "compliance", "pose",
+        "rigid_pose", "flags",
     }  # fmt: skip
     assert (found["format"], found["base"], found["tip"]) == ("armflex-deflect-1", "crane", "tool")
     q = tarm.position(M1=1.5, A1=np.deg2rad(10.0), A3=0.5)

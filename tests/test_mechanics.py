@@ -27,7 +27,7 @@ from small_arms import (
 
 from armflex import Arm, Flexure, Payload, Wrench, load_arm
 from armflex.laws import Law, LinearFit, LinearLaw
-from armflex.robot import Site, build_model, load_robot
+from armflex.robot import Corrections, Site, build_model, load_robot
 from armflex.statics.mechanics import LoadCase, Mechanics
 
 G = 9.81
@@ -275,6 +275,18 @@ def test_contributions_add_up_and_the_rest_is_quadratic(crooked):
     sizes = [np.linalg.norm(result.remainder) for result in results]
     assert sizes[1] / sizes[0] == pytest.approx(4.0, rel=0.05) and sizes[2] / sizes[1] == pytest.approx(4.0, rel=0.05)
     assert sizes[0] < 1e-3 * np.linalg.norm(results[0].displacement)
+
+
+def test_what_calibration_corrected_is_no_remainder_of_the_flexures(crooked):
+    """A joint that stands off moves the tip where nothing gives; first order has no part in it."""
+    joint = crooked.joint_names[1]
+    corrections = Corrections({joint: 2e-3}, {joint: np.array([1e-3, 0.0, 2e-3, 0.0, 1e-3, 0.0])})
+    off = replace(softer(crooked, 1e-6), corrections=corrections).deflection(POSE, payload=PAYLOAD)
+    rigid = replace(crooked, flexures=(), corrections=corrections).deflection(POSE, payload=PAYLOAD)
+    np.testing.assert_allclose(off.corrected, rigid.displacement, atol=1e-15)
+    assert np.linalg.norm(off.corrected[:3]) > 1e-3
+    assert np.linalg.norm(off.remainder) < 1e-3 * np.linalg.norm(off.displacement - off.corrected)
+    assert not crooked.deflection(POSE, payload=PAYLOAD).corrected.any()
 
 
 def test_a_contribution_is_what_the_flexure_does_alone(crooked):

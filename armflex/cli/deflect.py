@@ -92,13 +92,17 @@ def print_deflection(arm: Arm, found: Deflection, covariance: np.ndarray | None)
 
 
 def _print_flexures(found: Deflection) -> None:
+    rows = [
+        [name, *(number(x * 1e3) for x in twist), number(share * 1e3)]
+        for name, twist, share in zip(found.names.flexures, found.twists, found.shares(), strict=True)
+    ]
+    if found.corrected.any():
+        along = found.displacement[:3] / (np.linalg.norm(found.displacement[:3]) or 1.0)
+        rows.append(["calibrated geometry", *["-"] * 6, number(float(found.corrected[:3] @ along) * 1e3)])
     print_table(
         "Local deflection of every flexure, and its share of the tip's displacement",
         ["flexure", "dx mm", "dy mm", "dz mm", "rx mrad", "ry mrad", "rz mrad", "share mm"],
-        [
-            [name, *(number(x * 1e3) for x in twist), number(share * 1e3)]
-            for name, twist, share in zip(found.names.flexures, found.twists, found.shares(), strict=True)
-        ],
+        rows,
     )
 
 
@@ -129,6 +133,7 @@ def as_json(found: Deflection, covariance: np.ndarray | None, flags: Sequence[Fl
         "wrenches": found.wrenches.tolist(),
         "twists": found.twists.tolist(),
         "contributions": found.contributions.tolist(),
+        "corrected": found.corrected.tolist(),
         "remainder": found.remainder.tolist(),
         "displacement": found.displacement.tolist(),
         "covariance": None if covariance is None else covariance.tolist(),

@@ -178,6 +178,14 @@ class Deflection:
         columns = self.flexure_jacobian.reshape(6, -1, 6)
         return np.einsum("ink,nk->ni", columns, self.twists)
 
+    @cached_property
+    def corrected(self) -> Array:
+        """(6,) of the displacement due to `Arm.corrections`: the arm as it was calibrated, before it gives [m, rad]."""
+        known = self.solved.loaded.arm.corrections
+        if not (known.joint_offset or known.geometry):
+            return np.zeros(6)
+        return self.solved.loaded.solver.displacement(self.solved.straight, self.q)
+
     def shares(self, part: slice = slice(0, 3)) -> Array:
         """Return (n_flexures,) of each flexure along the tip's shift (0:3) [m] or turn (3:6) [rad]."""
         along = self.displacement[part]
@@ -195,8 +203,8 @@ class Deflection:
 
     @property
     def remainder(self) -> Array:
-        """(6,) displacement minus the sum of `contributions`: what first order leaves out [m, rad]."""
-        return self.displacement - self.contributions.sum(axis=0)
+        """(6,) displacement minus `corrected` and the sum of `contributions`: what first order leaves out [m, rad]."""
+        return self.displacement - self.corrected - self.contributions.sum(axis=0)
 
     @cached_property
     def compliance(self) -> Array:

@@ -300,6 +300,9 @@ def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterat
         left = float(np.linalg.norm(shown.remainder[:3]) * 1e3)
         yield f"Deflections are drawn {factor:g} times as large as they are; the rigid arm is to scale."
         yield f"Shares are first order; together they miss the displacement by {left:.2g} mm."
+        if shown.corrected.any():
+            size = float(np.linalg.norm(shown.corrected[:3]) * 1e3)
+            yield f"Beside them the calibrated geometry moves the tip by {size:.3g} mm."
     if len(motion.frames) < motion.rows:
         yield f"{len(motion.frames)} of {motion.rows} rows are drawn; the figures are of the worst of all rows."
     if shown.covariance is not None:
