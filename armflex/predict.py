@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +12,13 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.calibrate.spread import fitted_variance, without_declared_doubt
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.effects.remember import derived_directions, known_rows
-from armflex.errors import Flag, Place, naming
+from armflex.effects.remember import check_covariates, derived_directions, known_rows
+from armflex.errors import Flag, InputError, Place, naming
 from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import write_table
 from armflex.statics.deflection import Deflection
+from armflex.trajectory import check_approaches
 
 Progress = Callable[[int, int], None]
 
@@ -46,19 +47,24 @@ class Prediction:
     flags: tuple[Flag, ...]
 
 
-def predict(arm: Arm, rows: Measurements, progress: Progress | None = None) -> Prediction:
+def predict(
+    arm: Arm, rows: Measurements, progress: Progress | None = None, covariates: Mapping[str, float] | None = None
+) -> Prediction:
     """Return the tip's pose and displacement for every row.
 
     Args:
         arm: The arm; when calibrated, its instrument and session frames are used.
         rows: Joint positions, payloads and sessions; see `read_measurements` with `inputs_only`.
         progress: Called with (rows done, rows in all).
+        covariates: What the arm's effects depend on and no column gives, the same in every row.
 
     Raises:
+        InputError: A covariate is a column already, or one that no effect depends on.
         MissingCovariateError: An effect depends on what the rows do not give: a column, a time, the direction that a
             joint came from where no row before tells.
         ArmflexError: A row cannot be computed; its file and line are named.
     """
+    rows = _with_constants(arm, rows, covariates or {})
     found: list[Deflection] = []
     derived = derived_directions(arm, rows, np.arange(len(rows)))
     with naming(Place(rows.places[0].file, 1) if rows.places else "rows"):
@@ -81,6 +87,24 @@ def predict(arm: Arm, rows: Measurements, progress: Progress | None = None) -> P
         np.array([one.displacement for one in found]),
         (*derived, *_flags(arm, rows, found), *doubts),
     )
+
+
+def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]) -> Measurements:
+    """Return the rows with further columns that are the same in each; raise as `Trajectory.with_constants` does."""
+    if not constants:
+        return rows
+    check_approaches(constants, arm.joint_names)
+    given = rows.known.keys() - set(rows.derived)
+    for name in constants:
+        if name in given:
+            raise InputError(f"covariate {name!r} is a column of the rows already")
+    check_covariates(arm, constants)
+    columns = {name: np.full(len(rows), float(value)) for name, value in constants.items()}
+    own = {"time": columns.pop("time", rows.time), "hold": columns.pop("hold", rows.hold)}
+    approach = [columns.pop(f"approach_{joint}", rows.approach[:, i]) for i, joint in enumerate(rows.joint_names)]
+    derived = tuple(name for name in rows.derived if name not in constants)
+    known = {**rows.covariates, **columns}
+    return replace(rows, **own, approach=np.column_stack(approach), covariates=known, derived=derived)
 
 
 def _sigma(found: list[Deflection], instrument: Instrument, fitted: Array | None) -> Array | None:

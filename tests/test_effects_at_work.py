@@ -263,6 +263,22 @@ def test_commands_take_covariates(armflex: Run, tmp_path: Path) -> None:
         assert complaint in fine(armflex(*command, bad), 2).stderr
 
 
+def test_predict_takes_what_no_column_gives(armflex: Run, tmp_path: Path) -> None:
+    (tmp_path / "arm.toml").write_text(f"{TEXT}\n[[effect]]\n{BACKLASH}\n[[effect]]\n{WARM}\n")
+    joints = ",".join(f"q_J{i}" for i in range(1, 7))
+    (tmp_path / "m.csv").write_text(f"time,{joints}\n0,0,0.3,0,0,0,0\n9,0,0.2,0,0,0,0\n")
+    (tmp_path / "all.csv").write_text(
+        f"time,{joints},temperature,approach_J2\n0,0,0.3,0,0,0,0,25,1\n9,0,0.2,0,0,0,0,25,1\n"
+    )
+    assert "needs the covariate" in fine(armflex("predict", "arm.toml", "m.csv", "-o", "o.csv"), 2).stderr
+    fine(armflex("predict", "arm.toml", "m.csv", "-o", "o.csv", "--covariates", "temperature=25,approach_J2=1"))
+    fine(armflex("predict", "arm.toml", "all.csv", "-o", "p.csv"))
+    assert (tmp_path / "o.csv").read_text() == (tmp_path / "p.csv").read_text()
+    for given, said in (("temperature=20", "is a column of the rows already"), ("temprature=20", "did you mean")):
+        bad = armflex("predict", "arm.toml", "all.csv", "-o", "p.csv", "--covariates", given)
+        assert said in fine(bad, 2).stderr
+
+
 def test_a_covariate_may_be_a_level_of_a_text_column():
     assert parse_covariates("operator=bob=1, shift=a=b=-0.5,t=2e1") == {
         "operator=bob": 1.0,

@@ -51,7 +51,12 @@ MOST_LINES = 10
 )
 @click.option("--payload", "payloads", metavar="A,B", help="What may be carried; all payloads where it is left out.")
 @click.option(
-    "--covariate", "covariates", multiple=True, metavar="NAME=LOW,HIGH", help="Values that can be set; may be repeated."
+    "--covariates",
+    "--covariate",
+    "covariates",
+    multiple=True,
+    metavar="NAME=LOW,HIGH",
+    help="Values that can be set of what effects depend on; once for each name.",
 )
 @click.option("--sigma", metavar="0.2mm", help="Of a position read; that of MEAS.csv, else 0.2mm, where left out.")
 @click.option("--floor", metavar="0.5m", help="Lowest height of the tip in the base frame.")
@@ -123,9 +128,9 @@ def _levels(texts: tuple[str, ...]) -> dict[str, list[float]]:
         name, equals, values = (piece.strip() for piece in text.rpartition("="))
         parts = [part.strip() for part in values.split(",")]
         if not equals or not name or not all(NUMBER.fullmatch(part) for part in parts):
-            raise InputError(f"--covariate: {text!r} is not of the form NAME=NUMBER,NUMBER")
+            raise InputError(f"--covariates: {text!r} is not of the form NAME=NUMBER,NUMBER")
         if name in found:
-            raise InputError(f"--covariate: {name!r} is given twice")
+            raise InputError(f"--covariates: {name!r} is given twice")
         found[name] = [float(part) for part in parts]
     return found
 

@@ -12,6 +12,7 @@ from armflex.cli.options import (
     OutputPath,
     PathArgument,
     arm_argument,
+    covariates_option,
     json_option,
     progress,
     show_flags,
@@ -26,17 +27,19 @@ from armflex.predict import predict, write_predictions
 @arm_argument
 @click.argument("rows_path", metavar="ROWS.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Table to write.")
+@covariates_option
 @json_option
 def command(
     arm: Arm,
     rows_path: Path,
     output: Path,
+    covariates: dict[str, float],
     json_path: Path | None,
 ) -> None:
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
     rows = read_measurements(rows_path, arm, inputs_only=True)
     with progress("predicting") as tick:
-        found = predict(arm, rows, tick)
+        found = predict(arm, rows, tick, covariates)
     write_predictions(found, output)
     show_flags(found.flags)
     summary = {"format": "armflex-predict-1", "rows": len(rows.q), "base": arm.robot.base, "tip": arm.robot.tip}

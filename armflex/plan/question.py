@@ -96,7 +96,7 @@ def _columns(arm: Arm, asked: Question, effects: Sequence[Effect]) -> tuple[str,
             if name not in asked.covariates and not name.startswith("approach_"):
                 example = "10,35" if TEMPERATURE.search(name) else "LOW,HIGH"
                 text = f"{effect.title} depends on {name!r}: give values of it that can be set"
-                raise InputError(f"{text}, such as --covariate {name}={example}")
+                raise InputError(f"{text}, such as --covariates {name}={example}")
     return columns
 
 
