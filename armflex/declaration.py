@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 import tomllib
 from collections.abc import Iterator
@@ -134,7 +135,8 @@ class Declaration:
         """Return a required value as TOML gives it."""
         if not self.has(key):
             problem = f"[{self.header}] needs {key!r}" if self.keys else f"needs a table [{key}]"
-            raise ArmFileError(self.place(), problem)
+            near = difflib.get_close_matches(key, self.table.keys() - self.known, n=1, cutoff=0.75)
+            raise ArmFileError(self.place(*near), f"{problem}; is {near[0]!r} meant to be it?" if near else problem)
         return self.table[key]
 
     def text(self, key: str, default: str | None = None) -> str:

@@ -389,7 +389,7 @@ DECLARATIONS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
     "toml-unknown-base": ('base = "base"', 'base = "bas"', ("[robot] base", "did you mean 'base'"), '"bas"'),
     "toml-unknown-locked": ("[payload.p5]", "[robot.locked]\nelbw = 0.1\n[payload.p5]", ("'elbw'",), ""),
     "toml-unknown-frame": ('frame = "unknown"', 'frame = "unknwn"', ("'unknwn'", "did you mean 'unknown'"), "unknwn"),
-    "toml-no-robot": ("[robot]", "[rob0t]", ("arm.toml: needs a table [robot]",), ""),
+    "toml-no-robot": ("[robot]", "[rob0t]", ("needs a table [robot]; is 'rob0t' meant to be it?",), "[rob0t]"),
     "toml-payload-none": ("[payload.p5]", "[payload.none]", ("nothing is carried",), "[payload.none]"),
     "toml-after-a-matrix": (
         DIAGONAL,
@@ -405,6 +405,7 @@ DECLARATIONS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
     ),
     "toml-missing-urdf": ('urdf = "robot.urdf"\n', "", ("[robot] needs 'urdf'",), "[robot]"),
     "toml-missing-tip": ('tip = "tool"\n', "", ("[robot] needs 'tip'",), "[robot]"),
+    "toml-misspelt-mass": ("mass = 5.0\n", "mas = 5.0\n", ("needs 'mass'; is 'mas' meant to be it?",), "mas ="),
     "toml-missing-mass": ("mass = 5.0\n", "", ("[payload.p5] needs 'mass'",), "[payload.p5]"),
     "toml-missing-joint": (JOINT, "", ("[flexure.S] needs 'joint'",), "[flexure.S]"),
     "toml-missing-compliance": (DIAGONAL, "", ("[flexure.S] needs 'compliance'",), "[flexure.S]"),

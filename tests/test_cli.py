@@ -223,8 +223,8 @@ A, T = TARM / "arm.toml", TARM / "trajectory.csv"
 BAD = {
     "no such command": (["chek"], "no command 'chek', did you mean 'check'"),
     "no such option": (["deflect", A, "--paylod", "p600"], "Did you mean '--payload'"),
-    "missing option": (["check", A, T], "Missing option '--tolerance'"),
-    "missing argument": (["deflect"], "Missing argument 'ARM'"),
+    "missing option": (["check", A, T], "missing option '--tolerance'"),
+    "missing argument": (["deflect"], "missing argument 'ARM'"),
     "missing arm": (["deflect", "none.toml"], "none.toml: cannot be read: No such file"),
     "folder as arm": (["deflect", TARM], "tarm_like: cannot be read: Is a directory"),
     "missing URDF": (["deflect", "none.urdf"], "none.urdf: cannot be read"),
@@ -248,14 +248,14 @@ BAD = {
     "force in another unit": (["deflect", A, "--force", "tool=0,0,-5mm"], "'mm' is no unit of force"),
     "force of two": (["deflect", A, "--force", "tool=0,-5N"], "is not of the form LINK=FX,FY,FZ"),
     "force at no link": (["deflect", A, "--force", "tol=0,0,-5N"], "no link named 'tol', did you mean 'tool'"),
-    "unknown method": (["deflect", A, "--method", "newtn"], "'newtn' is not one of 'newton'"),
+    "unknown method": (["deflect", A, "--method", "newtn"], "'newtn' is not known, did you mean 'newton'"),
     "tolerance without unit": (["check", A, T, "--tolerance", "5"], "'5': expected a length with its unit, such as 5m"),
     "tolerance of angle": (["check", A, T, "--tolerance", "5mrad"], "'mrad' is no unit of length"),
     "endless tolerance": (["check", A, T, "--tolerance", "1e400mm"], "'1e400mm' is not a finite length"),
     "no tolerance": (["check", A, T, "--tolerance", "0mm"], "tolerance must be positive"),
     "negative gap": (["compensate", A, T, "-o", "o", "--between", "-1mm"], "between must be positive"),
-    "match": (["compensate", A, T, "-o", "o", "--match", "both"], "'both' is not one of 'position', 'pose'"),
-    "no output": (["compensate", A, T], "Missing option '-o'"),
+    "match": (["compensate", A, T, "-o", "o", "--match", "both"], "'both' is not known (known: position, pose)"),
+    "no output": (["compensate", A, T], "missing option '-o'"),
     "train without unit": (["train", "nounit.csv", "-o", "o"], "column 'dx' has no unit"),
     "train a trajectory": (["train", T, "-o", "o"], "has no column 'fx'"),
     "train an unknown model": (["train", TABLE, "--model", "liner", "-o", "o"], "'liner' is not"),
@@ -286,6 +286,8 @@ def test_bad_input_exits_with_2_and_says_what(armflex: Run, tmp_path: Path, argu
     json_file = [] if arguments[0] in ("demo", "chek") else ["--json", "j.json"]
     result = fine(armflex(*arguments, *json_file), 2)
     assert complaint in result.stderr
+    said = [line for line in result.stderr.splitlines() if not line.startswith("warning: ")]
+    assert len(said) == 1 and said[0].startswith("error: ")
     assert sorted(tmp_path.rglob("*")) == before, "something was left behind"
 
 

@@ -66,7 +66,7 @@ def campaign(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def before(campaign) -> State:
-    return begin(calibrate(campaign[1], campaign[2]))
+    return begin(calibrate(campaign[1], campaign[2], as_stated=True))
 
 
 @pytest.fixture(scope="module")

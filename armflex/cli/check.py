@@ -11,6 +11,7 @@ import click
 from armflex.arm import Arm
 from armflex.check import CheckReport, Point, check
 from armflex.cli.options import (
+    Choice,
     Command,
     PathArgument,
     arm_argument,
@@ -31,7 +32,7 @@ from armflex.trajectory import read_trajectory
 @click.argument("trajectory_path", metavar="TRAJ.csv", type=PathArgument)
 @click.option("--tolerance", required=True, metavar="5mm", help="Largest displacement of the tip, with unit.")
 @click.option("--angle", metavar="1mrad", help="Largest rotation of the tip, with unit.")
-@click.option("--method", type=click.Choice(METHODS), default="exact", show_default=True)
+@click.option("--method", type=Choice(METHODS), default="exact", show_default=True)
 @covariates_option
 @json_option
 def command(

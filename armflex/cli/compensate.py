@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli.options import (
+    Choice,
     Command,
     OutputPath,
     PathArgument,
@@ -30,7 +31,7 @@ from armflex.trajectory import read_trajectory, write_trajectory
 @arm_argument
 @click.argument("trajectory_path", metavar="TRAJ.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Compensated trajectory to write.")
-@click.option("--match", type=click.Choice(["position", "pose"]), default="position", show_default=True)
+@click.option("--match", type=Choice(["position", "pose"]), default="position", show_default=True)
 @click.option("--between", metavar="0.1mm", help="Insert rows until the error halfway between rows is below this.")
 @click.option("--best-effort", is_flag=True, help="Write the best feasible rows where others cannot be reached.")
 @covariates_option

@@ -12,6 +12,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.check import overload
 from armflex.cli.options import (
+    Choice,
     Command,
     arm_argument,
     covariates_option,
@@ -36,7 +37,7 @@ from armflex.trajectory import check_approaches
 @click.option("--q", "positions", default="", metavar="A1=0.3,A4=-10deg", help="Joint positions; others are 0.")
 @click.option("--payload", default="none", show_default=True, help="Name of a payload in ARM.")
 @click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ", help="Dead load in base axes, with unit.")
-@click.option("--method", type=click.Choice(METHODS), default="exact", show_default=True)
+@click.option("--method", type=Choice(METHODS), default="exact", show_default=True)
 @click.option("--strict", is_flag=True, help="Refuse loads beyond those that a trained law has seen.")
 @click.option("--allow-large", is_flag=True, help="Go on where a flexure turns by more than 0.1 rad.")
 @covariates_option

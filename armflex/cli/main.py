@@ -26,6 +26,9 @@ COMMANDS = {
     "demo": "all of it on the bundled TARM-like arm",
 }
 
+ASKS_FOR_HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())
+"""What click 8.2 and later raise where nothing is asked; 8.1 shows the help by itself."""
+
 
 class Commands(click.Group):
     """Loads a command's module only when it is asked for, so that `--help` is quick."""
@@ -70,12 +73,21 @@ def main() -> None:
         code = armflex.main(standalone_mode=False)
     except click.exceptions.Abort:
         _fail("interrupted", 130)
-    except click.ClickException as error:
+    except ASKS_FOR_HELP as error:
         error.show()
         sys.exit(2)
+    except click.ClickException as error:
+        _fail(_one_line(error), 2)
     except Exception as error:
         _explain(error)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _one_line(error: click.ClickException) -> str:
+    """Return what click refuses, worded as everything else is: one line, and where to read on."""
+    text = " ".join(error.format_message().split()).rstrip(".")
+    context = getattr(error, "ctx", None)
+    return text[:1].lower() + text[1:] + (f" (see {context.command_path} --help)" if context else "")
 
 
 def _explain(error: Exception) -> None:

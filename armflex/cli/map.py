@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli.options import (
+    Choice,
     Command,
     OutputPath,
     PathArgument,
@@ -44,7 +45,7 @@ from armflex.workspace.workspace_map import CHUNK, VERDICTS
 @click.option("--chunk", type=int, default=CHUNK, show_default=True, help="Configurations in a chunk, a power of two.")
 @click.option("--picture", type=OutputPath(), metavar="MAP.png", help="Draw the map.")
 @click.option("--page", type=OutputPath(), metavar="MAP.html", help="Write a page in which the map can be turned.")
-@click.option("--method", type=click.Choice(METHODS), default="exact", show_default=True)
+@click.option("--method", type=Choice(METHODS), default="exact", show_default=True)
 @click.option("--uncertainty/--no-uncertainty", default=True, show_default=True, help="Of the worst in every voxel.")
 @click.option("--draws", type=int, default=0, show_default=True, help="Arms drawn from what is known, asked as well.")
 @click.option("--strict", is_flag=True, help="Refuse loads beyond those that a trained law has seen.")

@@ -18,7 +18,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.arm_file import load_arm
 from armflex.conventions import NUMBER, Array, parse_quantity
-from armflex.errors import Flag, InputError, UnknownNameError
+from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean
 from armflex.measured.point_export import read_points
 from armflex.whole_file import write_whole
 
@@ -32,6 +32,17 @@ class Command(click.Command):
         """Run the command; raise what `keep_inputs` does."""
         keep_inputs(context)
         return super().invoke(context)
+
+
+class Choice(click.Choice):
+    """One of some names; another one is told the nearest."""
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Any:
+        """Return the name; fail where it is not one of them."""
+        if value not in self.choices:
+            known = ", ".join(self.choices)
+            self.fail(f"{value!r} is not known{did_you_mean(value, self.choices)} (known: {known})", parameter, context)
+        return super().convert(value, parameter, context)
 
 
 class OutputPath(click.Path):

@@ -11,7 +11,7 @@ import click
 import numpy as np
 from click.core import ParameterSource
 
-from armflex.cli.options import Command, OutputPath, PathArgument, json_option, show_flags, write_json
+from armflex.cli.options import Choice, Command, OutputPath, PathArgument, json_option, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import InputError
@@ -25,7 +25,7 @@ from armflex.measured.joint_data import read_joint_data
 
 def learning_options(command: Callable) -> Callable:
     """Add what models are learned with, each option saying which models it concerns."""
-    whole, chosen = click.IntRange, click.Choice
+    whole, chosen = click.IntRange, Choice
     for name, kind, default, text in reversed(
         [
             ("structure", chosen(STRUCTURES), "full", "Of the compliance"),
@@ -50,7 +50,7 @@ def _help(option: str, text: str) -> str:
 
 @click.command(cls=Command)
 @click.argument("data_path", metavar="JOINT.csv", type=PathArgument)
-@click.option("--model", type=click.Choice(MODELS), default="linear", show_default=True)
+@click.option("--model", type=Choice(MODELS), default="linear", show_default=True)
 @learning_options
 @click.option("--read-as", multiple=True, metavar="mm=um", help="Take one unit of the header for another.")
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Law to write (.safetensors).")

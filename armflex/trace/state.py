@@ -94,7 +94,7 @@ class State:
 
 
 def begin(calibration: Calibration) -> State:
-    """Return the state after calibration: nothing added, lost beams left out."""
+    """Return the state after a calibration `as_stated`: nothing added, lost beams left out."""
     fitted, measurements = calibration.fit, calibration.measurements
     rows, scene = fitted.view.rows, scene_at(fitted, measurements)
     state = State(measurements, rows, rows, fitted.declared, fitted.blocks, (), None, fitted, scene)
