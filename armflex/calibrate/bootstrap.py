@@ -9,10 +9,11 @@ from functools import partial
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.calibrate import FEWEST_ROWS, calibrate
+from armflex.calibrate.calibrate import FEWEST_ROWS, calibrate, loads_seen
 from armflex.calibrate.spread import INSTRUMENT
 from armflex.conventions import Array
 from armflex.errors import InputError, naming
+from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
 from armflex.parallel import in_order
 
@@ -76,8 +77,9 @@ def bootstrap(
     if draws < 2:
         raise InputError(f"{draws} draws: expected 2 or more")
     poses = _rows_of_poses(measurements)
+    seen = loads_seen(arm, measurements)  # what a draw leaves out was seen all the same
     tasks = (
-        partial(_fitted, arm, measurements, poses, number, own)
+        partial(_fitted, arm, measurements, poses, seen, number, own)
         for number, own in enumerate(np.random.SeedSequence(seed).spawn(draws))
     )
     fits = []
@@ -98,11 +100,16 @@ def _rows_of_poses(measurements: Measurements) -> list[np.ndarray]:
 
 
 def _fitted(
-    arm: Arm, measurements: Measurements, poses: list[np.ndarray], number: int, seed: np.random.SeedSequence
+    arm: Arm,
+    measurements: Measurements,
+    poses: list[np.ndarray],
+    seen: dict[str, Seen],
+    number: int,
+    seed: np.random.SeedSequence,
 ) -> tuple[tuple[str, ...], Array]:
     """Return the names and values of what a fit to one resampled campaign found."""
     chosen = np.random.default_rng(seed).integers(len(poses), size=len(poses))
     with naming(f"resampled campaign {number}"):
-        found = calibrate(arm, measurements, rows=np.concatenate([poses[i] for i in chosen]))
+        found = calibrate(arm, measurements, rows=np.concatenate([poses[i] for i in chosen]), seen=seen)
     kept = [parameter for parameter in found.parameters if parameter.block != INSTRUMENT]
     return tuple(parameter.name for parameter in kept), np.array([parameter.value for parameter in kept])

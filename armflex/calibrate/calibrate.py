@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,7 +21,8 @@ from armflex.conventions import Array
 from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.law import LoadLaw, TwistLaw
 from armflex.effects.remember import derived_directions, known_rows
-from armflex.errors import InputError, Place, UnsupportedError, listing
+from armflex.errors import Flag, InputError, Place, UnsupportedError, listing
+from armflex.laws.learned import Seen
 from armflex.measured.instrument import Instrument, fit_frame, fit_mounting
 from armflex.measured.measurements import Measurements
 from armflex.statics.linearise import Linearizer
@@ -58,6 +59,7 @@ class Calibration:
         placed: The rows as the declared arm explains them, only the instrument's frame fitted.
         measurements: The campaign.
         weighed: Factor on the stated noise by which the fit weighed the readings: 1, more where they scatter more.
+        flags: Doubts about the learned laws: a search that did not settle.
     """
 
     arm: Arm
@@ -65,6 +67,7 @@ class Calibration:
     placed: View
     measurements: Measurements
     weighed: float = 1.0
+    flags: tuple[Flag, ...] = ()
 
     @property
     def declared_rms(self) -> float:
@@ -121,6 +124,7 @@ def calibrate(
     progress: Progress | None = None,
     keep: bool = False,
     as_stated: bool = False,
+    seen: Mapping[str, Seen] | None = None,
 ) -> Calibration:
     """Return the arm with everything that its [prior] frees fitted to a campaign.
 
@@ -137,6 +141,7 @@ def calibrate(
             target is turned on the tool, are fitted. The covariance of what is kept stays as it was, as if it were
             independent of the new frames'.
         as_stated: Weigh readings by their stated noise alone, as a search for what the arm lacks must.
+        seen: Loads that learned laws are made for, by flexure; those of the rows when not given.
 
     Raises:
         InputError: Too few rows were measured, or see `check_readings`.
@@ -146,36 +151,60 @@ def calibrate(
     """
     used = np.flatnonzero(measurements.measured) if rows is None else rows
     _check_fit(arm, measurements, used)
-    declared = first_guess(arm if keep else replace(arm, certainty=None), measurements, used)
+    declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.name in FRAMES]
-    frame = [block for block in blocks if block.name == INSTRUMENT]
-    before = fit(declared, frame, measurements, used) if frame else None
-    placed = before.view if before else look(declared, measurements, used)
-    laws = None if keep else law_block(declared, placed)
+    laws = None if keep else law_block(declared, placed, seen)
 
-    def fitted(weighed: Measurements) -> Fit:
+    def fitted(weighed: Measurements) -> Learned:
         if laws is None:
-            return fit(declared, blocks, weighed, used, progress=progress)
+            return fit(declared, blocks, weighed, used, progress=progress), ()
         return fit_learning(declared, blocks, laws, weighed, used, progress)
 
-    found, weighed = _weighed(fitted, measurements, 0 if as_stated else ROUNDS)
+    found, flags, weighed = _weighed(fitted, measurements, 0 if as_stated else ROUNDS)
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
-    return Calibration(replace(settled(found.setup.arm, found), **known), found, placed, measurements, weighed)
+    calibrated = replace(settled(found.setup.arm, found), **known)
+    return Calibration(calibrated, found, placed, measurements, weighed, flags)
 
 
-def _weighed(fitted: Callable[[Measurements], Fit], measurements: Measurements, rounds: int) -> tuple[Fit, float]:
+Learned = tuple[Fit, tuple[Flag, ...]]
+"""A fit, and doubts about the laws that were learned with it."""
+
+
+def _weighed(
+    fitted: Callable[[Measurements], Learned], measurements: Measurements, rounds: int
+) -> tuple[Fit, tuple[Flag, ...], float]:
     """Return a fit to readings that scatter as they are weighed, and by which factor on the stated noise they are."""
-    found, factor = fitted(measurements), 1.0
+    (found, flags), factor = fitted(measurements), 1.0
     spread = 2.0 / (9.0 * found.freedom)
     if found.noise ** (2.0 / 3.0) <= 1.0 - spread + CHANCE * np.sqrt(spread):
-        return found, factor
+        return found, flags, factor
     for _ in range(rounds):
         if found.noise <= 1.0 + EVEN:
             break
         factor *= found.noise
         sigma_r = None if measurements.sigma_r is None else factor * measurements.sigma_r
-        found = fitted(replace(measurements, sigma=factor * measurements.sigma, sigma_r=sigma_r))
-    return found, factor
+        found, flags = fitted(replace(measurements, sigma=factor * measurements.sigma, sigma_r=sigma_r))
+    return found, flags, factor
+
+
+def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:
+    """Return the loads that a campaign puts on each flexure that learns, as the declared arm has them.
+
+    Raises:
+        As `calibrate`, before its fit.
+    """
+    used = np.flatnonzero(measurements.measured)
+    _check_fit(arm, measurements, used)
+    laws = law_block(*_placed(replace(arm, certainty=None), measurements, used))
+    return {} if laws is None else {name: law.seen for name, law in zip(laws.flexures, laws.laws, strict=True)}
+
+
+def _placed(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Setup, View]:
+    """Return the first guess, and the rows with only the instrument's frame fitted."""
+    declared = first_guess(arm, measurements, used)
+    frame = [block for block in declared_blocks(declared, measurements) if block.name == INSTRUMENT]
+    view = fit(declared, frame, measurements, used).view if frame else look(declared, measurements, used)
+    return declared, view
 
 
 def _check_fit(arm: Arm, measurements: Measurements, used: np.ndarray) -> None:

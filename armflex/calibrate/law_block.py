@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,12 +89,15 @@ def with_laws(arm: Arm, laws: dict[str, LearnedLaw]) -> Arm:
     return replace(arm, flexures=tuple(changed))
 
 
-def law_block(setup: Setup, rows: View) -> LawBlock | None:
-    """Return the block of everything that is to be learned, None where nothing is; `rows` shows the loads."""
+def law_block(setup: Setup, rows: View, seen: Mapping[str, Seen] | None = None) -> LawBlock | None:
+    """Return the block of everything that is to be learned, None where nothing is.
+
+    `rows` shows the loads, unless `seen` has those of every flexure.
+    """
     free = [(i, flexure) for i, flexure in enumerate(setup.arm.flexures) if flexure.learn is not None]
     if not free:
         return None
-    laws = [start_law(flexure, _seen(flexure, i, rows)) for i, flexure in free]
+    laws = [start_law(flexure, seen[flexure.name] if seen else _seen(flexure, i, rows)) for i, flexure in free]
     return LawBlock(tuple(flexure.name for _, flexure in free), tuple(laws))
 
 

@@ -7,7 +7,7 @@ squares over the number of values that the data determine), so that what a joint
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,12 +18,17 @@ from armflex.calibrate.fit import Effort, Fit, fit
 from armflex.calibrate.law_block import LawBlock, learned_laws, with_laws
 from armflex.calibrate.view import Progress, Setup
 from armflex.conventions import Array
+from armflex.errors import ConvergenceError, Flag
 from armflex.laws.learned import LearnedLaw
 from armflex.measured.measurements import Measurements
 
 FIRM = 4.0
 """How many values' worth the expected size of a group is: a scale that the data hardly tell must not run to nothing,
 which would leave what they cannot tell without any doubt."""
+
+MOST = 4.0
+"""Times what is expected beforehand that a group may be at most. Where an arm lacks something else, the readings would
+have corrections explain it at any size: many times what the joint gives, until the arm buckles."""
 
 ROUNDS = 8
 """Fits at most in search of the scales."""
@@ -38,6 +43,10 @@ only where nothing is gained but rounding it is no matter where one ends."""
 SETTLED = 0.2
 """Logarithm of a change of every scale below which the search ends."""
 
+NEARLY, FAR = 0.5, 10.0
+"""Falls of the cost still to be had beyond which it is said that the laws might fit better, and beyond which they are
+not those of the readings: 10 is what three standard deviations of one value make."""
+
 
 def fit_learning(
     declared: Setup,
@@ -46,15 +55,16 @@ def fit_learning(
     measurements: Measurements,
     rows: np.ndarray,
     progress: Progress | None = None,
-) -> Fit:
-    """Return the most probable values of all blocks and laws together, the laws' scales by evidence.
+) -> tuple[Fit, tuple[Flag, ...]]:
+    """Return the most probable values of all blocks and laws together, the laws' scales by evidence, and doubts.
 
     Args:
         declared, blocks, measurements, rows, progress: See `fit`.
         laws: What is learned, with the scales where their search starts.
 
     Raises:
-        ConvergenceError, ArmflexError: See `fit`.
+        ConvergenceError: The last fit ended far from settled.
+        ArmflexError: See `fit`.
     """
     start = _plain_first(declared, blocks, laws, measurements, rows)
     for _ in range(ROUNDS):
@@ -64,7 +74,22 @@ def fit_learning(
         laws, change = better, moved(better, laws)
         if change < SETTLED:
             break
-    return fit(declared, (*blocks, laws), measurements, rows, start, progress=progress, effort=PATIENT)
+    found = fit(declared, (*blocks, laws), measurements, rows, start, progress=progress, effort=PATIENT)
+    if found.left > FAR:
+        text = f"the learned laws did not settle: -2 log posterior density would fall by {found.left:.3g} or more"
+        hint = "a simpler model (polynomial, then linear), fewer flexures that learn, or `armflex trace` may help"
+        raise ConvergenceError(f"{text}; {hint}", found.history)
+    return found, tuple(_unsettled(found, change))
+
+
+def _unsettled(found: Fit, change: float) -> Iterator[Flag]:
+    """Yield doubts about where a search ended: what its last fit left, the last change of its scales."""
+    if found.left > NEARLY:
+        text = f"the learned laws may fit a little better: -2 log posterior density would fall by {found.left:.2g} more"
+        yield Flag("unsettled", text)
+    if change >= SETTLED:
+        text = f"how large couplings and corrections are still changed by {np.expm1(change):.0%} after {ROUNDS} fits"
+        yield Flag("unsettled", text)
 
 
 def _plain_first(
@@ -122,7 +147,7 @@ def _rescaled(law: LearnedLaw, values: Array, variance: Array) -> LearnedLaw:
 def _scale(expected: float, std: float, values: Array, variance: Array) -> float:
     """Return a group's better scale, with `FIRM` values of the size expected beforehand thrown in."""
     determined = np.clip(1.0 - variance / std**2, 0.0, 1.0).sum()
-    return float(np.sqrt((values @ values + FIRM * expected**2) / (determined + FIRM)))
+    return min(float(np.sqrt((values @ values + FIRM * expected**2) / (determined + FIRM))), MOST * expected)
 
 
 def moved(block: LawBlock, other: LawBlock) -> float:

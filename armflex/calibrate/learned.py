@@ -27,7 +27,7 @@ class LearnedAxis:
         change: What was learned, learned minus declared.
         correction: The part of it that no compliance can express.
         std: Standard uncertainty of the learned twist.
-        before: The same as it was before the campaign, by the priors.
+        before: The same of the law as declared, by what was expected of its parameters before the campaign.
         sampled: Standard deviation of the twist among sampled laws, None where none were.
     """
 
@@ -43,7 +43,7 @@ class LearnedAxis:
 
     @property
     def told(self) -> bool:
-        """Whether the readings say anything about it; else it is left at its prior."""
+        """Whether the readings say anything about it; else its prior holds it."""
         return self.std < TOLD * self.before
 
 
@@ -66,10 +66,11 @@ def learned_axes(fit: Fit, laws: Mapping[str, LearnedLaw], samples: LawSamples |
 
 def _axes(name: str, law: LearnedLaw, loads: Array, fit: Fit, drawn: Array | None) -> list[LearnedAxis]:
     row = fit.view.line.row
-    declared, learned = law.at(law.start).twist(loads, row), law.twist(loads, row)
+    start = law.at(law.start)
+    declared, learned = start.twist(loads, row), law.twist(loads, row)
     correction = law.correcting(loads, row)
     assert law.spread is not None
-    std, before = (law.std(spread, loads, row) for spread in (law.spread, np.diag(law.prior**2)))
+    std, before = law.std(law.spread, loads, row), start.std(np.diag(law.expected_std**2), loads, row)
     columns = (declared, learned, learned - declared, correction, std, before)
     rms = [np.sqrt((values**2).mean(axis=0)) for values in columns]
     sampled = None if drawn is None else np.sqrt((drawn**2).mean(axis=0))

@@ -61,7 +61,7 @@ def command(
     samples = sample_laws(found.fit, sample) if sample else None
     print_calibration(found, show_all)
     print_laws(found, samples)
-    show_flags(measurements.flags)
+    show_flags((*measurements.flags, *found.flags))
     write_json(json_path, as_json(found) | {"laws": laws_json(found, samples)})
     write_calibrated(arm_path, found, output)
     console().print(f"Written to {output}.")
@@ -133,5 +133,6 @@ def as_json(found: Calibration) -> dict[str, Any]:
         "not_identifiable": [
             {"parameter": p.name, "trades_against": list(p.trades_against)} for p in found.undetermined
         ],
+        "flags": [str(flag) for flag in found.flags],
         "outliers": [{"row": o.row, "place": str(o.place), "error_mm": o.error_m * 1e3} for o in found.outliers],
     }

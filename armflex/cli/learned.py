@@ -22,7 +22,7 @@ def print_laws(found: Calibration, samples: LawSamples | None) -> None:
     print_table("Laws learned: RMS over the loads seen", columns, map(_cells, told))
     left = ", ".join(f"{axis.flexure} {axis.axis}" for axis in axes if not axis.told)
     if left:
-        console().print(f"Left as declared, as tip readings hardly tell them: {left}.")
+        console().print(f"Hardly told by these readings, held by what was declared: {left}.")
     if samples is not None:
         said = samples.diagnostics
         console().print(f"Sampled: R-hat {said.rhat_max:.3f}, {said.ess_min:.0f} effective draws or more.")

@@ -34,7 +34,7 @@ class CompliancePart:
     Attributes:
         declared: The law with the compliance C0, constant or of joint positions; axes that are rigid there stay so.
         axes: Those that give.
-        std: Prior standard deviation of the factors' logarithms.
+        std: Prior standard deviation of each axis' factor's logarithm, one for all where they are alike.
         joint: The joint whose position counts, None where none does.
         middle, reach: Middle and half of the joint's travel [rad or m].
         degree: Of the polynomial in the position, 0 for none.
@@ -42,7 +42,7 @@ class CompliancePart:
 
     declared: Law
     axes: tuple[int, ...]
-    std: float = LOOSE
+    std: float | tuple[float, ...] = LOOSE
     joint: str | None = None
     middle: float = 0.0
     reach: float = 1.0
@@ -53,11 +53,16 @@ class CompliancePart:
         """Factors and couplings; then the same for every power of the position."""
         names = ["/".join(dict.fromkeys((TWIST_NAMES[i], TWIST_NAMES[j]))) for i, j in self._entries]
         own, count = tuple(names), len(self.axes)
-        groups = [Group("factors", own[:count], self.std, False), Group("couplings", own[count:], COUPLED, True)]
+        groups = [*self._factors(own[:count]), Group("couplings", own[count:], COUPLED, True)]
         powers = [tuple(f"{name}@{power}" for name in names) for power in range(1, self.degree + 1)]
         return tuple(group for group in groups if group.labels) + tuple(
             Group(f"position {power}", labels, BENT, True) for power, labels in enumerate(powers, 1)
         )
+
+    def _factors(self, names: tuple[str, ...]) -> list[Group]:
+        if isinstance(self.std, float):
+            return [Group("factors", names, self.std, False)]
+        return [Group(f"factor {name}", (name,), std, False) for name, std in zip(names, self.std, strict=True)]
 
     @property
     def start(self) -> Array:

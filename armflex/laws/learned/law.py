@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,10 +11,17 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws.law import Law, Ranges, Row, block_norms
+from armflex.laws.learned.compliance_part import root_of
 from armflex.laws.learned.part import Group, Part
 from armflex.laws.learned.seen import Seen
-from armflex.laws.learned.window import Window
+from armflex.laws.learned.window import STEEPEST, Window
 from armflex.laws.linear import NOTHING, LinearLaw, beyond
+
+TAKEN = 0.25
+"""Of a compliance that a correction may take where it fades."""
+
+NEAREST = 2.0
+"""Distance before which no correction is nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +37,8 @@ class LearnedLaw(Law):
         scales: Prior standard deviation of every group of parameters.
         spread: (k, k) covariance of the values, None where nobody says.
         reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
+        faded: Distance, see `Window`, from which on a correction is nothing; infinite while it is being learned.
+        scatter: (6,) scatter that the declared law has about what its parameters say [m, rad], None for none.
     """
 
     declared: Law
@@ -39,11 +49,13 @@ class LearnedLaw(Law):
     scales: tuple[float, ...]
     spread: Array | None = None
     reach: Array | None = None
+    faded: float = np.inf
+    scatter: Array | None = None
 
     @cached_property
     def window(self) -> Window:
         """Where the correction counts."""
-        return self.seen.window
+        return self.seen.window(self.faded)
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
@@ -63,7 +75,12 @@ class LearnedLaw(Law):
     @property
     def prior(self) -> Array:
         """(k,) prior standard deviations about zero."""
-        return np.concatenate([np.zeros(0), *(np.full(len(group.labels), group.std) for group in self.groups)])
+        return _stds(self.groups)
+
+    @property
+    def expected_std(self) -> Array:
+        """(k,) the same as expected beforehand."""
+        return _stds(self.expected)
 
     @property
     def start(self) -> Array:
@@ -86,16 +103,16 @@ class LearnedLaw(Law):
     def without_correction(self) -> LearnedLaw:
         """Return the plain part alone."""
         plain, count = self._split[0], len(self.plain.groups)
-        return LearnedLaw(self.declared, self.plain, None, self.seen, plain, self.scales[:count])
+        return replace(self, correction=None, values=plain, scales=self.scales[:count], spread=None, reach=None)
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the twist."""
-        twist = self.plain.twist(self._split[0], wrench, row)
+        twist = self._base.twist(wrench, row)
         return twist if self.correction is None else twist + self.correcting(wrench, row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
-        tangent = self.plain.tangent(self._split[0], wrench, row)
+        tangent = np.broadcast_to(self._base.tangent(wrench, row), (*wrench.shape[:-1], 6, 6))
         return tangent if self.correction is None else tangent + self._corrected.tangent(wrench, row)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
@@ -104,23 +121,25 @@ class LearnedLaw(Law):
         by_plain = self.plain.by_values(plain, wrench, row)
         if self.correction is None:
             return by_plain
-        by_own = self.correction.by_values(own, wrench, row) * self.window(wrench)[..., None, None]
+        window = self.window
+        by_own = self.correction.by_values(own, window.drawn_in(wrench), row) * window.weight(wrench)[..., None, None]
         return np.concatenate([np.broadcast_to(by_plain, (*by_own.shape[:-1], by_plain.shape[-1])), by_own], axis=-1)
 
     def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (..., 6, 6) covariance: that of the values, and where no load was seen that of the correction.
+        """Return the (..., 6, 6) covariance: that of the values, the scatter, and beyond the loads the correction's.
 
         Beyond the loads seen a correction may be as large as it was among them, and grow with the load.
         """
-        total = None
+        parts = []
         if self.spread is not None:
             by = self.by_values(wrench, row)
-            total = by @ self.spread @ np.swapaxes(by, -1, -2)
-        if self.reach is None:
-            return total
-        std = ((1.0 - self.window(wrench)) * self.window.distance(wrench))[..., None] * self.reach
-        unseen = std[..., None] ** 2 * np.eye(6)
-        return unseen if total is None else total + unseen
+            parts.append(by @ self.spread @ np.swapaxes(by, -1, -2))
+        if self.scatter is not None:
+            parts.append(np.broadcast_to(np.diag(self.scatter**2), (*wrench.shape[:-1], 6, 6)))
+        if self.reach is not None:
+            std = self.window.unknown(wrench)[..., None] * self.reach
+            parts.append(std[..., None] ** 2 * np.eye(6))
+        return sum(parts[1:], parts[0]) if parts else None
 
     def settled(self, spread: Array, wrenches: Array, row: Row) -> LearnedLaw:
         """Return the law with the (k, k) covariance of its values, fitted where its loads were (M, 6) wrenches."""
@@ -129,7 +148,26 @@ class LearnedLaw(Law):
         sizes = self.correction.twist(self._split[1], wrenches, row)
         by, start = self.correction.by_values(self._split[1], wrenches, row), len(self.plain.start)
         doubt = np.einsum("nak,kl,nal->na", by, spread[start:, start:], by, optimize=True)
-        return replace(self, spread=spread, reach=np.sqrt((sizes**2 + doubt).max(axis=0)))
+        reach = np.sqrt((sizes**2 + doubt).max(axis=0))
+        return replace(self, spread=spread, reach=reach, faded=self._fading(wrenches, row))
+
+    def _fading(self, wrenches: Array, row: Row) -> float:
+        """Return the distance at which the correction may be nothing.
+
+        A correction that fades is a compliance the other way, its size over the length: too short a one would take all
+        that the joint gives, and the arm would look as if it buckled. It takes `TAKEN` of the compliance at most, in
+        every direction of the load: with C = R R', R over the axes that give, |R^-1 c| |R' slope| <= `TAKEN`.
+        """
+        assert self.correction is not None
+        axes = np.flatnonzero(self.seen.twist_scale > 0.0)
+        own = np.ix_(axes, axes)
+        tangent = self._base.tangent(wrenches, row).reshape(-1, 6, 6).mean(axis=0)
+        root = root_of(0.5 * (tangent + tangent.T))[own]
+        furthest = self.window.furthest(wrenches)
+        twists = self.correction.twist(self._split[1], furthest, row)[:, axes]
+        size = np.linalg.norm(twists @ np.linalg.pinv(root, rcond=1e-9).T, axis=1).max()
+        steep = np.sqrt(np.linalg.eigvalsh(root.T @ self.window.precision[own] @ root)[-1])
+        return float(max(NEAREST, 1.0 + STEEPEST * size * steep / TAKEN))
 
     def draw(self, rng: np.random.Generator) -> LearnedLaw:
         """Return the law at values drawn from what is known of them."""
@@ -148,10 +186,19 @@ class LearnedLaw(Law):
     @property
     def parts(self) -> tuple[Law, ...]:
         """The plain part as a law that solvers know, and the correction."""
-        known = self.plain.law(self._split[0])
-        if known is None:
+        if self._known is None:
             return (self,)
-        return (known,) if self.correction is None else (known, self._corrected)
+        return (self._known,) if self.correction is None else (self._known, self._corrected)
+
+    @cached_property
+    def _known(self) -> Law | None:
+        """The plain part as a law that solvers know."""
+        return self.plain.law(self._split[0])
+
+    @cached_property
+    def _base(self) -> Law:
+        """The plain part as a law."""
+        return self._known or Plain(self.plain, self._split[0])
 
     @cached_property
     def constant(self) -> Array | None:
@@ -161,7 +208,8 @@ class LearnedLaw(Law):
 
     @cached_property
     def _corrected(self) -> Correction:
-        return Correction(self)
+        assert self.correction is not None
+        return Correction(self.correction, self._split[1], self.window)
 
     @cached_property
     def _split(self) -> tuple[Array, Array]:
@@ -179,27 +227,50 @@ class LearnedLaw(Law):
         return beyond(self.window.loads, wrench)
 
 
-@dataclass(frozen=True, eq=False)
-class Correction(Law):
-    """The correction of a learned law alone."""
+def _stds(groups: Sequence[Group]) -> Array:
+    """Return the (k,) standard deviations of the parameters of groups."""
+    return np.concatenate([np.zeros(0), *(np.full(len(group.labels), group.std) for group in groups)])
 
-    of: LearnedLaw
+
+@dataclass(frozen=True, eq=False)
+class Plain(Law):
+    """A part at values of its parameters."""
+
+    part: Part
+    values: Array
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the twist within the window."""
-        return self.of.window(wrench)[..., None] * self._part.twist(self._values, wrench, row)
+        """Return the part's twist."""
+        return self.part.twist(self.values, wrench, row)
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return the part's tangent."""
+        return self.part.tangent(self.values, wrench, row)
+
+
+@dataclass(frozen=True, eq=False)
+class Correction(Law):
+    """The correction of a learned law alone: as it was learned at loads that were seen, further out carried on."""
+
+    part: Part
+    values: Array
+    window: Window
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the twist."""
+        window = self.window
+        if window.sees(wrench):
+            return self.part.twist(self.values, wrench, row)
+        return window.weight(wrench)[..., None] * self.part.twist(self.values, window.drawn_in(wrench), row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
-        window = self.of.window
-        inside = window(wrench)[..., None, None] * self._part.tangent(self._values, wrench, row)
-        return inside + self._part.twist(self._values, wrench, row)[..., :, None] * window.slope(wrench)[..., None, :]
-
-    @property
-    def _part(self) -> Part:
-        assert self.of.correction is not None
-        return self.of.correction
-
-    @cached_property
-    def _values(self) -> Array:
-        return self.of.values[len(self.of.plain.start) :]
+        window = self.window
+        if window.sees(wrench):
+            return self.part.tangent(self.values, wrench, row)
+        within = window.drawn_in(wrench)
+        carried = self.part.tangent(self.values, within, row) @ window.drawing_in(wrench)
+        twist = self.part.twist(self.values, within, row)
+        return (
+            window.weight(wrench)[..., None, None] * carried + twist[..., :, None] * window.slope(wrench)[..., None, :]
+        )

@@ -47,18 +47,19 @@ class PolynomialPart(Correcting):
 
     def twist(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the twist."""
-        return self._terms(wrench) @ self._gains(values)
+        z, gains = self.scaled(wrench), self._gains(values)
+        size = np.abs(z)
+        twist = (gains.steep(z, size, 1.0, 1.0) @ z[..., None])[..., 0] + size @ gains.size.T
+        return twist + self._lengths(z) @ gains.radial.T if self._radial else twist
 
     def tangent(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
-        z, own = self.scaled(wrench), np.eye(len(self.components))
-        size, straight = np.abs(z)[..., None], [np.broadcast_to(own, (*z.shape, len(own)))] if self.linear else []
-        alone = [np.sign(z)[..., None] * own, 2.0 * size * own, 2.0 * z[..., None] * own, 3.0 * size**2 * own]
-        first, second = self._pair_columns
-        products = z[..., first, None] * own[second] + z[..., second, None] * own[first]
-        slopes = np.concatenate([*straight, *alone, products, self._radial_slopes(z)], axis=-2) / self.typical
+        z, gains = self.scaled(wrench), self._gains(values)
+        slopes = gains.steep(z, np.abs(z), 2.0, 3.0) + gains.size * np.sign(z)[..., None, :]
+        if self._radial:
+            slopes = slopes + gains.radial @ self._radial_slopes(z)
         whole = np.zeros((*wrench.shape[:-1], 6, 6))
-        whole[..., self.components] = np.swapaxes(self._gains(values), -1, -2) @ slopes
+        whole[..., self.components] = slopes / self.typical
         return whole
 
     def by_values(self, values: Array, wrench: Array, row: Row) -> Array:
@@ -85,9 +86,31 @@ class PolynomialPart(Correcting):
         sides = z[..., first, None] * own[first] + z[..., second, None] * own[second]
         return sides / np.where(length > 0.0, length, 1.0)
 
-    def _gains(self, values: Array) -> Array:
-        """Return the (terms, 6) twist per term."""
-        return (self.spread @ values.reshape(len(self.axes), -1)).T
+    def _gains(self, values: Array) -> _Gains:
+        """Return the twist per term; a law asks for many loads at the same values."""
+        key = values.tobytes()
+        if key not in self._known:
+            self._known.clear()
+            self._known[key] = self._made(values)
+        return self._known[key]
+
+    def _made(self, values: Array) -> _Gains:
+        count, pairs = len(self.components), len(self._pairs)
+        twists = self.spread @ values.reshape(len(self.axes), -1)
+        if not self.linear:
+            twists = np.hstack([np.zeros((6, count)), twists])
+        ends = np.cumsum([count, count, count, count, count, pairs])
+        straight, size, turned, squares, cubes, products, radial = np.split(twists, ends, axis=1)
+        forms = np.zeros((count, 6, count))
+        forms[np.arange(count), :, np.arange(count)] = squares.T
+        first, second = self._pair_columns
+        forms[first, :, second] = forms[second, :, first] = 0.5 * products.T
+        return _Gains(straight, size, turned, forms.reshape(count, -1), cubes, radial)
+
+    @cached_property
+    def _known(self) -> dict[bytes, _Gains]:
+        """The gains at the last values."""
+        return {}
 
     @cached_property
     def _pairs(self) -> list[tuple[int, int]]:
@@ -107,6 +130,26 @@ class PolynomialPart(Correcting):
     @cached_property
     def _radial_columns(self) -> tuple[np.ndarray, np.ndarray]:
         return _columns(self._radial)
+
+
+@dataclass(frozen=True, eq=False)
+class _Gains:
+    """Twist per term of c components z, (6, c) but where it is said: z, |z|, z|z|, squares and products, z^3, lengths.
+
+    `forms` is (c, 6 c): a symmetric matrix for every axis.
+    """
+
+    straight: Array
+    size: Array
+    turned: Array
+    forms: Array
+    cubes: Array
+    radial: Array
+
+    def steep(self, z: Array, size: Array, second: float, third: float) -> Array:
+        """Return the (..., 6, c) matrix that z is multiplied with, powers beyond the first weighed as is said."""
+        curved = (z @ self.forms).reshape(*z.shape[:-1], *self.size.shape) + self.turned * size[..., None, :]
+        return self.straight + second * curved + (third * self.cubes) * (z * z)[..., None, :]
 
 
 def _columns(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:

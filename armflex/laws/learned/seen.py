@@ -27,14 +27,13 @@ class Seen:
     load_scale: Array
     twist_scale: Array
 
-    @property
-    def window(self) -> Window:
-        """Where a correction counts."""
-        return Window(self.mean, self.precision, self.loads)
+    def window(self, faded: float) -> Window:
+        """Return where a correction counts that is nothing from a distance on."""
+        return Window(self.mean, self.precision, self.loads, faded)
 
 
 def seen_in(law: Law, wrenches: Array, row: Row) -> Seen:
     """Return what (M, 6) loads are to a law in M rows."""
-    window = window_of(wrenches)
     twists = np.sqrt((law.twist(wrenches, row) ** 2).mean(axis=0))
+    window = window_of(wrenches, tuple(np.flatnonzero(twists > 0.0).tolist()))
     return Seen(window.mean, window.precision, window.loads, load_scale(wrenches), twists)

@@ -1,4 +1,4 @@
-"""Where a correction counts: at the loads that were seen, and not far beyond."""
+"""Where a correction counts: at the loads that were seen; beyond them it stays as it was there, and slowly fades."""
 
 from __future__ import annotations
 
@@ -8,8 +8,14 @@ import numpy as np
 
 from armflex.conventions import Array
 
-FADED = 2.0
-"""Distance, as a multiple of the furthest load seen, from which on a correction is nothing."""
+OVER = 0.2
+"""By how much, as a multiple of the furthest load seen, a correction is carried on: no polynomial runs away."""
+
+UNKNOWN = 2.0
+"""Distance from which on nothing is known of a correction any more, whatever is left of it."""
+
+STEEPEST = 1.875
+"""Largest slope of the smooth step from 1 to 0 over a unit of distance."""
 
 BREADTH = 0.05
 """Of the force's, and of the moment's largest component that is added to the scatter of all: a component that is small
@@ -18,43 +24,96 @@ changes with how the arm gives, and what was seen of it is not a hair's breadth 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """1 where loads were seen, falling smoothly to 0 at `FADED` times as far.
+    """Loads that were seen, an ellipsoid; distances from its middle are multiples of the furthest one's.
 
     Attributes:
         mean: (6,) [N, Nm].
-        precision: (6, 6) inverse of their scatter over the square of the furthest one's distance.
+        precision: (6, 6) inverse of their scatter over the square of the furthest one's distance, zero for components
+            that do not count.
         loads: (2, 6) smallest and largest of each component [N, Nm].
+        faded: Distance from which on a correction is nothing, infinite where it never fades.
     """
 
     mean: Array
     precision: Array
     loads: Array
+    faded: float = np.inf
 
     def distance(self, wrench: Array) -> Array:
         """Return the (...) distance of a (..., 6) wrench, 1 at the furthest that was seen."""
         off = wrench - self.mean
         return np.sqrt(((off @ self.precision) * off).sum(axis=-1))
 
-    def __call__(self, wrench: Array) -> Array:
-        """Return the (...) weight."""
-        share = np.minimum(np.maximum((FADED - self.distance(wrench)) / (FADED - 1.0), 0.0), 1.0)
-        return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    def sees(self, wrench: Array) -> bool:
+        """Return whether all of (..., 6) wrenches are no further than those seen."""
+        if wrench.ndim > 1:
+            return bool((self.distance(wrench) <= 1.0).all())
+        off = wrench - self.mean
+        return bool(off @ self.precision @ off <= 1.0)
+
+    def weight(self, wrench: Array) -> Array:
+        """Return (...) what is left of a correction: 1 at loads that were seen, 0 from `faded` on."""
+        return _smooth(self._share(self.distance(wrench)))
 
     def slope(self, wrench: Array) -> Array:
-        """Return its (..., 6) derivative by the wrench."""
+        """Return the (..., 6) derivative of `weight` by the wrench."""
         distance = self.distance(wrench)[..., None]
-        if (distance <= 1.0).all():
-            return np.zeros(np.shape(wrench))
-        share = np.minimum(np.maximum((FADED - distance) / (FADED - 1.0), 0.0), 1.0)
-        steep = -30.0 * share**2 * (1.0 - share) ** 2 / (FADED - 1.0)
+        share = self._share(distance)
+        steep = -30.0 * share**2 * (1.0 - share) ** 2 / (self.faded - 1.0)
         return steep * ((wrench - self.mean) @ self.precision) / np.maximum(distance, 1e-300)
 
+    def drawn_in(self, wrench: Array) -> Array:
+        """Return the (..., 6) load at which a correction is asked: the same where it was seen, else little beyond."""
+        distance = self.distance(wrench)[..., None]
+        return self.mean + _carried(distance)[0] / np.maximum(distance, 1e-300) * (wrench - self.mean)
 
-def window_of(wrenches: Array) -> Window:
-    """Return the window of (M, 6) loads that were seen."""
+    def drawing_in(self, wrench: Array) -> Array:
+        """Return the (..., 6, 6) derivative of `drawn_in` by the wrench."""
+        off, distance = wrench - self.mean, np.maximum(self.distance(wrench), 1e-300)[..., None, None]
+        length, slope = _carried(distance)
+        share = length / distance
+        along = off[..., :, None] * (off @ self.precision)[..., None, :]
+        return share * np.eye(6) + (slope - share) / distance**2 * along
+
+    def furthest(self, wrenches: Array) -> Array:
+        """Return (M + 12, 6) loads as far out as a correction is asked: where (M, 6) ones were seen, and all round."""
+        size, axes = np.linalg.eigh(self.precision)
+        axes = axes[:, size > 0.0].T
+        off = np.concatenate([wrenches - self.mean, axes, -axes])
+        length = self.distance(self.mean + off)[:, None]
+        return self.mean + (1.0 + OVER) * off / np.maximum(length, 1e-9)
+
+    def unknown(self, wrench: Array) -> Array:
+        """Return the (...) doubt about a correction in parts of how large it may be: none at loads that were seen.
+
+        It grows with the load, as a correction would that went on.
+        """
+        distance = self.distance(wrench)
+        return (1.0 - _smooth(np.clip((UNKNOWN - distance) / (UNKNOWN - 1.0), 0.0, 1.0))) * distance
+
+    def _share(self, distance: Array) -> Array:
+        if np.isinf(self.faded):
+            return np.ones_like(distance)
+        return np.clip((self.faded - distance) / (self.faded - 1.0), 0.0, 1.0)
+
+
+def _smooth(share: Array) -> Array:
+    """Return 0 to 1 for 0 to 1, both ends flat and without curvature."""
+    return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+
+
+def _carried(distance: Array) -> tuple[Array, Array]:
+    """Return how far out a correction is asked at a distance, never more than 1 + OVER, and the slope of it."""
+    over = np.tanh(np.maximum(distance - 1.0, 0.0) / OVER)
+    return np.minimum(distance, 1.0) + OVER * over, 1.0 - over**2
+
+
+def window_of(wrenches: Array, components: tuple[int, ...] = (0, 1, 2, 3, 4, 5)) -> Window:
+    """Return the window of (M, 6) loads that were seen, some components of which count."""
     mean, size = wrenches.mean(axis=0), np.sqrt((wrenches**2).mean(axis=0))
-    breadth = BREADTH * _largest(size)
-    precision = np.linalg.inv(np.cov(wrenches.T, ddof=0) + np.diag(breadth**2))
+    scatter = np.cov(wrenches.T, ddof=0) + np.diag((BREADTH * _largest(size)) ** 2)
+    precision, own = np.zeros((6, 6)), np.ix_(components, components)
+    precision[own] = np.linalg.inv(scatter[own])
     window = Window(mean, precision, np.array([wrenches.min(axis=0), wrenches.max(axis=0)]))
     furthest = float(window.distance(wrenches).max())
     return Window(mean, precision / max(furthest, 1e-9) ** 2, window.loads)
