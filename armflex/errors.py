@@ -10,7 +10,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 
@@ -185,10 +185,15 @@ class ArmflexWarning(UserWarning):
 
 @dataclass(frozen=True)
 class Flag:
-    """A doubt that travels with a result: `code` for programs, `text` for people."""
+    """A doubt that travels with a result: `code` for programs, `text` for people.
+
+    `about` names what one doubt is about in many rows, and `size` tells which of them is the worst.
+    """
 
     code: str
     text: str
+    about: str = field(default="", compare=False)
+    size: float = field(default=0.0, compare=False)
 
     def __str__(self) -> str:
         return f"{self.code}: {self.text}"

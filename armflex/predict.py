@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -36,7 +36,7 @@ class Prediction:
             neither has one; what the instrument's noise adds is not in it. Infinite, and flagged, where it depends on
             what neither a campaign nor a prior determined.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
-        flags: Doubts, each with the first row it concerns.
+        flags: Doubts, each with the first row it concerns; those about a law with the worst, and how many there are.
     """
 
     rows: Measurements
@@ -129,11 +129,21 @@ def _flags(arm: Arm, rows: Measurements, found: list[Deflection]) -> tuple[Flag,
     if strange:
         text = f"{', '.join(sorted(strange))}: not among the calibrated sessions, so taken without a shift of their own"
         flags["new_session"] = Flag("new_session", text)
-    for number, one in enumerate(found):
-        for flag in one.flags:
+    met = [(number, flag) for number, one in enumerate(found) for flag in one.flags]
+    for number, flag in met:
+        if not flag.about:
             said = flag if flag in arm.flags else Flag(flag.code, f"row {number}: {flag.text}")
             flags.setdefault(flag.code, said)
-    return tuple(flags.values())
+    return (*flags.values(), *_worst([(number, flag) for number, flag in met if flag.about]))
+
+
+def _worst(met: list[tuple[int, Flag]]) -> Iterator[Flag]:
+    """Yield one doubt for each kind and law, in the worst of its rows."""
+    for code, about in dict.fromkeys((flag.code, flag.about) for _, flag in met):
+        own = [pair for pair in met if (pair[1].code, pair[1].about) == (code, about)]
+        rows, (number, flag) = len({number for number, _ in own}), max(own, key=lambda pair: pair[1].size)
+        more = f" (the worst of {rows} rows)" if rows > 1 else ""
+        yield replace(flag, text=f"row {number}: {flag.text}{more}")
 
 
 def write_predictions(prediction: Prediction, path: str | Path) -> Path:

@@ -19,18 +19,20 @@ from small_arms import central_difference
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements, total_covariance
 from armflex.calibrate import Calibration
-from armflex.calibrate.calibrate import first_guess
+from armflex.calibrate.calibrate import first_guess, loads_seen
 from armflex.calibrate.file import write_calibrated
-from armflex.calibrate.law_block import law_block
+from armflex.calibrate.law_block import law_block, with_laws
 from armflex.calibrate.learned import learned_axes
 from armflex.calibrate.sample import sample_laws
 from armflex.calibrate.view import look
 from armflex.certainty import Certainty
 from armflex.cli.main import armflex
-from armflex.errors import ArmFileError, InputError
+from armflex.conventions import TWIST_NAMES
+from armflex.errors import ArmFileError, ConvergenceError, InputError
 from armflex.flexure import Flexure
 from armflex.laws import AtNode, Beam, Law, LinearLaw, PositionDependentLaw, Row, Section, StructuralLaw, SubJoint
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
+from armflex.laws.linear import LinearFit, beyond
 
 RNG = np.random.default_rng(5)
 SIZE = np.array([1e3, 2e3, 500.0, 100.0, 200.0, 300.0])
@@ -63,6 +65,11 @@ DECLARED: dict[str, tuple[Law, Learning]] = {
     "structural": (structure(), Learning("structural")),
     "position_dependent": (
         PositionDependentLaw("B", np.array([compliance(), 0.2 * compliance()])),
+        Learning("position_dependent", reach=(0.2, 1.5)),
+    ),
+    "at a node": (AtNode(LinearLaw(compliance()), np.array([0.1, 0.0, 0.2])), Learning("linear")),
+    "of a position, at a node": (
+        AtNode(PositionDependentLaw("B", np.array([compliance(), 0.2 * compliance()])), np.array([0.1, 0.0, 0.2])),
         Learning("position_dependent", reach=(0.2, 1.5)),
     ),
     "about a node": (AtNode(LinearLaw(compliance()), np.array([0.1, 0.0, 0.2])), Learning("polynomial")),
@@ -129,6 +136,67 @@ def test_a_correction_is_nothing_beyond_the_loads_seen_and_its_doubt_grows(name)
     near, beyond = (np.diag(law.covariance(load, row)).max() for load in (LOADS[0], far))
     assert beyond > 4.0 * near
     assert {flag.code for flag in law.doubts(20.0 * LOADS[0], row)} == {"extrapolating"}
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10_000), size=st.floats(0.0, 0.1), name=st.sampled_from(["polynomial", "neural"]))
+def test_no_end_of_a_correction_takes_all_that_a_joint_gives(seed, size, name):
+    """The tangent is positive definite beyond the loads seen wherever it is among them, in every direction."""
+    law = moved(name, seed, size)
+    law = law.settled(1e-9 * np.eye(len(law.values)), LOADS, ROW)
+    root = np.linalg.pinv(compliance_root(law))
+    out = np.random.default_rng(seed).normal(size=(300, 6))
+    out /= np.sqrt(((out @ law.window.precision) * out).sum(axis=1))[:, None]
+    far = law.window.mean + out * np.geomspace(0.8, 1.2 * law.faded, 300)[:, None]
+    among, beyond = (least(root, law.tangent(loads, ROW.some(0))) for loads in (LOADS, far))
+    if among > 0.05:
+        assert beyond > 0.0
+
+
+def compliance_root(law: LearnedLaw) -> np.ndarray:
+    """R of the plain part's C = R R'."""
+    plain = law.plain.law(law.values[: len(law.plain.start)]).compliance
+    size, vectors = np.linalg.eigh(plain)
+    return vectors * np.sqrt(np.maximum(size, 0.0))
+
+
+def least(root: np.ndarray, tangents: np.ndarray) -> float:
+    """The smallest part of the plain compliance that tangents have, over the axes that give."""
+    scaled = root @ (0.5 * (tangents + np.swapaxes(tangents, 1, 2))) @ root.T
+    own = np.flatnonzero(np.abs(root).max(axis=1) > 0.0)
+    return float(np.linalg.eigvalsh(scaled[:, own][:, :, own])[:, 0].min())
+
+
+def test_a_compliance_at_a_node_is_learned_there():
+    """What moves is the compliance at the node, carried to the joint by the adjoint."""
+    law = moved("at a node")
+    there = moved("linear")
+    free = learned_law(law.declared.law, Learning("linear"), seen_in(law.declared.law, LOADS, ROW)).at(law.values)
+    moved_there = AtNode(free, law.declared.node)
+    assert len(law.values) == 21 and law.constant is not None and len(there.values) == 15
+    np.testing.assert_allclose(law.twist(LOADS, ROW), moved_there.twist(LOADS, ROW), rtol=1e-9)
+    with_polynomial = learned_law(*DECLARED["about a node"], seen_in(DECLARED["about a node"][0], LOADS, ROW))
+    assert len(with_polynomial.plain.groups) == 2  # a compliance, not a correction alone
+
+
+def test_what_a_bench_says_of_a_law_is_kept():
+    """Its standard errors are the prior, and its scatter is none that parameters explain."""
+    diagonal = np.array([1e-9, 2e-9, 1e-9, 1e-8, 1e-8, 2e-8])
+    rows = np.array([np.diag((0.02 * c * np.ones(6)) ** 2) for c in diagonal])
+    scatter = np.array([1e-6, 2e-6, 3e-6, 1e-5, 2e-5, 3e-5])
+    fitted = LinearLaw(np.diag(diagonal), fit=LinearFit(rows, scatter, np.array([-SIZE, SIZE])))
+    law = learned_law(fitted, Learning("linear"), seen_in(fitted, LOADS, ROW))
+    np.testing.assert_allclose(law.prior[:6], 0.02, rtol=1e-9)
+    settled = law.settled(np.zeros((len(law.values),) * 2), LOADS, ROW)
+    np.testing.assert_allclose(settled.covariance(LOADS[0], ROW.some(0)), np.diag(scatter**2), rtol=1e-12)
+    noisy = replace(structure(), noise=scatter)
+    law = learned_law(noisy, Learning("structural"), seen_in(noisy, LOADS, ROW))
+    np.testing.assert_allclose(law.covariance(LOADS[0], ROW.some(0)), np.diag(scatter**2), rtol=1e-12)
+
+
+def test_loads_are_told_apart_from_those_seen():
+    (flag,) = beyond(np.array([[-33401.0], [10.0]]), np.array([-33402.0]))
+    assert "-33402 N is outside the -33401 to" in flag.text
 
 
 @pytest.fixture(scope="module")
@@ -256,6 +324,54 @@ def test_learning_again_begins_at_what_was_declared(six, learned):
     np.testing.assert_allclose(again.rms, found.rms, rtol=1e-2)
 
 
+def test_a_campaign_is_within_the_loads_that_it_taught_and_others_are_told_once(six, learned):
+    folder, found = learned
+    line, names = found.fit.view.line, found.arm.flexure_names
+    laws = {f.name: f.law for f in found.arm.flexures if f.learn}
+    for name, law in laws.items():
+        assert not [d for load in line.flexure_wrenches[:, names.index(name)] for d in law.doubts(load, ROW.some(0))]
+    narrow = {name: replace(law, seen=replace(law.seen, loads=0.2 * law.seen.loads)) for name, law in laws.items()}
+    flags = predict(with_laws(found.arm, narrow), read_measurements(folder / "train.csv", found.arm)).flags
+    told = [flag.text for flag in flags if flag.code == "extrapolating"]
+    assert len(told) == len(six.joints) and all("the worst of" in text for text in told)
+
+
+def test_a_search_that_has_not_settled_says_so_or_is_refused(six, learned, monkeypatch):
+    folder, found = learned
+    learn, rows = sys.modules["armflex.calibrate.learn"], read_measurements(folder / "train.csv", found.arm)
+    assert found.fit.left == 0.0 and not found.flags
+    arm = load_arm(folder / "arm.toml")
+    monkeypatch.setattr(learn, "ROUNDS", 1)
+    monkeypatch.setattr(learn, "BRISK", replace(learn.BRISK, iterations=1))
+    told = calibrate(arm, rows).flags
+    assert [flag.code for flag in told] == ["unsettled"] and "after 1 fits" in told[0].text
+    monkeypatch.setattr(learn, "PATIENT", replace(learn.PATIENT, iterations=1))
+    with pytest.raises(ConvergenceError, match=r"learned laws did not settle: .* a simpler model"):
+        calibrate(arm, rows)
+
+
+def test_drawn_campaigns_keep_the_loads_of_the_whole(six, learned):
+    folder, found = learned
+    arm, rows = load_arm(folder / "arm.toml"), read_measurements(folder / "train.csv", found.arm)
+    seen, some = loads_seen(arm, rows), np.flatnonzero(rows.measured)[::2]
+    half = calibrate(arm, rows, rows=some, seen=seen).arm
+    for flexure in half.flexures:
+        if flexure.learn:
+            np.testing.assert_array_equal(flexure.law.seen.precision, seen[flexure.name].precision)
+
+
+def test_what_was_declared_is_told_beside_what_was_learned(learned):
+    _, found = learned
+    laws = {f.name: f.law for f in found.arm.flexures if f.learn}
+    view = found.fit.view
+    for axis in learned_axes(found.fit, laws, None):
+        law = laws[axis.flexure]
+        start = learned_law(law.declared, Learning("polynomial"), law.seen)
+        loads = view.line.flexure_wrenches[:, found.arm.flexure_names.index(axis.flexure)]
+        std = start.std(np.diag(start.prior**2), loads, view.line.row)[:, TWIST_NAMES.index(axis.axis)]
+        assert axis.before == pytest.approx(np.sqrt((std**2).mean()), rel=1e-6)
+
+
 def test_a_law_that_is_not_learned_any_more_is_refused(learned, tmp_path):
     folder, found = learned
     path = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")
@@ -270,6 +386,7 @@ def test_a_law_that_is_not_learned_any_more_is_refused(learned, tmp_path):
         ('model = "neural"\nneurons = 0', "neurons: .*from 1 to 64, got 0"),
         ('model = "neural"\nneurons = 2.5', "neurons: .*got 2.5"),
         ('model = "polynomial"\nneuron = 3', "neuron"),
+        ('model = "linear"\nneurons = 3', "neurons: .*a linear law has none: only neural and bayesian laws do"),
         ('model = "linear"\n#', "is zero: there is nothing"),
     ],
 )
@@ -308,6 +425,21 @@ def test_nothing_to_sample_is_said(tmp_path):
     found = calibrate(arm, read_measurements(tmp_path / "train.csv", arm))
     with pytest.raises(InputError, match="no flexure has learn = true"):
         sample_laws(found.fit)
+    with pytest.raises(InputError, match="3 draws: expected 4 or more"):
+        sample_laws(found.fit, 3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [(["--sample", "3"], "3 is not in the range x>=4"), (["--sample", "9", "--keep"], "leave out --sample, or --keep")],
+)
+def test_what_cannot_be_sampled_is_refused_at_once(learned, tmp_path, options, message):
+    folder, found = learned
+    arm = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")
+    given = ["calibrate", str(arm), str(folder / "train.csv"), "-o", str(tmp_path / "out.toml"), *options]
+    ran = CliRunner().invoke(armflex, given)
+    assert ran.exit_code and message in f"{ran.output}{ran.exception}"
+    assert not (tmp_path / "out.toml").exists()
 
 
 def test_the_command_tells_what_was_learned(six, tmp_path):

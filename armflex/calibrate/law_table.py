@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from armflex.arm import Arm
 from armflex.calibrate.law_block import learned_laws
 from armflex.conventions import Array
@@ -26,7 +24,7 @@ def law_tables(arm: Arm) -> dict[str, dict[str, Any]]:
 def _table(law: LearnedLaw) -> dict[str, Any]:
     seen = {name: getattr(law.seen, name).tolist() for name in SHAPES}
     found = {"values": law.values.tolist(), "scales": list(law.scales)}
-    return found | seen | ({} if law.reach is None else {"reach": law.reach.tolist(), "faded": law.faded})
+    return found | seen | ({} if law.reach is None else {"reach": law.reach.tolist(), "ending": [law.over, law.faded]})
 
 
 def read_learned(flexure: Flexure, table: Declaration, covariance: Array | None) -> Flexure:
@@ -45,7 +43,8 @@ def read_learned(flexure: Flexure, table: Declaration, covariance: Array | None)
     law = learned_law(flexure.law, flexure.learn, Seen(**{n: table.numbers(n, shape) for n, shape in SHAPES.items()}))
     values, scales = table.numbers("values", law.values.shape), table.numbers("scales", (len(law.scales),))
     reach = table.numbers("reach", (6,)) if table.has("reach") else None
-    faded = table.number("faded") if reach is not None else np.inf
+    over, faded = table.numbers("ending", (2,)).tolist() if reach is not None else (law.over, law.faded)
     table.finish()
-    law = replace(law, values=values, scales=tuple(scales.tolist()), spread=covariance, reach=reach, faded=faded)
+    law = replace(law, values=values, scales=tuple(scales.tolist()), spread=covariance, reach=reach)
+    law = replace(law, over=over, faded=faded)
     return replace(flexure, law=law)

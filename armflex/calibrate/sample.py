@@ -13,11 +13,13 @@ import numpy as np
 
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.law_block import LawBlock, learned_laws
+from armflex.calibrate.posterior import ROUNDING
+from armflex.calibrate.view import Progress
 from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.laws import Row
 from armflex.laws.learned import LearnedLaw
-from armflex.learning.diagnostics import diagnose
+from armflex.learning.diagnostics import FEWEST_DRAWS, diagnose
 from armflex.learning.model import Diagnostics
 
 CHAINS = 4
@@ -51,27 +53,33 @@ class LawSamples:
         return lower, upper
 
 
-def sample_laws(found: Fit, draws: int = 250, seed: int = 0) -> LawSamples:
+def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress | None = None) -> LawSamples:
     """Return draws from the posterior of the learned laws of a fit, by NUTS in coordinates whitened by Laplace's.
+
+    Where neither readings nor a prior tell a combination of other parameters, it stays where it was fitted.
 
     Args:
         found: A fit with learned laws.
         draws: Of each of four chains.
         seed: The same seed gives the same draws.
+        progress: Called with (chains done, in all).
 
     Raises:
-        InputError: Nothing was learned, or there are no draws to make.
+        InputError: Nothing was learned, or there are too few draws to judge.
         UnsupportedError: The sampler is not installed (`pip install armflex[bayes]`).
     """
-    from armflex.learning.nuts import no_u_turn  # loads the optional sampler
+    from armflex.learning.nuts import Walk, no_u_turn  # loads the optional sampler
 
-    if draws < 1:
-        raise InputError(f"{draws} draws: expected 1 or more")
+    if draws < FEWEST_DRAWS:
+        raise InputError(f"{draws} draws: expected {FEWEST_DRAWS} or more of each chain, or they cannot be judged")
     problem = _problem(found)
-    whiten = np.linalg.cholesky(found.posterior.covariance + 1e-12 * np.diag(np.diag(found.posterior.covariance)))
-    seeds = np.random.SeedSequence(seed).spawn(CHAINS)
-    walks = [no_u_turn(problem.density, found.values, whiten, draws, TUNE, one) for one in seeds]
-    chains = np.array([walk.draws for walk in walks])
+    size = problem.directions.shape[1]
+    walks: list[Walk] = []
+    for one in np.random.SeedSequence(seed).spawn(CHAINS):
+        walks.append(no_u_turn(problem.along, np.zeros(size), np.eye(size), draws, TUNE, one))
+        if progress:
+            progress(len(walks), CHAINS)
+    chains = found.values + np.array([walk.draws for walk in walks]) @ problem.directions.T
     answers = np.array([[problem.answers(values) for values in chain] for chain in chains])
     report = diagnose(answers, sum(walk.divergences for walk in walks), float(np.mean([w.acceptance for w in walks])))
     own = problem.block.split(chains.reshape(-1, chains.shape[2])[:, problem.places].T)
@@ -109,6 +117,21 @@ class _Problem:
         columns = self.found.columns.copy()
         columns[:, self.places] = 0.0
         return columns
+
+    @cached_property
+    def directions(self) -> Array:
+        """(P, k) directions that are told, each a standard deviation of Laplace's posterior long."""
+        covariance = self.found.posterior.covariance
+        scale = np.sqrt(np.diag(covariance))
+        unit = np.where(scale > 0.0, scale, 1.0)
+        size, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
+        told = size > ROUNDING * size[-1]
+        return unit[:, None] * axes[:, told] * np.sqrt(size[told])
+
+    def along(self, steps: Array) -> tuple[float, Array]:
+        """Return the same as `density` at (k,) steps from the fit along `directions`."""
+        value, gradient = self.density(self.found.values + self.directions @ steps)
+        return value, self.directions.T @ gradient
 
     def density(self, values: Array) -> tuple[float, Array]:
         """Return the logarithm of the posterior density, but for a constant, and its gradient."""

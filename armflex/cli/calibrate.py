@@ -27,6 +27,8 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import console, number, print_table
+from armflex.errors import InputError
+from armflex.learning.diagnostics import FEWEST_DRAWS
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
 
@@ -38,7 +40,9 @@ SCATTERED = 1.5
 @click.argument("arm_path", metavar="ARM", type=PathArgument)
 @click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Calibrated arm.toml to write.")
-@click.option("--sample", type=click.IntRange(min=1), help="Draws per chain: learned laws by NUTS, too (minutes).")
+@click.option(
+    "--sample", type=click.IntRange(FEWEST_DRAWS), help="Draws per chain: learned laws by NUTS, too (minutes)."
+)
 @click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
 @keep_option
 @points_options
@@ -55,10 +59,17 @@ def command(
 ) -> None:
     """Fit what [prior] frees, on the deflected arm, and say what the data cannot tell."""
     arm = declared_arm(arm_path, "calibrate", keep)
+    if sample and keep:
+        raise InputError("--keep keeps laws as an earlier campaign taught them: leave out --sample, or --keep")
+    if sample and not any(flexure.learn for flexure in arm.flexures):
+        raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = read_measurements(measurements_path, arm, points=points)
     with progress("calibrating") as tick:
         found = calibrate(arm, measurements, progress=tick, keep=keep)
-    samples = sample_laws(found.fit, sample) if sample else None
+    samples = None
+    if sample:
+        with progress("sampling") as tick:
+            samples = sample_laws(found.fit, sample, progress=tick)
     print_calibration(found, show_all)
     print_laws(found, samples)
     show_flags((*measurements.flags, *found.flags))

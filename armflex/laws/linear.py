@@ -117,15 +117,24 @@ def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
 
     A law of forces alone does not turn: a moment on it is one flag more.
     """
-    flags = []
+    flags, slack = [], 1e-9 * float(np.abs(seen).max(initial=0.0))
     for name, low, high, load in zip(WRENCH_NAMES, *seen, wrench, strict=False):  # a fit may be of forces only
-        slack = 1e-9 * max(abs(low), abs(high))
         if not low - slack <= load <= high + slack:
             unit = "N" if name[0] == "f" else "Nm"
-            here, start, end = (f"{float(f'{value:.3g}'):g}" for value in (load, low, high))
+            here, start, end = _told_apart(load, low, high)
             text = f"load {name} = {here} {unit} is outside the {start} to {end} {unit} it was trained on"
-            flags.append(Flag("extrapolating", text))
+            size = max(low - load, load - high) / max(high - low, slack, 1e-300)
+            flags.append(Flag("extrapolating", text, size=float(size)))
     return (*flags, *unturned(len(seen[0]), wrench))
+
+
+def _told_apart(load: float, low: float, high: float) -> tuple[str, str, str]:
+    """Return a load and the ends of what was seen in three digits, or as many as tell it from the end it is beyond."""
+    for digits in range(3, 17):
+        here, start, end = (f"{float(f'{value:.{digits}g}'):.{digits}g}" for value in (load, low, high))
+        if (float(here) < float(start)) if load < low else (float(here) > float(end)):
+            break
+    return tuple(f"{float(text):.16g}" for text in (here, start, end))  # 15300, not 1.53e+04
 
 
 def unturned(size: int, wrench: Array) -> tuple[Flag, ...]:

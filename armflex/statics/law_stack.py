@@ -90,7 +90,7 @@ class LawStack:
     def doubts(self, wrenches: Array, row: Row) -> tuple[Flag, ...]:
         """Return where (6 n,) wrenches are beyond what a law was trained on."""
         asked = [(name, law.doubts(wrenches[place], row)) for name, place, law in self.trained]
-        return tuple(Flag(flag.code, f"flexure {name!r}: {flag.text}") for name, flags in asked for flag in flags)
+        return tuple(replace(f, text=f"flexure {name!r}: {f.text}", about=name) for name, flags in asked for f in flags)
 
     @cached_property
     def parts(self) -> tuple[tuple[int, Law], ...]:

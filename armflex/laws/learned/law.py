@@ -11,17 +11,11 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws.law import Law, Ranges, Row, block_norms
-from armflex.laws.learned.compliance_part import root_of
+from armflex.laws.learned.correction import Correction, ending
 from armflex.laws.learned.part import Group, Part
 from armflex.laws.learned.seen import Seen
-from armflex.laws.learned.window import STEEPEST, Window
+from armflex.laws.learned.window import OVER, Window
 from armflex.laws.linear import NOTHING, LinearLaw, beyond
-
-TAKEN = 0.25
-"""Of a compliance that a correction may take where it fades."""
-
-NEAREST = 2.0
-"""Distance before which no correction is nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +31,7 @@ class LearnedLaw(Law):
         scales: Prior standard deviation of every group of parameters.
         spread: (k, k) covariance of the values, None where nobody says.
         reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
+        over: How far a correction is carried on, see `Window`.
         faded: Distance, see `Window`, from which on a correction is nothing; infinite while it is being learned.
         scatter: (6,) scatter that the declared law has about what its parameters say [m, rad], None for none.
     """
@@ -49,13 +44,14 @@ class LearnedLaw(Law):
     scales: tuple[float, ...]
     spread: Array | None = None
     reach: Array | None = None
+    over: float = OVER
     faded: float = np.inf
     scatter: Array | None = None
 
     @cached_property
     def window(self) -> Window:
         """Where the correction counts."""
-        return self.seen.window(self.faded)
+        return self.seen.window(self.over, self.faded)
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
@@ -143,31 +139,15 @@ class LearnedLaw(Law):
 
     def settled(self, spread: Array, wrenches: Array, row: Row) -> LearnedLaw:
         """Return the law with the (k, k) covariance of its values, fitted where its loads were (M, 6) wrenches."""
+        loads = np.array([wrenches.min(axis=0), wrenches.max(axis=0)])
         if self.correction is None:
-            return replace(self, spread=spread)
+            return replace(self, spread=spread, seen=replace(self.seen, loads=loads))
         sizes = self.correction.twist(self._split[1], wrenches, row)
         by, start = self.correction.by_values(self._split[1], wrenches, row), len(self.plain.start)
         doubt = np.einsum("nak,kl,nal->na", by, spread[start:, start:], by, optimize=True)
         reach = np.sqrt((sizes**2 + doubt).max(axis=0))
-        return replace(self, spread=spread, reach=reach, faded=self._fading(wrenches, row))
-
-    def _fading(self, wrenches: Array, row: Row) -> float:
-        """Return the distance at which the correction may be nothing.
-
-        A correction that fades is a compliance the other way, its size over the length: too short a one would take all
-        that the joint gives, and the arm would look as if it buckled. It takes `TAKEN` of the compliance at most, in
-        every direction of the load: with C = R R', R over the axes that give, |R^-1 c| |R' slope| <= `TAKEN`.
-        """
-        assert self.correction is not None
-        axes = np.flatnonzero(self.seen.twist_scale > 0.0)
-        own = np.ix_(axes, axes)
-        tangent = self._base.tangent(wrenches, row).reshape(-1, 6, 6).mean(axis=0)
-        root = root_of(0.5 * (tangent + tangent.T))[own]
-        furthest = self.window.furthest(wrenches)
-        twists = self.correction.twist(self._split[1], furthest, row)[:, axes]
-        size = np.linalg.norm(twists @ np.linalg.pinv(root, rcond=1e-9).T, axis=1).max()
-        steep = np.sqrt(np.linalg.eigvalsh(root.T @ self.window.precision[own] @ root)[-1])
-        return float(max(NEAREST, 1.0 + STEEPEST * size * steep / TAKEN))
+        over, faded = ending(self._base, self._corrected, wrenches, row)
+        return replace(self, spread=spread, seen=replace(self.seen, loads=loads), reach=reach, over=over, faded=faded)
 
     def draw(self, rng: np.random.Generator) -> LearnedLaw:
         """Return the law at values drawn from what is known of them."""
@@ -246,31 +226,3 @@ class Plain(Law):
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the part's tangent."""
         return self.part.tangent(self.values, wrench, row)
-
-
-@dataclass(frozen=True, eq=False)
-class Correction(Law):
-    """The correction of a learned law alone: as it was learned at loads that were seen, further out carried on."""
-
-    part: Part
-    values: Array
-    window: Window
-
-    def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the twist."""
-        window = self.window
-        if window.sees(wrench):
-            return self.part.twist(self.values, wrench, row)
-        return window.weight(wrench)[..., None] * self.part.twist(self.values, window.drawn_in(wrench), row)
-
-    def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative by the wrench."""
-        window = self.window
-        if window.sees(wrench):
-            return self.part.tangent(self.values, wrench, row)
-        within = window.drawn_in(wrench)
-        carried = self.part.tangent(self.values, within, row) @ window.drawing_in(wrench)
-        twist = self.part.twist(self.values, within, row)
-        return (
-            window.weight(wrench)[..., None, None] * carried + twist[..., :, None] * window.slope(wrench)[..., None, :]
-        )

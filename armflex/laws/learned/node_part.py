@@ -1,4 +1,4 @@
-"""A part that acts at a node some way off the flexure: its twist is carried there by the adjoint, its load by duality."""
+"""A part that acts at a node off the flexure: its twist is carried there by the adjoint, its load by duality."""
 
 from __future__ import annotations
 

@@ -47,20 +47,21 @@ class PolynomialPart(Correcting):
 
     def twist(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the twist."""
-        z, gains = self.scaled(wrench), self._gains(values)
+        z = wrench * self._inverse
         size = np.abs(z)
-        twist = (gains.steep(z, size, 1.0, 1.0) @ z[..., None])[..., 0] + size @ gains.size.T
-        return twist + self._lengths(z) @ gains.radial.T if self._radial else twist
+        products = (z[..., :, None] * z[..., None, :]).reshape(*z.shape[:-1], 36)
+        lengths = np.hypot(z[..., 0::3], z[..., 1::3])
+        terms = np.concatenate([z, size, z * size, z * size * size, products, lengths], axis=-1)
+        return terms @ self._gains(values).twists
 
     def tangent(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
-        z, gains = self.scaled(wrench), self._gains(values)
-        slopes = gains.steep(z, np.abs(z), 2.0, 3.0) + gains.size * np.sign(z)[..., None, :]
-        if self._radial:
-            slopes = slopes + gains.radial @ self._radial_slopes(z)
-        whole = np.zeros((*wrench.shape[:-1], 6, 6))
-        whole[..., self.components] = slopes / self.typical
-        return whole
+        z = wrench * self._inverse
+        lengths = np.hypot(z[..., 0::3], z[..., 1::3])[..., None]
+        sides = z.reshape(*z.shape[:-1], 2, 3)[..., :2] / np.where(lengths > 0.0, lengths, 1.0)
+        one, sides = np.ones_like(z[..., :1]), sides.reshape(*z.shape[:-1], 4)
+        slopes = np.concatenate([one, np.sign(z), np.abs(z), z, z * z, sides], axis=-1)
+        return (slopes @ self._gains(values).tangents).reshape(*z.shape[:-1], 6, 6)
 
     def by_values(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the derivative by the values."""
@@ -69,22 +70,18 @@ class PolynomialPart(Correcting):
 
     def _terms(self, wrench: Array) -> Array:
         z = self.scaled(wrench)
-        first, second = self._pair_columns
+        (first, second), (x, y) = self._pair_columns, self._radial_columns
         straight = [z] if self.linear else []
         alone = [np.abs(z), z * np.abs(z), z**2, z**3]
-        return np.concatenate([*straight, *alone, z[..., first] * z[..., second], self._lengths(z)], axis=-1)
+        products, lengths = z[..., first] * z[..., second], np.hypot(z[..., x], z[..., y])
+        return np.concatenate([*straight, *alone, products, lengths], axis=-1)
 
-    def _lengths(self, z: Array) -> Array:
-        """Return the (..., r) radial loads."""
-        first, second = self._radial_columns
-        return np.hypot(z[..., first], z[..., second])
-
-    def _radial_slopes(self, z: Array) -> Array:
-        """Return their (..., r, c) derivative by z, zero where there is no load."""
-        first, second = self._radial_columns
-        own, length = np.eye(len(self.components)), self._lengths(z)[..., None]
-        sides = z[..., first, None] * own[first] + z[..., second, None] * own[second]
-        return sides / np.where(length > 0.0, length, 1.0)
+    @cached_property
+    def _inverse(self) -> Array:
+        """(6,) what a load is multiplied with, zero for components that do not count."""
+        inverse = np.zeros(6)
+        inverse[list(self.components)] = 1.0 / self.typical
+        return inverse
 
     def _gains(self, values: Array) -> _Gains:
         """Return the twist per term; a law asks for many loads at the same values."""
@@ -95,17 +92,17 @@ class PolynomialPart(Correcting):
         return self._known[key]
 
     def _made(self, values: Array) -> _Gains:
-        count, pairs = len(self.components), len(self._pairs)
-        twists = self.spread @ values.reshape(len(self.axes), -1)
-        if not self.linear:
-            twists = np.hstack([np.zeros((6, count)), twists])
-        ends = np.cumsum([count, count, count, count, count, pairs])
-        straight, size, turned, squares, cubes, products, radial = np.split(twists, ends, axis=1)
-        forms = np.zeros((count, 6, count))
-        forms[np.arange(count), :, np.arange(count)] = squares.T
-        first, second = self._pair_columns
-        forms[first, :, second] = forms[second, :, first] = 0.5 * products.T
-        return _Gains(straight, size, turned, forms.reshape(count, -1), cubes, radial)
+        twists, known, count = self.spread @ values.reshape(len(self.axes), -1), list(self.components), len(self._pairs)
+        alone = np.zeros((5, 6, 6))  # z, |z|, z|z|, z^2, z^3; axis, component
+        size = (len(FORMS) + self.linear) * len(known)
+        alone[-len(FORMS) - self.linear :, :, known] = twists[:, :size].reshape(6, -1, len(known)).swapaxes(0, 1)
+        forms, radial = np.zeros((6, 6, 6)), np.zeros((6, 2))  # component, component, axis
+        forms[range(6), range(6)] = alone[3].T
+        for (i, j), twist in zip(self._pairs, 0.5 * twists[:, size : size + count].T, strict=True):
+            forms[known[i], known[j]] = forms[known[j], known[i]] = twist
+        for (i, _), twist in zip(self._radial, twists[:, size + count :].T, strict=True):
+            radial[:, known[i] // 3] = twist
+        return _gains_of(alone, forms, radial, self._inverse)
 
     @cached_property
     def _known(self) -> dict[bytes, _Gains]:
@@ -134,22 +131,26 @@ class PolynomialPart(Correcting):
 
 @dataclass(frozen=True, eq=False)
 class _Gains:
-    """Twist per term of c components z, (6, c) but where it is said: z, |z|, z|z|, squares and products, z^3, lengths.
+    """All terms of six components z at once, so that a load costs a product.
 
-    `forms` is (c, 6 c): a symmetric matrix for every axis.
+    Attributes:
+        twists: (62, 6) twist per z, |z|, z|z|, z^3, product of two, radial load.
+        tangents: (29, 36) derivative of the twist by the load per 1, sign z, |z|, z, z^2, direction of a radial load.
     """
 
-    straight: Array
-    size: Array
-    turned: Array
-    forms: Array
-    cubes: Array
-    radial: Array
+    twists: Array
+    tangents: Array
 
-    def steep(self, z: Array, size: Array, second: float, third: float) -> Array:
-        """Return the (..., 6, c) matrix that z is multiplied with, powers beyond the first weighed as is said."""
-        curved = (z @ self.forms).reshape(*z.shape[:-1], *self.size.shape) + self.turned * size[..., None, :]
-        return self.straight + second * curved + (third * self.cubes) * (z * z)[..., None, :]
+
+def _gains_of(alone: Array, forms: Array, radial: Array, inverse: Array) -> _Gains:
+    """Return the gains of (5, 6, 6) terms of one component, (6, 6, 6) products and (6, 2) radial loads."""
+    straight, size, turned, _, cubes = alone
+    own = np.eye(6)
+    each = [own[:, None, :] * part for part in (size, 2.0 * turned, 3.0 * cubes)]
+    sides = radial[:, [0, 0, 1, 1]].T[:, :, None] * own[[0, 1, 3, 4], None, :]
+    tangents = np.concatenate([straight[None], each[0], each[1], 2.0 * forms.swapaxes(1, 2), each[2], sides])
+    twists = np.concatenate([straight.T, size.T, turned.T, cubes.T, forms.reshape(36, 6), radial.T])
+    return _Gains(twists, (tangents * inverse).reshape(29, 36))
 
 
 def _columns(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:

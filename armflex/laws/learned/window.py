@@ -8,8 +8,8 @@ import numpy as np
 
 from armflex.conventions import Array
 
-OVER = 0.2
-"""By how much, as a multiple of the furthest load seen, a correction is carried on: no polynomial runs away."""
+OVER = 1.0
+"""By how much at most, as a multiple of the furthest load seen, a correction is carried on: no polynomial runs away."""
 
 UNKNOWN = 2.0
 """Distance from which on nothing is known of a correction any more, whatever is left of it."""
@@ -31,12 +31,14 @@ class Window:
         precision: (6, 6) inverse of their scatter over the square of the furthest one's distance, zero for components
             that do not count.
         loads: (2, 6) smallest and largest of each component [N, Nm].
-        faded: Distance from which on a correction is nothing, infinite where it never fades.
+        over: How far beyond 1 a correction is carried on before it stays as it is.
+        faded: Distance from which on it is nothing, infinite where it never fades.
     """
 
     mean: Array
     precision: Array
     loads: Array
+    over: float = OVER
     faded: float = np.inf
 
     def distance(self, wrench: Array) -> Array:
@@ -65,23 +67,23 @@ class Window:
     def drawn_in(self, wrench: Array) -> Array:
         """Return the (..., 6) load at which a correction is asked: the same where it was seen, else little beyond."""
         distance = self.distance(wrench)[..., None]
-        return self.mean + _carried(distance)[0] / np.maximum(distance, 1e-300) * (wrench - self.mean)
+        return self.mean + self._carried(distance)[0] / np.maximum(distance, 1e-300) * (wrench - self.mean)
 
     def drawing_in(self, wrench: Array) -> Array:
         """Return the (..., 6, 6) derivative of `drawn_in` by the wrench."""
         off, distance = wrench - self.mean, np.maximum(self.distance(wrench), 1e-300)[..., None, None]
-        length, slope = _carried(distance)
+        length, slope = self._carried(distance)
         share = length / distance
         along = off[..., :, None] * (off @ self.precision)[..., None, :]
         return share * np.eye(6) + (slope - share) / distance**2 * along
 
     def furthest(self, wrenches: Array) -> Array:
-        """Return (M + 12, 6) loads as far out as a correction is asked: where (M, 6) ones were seen, and all round."""
+        """Return loads as far out as a correction is carried: in the directions of (M, 6) ones, and all round."""
         size, axes = np.linalg.eigh(self.precision)
         axes = axes[:, size > 0.0].T
         off = np.concatenate([wrenches - self.mean, axes, -axes])
         length = self.distance(self.mean + off)[:, None]
-        return self.mean + (1.0 + OVER) * off / np.maximum(length, 1e-9)
+        return self.mean + (1.0 + self.over) * off / np.maximum(length, 1e-9)
 
     def unknown(self, wrench: Array) -> Array:
         """Return the (...) doubt about a correction in parts of how large it may be: none at loads that were seen.
@@ -90,6 +92,11 @@ class Window:
         """
         distance = self.distance(wrench)
         return (1.0 - _smooth(np.clip((UNKNOWN - distance) / (UNKNOWN - 1.0), 0.0, 1.0))) * distance
+
+    def _carried(self, distance: Array) -> tuple[Array, Array]:
+        """Return how far out a correction is asked at a distance, and the slope of it."""
+        bend = np.tanh(np.maximum(distance - 1.0, 0.0) / self.over)
+        return np.minimum(distance, 1.0) + self.over * bend, 1.0 - bend**2
 
     def _share(self, distance: Array) -> Array:
         if np.isinf(self.faded):
@@ -100,12 +107,6 @@ class Window:
 def _smooth(share: Array) -> Array:
     """Return 0 to 1 for 0 to 1, both ends flat and without curvature."""
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-
-
-def _carried(distance: Array) -> tuple[Array, Array]:
-    """Return how far out a correction is asked at a distance, never more than 1 + OVER, and the slope of it."""
-    over = np.tanh(np.maximum(distance - 1.0, 0.0) / OVER)
-    return np.minimum(distance, 1.0) + OVER * over, 1.0 - over**2
 
 
 def window_of(wrenches: Array, components: tuple[int, ...] = (0, 1, 2, 3, 4, 5)) -> Window:
