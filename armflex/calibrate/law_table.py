@@ -24,7 +24,7 @@ def law_tables(arm: Arm) -> dict[str, dict[str, Any]]:
 def _table(law: LearnedLaw) -> dict[str, Any]:
     seen = {name: getattr(law.seen, name).tolist() for name in SHAPES}
     found = {"values": law.values.tolist(), "scales": list(law.scales)}
-    return found | seen | ({} if law.reach is None else {"reach": law.reach.tolist(), "ending": [law.over, law.faded]})
+    return found | seen | ({} if law.reach is None else {"reach": law.reach.tolist(), "faded": law.faded})
 
 
 def read_learned(flexure: Flexure, table: Declaration, covariance: Array | None) -> Flexure:
@@ -43,8 +43,7 @@ def read_learned(flexure: Flexure, table: Declaration, covariance: Array | None)
     law = learned_law(flexure.law, flexure.learn, Seen(**{n: table.numbers(n, shape) for n, shape in SHAPES.items()}))
     values, scales = table.numbers("values", law.values.shape), table.numbers("scales", (len(law.scales),))
     reach = table.numbers("reach", (6,)) if table.has("reach") else None
-    over, faded = table.numbers("ending", (2,)).tolist() if reach is not None else (law.over, law.faded)
+    faded = table.number("faded") if reach is not None else law.faded
     table.finish()
-    law = replace(law, values=values, scales=tuple(scales.tolist()), spread=covariance, reach=reach)
-    law = replace(law, over=over, faded=faded)
-    return replace(flexure, law=law)
+    found = {"scales": tuple(scales.tolist()), "spread": covariance, "reach": reach, "faded": faded}
+    return replace(flexure, law=replace(law, values=values, **found))

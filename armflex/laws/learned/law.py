@@ -11,10 +11,10 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws.law import Law, Ranges, Row, block_norms
-from armflex.laws.learned.correction import Correction, ending
+from armflex.laws.learned.correction import Correction, fading
 from armflex.laws.learned.part import Group, Part
 from armflex.laws.learned.seen import Seen
-from armflex.laws.learned.window import OVER, Window
+from armflex.laws.learned.window import Window
 from armflex.laws.linear import NOTHING, LinearLaw, beyond
 
 
@@ -31,7 +31,6 @@ class LearnedLaw(Law):
         scales: Prior standard deviation of every group of parameters.
         spread: (k, k) covariance of the values, None where nobody says.
         reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
-        over: How far a correction is carried on, see `Window`.
         faded: Distance, see `Window`, from which on a correction is nothing; infinite while it is being learned.
         scatter: (6,) scatter that the declared law has about what its parameters say [m, rad], None for none.
     """
@@ -44,14 +43,13 @@ class LearnedLaw(Law):
     scales: tuple[float, ...]
     spread: Array | None = None
     reach: Array | None = None
-    over: float = OVER
     faded: float = np.inf
     scatter: Array | None = None
 
     @cached_property
     def window(self) -> Window:
         """Where the correction counts."""
-        return self.seen.window(self.over, self.faded)
+        return self.seen.window(self.faded)
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
@@ -146,8 +144,8 @@ class LearnedLaw(Law):
         by, start = self.correction.by_values(self._split[1], wrenches, row), len(self.plain.start)
         doubt = np.einsum("nak,kl,nal->na", by, spread[start:, start:], by, optimize=True)
         reach = np.sqrt((sizes**2 + doubt).max(axis=0))
-        over, faded = ending(self._base, self._corrected, wrenches, row)
-        return replace(self, spread=spread, seen=replace(self.seen, loads=loads), reach=reach, over=over, faded=faded)
+        faded = fading(self._base, self._corrected, wrenches, row)
+        return replace(self, spread=spread, seen=replace(self.seen, loads=loads), reach=reach, faded=faded)
 
     def draw(self, rng: np.random.Generator) -> LearnedLaw:
         """Return the law at values drawn from what is known of them."""

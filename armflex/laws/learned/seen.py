@@ -27,9 +27,9 @@ class Seen:
     load_scale: Array
     twist_scale: Array
 
-    def window(self, over: float, faded: float) -> Window:
-        """Return where a correction counts that is carried on so far, and is nothing from a distance on."""
-        return Window(self.mean, self.precision, self.loads, over, faded)
+    def window(self, faded: float) -> Window:
+        """Return where a correction counts that is nothing from a distance on."""
+        return Window(self.mean, self.precision, self.loads, faded)
 
 
 def seen_in(law: Law, wrenches: Array, row: Row) -> Seen:

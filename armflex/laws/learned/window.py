@@ -9,7 +9,7 @@ import numpy as np
 from armflex.conventions import Array
 
 OVER = 1.0
-"""By how much at most, as a multiple of the furthest load seen, a correction is carried on: no polynomial runs away."""
+"""Furthest that a correction is carried on beyond the loads seen, as a distance: no polynomial runs away."""
 
 UNKNOWN = 2.0
 """Distance from which on nothing is known of a correction any more, whatever is left of it."""
@@ -31,14 +31,12 @@ class Window:
         precision: (6, 6) inverse of their scatter over the square of the furthest one's distance, zero for components
             that do not count.
         loads: (2, 6) smallest and largest of each component [N, Nm].
-        over: How far beyond 1 a correction is carried on before it stays as it is.
-        faded: Distance from which on it is nothing, infinite where it never fades.
+        faded: Distance from which on a correction is nothing, infinite where it never fades.
     """
 
     mean: Array
     precision: Array
     loads: Array
-    over: float = OVER
     faded: float = np.inf
 
     def distance(self, wrench: Array) -> Array:
@@ -83,7 +81,7 @@ class Window:
         axes = axes[:, size > 0.0].T
         off = np.concatenate([wrenches - self.mean, axes, -axes])
         length = self.distance(self.mean + off)[:, None]
-        return self.mean + (1.0 + self.over) * off / np.maximum(length, 1e-9)
+        return self.mean + (1.0 + OVER) * off / np.maximum(length, 1e-9)
 
     def unknown(self, wrench: Array) -> Array:
         """Return the (...) doubt about a correction in parts of how large it may be: none at loads that were seen.
@@ -95,8 +93,8 @@ class Window:
 
     def _carried(self, distance: Array) -> tuple[Array, Array]:
         """Return how far out a correction is asked at a distance, and the slope of it."""
-        bend = np.tanh(np.maximum(distance - 1.0, 0.0) / self.over)
-        return np.minimum(distance, 1.0) + self.over * bend, 1.0 - bend**2
+        bend = np.tanh(np.maximum(distance - 1.0, 0.0) / OVER)
+        return np.minimum(distance, 1.0) + OVER * bend, 1.0 - bend**2
 
     def _share(self, distance: Array) -> Array:
         if np.isinf(self.faded):
