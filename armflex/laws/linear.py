@@ -130,11 +130,11 @@ def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
 
 def _told_apart(load: float, low: float, high: float) -> tuple[str, str, str]:
     """Return a load and the ends of what was seen in three digits, or as many as tell it from the end it is beyond."""
-    for digits in range(3, 17):
+    for digits in range(3, 16):
         here, start, end = (f"{float(f'{value:.{digits}g}'):.{digits}g}" for value in (load, low, high))
         if (float(here) < float(start)) if load < low else (float(here) > float(end)):
             break
-    return tuple(f"{float(text):.16g}" for text in (here, start, end))  # 15300, not 1.53e+04
+    return tuple(f"{float(text):.15g}" for text in (here, start, end))  # 15300, not 1.53e+04
 
 
 def unturned(size: int, wrench: Array) -> tuple[Flag, ...]:
