@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from armflex.conventions import Array
@@ -13,10 +15,11 @@ from armflex.statics.law_stack import LawStack, constant_compliance
 class BatchLaws:
     """The laws of a stack at N rows, as a map from (n, 6, N) loads to (n, 6, N) twists: configurations last.
 
-    What is affine at given positions and covariates is looked up once for all rows.
+    What is affine at given positions and covariates is looked up once for all rows. `parts` are laws of the stack with
+    the numbers of their flexures, all where not given.
     """
 
-    def __init__(self, stack: LawStack, row: Row) -> None:
+    def __init__(self, stack: LawStack, row: Row, parts: Iterable[tuple[int, Law]] | None = None) -> None:
         count = len(stack.laws)
         self._row = row
         self._constant = np.zeros((count, 6, 6))
@@ -24,7 +27,7 @@ class BatchLaws:
         self._curved: list[tuple[int, Law]] = []
         self._compliances: dict[int, Array] = {}
         self._networks: list[tuple[int, NetworkLaw]] = []
-        for i, law in stack.parts:
+        for i, law in stack.parts if parts is None else parts:
             compliance = constant_compliance(law)
             if compliance is not None:
                 self._constant[i] += compliance

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
-from armflex.laws.network import NetworkLaw
-from armflex.robot import build_model
+from armflex.statics.compiled_question import Answer, Quick, compiled_question
 from armflex.statics.deflect import Asked, deflect, settle
 from armflex.statics.equilibrium import check_method
 from armflex.statics.loaded import LoadedArm
@@ -20,21 +17,14 @@ from armflex.statics.solver import SMALL, Solver
 QUICK = ("exact", "first_order")
 """Methods that a `Solver` has."""
 
-FLOAT = np.dtype(float)
-
-Answer = tuple[Array, Array, Array]
-"""(nq,) joint positions, (n, 6) twists or the (nv,) motion of which they are part, (6,) displacement."""
-
-Quick = Callable[[Array, dict[str, float]], Answer | None]
-"""From (nq,) positions and covariates; None where the general way must be gone, or what is wrong said."""
-
 
 class Prepared:
     """`loop = arm.prepared("p300")`, then `loop(q)` at every tick: the tip's displacement, nothing else computed.
 
     The answers and the errors are those of `arm.deflection(q, "p300")`, to 1e-13 m and rad; doubts that are no errors
-    are not looked for. No answer depends on those before it. Where numba is installed (`armflex[fast]`), arms whose
-    laws are compliances and networks are answered by compiled code. It has its own workspace and remembers its last
+    are not looked for. No answer depends on those before it. Where numba is installed (`armflex[fast]`), arms are
+    answered by compiled code whose laws are compliances and networks, or affine in the load where the joints are and
+    with the covariates given. It has its own workspace and remembers its last
     answer: one object for each thread.
     """
 
@@ -48,7 +38,7 @@ class Prepared:
         self._quick: Quick | None = None
         if method in QUICK and not loaded.arm.pulls:
             exact = method == "exact"
-            self._quick = _compiled(loaded, exact) or _plain(loaded, self._solver, exact)
+            self._quick = compiled_question(loaded, exact) or _plain(loaded, self._solver, exact)
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
         """Return the (6,) displacement of the tip [m, rad], base axes, at (nq,) joint positions [rad or m].
@@ -97,53 +87,6 @@ class Prepared:
         displacement = found.displacement.copy()
         self._answer = (checked, found.solved.motion, displacement)
         return displacement
-
-
-def _compiled(loaded: LoadedArm, exact: bool) -> Quick | None:
-    """Return the question in machine code, None where there is none for an arm's laws, or no proof that it stays."""
-    from armflex.batch.laws import BatchLaws  # which imports the statics of one configuration
-    from armflex.batch.solver import compiled
-
-    proven = not exact or (loaded.softening is not None and loaded.softening.proven)
-    plain = all(isinstance(law, NetworkLaw) for _, _, law in loaded.laws.others)
-    functions = compiled() if proven and plain else None
-    if functions is None:
-        return None
-    bounds, joints, flexures = np.array(loaded.arm.bounds), len(loaded.arm.joint_names), len(loaded.flexure_joints)
-    laws = BatchLaws(loaded.arm.stack, loaded.row(np.zeros((1, joints)), {})).numbers
-    room, hidden = functions.room_for(flexures, lanes=1)[0], np.empty(len(laws[2]))
-    known = (*loaded.chain.numbers, *laws, bounds, room, hidden, exact)
-    answer, shape = functions.answer_one, (joints,)
-
-    def quick(q: Array, covariates: dict[str, float]) -> Answer | None:
-        if covariates or q.shape != shape or q.dtype != FLOAT:
-            return None
-        here, twists, displacement = q.copy(), np.empty((flexures, 6)), np.empty(6)
-        return (here, twists, displacement) if answer(*known, here, twists, displacement) else None
-
-    quick(bounds.mean(axis=0), {})  # compiled now, not in the loop
-    return quick if loaded.nominal is None else _from_nominal(loaded, quick)
-
-
-def _from_nominal(loaded: LoadedArm, quick: Quick) -> Quick:
-    """Return the question whose displacements are from where the controller has the rigid arm, not from where it is."""
-    true, nominal = build_model(loaded.arm.robot, (), None, loaded.arm.corrections), loaded.mechanics.rigid
-    datas = (true.model.createData(), nominal.model.createData())
-    here, there = datas[0].oMf[true.tip], datas[1].oMf[nominal.tip]
-    origin, turn, nominal_origin, back = here.translation, here.rotation, there.translation, there.rotation.T
-
-    def moved(q: Array, covariates: dict[str, float]) -> Answer | None:
-        found = quick(q, covariates)
-        if found is None:
-            return None
-        displacement = found[2]
-        pin.framesForwardKinematics(true.model, datas[0], found[0])
-        pin.framesForwardKinematics(nominal.model, datas[1], found[0])
-        displacement[:3] += origin - nominal_origin
-        displacement[3:] = pin.log3(pin.exp3(displacement[3:]).dot(turn).dot(back))
-        return found
-
-    return moved
 
 
 def _plain(loaded: LoadedArm, solver: Solver, exact: bool) -> Quick:

@@ -46,6 +46,7 @@ GOALS = {
     ("networks", "exact", "prepared, numba"): 16,
     ("three effects", "exact", "deflection"): 26,
     ("three effects", "exact", "prepared, numpy"): 26,
+    ("three effects", "exact", "prepared, numba"): 26,
 }
 WAYS = ("numpy", "numba") if batch_solver.compiled() is not None else ("numpy",)
 METHODS = {"first order": "first_order", "exact": "exact"}
@@ -106,7 +107,7 @@ def ratios(boom: Boom) -> None:
             ask = {"method": method, "covariates": known}
             calls[name, order, "deflection"] = lambda arm=arm, ask=ask: arm.deflection(boom.q, **ask)
             calls[name, order, ".displacement"] = lambda arm=arm, ask=ask: arm.deflection(boom.q, **ask).displacement
-            for way in WAYS[: 1 if arm.effects else 2]:
+            for way in WAYS:
                 loop = prepared(arm, way, method)
                 calls[name, order, f"prepared, {way}"] = lambda loop=loop, known=known: loop(boom.q, **known)
     times = medians_us(calls, rounds=60, repeats=None)
