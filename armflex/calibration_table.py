@@ -27,21 +27,13 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     Raises:
         ArmFileError: A value is of the wrong shape, or names a joint or flexure that the arm does not have.
     """
-    pose = table.numbers("instrument", (6,))
-    sessions = table.sub("sessions")
     offset, geometry, compliance = (table.sub(name) for name in ("joint_offset", "geometry", "compliance"))
     laws = table.sub("law") if table.has("law") else None
     if laws is not None:
         _check_names(laws, arm.flexure_names)
     for part, known in ((offset, arm.joint_names), (geometry, arm.joint_names), (compliance, arm.flexure_names)):
         _check_names(part, known)
-    instrument = Instrument(
-        pin.SE3(pin.exp3(pose[3:]), pose[:3]),
-        {name: sessions.numbers(name, (6,)) for name in sessions.table},
-        table.numbers("target", (3,)),
-        table.number("scale", 0.0),
-        table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3),
-    )
+    instrument = _read_instrument(table)
     corrections = Corrections(
         {name: offset.number(name) for name in offset.table},
         {name: geometry.numbers(name, (6,)) for name in geometry.table},
@@ -60,6 +52,17 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         certainty=certainty,
     )
     return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
+
+
+def _read_instrument(table: Declaration) -> Instrument:
+    pose, sessions = table.numbers("instrument", (6,)), table.sub("sessions")
+    return Instrument(
+        pin.SE3(pin.exp3(pose[3:]), pose[:3]),
+        {name: sessions.numbers(name, (6,)) for name in sessions.table},
+        table.numbers("target", (3,)),
+        table.number("scale", 0.0),
+        table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3),
+    )
 
 
 def _check_names(table: Declaration, known: tuple[str, ...]) -> None:
