@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.blocks import declared_blocks
+from armflex.calibrate.blocks import Block, declared_blocks
 from armflex.calibrate.enough import check_readings
 from armflex.calibrate.fit import Fit, fit
 from armflex.calibrate.identify import Parameter, parameters
@@ -17,6 +17,7 @@ from armflex.calibrate.law_block import law_block
 from armflex.calibrate.learn import fit_learning, settled
 from armflex.calibrate.spread import FRAMES, INSTRUMENT, certainty_of
 from armflex.calibrate.view import Progress, Setup, View, look, position_rms
+from armflex.calibrate.weigh import ROUNDS, Weighed
 from armflex.conventions import Array
 from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.law import LoadLaw, TwistLaw
@@ -31,12 +32,6 @@ OUTLIER = 0.5
 """Robust weight below which a row is listed as an outlier."""
 
 FEWEST_ROWS = 4
-
-CHANCE = 4.0
-"""Standard deviations of its cube root (Wilson and Hilferty 1931) by which a sum of squares is too large for chance."""
-
-EVEN, ROUNDS = 0.05, 5
-"""Scatter over that by which readings were weighed from which they are weighed once more, and how often at most."""
 
 
 @dataclass(frozen=True)
@@ -155,36 +150,32 @@ def calibrate(
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.name in FRAMES]
     laws = None if keep else law_block(declared, placed, seen)
 
-    def fitted(weighed: Measurements) -> Learned:
-        if laws is None:
-            return fit(declared, blocks, weighed, used, progress=progress), ()
-        return fit_learning(declared, blocks, laws, weighed, used, progress)
-
-    found, flags, weighed = _weighed(fitted, measurements, 0 if as_stated else ROUNDS)
+    begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS
+    if laws is None:
+        (found, weighed), flags = _fit(declared, blocks, begun, used, rounds, progress), ()
+    else:
+        found, weighed, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
     calibrated = replace(settled(found.setup.arm, found), **known)
-    return Calibration(calibrated, found, placed, measurements, weighed, flags)
+    return Calibration(calibrated, found, placed, measurements, weighed.factor, flags)
 
 
-Learned = tuple[Fit, tuple[Flag, ...]]
-"""A fit, and doubts about the laws that were learned with it."""
-
-
-def _weighed(
-    fitted: Callable[[Measurements], Learned], measurements: Measurements, rounds: int
-) -> tuple[Fit, tuple[Flag, ...], float]:
-    """Return a fit to readings that scatter as they are weighed, and by which factor on the stated noise they are."""
-    (found, flags), factor = fitted(measurements), 1.0
-    spread = 2.0 / (9.0 * found.freedom)
-    if found.noise ** (2.0 / 3.0) <= 1.0 - spread + CHANCE * np.sqrt(spread):
-        return found, flags, factor
+def _fit(
+    declared: Setup,
+    blocks: Sequence[Block],
+    weighed: Weighed,
+    used: np.ndarray,
+    rounds: int,
+    progress: Progress | None,
+) -> tuple[Fit, Weighed]:
+    """Return a fit to readings that scatter as they are weighed, and how they are."""
+    found = fit(declared, blocks, weighed.measurements, used, progress=progress)
     for _ in range(rounds):
-        if found.noise <= 1.0 + EVEN:
+        better = weighed.again(found)
+        if better.close_to(weighed):
             break
-        factor *= found.noise
-        sigma_r = None if measurements.sigma_r is None else factor * measurements.sigma_r
-        found, flags = fitted(replace(measurements, sigma=factor * measurements.sigma, sigma_r=sigma_r))
-    return found, flags, factor
+        weighed, found = better, fit(declared, blocks, better.measurements, used, found.values, progress)
+    return found, weighed
 
 
 def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:

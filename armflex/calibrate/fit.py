@@ -326,13 +326,15 @@ class _Task:
 
         Laws have kinks, and along some directions only priors hold: a full step may be far too long in a few of them.
         """
-        before = self.cost(here, limit)
+        before, start = self.cost(here, limit), damping
         for _ in range(trials):
             with contextlib.suppress(ArmflexError):
                 step = problem.step(damping)
                 trial = self.at(moved(self.blocks, here.values, step), here.view.rows, here.view)
                 after = self.cost(trial, limit)
                 if after <= before + 1e-9 * abs(before):
-                    return trial, _next_damping(damping, (before - after) / problem.promised(step))
+                    kept = (before - after) / problem.promised(step)
+                    # What had to be damped more just now is not asked with less at once: it would fail again.
+                    return trial, max(_next_damping(damping, kept), damping if damping > start else 0.0)
             damping = max(10.0 * damping, LIGHT)
         return None

@@ -17,6 +17,7 @@ from armflex.calibrate.blocks import Block
 from armflex.calibrate.fit import Effort, Fit, fit
 from armflex.calibrate.law_block import LawBlock, learned_laws, with_laws
 from armflex.calibrate.view import Progress, Setup
+from armflex.calibrate.weigh import Weighed
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, Flag
 from armflex.laws.learned import LearnedLaw
@@ -52,34 +53,40 @@ def fit_learning(
     declared: Setup,
     blocks: Sequence[Block],
     laws: LawBlock,
-    measurements: Measurements,
+    weighed: Weighed,
     rows: np.ndarray,
+    by_scatter: bool,
     progress: Progress | None = None,
-) -> tuple[Fit, tuple[Flag, ...]]:
-    """Return the most probable values of all blocks and laws together, the laws' scales by evidence, and doubts.
+) -> tuple[Fit, Weighed, tuple[Flag, ...]]:
+    """Return the most probable values of all blocks and laws together, how readings were weighed, and doubts.
+
+    The laws' scales are found by evidence, and with them the weights of readings that scatter more than they state.
 
     Args:
-        declared, blocks, measurements, rows, progress: See `fit`.
+        declared, blocks, rows, progress: See `fit`.
         laws: What is learned, with the scales where their search starts.
+        weighed: The readings as they are weighed at first.
+        by_scatter: Whether they may be weighed otherwise.
 
     Raises:
         ConvergenceError: The last fit ended far from settled.
         ArmflexError: See `fit`.
     """
-    start = _plain_first(declared, blocks, laws, measurements, rows)
+    start = _plain_first(declared, blocks, laws, weighed.measurements, rows)
     for _ in range(ROUNDS):
-        found = fit(declared, (*blocks, laws), measurements, rows, start, effort=BRISK)
-        own = found.places(laws)
+        found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, effort=BRISK)
+        own, before = found.places(laws), weighed
         better, start = rescaled(laws, found.values[own], np.diag(found.posterior.covariance)[own]), found.values
         laws, change = better, moved(better, laws)
-        if change < SETTLED:
+        weighed = weighed.again(found) if by_scatter else weighed
+        if change < SETTLED and weighed.close_to(before):
             break
-    found = fit(declared, (*blocks, laws), measurements, rows, start, progress=progress, effort=PATIENT)
+    found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress=progress, effort=PATIENT)
     if found.left > FAR:
         text = f"the learned laws did not settle: -2 log posterior density would fall by {found.left:.3g} or more"
         hint = "a simpler model (polynomial, then linear), fewer flexures that learn, or `armflex trace` may help"
         raise ConvergenceError(f"{text}; {hint}", found.history)
-    return found, tuple(_unsettled(found, change))
+    return found, weighed, tuple(_unsettled(found, change))
 
 
 def _unsettled(found: Fit, change: float) -> Iterator[Flag]:
