@@ -53,6 +53,10 @@ def ensemble(
         InputError: As `Arm.deflection`, or no such method; also where a draw has no equilibrium.
         UnsupportedError: A draw has no equilibrium that is proven stable, or see `draw_arms`.
     """
+    from armflex.calibrate.draw import check_draws  # which imports this package
+
+    draws, seed = check_draws(draws, seed)
+    arm.loaded(payload)  # what is wrong with it is no draw's fault
     if method not in METHODS:
         raise InputError(f"method {method!r} is not known{did_you_mean(method, METHODS)} (known: {', '.join(METHODS)})")
     positions = real_array(q, "q")
@@ -71,7 +75,7 @@ def _by_arms(
     arm: Arm, rows: Array, payload: str | Payload | None, known: dict[str, Array], method: str, draws: int, seed: int
 ) -> Array:
     """Return the (draws, N, 6) displacements of drawn arms, one after the other."""
-    from armflex.calibrate.draw import draw_arms  # which imports this package
+    from armflex.calibrate.draw import draw_arms
 
     found = np.empty((draws, len(rows), 6))
     for number, drawn in enumerate(draw_arms(arm, draws, seed)):

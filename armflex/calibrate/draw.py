@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Integral
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from armflex.calibrate.spread import OF_THE_INSTRUMENT, applied_blocks, without_
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
 from armflex.effects.law import LoadLaw, TwistLaw
-from armflex.errors import UnsupportedError
+from armflex.errors import InputError, UnsupportedError
 from armflex.measured.instrument import Instrument
 
 
@@ -33,8 +34,10 @@ def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
         seed: Of the random numbers.
 
     Raises:
+        InputError: `draws` or `seed` is no whole number, or below 0.
         UnsupportedError: The arm no longer has every parameter that was fitted.
     """
+    draws, seed = check_draws(draws, seed)
     rng = np.random.default_rng(seed)
     certain = without_declared_doubt(arm)
     if arm.certainty is None:
@@ -46,6 +49,14 @@ def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     start, root = _start(blocks), _root(arm.certainty.covariance)
     drawn = (start + root @ rng.normal(size=len(start)) for _ in range(draws))
     return tuple(_with_drawn_laws(_at(setup, blocks, values), rng) for values in drawn)
+
+
+def check_draws(draws: int, seed: int) -> tuple[int, int]:
+    """Return both as whole numbers; raise `InputError` where they are none, or negative."""
+    for name, value in (("draws", draws), ("seed", seed)):
+        if not isinstance(value, Integral) or value < 0:
+            raise InputError(f"{name} is {value!r}, expected a whole number, 0 or more")
+    return int(draws), int(seed)
 
 
 def _with_drawn_laws(arm: Arm, rng: np.random.Generator) -> Arm:

@@ -165,6 +165,8 @@ def law_labels(flexure: Flexure) -> tuple[str, ...]:
 def _undoubted(law: Law) -> Law:
     if isinstance(law, LearnedLaw):
         return replace(law, spread=None)
+    if isinstance(law, LinearLaw) and law.fit is not None:  # its readings' scatter stays
+        return replace(law, relative_std=0.0, fit=replace(law.fit, row_covariance=np.zeros_like(law.fit.row_covariance)))
     return replace(law, relative_std=0.0) if isinstance(law, LinearLaw | PositionDependentLaw) else law
 
 

@@ -167,4 +167,5 @@ def _worst_json(found: WorkspaceMap) -> dict[str, Any]:
         "centre": found.centres[here].tolist(),
         "q": found.worst_q[here].tolist(),
         "payload": found.payloads[found.worst_payload[here]],
+        "draw": int(found.worst_draw[here]),
     }

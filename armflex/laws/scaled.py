@@ -9,7 +9,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import LawError
 from armflex.laws.law import Law
-from armflex.laws.linear import LinearLaw
+from armflex.laws.linear import LinearFit, LinearLaw
 from armflex.laws.position_dependent import PositionDependentLaw
 
 
@@ -21,7 +21,15 @@ def scaled(law: Law, factor: Array) -> Law:
     """
     square = np.outer(factor, factor)
     if isinstance(law, LinearLaw):
-        return replace(law, compliance=law.compliance * square)
+        fit = None if law.fit is None else _scaled_fit(law.fit, square)
+        return replace(law, compliance=law.compliance * square, fit=fit)
     if isinstance(law, PositionDependentLaw):
         return replace(law, coefficients=law.coefficients * square)
     raise LawError(f"a {type(law).__name__} has no compliance to scale")
+
+
+def _scaled_fit(fit: LinearFit, square: Array) -> LinearFit:
+    """Return what is not known of entries that are each times those of `square`; readings scatter as before."""
+    size = len(fit.residual_std)
+    rows = square[:size, :size]
+    return replace(fit, row_covariance=fit.row_covariance * rows[:, :, None] * rows[:, None, :])
