@@ -23,8 +23,9 @@ from armflex.calibrate.posterior import posterior_of
 from armflex.calibrate.view import look
 from armflex.certainty import Certainty
 from armflex.cli.calibrate import as_json
-from armflex.errors import ArmFileError, UnsupportedError
+from armflex.errors import ArmFileError, InputError, UnsupportedError
 from armflex.laws import LinearLaw
+from armflex.laws.linear import LinearFit
 
 PAYLOADS = (("empty", 0.0, (0, 0, 0)), ("p100", 100.0, (0.1, 0.0, 0.0)), ("p200", 200.0, (0.1, 0.0, 0.0)))
 
@@ -265,9 +266,31 @@ def test_draws_of_a_fitted_arm_spread_as_its_whole_covariance_says(found):
     np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=4.0 / np.sqrt(800))
     one = draw_arms(arm, 2, seed=5)[1].deflection(q, "p200").displacement
     np.testing.assert_allclose(ensemble(arm, q, "p200", draws=2, seed=5)[1], one, rtol=0, atol=1e-12)
+    for wrong in ({"draws": -1}, {"draws": 2.5}, {"draws": 1, "seed": -1}, {"draws": "x"}):
+        with pytest.raises(InputError, match="expected a whole number, 0 or more"):
+            ensemble(arm, q, "p200", **wrong)
     lost = dataclasses.replace(arm, certainty=Certainty(("compliance J9 rx",), np.eye(1)))
     with pytest.raises(UnsupportedError, match="no longer has every fitted parameter"):
         draw_arms(lost, 1)
+
+
+def test_what_a_bench_did_not_know_is_known_once_it_was_calibrated(found):
+    """The fit's covariance stands in for it; how readings of the bench scattered stays."""
+    arm, q = found.arm, found.arm.position(J1=0.4, J2=0.3, J3=-0.5)
+    scatter, loads = np.array([0.0, 0.0, 0.0, 1e-5, 1e-5, 1e-5]), np.array([-np.full(6, 1e6), np.full(6, 1e6)])
+
+    def with_fit(share: float, noise: np.ndarray) -> np.ndarray:
+        flexures = list(arm.flexures)
+        law = flexures[1].law
+        rows = np.array([np.diag((share * row) ** 2) for row in np.abs(law.compliance)])
+        flexures[1] = dataclasses.replace(
+            flexures[1], law=LinearLaw(law.compliance, 0.0, LinearFit(rows, noise, loads))
+        )
+        return total_covariance(dataclasses.replace(arm, flexures=tuple(flexures)).deflection(q, "p200"))[0]
+
+    plain = total_covariance(arm.deflection(q, "p200"))[0]
+    np.testing.assert_allclose(with_fit(0.5, np.zeros(6)), plain, rtol=1e-9, atol=1e-12 * plain.max())
+    assert np.trace(with_fit(0.5, scatter)[3:, 3:] - plain[3:, 3:]) == pytest.approx(3e-10, rel=0.05)
 
 
 def test_the_whole_covariance_of_an_arm_as_declared_is_that_of_its_laws(tarm):

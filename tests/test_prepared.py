@@ -31,6 +31,7 @@ from armflex.errors import (
     UnstableEquilibriumError,
 )
 from armflex.laws import LinearLaw, Row
+from armflex.statics.compiled_question import compiled_question
 
 METHODS = ("exact", "first_order", "newton", "fixed_point")
 
@@ -61,9 +62,17 @@ def test_the_bundled_arms(name, payload, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_an_arm_that_stands_elsewhere_than_its_controller_says(method):
-    arm = corrected(bundled("tarm_like"))
-    assert_alike(arm, positions(arm, 5), "p600", method)
+@pytest.mark.parametrize("name", ["tarm_like", "heavy_six"])
+def test_an_arm_that_stands_elsewhere_than_its_controller_says(name, method):
+    arm = corrected(bundled(name))
+    assert_alike(arm, positions(arm, 5), None, method)
+
+
+@pytest.mark.parametrize("name", ["tarm_like", "heavy_six"])
+def test_the_bundled_arms_are_answered_by_compiled_code_where_there_is_any(name):
+    expected = batch_solver.compiled() is not None
+    for arm in (bundled(name), corrected(bundled(name))):
+        assert (compiled_question(arm.loaded(None), exact=True) is not None) == expected
 
 
 @pytest.mark.parametrize("kind", KINDS)

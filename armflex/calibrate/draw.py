@@ -11,13 +11,16 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.effect_block import EffectBlock
-from armflex.calibrate.law_block import LawBlock
+from armflex.calibrate.law_block import LawBlock, with_laws
 from armflex.calibrate.spread import OF_THE_INSTRUMENT, applied_blocks, without_declared_doubt
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
 from armflex.effects.law import LoadLaw, TwistLaw
 from armflex.errors import InputError, UnsupportedError
 from armflex.measured.instrument import Instrument
+
+LEAST = 0.1
+"""What a draw leaves at least of a compliance."""
 
 
 def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
@@ -46,9 +49,9 @@ def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     blocks = applied_blocks(arm.certainty, setup)
     if blocks is None:
         raise UnsupportedError("the arm no longer has every fitted parameter (another preset?): it cannot be drawn")
-    start, root = _start(blocks), _root(arm.certainty.covariance)
-    drawn = (start + root @ rng.normal(size=len(start)) for _ in range(draws))
-    return tuple(_with_drawn_laws(_at(setup, blocks, values), rng) for values in drawn)
+    root = _root(arm.certainty.covariance)
+    steps = (root @ rng.normal(size=len(root)) for _ in range(draws))
+    return tuple(_with_drawn_laws(_stepped(setup, blocks, step), rng) for step in steps)
 
 
 def check_draws(draws: int, seed: int) -> tuple[int, int]:
@@ -65,25 +68,29 @@ def _with_drawn_laws(arm: Arm, rng: np.random.Generator) -> Arm:
     return replace(arm, flexures=tuple(flexures), certainty=None)
 
 
-def _start(blocks: Sequence[Block]) -> Array:
-    """Return the (P,) values at which the arm is as it is."""
-    own = [one.start if isinstance(one, LawBlock | EffectBlock) else np.zeros(len(one.labels)) for one in blocks]
-    return np.concatenate([np.zeros(0), *own])
-
-
 def _root(covariance: Array) -> Array:
     """Return a (P, P) root of a covariance that may be singular."""
     variances, directions = np.linalg.eigh(covariance)
     return directions * np.sqrt(np.maximum(variances, 0.0))
 
 
-def _at(setup: Setup, blocks: Sequence[Block], values: Array) -> Arm:
-    """Return the arm at (P,) values of its blocks."""
-    parts = np.split(values, np.cumsum([len(block.labels) for block in blocks])[:-1])
+def _stepped(setup: Setup, blocks: Sequence[Block], step: Array) -> Arm:
+    """Return the arm a (P,) step of its parameters away, to first order in how it bends.
+
+    Factors of compliances are drawn, not their logarithms: what several do against each other cancels in a straight
+    line alone, and no reading told the rest.
+    """
+    parts = np.split(step, np.cumsum([len(block.labels) for block in blocks])[:-1])
     for block, own in zip(blocks, parts, strict=True):
         if block.name.startswith(OF_THE_INSTRUMENT):
             continue
-        setup = _with_effect(setup, block, own) if isinstance(block, EffectBlock) else block.apply(setup, own)
+        if isinstance(block, EffectBlock):
+            setup = _with_effect(setup, block, block.start + own)
+        elif isinstance(block, LawBlock):
+            pairs = zip(block.flexures, block.laws, block.split(own), strict=True)
+            setup = replace(setup, arm=with_laws(setup.arm, {name: law.moved(part) for name, law, part in pairs}))
+        else:
+            setup = block.apply(setup, np.log(np.maximum(1.0 + own, LEAST)) if block.logarithmic else own)
     return setup.arm
 
 

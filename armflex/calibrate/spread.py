@@ -166,7 +166,8 @@ def _undoubted(law: Law) -> Law:
     if isinstance(law, LearnedLaw):
         return replace(law, spread=None)
     if isinstance(law, LinearLaw) and law.fit is not None:  # its readings' scatter stays
-        return replace(law, relative_std=0.0, fit=replace(law.fit, row_covariance=np.zeros_like(law.fit.row_covariance)))
+        told = replace(law.fit, row_covariance=np.zeros_like(law.fit.row_covariance))
+        return replace(law, relative_std=0.0, fit=told)
     return replace(law, relative_std=0.0) if isinstance(law, LinearLaw | PositionDependentLaw) else law
 
 

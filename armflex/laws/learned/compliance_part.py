@@ -20,6 +20,9 @@ from armflex.laws.position_dependent import PositionDependentLaw
 LOOSE = 0.5
 """Prior standard deviation of a factor's logarithm where nothing was declared."""
 
+LEAST = 0.1
+"""What a step leaves at least of what an axis gave: a compliance stays one."""
+
 NOWHERE = Row(np.zeros(0), {})
 """For laws that are the same everywhere."""
 
@@ -89,6 +92,21 @@ class CompliancePart:
         change = ((_divided(size)[..., None, :, :] * units) @ load[..., None, :, None])[..., 0]
         by_entry = own @ np.swapaxes(change, -1, -2)
         return np.concatenate([by_entry * power for power in self._powers(row, 2)], axis=-1)
+
+    def stepped(self, values: Array, step: Array) -> Array:
+        """Return values whose compliance is that of a step away to first order, softened or stiffened to a point.
+
+        No direction is left with less than `LEAST` of what it gave. For a compliance that no position counts in.
+        """
+        size, vectors = np.linalg.eigh(np.tensordot(values, self._units, axes=1))
+        half = np.exp(0.5 * size)
+        change = _divided(size) * (vectors.T @ np.tensordot(step, self._units, axes=1) @ vectors)
+        grown, turned = np.linalg.eigh(change / np.outer(half, half))
+        factor = (vectors * half) @ turned
+        told, axes = np.linalg.eigh(factor * np.maximum(1.0 + grown, LEAST) @ factor.T)
+        logarithm = (axes * np.log(told)) @ axes.T
+        places = {axis: place for place, axis in enumerate(self.axes)}
+        return np.array([logarithm[places[i], places[j]] for i, j in self._entries])
 
     def law(self, values: Array) -> Law | None:
         """Return a linear law where no position counts."""

@@ -12,6 +12,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws.law import Law, Ranges, Row, block_norms
 from armflex.laws.learned.correction import Correction, fading
+from armflex.laws.learned.linearised import Linearised, moved
 from armflex.laws.learned.part import Group, Part
 from armflex.laws.learned.seen import Seen
 from armflex.laws.learned.window import Window
@@ -151,7 +152,15 @@ class LearnedLaw(Law):
         """Return the law at values drawn from what is known of them."""
         if self.spread is None:
             return self
-        return self.at(rng.multivariate_normal(self.values, self.spread, method="eigh"))
+        return self.moved(rng.multivariate_normal(np.zeros(len(self.values)), self.spread, method="eigh"))
+
+    def moved(self, step: Array) -> LearnedLaw:
+        """Return the law whose twist is that of a (k,) step of its values away, to first order in the values."""
+        (values, own), count = self._split, len(self.plain.start)
+        plain, values = moved(self.plain, values, step[:count])
+        correction = None if self.correction is None else Linearised(self.correction, own)
+        there = np.concatenate([values, own + step[count:]])
+        return replace(self, plain=plain, correction=correction, values=there, spread=None)
 
     def affine(self, row: Row) -> tuple[Array, Array] | None:
         """Return no twist and the compliance where there is one."""
