@@ -26,6 +26,8 @@ class Certainty:
         unexplained: Site, axis and standard deviation [m or rad] of a random twist that nobody can predict, None where
             there is none.
         directions: (k, P) directions that neither the campaign nor a prior determined, None where there are none.
+        misfit: Standard deviation of each coordinate [m] by which readings scattered beyond what they stated: what the
+            arm lacks moves the tip so much.
 
     Raises:
         InputError: Two parameters have the same label.
@@ -35,6 +37,7 @@ class Certainty:
     covariance: Array
     unexplained: tuple[str, str, float] | None = None
     directions: Array | None = None
+    misfit: float = 0.0
 
     def __post_init__(self) -> None:
         if len(set(self.labels)) < len(self.labels):

@@ -22,7 +22,10 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
     covariance = _from_file(table, labels) if table.has("covariance_file") else _from_rows(table, labels)
     if (np.diag(covariance) < 0.0).any():
         raise table.fail("covariance", "a variance is negative")
-    return Certainty(labels, covariance, _unexplained(table, arm), _directions(table, len(labels)))
+    misfit = table.number("misfit_m", 0.0)
+    if misfit < 0.0:
+        raise table.fail("misfit_m", f"a standard deviation cannot be negative, got {misfit:g}")
+    return Certainty(labels, covariance, _unexplained(table, arm), _directions(table, len(labels)), misfit)
 
 
 def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:

@@ -404,3 +404,19 @@ def test_a_compliance_that_would_vanish_settles(tmp_path):
     arm = load_arm(truth.arm)
     found = calibrate(arm, read_measurements(truth.train, arm), as_stated=True).fit
     assert found.value("compliance").min() < -2.0 and len(found.history) < 40
+
+
+def test_what_the_arm_lacks_is_in_the_stated_uncertainty(tmp_path):
+    """Readings of an arm with backlash that nobody declared: errors on other poses are as large as sigma says."""
+    drawn = draw("backlash", 4, "six").write(tmp_path)
+    file, arm = drawn.arm, load_arm(drawn.arm)
+    train, test = read_measurements(drawn.train, arm), read_measurements(drawn.test, arm)
+    found = calibrate(arm, train)
+    assert found.weighed > 1.5 and found.arm.certainty.misfit > 1e-4
+    there = load_arm(write_calibrated(file, found, tmp_path / "calibrated.toml"))
+    assert there.certainty.misfit == pytest.approx(found.arm.certainty.misfit)
+    told, read = predict(there, test), test.measured
+    z = (told.position - test.position)[read] / np.hypot(told.sigma[read], test.sigma[read])
+    assert 0.7 < np.sqrt((z**2).mean()) < 1.4
+    assert "lacking" in [flag.code for flag in told.flags]
+    assert calibrate(arm, train, as_stated=True).arm.certainty.misfit == 0.0

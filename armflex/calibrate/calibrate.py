@@ -53,7 +53,6 @@ class Calibration:
         fit: The fit itself: values, covariance, residuals.
         placed: The rows as the declared arm explains them, only the instrument's frame fitted.
         measurements: The campaign.
-        weighed: Factor on the stated noise by which the fit weighed the readings: 1, more where they scatter more.
         flags: Doubts about the learned laws: a search that did not settle.
     """
 
@@ -61,7 +60,6 @@ class Calibration:
     fit: Fit
     placed: View
     measurements: Measurements
-    weighed: float = 1.0
     flags: tuple[Flag, ...] = ()
 
     @property
@@ -78,6 +76,11 @@ class Calibration:
     def rms(self) -> float:
         """RMS of the 3-D position error after calibration [m]."""
         return self.fit.rms
+
+    @property
+    def weighed(self) -> float:
+        """Factor on the stated noise by which the fit weighed the readings: 1, more where they scatter more."""
+        return self.fit.factor
 
     @property
     def scatter(self) -> float:
@@ -152,12 +155,12 @@ def calibrate(
 
     begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS
     if laws is None:
-        (found, weighed), flags = _fit(declared, blocks, begun, used, rounds, progress), ()
+        found, flags = _fit(declared, blocks, begun, used, rounds, progress), ()
     else:
-        found, weighed, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
+        found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
     calibrated = replace(settled(found.setup.arm, found), **known)
-    return Calibration(calibrated, found, placed, measurements, weighed.factor, flags)
+    return Calibration(calibrated, found, placed, measurements, flags)
 
 
 def _fit(
@@ -167,15 +170,15 @@ def _fit(
     used: np.ndarray,
     rounds: int,
     progress: Progress | None,
-) -> tuple[Fit, Weighed]:
-    """Return a fit to readings that scatter as they are weighed, and how they are."""
+) -> Fit:
+    """Return a fit to readings that scatter as they are weighed."""
     found = fit(declared, blocks, weighed.measurements, used, progress=progress)
     for _ in range(rounds):
         better = weighed.again(found)
         if better.close_to(weighed):
             break
         weighed, found = better, fit(declared, blocks, better.measurements, used, found.values, progress)
-    return found, weighed
+    return replace(found, factor=weighed.factor)
 
 
 def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:

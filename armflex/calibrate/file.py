@@ -142,6 +142,8 @@ def as_table(fit: Fit, measurements: Measurements, rows: np.ndarray, rms: float)
     }
     if laws := law_tables(settled(setup.arm, fit)):
         table["law"] = laws
+    if certainty.misfit:
+        table["misfit_m"] = certainty.misfit
     if certainty.unexplained is not None:
         table["unexplained"] = dict(zip(("site", "axis", "std"), certainty.unexplained, strict=True))
     table["parameters"] = list(certainty.labels)

@@ -71,6 +71,7 @@ class Fit:
         history: Objective after each step.
         left: Fall of the cost that was still to be had where the steps ended unsettled, over that which noise as stated
             would make of 1; 0 where they settled.
+        factor: On the stated standard deviations of the readings that were fitted.
     """
 
     declared: Setup
@@ -80,6 +81,7 @@ class Fit:
     weights: Array
     history: tuple[float, ...]
     left: float = 0.0
+    factor: float = 1.0
 
     @property
     def setup(self) -> Setup:
@@ -122,6 +124,14 @@ class Fit:
         size = len(self.residual) // len(self.weights)
         within = self.residual * np.sqrt(np.repeat(self.weights, size))
         return float(np.sqrt(within @ within / self.freedom))
+
+    @property
+    def misfit(self) -> float:
+        """Standard deviation of each coordinate [m] beyond the stated one, where readings had to be weighed by it."""
+        scatter = self.factor * self.noise
+        if self.factor == 1.0 or scatter <= 1.0:
+            return 0.0
+        return position_rms(self.view.sigma) / self.factor * float(np.sqrt((scatter**2 - 1.0) / 3.0))
 
     @cached_property
     def posterior(self) -> Posterior:

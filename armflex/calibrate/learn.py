@@ -57,8 +57,8 @@ def fit_learning(
     rows: np.ndarray,
     by_scatter: bool,
     progress: Progress | None = None,
-) -> tuple[Fit, Weighed, tuple[Flag, ...]]:
-    """Return the most probable values of all blocks and laws together, how readings were weighed, and doubts.
+) -> tuple[Fit, tuple[Flag, ...]]:
+    """Return the most probable values of all blocks and laws together, and doubts.
 
     The laws' scales are found by evidence, and with them the weights of readings that scatter more than they state.
 
@@ -74,7 +74,7 @@ def fit_learning(
     """
     start = _plain_first(declared, blocks, laws, weighed.measurements, rows)
     for _ in range(ROUNDS):
-        found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, effort=BRISK)
+        found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress, BRISK)
         own, before = found.places(laws), weighed
         better, start = rescaled(laws, found.values[own], np.diag(found.posterior.covariance)[own]), found.values
         laws, change = better, moved(better, laws)
@@ -86,7 +86,7 @@ def fit_learning(
         text = f"the learned laws did not settle: -2 log posterior density would fall by {found.left:.3g} or more"
         hint = "a simpler model (polynomial, then linear), fewer flexures that learn, or `armflex trace` may help"
         raise ConvergenceError(f"{text}; {hint}", found.history)
-    return found, weighed, tuple(_unsettled(found, change))
+    return replace(found, factor=weighed.factor), tuple(_unsettled(found, change))
 
 
 def _unsettled(found: Fit, change: float) -> Iterator[Flag]:

@@ -53,7 +53,7 @@ def certainty_of(fit: Fit) -> Certainty:
     unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None
     known = fit.posterior
     directions = known.undetermined[:, kept] if len(known.undetermined) else None
-    found = Certainty(labels, known.covariance[np.ix_(kept, kept)], unexplained, directions)
+    found = Certainty(labels, known.covariance[np.ix_(kept, kept)], unexplained, directions, fit.misfit)
     earlier = fit.declared.arm.certainty
     return found if earlier is None else _joined(earlier, found)
 
@@ -69,7 +69,8 @@ def _joined(earlier: Certainty, found: Certainty) -> Certainty:
     unexplained = found.unexplained or earlier.unexplained
     directions = _stacked(earlier.directions, kept, found.directions, len(found.labels))
     directions = None if directions is None else directions[:, order]
-    return Certainty(tuple(labels[i] for i in order), covariance[np.ix_(order, order)], unexplained, directions)
+    told = covariance[np.ix_(order, order)]
+    return Certainty(tuple(labels[i] for i in order), told, unexplained, directions, found.misfit)
 
 
 def _stacked(earlier: Array | None, kept: Sequence[int], found: Array | None, count: int) -> Array | None:
@@ -103,7 +104,8 @@ def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[F
     variance = np.einsum("ndp,pq,ndq->nd", columns, arm.certainty.covariance, columns, optimize=True)
     left = arm.certainty.leaves_open(columns)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)
-    return variance, (_open(arm.certainty, "is infinite where they matter"),) if left.any() else ()
+    doubts = (_open(arm.certainty, "is infinite where they matter"),) if left.any() else ()
+    return variance, (*doubts, *_lacking(arm.certainty))
 
 
 def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[Flag, ...]]:
@@ -129,14 +131,24 @@ def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None,
         site, axis, size = arm.certainty.unexplained
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
         covariance += along[:, :, None] * along[:, None]
-    left = arm.certainty.leaves_open(columns).any()
-    return covariance, (_open(arm.certainty, "leaves them out"),) if left else ()
+    covariance[:, :3, :3] += arm.certainty.misfit**2 * np.eye(3)
+    doubts = (_open(arm.certainty, "leaves them out"),) if arm.certainty.leaves_open(columns).any() else ()
+    return covariance, (*doubts, *_lacking(arm.certainty))
 
 
 def _open(certainty: Certainty, sigma: str) -> Flag:
     """Return the doubt about parameters that nothing determines, and what sigma makes of them."""
     names = listing(certainty.undetermined)
     return Flag("undetermined", f"neither a campaign nor a prior determines {names}: sigma {sigma}")
+
+
+def _lacking(certainty: Certainty) -> tuple[Flag, ...]:
+    """Return the doubt about an arm whose readings scattered more than they stated."""
+    if not certainty.misfit:
+        return ()
+    size = f"{np.sqrt(3.0) * certainty.misfit * 1e3:.3g} mm"
+    text = f"the arm lacks something that moved the tip by {size} (RMS) when it was calibrated: sigma has that in it"
+    return (Flag("lacking", f"{text}, `trace` looks for it"),)
 
 
 def _columns(blocks: Sequence[Block], view: View) -> Array:
@@ -180,8 +192,8 @@ def _unforeseen(arm: Arm, view: View, rows: Measurements) -> Array:
     prior, sessions = arm.prior, view.setup.instrument.sessions
     new = np.array([bool(sessions) and session not in sessions for session in rows.session])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
-    variance = ((rigid_motion(view.points, 3) * std) ** 2).sum(axis=2) * new[:, None]
     assert arm.certainty is not None
+    variance = ((rigid_motion(view.points, 3) * std) ** 2).sum(axis=2) * new[:, None] + arm.certainty.misfit**2
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
         variance += (size * view.to_twist(site)[:, :3, TWIST_NAMES.index(axis)]) ** 2
