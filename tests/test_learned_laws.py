@@ -189,9 +189,24 @@ def test_what_a_bench_says_of_a_law_is_kept():
     np.testing.assert_allclose(law.prior[:6], 0.02, rtol=1e-9)
     settled = law.settled(np.zeros((len(law.values),) * 2), LOADS, ROW)
     np.testing.assert_allclose(settled.covariance(LOADS[0], ROW.some(0)), np.diag(scatter**2), rtol=1e-12)
+    away = AtNode(fitted, np.array([0.5, 0.0, 0.2]))
+    law = learned_law(away, Learning("linear"), seen_in(away, LOADS, ROW))
+    exact = replace(fitted, fit=replace(fitted.fit, row_covariance=np.zeros((6, 6, 6))))
+    carried = AtNode(exact, away.node).covariance(LOADS[0], ROW.some(0))
+    assert np.abs(carried - np.diag(np.diag(carried))).max() > 0.1 * np.diag(carried)[:3].max()
+    np.testing.assert_allclose(law.covariance(LOADS[0], ROW.some(0)), carried, rtol=1e-12)
     noisy = replace(structure(), noise=scatter)
     law = learned_law(noisy, Learning("structural"), seen_in(noisy, LOADS, ROW))
     np.testing.assert_allclose(law.covariance(LOADS[0], ROW.some(0)), np.diag(scatter**2), rtol=1e-12)
+
+
+def test_the_worst_row_is_the_one_furthest_beyond_the_loads_seen():
+    """In parts of the range that was seen, on whichever side."""
+    seen = np.array([[-100.0, 0.0], [300.0, 1.0]])
+    sizes = [[flag.size for flag in beyond(seen, np.array(load))] for load in ([500.0, 0.5], [-140.0, 3.0], [0.0, 1.0])]
+    np.testing.assert_allclose(sizes[0], [0.5])
+    np.testing.assert_allclose(sizes[1], [0.1, 2.0])
+    assert not sizes[2]
 
 
 def test_loads_are_told_apart_from_those_seen():

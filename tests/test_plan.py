@@ -355,8 +355,7 @@ def test_a_calibrated_arm_is_planned_from_its_covariance(campaign) -> None:
 def test_laws_that_are_to_be_learned_are_among_what_is_planned_for(campaign) -> None:
     """Before a campaign as uncertain as they were declared, after one as their covariance has it."""
     arm, measured = campaign
-    flexures = [replace(f, learn=Learning("linear")) if f.name == "A2" else f for f in arm.flexures]
-    arm = replace(arm, flexures=tuple(flexures))
+    arm = learning(arm, "A2")
     first = plan(arm, 4)
     before = dict(zip(first.model.names, first.std_before, strict=True))
     after = dict(zip(first.model.names, first.std_after, strict=True))
@@ -368,6 +367,40 @@ def test_laws_that_are_to_be_learned_are_among_what_is_planned_for(campaign) -> 
     for further in (plan(fitted.arm, 4), plan(arm, 4, after=measured)):
         before = dict(zip(further.model.names, further.std_before, strict=True))
         np.testing.assert_allclose([before[name] for name in stored], list(stored.values()), rtol=0.05)
+
+
+def test_laws_to_be_learned_since_a_calibration_are_planned_for(campaign) -> None:
+    """As uncertain as they were declared without the campaign, as its rows leave them with it."""
+    arm, measured = campaign
+    fitted = calibrate(arm, measured).arm
+    again = learning(fitted, "A2")
+    first, further = plan(again, 4), plan(again, 4, after=measured)
+    for found in (first, further):
+        assert not any(name.startswith("compliance A2") for name in found.model.names)
+    before = dict(zip(first.model.names, first.std_before, strict=True))
+    after = dict(zip(first.model.names, first.std_after, strict=True))
+    known = dict(zip(further.model.names, further.std_before, strict=True))
+    stored = dict(zip(fitted.certainty.labels, np.sqrt(np.diag(fitted.certainty.covariance)), strict=True))
+    assert before["law A2 ry"] == pytest.approx(0.5) and after["law A2 ry"] < 0.25
+    assert before["compliance A3 ry"] == pytest.approx(stored["compliance A3 ry"])
+    assert known["law A2 ry"] < 0.1 and known["law A2 dy"] == pytest.approx(0.5, rel=0.01)
+
+
+def test_a_covariance_of_some_of_the_learned_laws_is_refused(campaign) -> None:
+    arm, measured = campaign
+    fitted = calibrate(learning(arm, "A2"), measured).arm
+    both = learning(fitted, "A3")
+    with pytest.raises(InputError, match=r"A3 is to be learned, but .* laws of A2 alone"):
+        plan(both, 4)
+    names = plan(both, 4, after=measured).model.names
+    assert "law A2 ry" in names and "law A3 ry" in names
+
+
+def learning(arm: Arm, name: str) -> Arm:
+    """Return an arm with a flexure's compliance to be learned."""
+    return replace(
+        arm, flexures=tuple(replace(f, learn=Learning("linear")) if f.name == name else f for f in arm.flexures)
+    )
 
 
 def test_the_command_writes_rows_a_picture_and_json(armflex: Run, tmp_path: Path) -> None:

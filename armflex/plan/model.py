@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,17 +10,27 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate import calibrate
+from armflex.calibrate.arm_blocks import ComplianceBlock
 from armflex.calibrate.blocks import Block, FrameBlock, SessionBlock, declared_blocks, places_of
 from armflex.calibrate.effect_block import EffectBlock, effect_columns, shy_prior
 from armflex.calibrate.fit import Fit, prior_of
-from armflex.calibrate.law_block import LawBlock, law_block, learned_laws
+from armflex.calibrate.law_block import LawBlock, law_block, learned_laws, with_laws
 from armflex.calibrate.robust import whitened_columns
-from armflex.calibrate.spread import FRAMES, OF_THE_INSTRUMENT, OTHER_PARAMETERS, rebuilt_blocks, scene_of
+from armflex.calibrate.spread import (
+    FRAMES,
+    OF_THE_INSTRUMENT,
+    OTHER_PARAMETERS,
+    labels_of,
+    law_labels,
+    rebuilt_blocks,
+    scene_of,
+)
 from armflex.calibrate.view import Setup, View, look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.effects.scene import Scene
-from armflex.errors import InputError
+from armflex.errors import InputError, listing
+from armflex.laws.learned import LearnedLaw
 from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
 from armflex.plan.information import inverse
@@ -51,6 +61,13 @@ class Before:
     weights: Array | None = None
     fit: Fit | None = None
     noise: float = 1.0
+
+    def seen_by(self, setup: Setup) -> Before:
+        """Return the same as another arm or instrument has it."""
+        if self.campaign is None:
+            return replace(self, setup=setup)
+        view = look(setup, self.campaign, np.arange(len(self.campaign)))
+        return replace(self, setup=setup, view=view, scene=scene_of(view, self.campaign))
 
 
 def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Before:
@@ -129,11 +146,13 @@ class Model:
 def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
     """Return both with the laws that are still to be learned free about what was declared, under the offered loads."""
     arm = before.setup.arm
-    block = None if learned_laws(arm) else law_block(before.setup, offer.view)
-    if block is None:
+    known, block = learned_laws(arm), law_block(before.setup, offer.view)
+    named = () if block is None else zip(block.flexures, block.laws, strict=True)
+    new = {name: law for name, law in named if name not in known}
+    if not new:
         return before, offer
-    setup = block.apply(before.setup, block.start)
-    return replace(before, setup=setup), offer.seen_by(setup)
+    setup = replace(before.setup, arm=with_laws(arm, new))
+    return before.seen_by(setup), offer.seen_by(setup)
 
 
 def answers(blocks: Sequence[Block], view: View, rows: Measurements, scene: Scene) -> Array:
@@ -200,23 +219,51 @@ def _finite(blocks: Sequence[Block]) -> Array:
 
 
 def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
-    """Return the model of a calibrated arm: frames anew, because another instrument may come."""
-    arm, asked = setup.arm, {suspect.name for suspect in suspects}
+    """Return the model of a calibrated arm: frames anew, because another instrument may come.
+
+    A law that is to be learned since is as uncertain as it was declared, whatever was known of its compliance.
+
+    Raises:
+        InputError: The covariance is of other parameters, or of some of the laws that are learned.
+    """
+    arm, asked, new = setup.arm, {suspect.name for suspect in suspects}, _new_laws(setup.arm)
     known = rebuilt_blocks(arm.certainty, offer.view, offer.rows)
     if known is None:
         raise InputError(OTHER_PARAMETERS.text)
     frame = [FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement")]
     frames = frame if arm.measurement.frame == "unknown" else []
-    kept = [block for block in known if block.name not in (*FRAMES, *asked)]
-    places = np.repeat([block in kept for block in known], [len(block.labels) for block in known])
+    kept = [_without(block, new) for block in known if block.name not in (*FRAMES, *asked)]
+    kept = [block for block in kept if block.labels]
+    places = np.isin(labels_of(known), labels_of(kept))
     covariance = arm.certainty.covariance[np.ix_(places, places)]
-    blocks = (*frames, *kept, *suspects)
+    fresh = (*((LawBlock(tuple(new), tuple(new.values())),) if new else ()), *suspects)
+    blocks = (*frames, *kept, *fresh)
     std = np.sqrt(np.diag(covariance))
-    scale = np.concatenate([_finite(frames), std, _finite(suspects)])
-    normal, first = np.eye(len(scale)), len(scale) - len(std) - len(_finite(suspects))
+    scale = np.concatenate([_finite(frames), std, _finite(fresh)])
+    normal, first = np.eye(len(scale)), len(scale) - len(std) - len(_finite(fresh))
     inside = slice(first, first + len(std))
     normal[inside, inside] = np.linalg.inv(covariance / np.outer(std, std))
     return Model(blocks, scale, normal, np.concatenate([_told(block, arm) for block in blocks]))
+
+
+def _new_laws(arm: Arm) -> dict[str, LearnedLaw]:
+    """Return the learned laws by flexure that a calibrated arm's covariance says nothing of: all, or none."""
+    laws, fitted = learned_laws(arm), set(arm.certainty.labels)
+    known = {flexure.name for flexure in arm.flexures if not fitted.isdisjoint(law_labels(flexure))}
+    new = {name: law for name, law in laws.items() if name not in known}
+    if new and len(new) < len(laws):
+        old = listing(laws.keys() - new.keys())
+        text = f"{listing(new)} is to be learned, but the arm was calibrated with the learned laws of {old} alone"
+        raise InputError(f"{text}: plan after its campaign, or calibrate anew")
+    return new
+
+
+def _without(block: Block, names: Container[str]) -> Block:
+    """Return a block without the compliances of some flexures."""
+    if not isinstance(block, ComplianceBlock):
+        return block
+    pairs = [pair for pair in zip(block.flexures, block.axes, strict=True) if pair[0] not in names]
+    return replace(block, flexures=tuple(name for name, _ in pairs), axes=tuple(axes for _, axes in pairs))
 
 
 def _told(block: Block, arm: Arm) -> Array:

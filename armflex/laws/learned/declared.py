@@ -108,14 +108,14 @@ def _fitted_std(law: LinearLaw, axes: tuple[int, ...]) -> tuple[float, ...]:
 
 
 def _scatter(law: Law) -> Array | None:
-    """Return the (6,) scatter about a law that its parameters do not explain [m, rad], None where it has none."""
+    """Return the (6, 6) covariance about a law that its parameters do not explain, None where it has none."""
     if isinstance(law, AtNode):
         own = _scatter(law.law)
-        return None if own is None else np.sqrt(law.action**2 @ own**2)
+        return None if own is None else law.action @ own @ law.action.T
     if isinstance(law, StructuralLaw):
-        return law.noise
+        return None if law.noise is None else np.diag(law.noise**2)
     if isinstance(law, LinearLaw) and law.fit is not None:
-        return np.pad(law.fit.residual_std, (0, 6 - len(law.fit.residual_std)))
+        return np.diag(np.pad(law.fit.residual_std**2, (0, 6 - len(law.fit.residual_std))))
     return None
 
 

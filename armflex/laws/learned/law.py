@@ -33,7 +33,7 @@ class LearnedLaw(Law):
         spread: (k, k) covariance of the values, None where nobody says.
         reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
         faded: Distance, see `Window`, from which on a correction is nothing; infinite while it is being learned.
-        scatter: (6,) scatter that the declared law has about what its parameters say [m, rad], None for none.
+        scatter: (6, 6) covariance of the declared law's scatter about what its parameters say, None for none.
     """
 
     declared: Law
@@ -130,7 +130,7 @@ class LearnedLaw(Law):
             by = self.by_values(wrench, row)
             parts.append(by @ self.spread @ np.swapaxes(by, -1, -2))
         if self.scatter is not None:
-            parts.append(np.broadcast_to(np.diag(self.scatter**2), (*wrench.shape[:-1], 6, 6)))
+            parts.append(np.broadcast_to(self.scatter, (*wrench.shape[:-1], 6, 6)))
         if self.reach is not None:
             std = self.window.unknown(wrench)[..., None] * self.reach
             parts.append(std[..., None] ** 2 * np.eye(6))
