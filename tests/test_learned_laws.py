@@ -94,9 +94,10 @@ def test_a_law_begins_as_it_was_declared(name):
 @pytest.mark.parametrize("name", DECLARED)
 @pytest.mark.parametrize("number", [0, 7, 31])
 @pytest.mark.parametrize("out", [0.8, 1.3, 2.5])
-def test_derivatives_by_load_and_by_values(name, number, out):
+@pytest.mark.parametrize("energy", [None, compliance(rigid=2) / 5.0], ids=["by distance", "by energy"])
+def test_derivatives_by_load_and_by_values(name, number, out, energy):
     """Some of the loads are where a correction is carried on, and fades."""
-    law, row, load = replace(moved(name), faded=3.0), ROW.some(number), out * LOADS[number]
+    law, row, load = replace(moved(name), faded=3.0, energy=energy), ROW.some(number), out * LOADS[number]
     tangent = central_difference(lambda z: law.twist(z * SIZE, row), load / SIZE, 1e-5)
     np.testing.assert_allclose(law.tangent(load, row) * SIZE, tangent, rtol=1e-5, atol=1e-6 * np.abs(tangent).max())
     by_values = central_difference(lambda values: law.at(values).twist(load, row), law.values, 1e-5)
@@ -110,6 +111,14 @@ def test_rows_at_once_are_rows_one_by_one(name):
         together = ask(LOADS[:5], Row(ROW.q[:5], ROW.joint_index))
         each = [ask(load, ROW.some(i)) for i, load in enumerate(LOADS[:5])]
         np.testing.assert_allclose(together, each, rtol=1e-9, atol=1e-18)
+
+
+@pytest.mark.parametrize("name", ["polynomial", "neural"])
+def test_a_row_among_the_loads_seen_is_what_it_is_whatever_the_others_are(name):
+    law, others = replace(moved(name), faded=3.0), LOADS.copy()
+    others[-1] *= 20.0
+    for ask in (law.twist, law.tangent, law.by_values):
+        np.testing.assert_array_equal(ask(others, ROW)[:-1], ask(LOADS, ROW)[:-1])
 
 
 @settings(deadline=None, max_examples=40)
@@ -129,7 +138,7 @@ def test_a_correction_is_nothing_beyond_the_loads_seen_and_its_doubt_grows(name)
     law = moved(name).settled(1e-4 * np.eye(len(moved(name).values)), LOADS, ROW)
     plain = law.plain.law(law.values[: len(law.plain.start)])
     row, mean = ROW.some(0), law.window.mean
-    far = mean + 1.001 * law.faded * (LOADS[0] - mean) / law.window.distance(LOADS[0])
+    far = mean + 1.001 * law.faded * (LOADS[0] - mean) / law.window.outreach(LOADS[0])
     assert law.window.weight(LOADS).min() == 1.0
     assert np.abs(law.twist(LOADS, ROW) - plain.twist(LOADS, ROW)).max() > 1e-6
     np.testing.assert_array_equal(law.twist(far, row), plain.twist(far, row))
@@ -146,11 +155,24 @@ def test_fading_takes_a_quarter_of_the_compliance_at_most(seed, size, name):
     law = law.settled(1e-9 * np.eye(len(law.values)), LOADS, ROW)
     root = np.linalg.pinv(compliance_root(law))
     out = np.random.default_rng(seed).normal(size=(300, 6)) @ np.diag(SIZE)
-    out /= np.sqrt(((out @ law.window.precision) * out).sum(axis=1))[:, None]
+    out /= law.window.outreach(law.window.mean + out)[:, None]
     far = law.window.mean + out * np.geomspace(0.8, 1.2 * law.faded, 300)[:, None]
     for load in far:
         kept, fading = (least(root, one.tangent(load, ROW.some(0))[None]) for one in (replace(law, faded=np.inf), law))
         assert fading > min(1.0, kept) - 0.25 - 1e-9
+
+
+def test_all_loads_seen_are_within_reach_and_others_before_long(learned):
+    """A correction is what was learned at every load within the ellipsoid, and nothing at a few times the energy."""
+    _, found = learned
+    rng = np.random.default_rng(3)
+    for law in (flexure.law for flexure in found.arm.flexures if flexure.learn):
+        root = np.linalg.cholesky(np.linalg.inv(law.window.precision))
+        out = rng.normal(size=(2000, 6))
+        edge = law.window.mean + (out / np.linalg.norm(out, axis=1)[:, None]) @ root.T
+        np.testing.assert_allclose(law.window.distance(edge), 1.0, rtol=1e-6)
+        assert (law.window.weight(edge) == 1.0).all() and law.window.outreach(edge).max() > 0.8
+        assert law.faded < 20.0
 
 
 def compliance_root(law: LearnedLaw) -> np.ndarray:
@@ -349,6 +371,10 @@ def test_a_campaign_is_within_the_loads_that_it_taught_and_others_are_told_once(
     flags = predict(with_laws(found.arm, narrow), read_measurements(folder / "train.csv", found.arm)).flags
     told = [flag.text for flag in flags if flag.code == "extrapolating"]
     assert len(told) == len(six.joints) and all("the worst of" in text for text in told)
+    for (name, law), text in zip(narrow.items(), told, strict=True):  # rows in the order of the flexures
+        loads, (low, high) = line.flexure_wrenches[:, names.index(name)], law.seen.loads
+        excess = (np.maximum(low - loads, loads - high) / (high - low)).max(axis=1)
+        assert int(re.search(r"row (\d+)", text)[1]) == found.fit.view.rows[excess.argmax()], name
 
 
 def test_a_search_that_has_not_settled_says_so_or_is_refused(six, learned, monkeypatch):
@@ -393,6 +419,38 @@ def test_a_law_that_is_not_learned_any_more_is_refused(learned, tmp_path):
     path.write_text(path.read_text().replace('model = "polynomial"\nlearn = true', 'model = "linear"'))
     with pytest.raises(ArmFileError, match=r"learned\.toml:\d+.*no learn = true"):
         load_arm(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("faded", "1.0", "expected 2 or more, got 1"),
+        ("faded", "0.5", "expected 2 or more, got 0.5"),
+        ("faded", "-3.0", "expected 2 or more, got -3"),
+        ("load_scale", "[1, 1, 1, 1, 1, 0.0]", "above 0, got 0"),
+        ("twist_scale", "[1, 1, 1, 1, 1, -2.0]", "below 0, got -2"),
+        ("reach", "[1, 1, 1, 1, 1, -2.0]", "below 0, got -2"),
+        ("precision", str((-np.eye(6)).tolist()), "negative eigenvalues"),
+        ("energy", str(np.triu(np.ones((6, 6))).tolist()), "symmetric"),
+    ],
+)
+def test_what_learning_never_leaves_is_refused_at_its_line(learned, tmp_path, key, value, message):
+    folder, found = learned
+    lines = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml").read_text().splitlines()
+    number = next(i for i, line in enumerate(lines) if line.startswith(f"{key} = "))
+    (tmp_path / "bad.toml").write_text("\n".join([*lines[:number], f"{key} = {value}", *lines[number + 1 :]]))
+    with pytest.raises(ArmFileError, match=rf"bad\.toml:{number + 1}: .*{key}: .*{re.escape(message)}"):
+        load_arm(tmp_path / "bad.toml")
+
+
+def test_a_correction_of_a_file_without_energy_fades_by_distance(learned, tmp_path):
+    folder, found = learned
+    path = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")
+    path.write_text(re.sub(r"^energy = .*\n", "", path.read_text(), flags=re.M))
+    laws = [flexure.law for flexure in load_arm(path).flexures if flexure.learn]
+    assert laws and all(
+        law.energy is None and law.window.outreach(LOADS[0]) == law.window.distance(LOADS[0]) for law in laws
+    )
 
 
 @pytest.mark.parametrize(

@@ -16,12 +16,19 @@ TAKEN = 0.25
 """Of the compliance that a correction may take where it fades."""
 
 NEAREST = 2.0
-"""Distance before which no correction is nothing."""
+"""Reach, see `Window`, before which no correction is nothing."""
+
+CLIMBS = 4
+"""Steps uphill to the load under which a correction is largest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Correction(Law):
-    """The correction of a learned law alone: as it was learned at loads that were seen, further out carried on."""
+    """The correction of a learned law alone: as it was learned at loads that were seen, further out carried on.
+
+    It fades with the energy that a load puts into the joint, over a few times the most that was seen where it is small
+    beside the law that is corrected, more slowly where it is large.
+    """
 
     part: Part
     values: Array
@@ -47,12 +54,13 @@ class Correction(Law):
         )
 
 
-def fading(base: Law, correction: Correction, wrenches: Array, row: Row) -> float:
-    """Return the distance at which a correction may be nothing.
+def fading(base: Law, correction: Correction, wrenches: Array, row: Row) -> tuple[float, Array | None]:
+    """Return the reach at which a correction may be nothing, and the (6, 6) matrix of reaches; see `Window`.
 
-    A correction that fades is a compliance the other way, its size over the length: too short a one takes all that the
-    joint gives, and the arm looks as if it buckled. With C = R R' it takes no more of C than |R^-1 c| |R^-1 slope| in
-    any direction of the load, and the length is such that this is `TAKEN` at most.
+    A correction c that fades is a compliance the other way, c times the slope of its weight: too steep a one takes all
+    that the joint gives, or gives too much, and the arm looks as if it buckled. With C = R R' it changes no more of C
+    than |R^-1 c| |R^-1 slope| in any direction of the load. The second factor is the same in all directions, and least,
+    where the weight goes by the energy w' C w; the reach is such that the product is `TAKEN` at most.
 
     Args:
         base: The law that is corrected.
@@ -64,8 +72,26 @@ def fading(base: Law, correction: Correction, wrenches: Array, row: Row) -> floa
     axes = np.flatnonzero(np.diag(window.precision) > 0.0)
     own = np.ix_(axes, axes)
     tangent = base.tangent(wrenches, row).reshape(-1, 6, 6).mean(axis=0)
-    inverse = np.linalg.pinv(root_of(0.5 * (tangent + tangent.T))[own], rcond=1e-9)
-    twists = correction.part.twist(correction.values, window.furthest(wrenches), row)[:, axes]
-    size = np.linalg.norm(twists @ inverse.T, axis=1).max()
-    steep = np.sqrt(np.linalg.eigvalsh(inverse @ window.precision[own] @ inverse.T)[-1])
-    return float(max(NEAREST, 1.0 + STEEPEST * size * steep / TAKEN))
+    root = root_of(0.5 * (tangent + tangent.T))[own]
+    most = np.linalg.eigvalsh(root.T @ np.linalg.inv(window.precision[own]) @ root)[-1]
+    if not most > 0.0:
+        return NEAREST, None
+    energy = np.zeros((6, 6))
+    energy[own] = root @ root.T / most
+    inverse = np.zeros((6, 6))
+    inverse[own] = np.linalg.pinv(root, rcond=1e-9)
+    size = _largest(correction, inverse, wrenches, row)
+    return float(max(NEAREST, 1.0 + STEEPEST * size / np.sqrt(most) / TAKEN)), energy
+
+
+def _largest(correction: Correction, inverse: Array, wrenches: Array, row: Row) -> float:
+    """Return the largest |R^-1 c| as far out as a correction is carried: in many directions, each followed uphill."""
+    window, part, values = correction.window, correction.part, correction.values
+    spread = np.linalg.pinv(window.precision, rcond=1e-15)
+    loads, largest = window.furthest(window.directions(wrenches)), 0.0
+    for _ in range(CLIMBS):
+        twists = part.twist(values, loads, row) @ inverse.T
+        largest = max(largest, float(np.linalg.norm(twists, axis=1).max()))
+        uphill = np.einsum("na,nai->ni", twists, inverse @ part.tangent(values, loads, row))
+        loads = window.furthest(uphill @ spread)
+    return largest

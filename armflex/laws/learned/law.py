@@ -32,7 +32,8 @@ class LearnedLaw(Law):
         scales: Prior standard deviation of every group of parameters.
         spread: (k, k) covariance of the values, None where nobody says.
         reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
-        faded: Distance, see `Window`, from which on a correction is nothing; infinite while it is being learned.
+        faded: Reach, see `Window`, from which on a correction is nothing; infinite while it is being learned.
+        energy: (6, 6) matrix of the reach, None where distance is the reach.
         scatter: (6, 6) covariance of the declared law's scatter about what its parameters say, None for none.
     """
 
@@ -45,12 +46,13 @@ class LearnedLaw(Law):
     spread: Array | None = None
     reach: Array | None = None
     faded: float = np.inf
+    energy: Array | None = None
     scatter: Array | None = None
 
     @cached_property
     def window(self) -> Window:
         """Where the correction counts."""
-        return self.seen.window(self.faded)
+        return self.seen.window(self.faded, self.energy)
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
@@ -145,8 +147,9 @@ class LearnedLaw(Law):
         by, start = self.correction.by_values(self._split[1], wrenches, row), len(self.plain.start)
         doubt = np.einsum("nak,kl,nal->na", by, spread[start:, start:], by, optimize=True)
         reach = np.sqrt((sizes**2 + doubt).max(axis=0))
-        faded = fading(self._base, self._corrected, wrenches, row)
-        return replace(self, spread=spread, seen=replace(self.seen, loads=loads), reach=reach, faded=faded)
+        faded, energy = fading(self._base, self._corrected, wrenches, row)
+        found = {"reach": reach, "faded": faded, "energy": energy}
+        return replace(self, spread=spread, seen=replace(self.seen, loads=loads), **found)
 
     def draw(self, rng: np.random.Generator) -> LearnedLaw:
         """Return the law at values drawn from what is known of them."""

@@ -27,9 +27,9 @@ class Seen:
     load_scale: Array
     twist_scale: Array
 
-    def window(self, faded: float) -> Window:
-        """Return where a correction counts that is nothing from a distance on."""
-        return Window(self.mean, self.precision, self.loads, faded)
+    def window(self, faded: float, energy: Array | None) -> Window:
+        """Return where a correction counts that is nothing from a reach on; see `Window`."""
+        return Window(self.mean, self.precision, self.loads, faded, energy)
 
 
 def seen_in(law: Law, wrenches: Array, row: Row) -> Seen:

@@ -14,6 +14,9 @@ OVER = 1.0
 UNKNOWN = 2.0
 """Distance from which on nothing is known of a correction any more, whatever is left of it."""
 
+ROUND = 1000
+"""Directions that are drawn where all are meant."""
+
 STEEPEST = 1.875
 """Largest slope of the smooth step from 1 to 0 over a unit of distance."""
 
@@ -26,18 +29,24 @@ changes with how the arm gives, and what was seen of it is not a hair's breadth 
 class Window:
     """Loads that were seen, an ellipsoid; distances from its middle are multiples of the furthest one's.
 
+    Fading goes by a reach of its own, see `energy`: distance counts a hair in a direction that was hardly loaded for as
+    much as all of the load in another, and to fade that fast would take more than a stiff axis gives.
+
     Attributes:
         mean: (6,) [N, Nm].
         precision: (6, 6) inverse of their scatter over the square of the furthest one's distance, zero for components
             that do not count.
         loads: (2, 6) smallest and largest of each component [N, Nm].
-        faded: Distance from which on a correction is nothing, infinite where it never fades.
+        faded: Reach from which on a correction is nothing, infinite where it never fades.
+        energy: (6, 6) matrix whose quadratic form is the square of the reach: the root of what energy a load puts into
+            the joint, over the most that one within the ellipsoid does; distance is the reach where it is None.
     """
 
     mean: Array
     precision: Array
     loads: Array
     faded: float = np.inf
+    energy: Array | None = None
 
     def distance(self, wrench: Array) -> Array:
         """Return the (...) distance of a (..., 6) wrench, 1 at the furthest that was seen."""
@@ -51,21 +60,27 @@ class Window:
         off = wrench - self.mean
         return bool(off @ self.precision @ off <= 1.0)
 
+    def outreach(self, wrench: Array) -> Array:
+        """Return the (...) reach of a (..., 6) wrench that fading goes by: 1 or less at all that were seen."""
+        off = wrench - self.mean
+        return np.sqrt(((off @ self._form) * off).sum(axis=-1))
+
     def weight(self, wrench: Array) -> Array:
         """Return (...) what is left of a correction: 1 at loads that were seen, 0 from `faded` on."""
-        return _smooth(self._share(self.distance(wrench)))
+        return _smooth(self._share(self.outreach(wrench)))
 
     def slope(self, wrench: Array) -> Array:
         """Return the (..., 6) derivative of `weight` by the wrench."""
-        distance = self.distance(wrench)[..., None]
-        share = self._share(distance)
+        reach = self.outreach(wrench)[..., None]
+        share = self._share(reach)
         steep = -30.0 * share**2 * (1.0 - share) ** 2 / (self.faded - 1.0)
-        return steep * ((wrench - self.mean) @ self.precision) / np.maximum(distance, 1e-300)
+        return steep * ((wrench - self.mean) @ self._form) / np.maximum(reach, 1e-300)
 
     def drawn_in(self, wrench: Array) -> Array:
         """Return the (..., 6) load at which a correction is asked: the same where it was seen, else little beyond."""
         distance = self.distance(wrench)[..., None]
-        return self.mean + self._carried(distance)[0] / np.maximum(distance, 1e-300) * (wrench - self.mean)
+        beyond = self.mean + self._carried(distance)[0] / np.maximum(distance, 1e-300) * (wrench - self.mean)
+        return np.where(distance <= 1.0, wrench, beyond)  # to the last bit, whatever the other rows are
 
     def drawing_in(self, wrench: Array) -> Array:
         """Return the (..., 6, 6) derivative of `drawn_in` by the wrench."""
@@ -75,13 +90,17 @@ class Window:
         along = off[..., :, None] * (off @ self.precision)[..., None, :]
         return share * np.eye(6) + (slope - share) / distance**2 * along
 
-    def furthest(self, wrenches: Array) -> Array:
-        """Return loads as far out as a correction is carried: in the directions of (M, 6) ones, and all round."""
+    def directions(self, wrenches: Array) -> Array:
+        """Return (N, 6) directions off the mean: those of (M, 6) loads, and all round, many of them drawn."""
         size, axes = np.linalg.eigh(self.precision)
-        axes = axes[:, size > 0.0].T
-        off = np.concatenate([wrenches - self.mean, axes, -axes])
+        axes = axes[:, size > 0.0].T / np.sqrt(size[size > 0.0])[:, None]
+        drawn = np.random.default_rng(0).normal(size=(ROUND, len(axes))) @ axes
+        return np.concatenate([wrenches - self.mean, axes, -axes, drawn])
+
+    def furthest(self, off: Array) -> Array:
+        """Return (M, 6) loads in (M, 6) directions off the mean, as far out as a correction is carried."""
         length = self.distance(self.mean + off)[:, None]
-        return self.mean + (1.0 + OVER) * off / np.maximum(length, 1e-9)
+        return self.mean + (1.0 + OVER) * off / np.where(length > 0.0, length, 1.0)
 
     def unknown(self, wrench: Array) -> Array:
         """Return the (...) doubt about a correction in parts of how large it may be: none at loads that were seen.
@@ -96,10 +115,14 @@ class Window:
         bend = np.tanh(np.maximum(distance - 1.0, 0.0) / OVER)
         return np.minimum(distance, 1.0) + OVER * bend, 1.0 - bend**2
 
-    def _share(self, distance: Array) -> Array:
+    @property
+    def _form(self) -> Array:
+        return self.precision if self.energy is None else self.energy
+
+    def _share(self, reach: Array) -> Array:
         if np.isinf(self.faded):
-            return np.ones_like(distance)
-        return np.clip((self.faded - distance) / (self.faded - 1.0), 0.0, 1.0)
+            return np.ones_like(reach)
+        return np.clip((self.faded - reach) / (self.faded - 1.0), 0.0, 1.0)
 
 
 def _smooth(share: Array) -> Array:
