@@ -307,6 +307,8 @@ def test_what_was_learned_is_written_and_read(six, learned, tmp_path):
         if kept.learn is not None:  # beyond the loads seen, too
             load, row = 3.0 * before.law.seen.loads[1], Row(q, found.arm.joint_index)
             np.testing.assert_allclose(kept.law.covariance(load, row), before.law.covariance(load, row), rtol=1e-6)
+            assert before.law.window.weight(load) < 1.0
+            np.testing.assert_array_equal(kept.law.twist(load, row), before.law.twist(load, row))
     rows = read_measurements(folder / "test.csv", again)
     np.testing.assert_allclose(predict(again, rows).sigma, predict(found.arm, rows).sigma, rtol=1e-6)
 

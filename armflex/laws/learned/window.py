@@ -14,7 +14,7 @@ OVER = 1.0
 UNKNOWN = 2.0
 """Distance from which on nothing is known of a correction any more, whatever is left of it."""
 
-ROUND = 1000
+ROUND = 4000
 """Directions that are drawn where all are meant."""
 
 STEEPEST = 1.875
