@@ -127,24 +127,44 @@ def test_what_a_fit_left_uncertain_is_propagated(heavy: Arm) -> None:
 
 
 def test_draws_are_asked_as_well(tarm: Arm) -> None:
-    """The worst of a voxel is that of all arms drawn, each asked by itself."""
-    found = map_workspace(tarm, PAYLOADS, rows=40, voxel=4.0, seed=3, draws=3)
-    assert (found.draws, found.sigma) == (3, None) and found.answered.sum() == 40 * 2 * 4
-    arms = (tarm, *draw_arms(tarm, 3, seed=3))
-    q = configurations(tarm, 40, 3)
-    lengths = np.array([[one.deflection(q, name).displacement[:, :3] for name in PAYLOADS] for one in arms])
-    lengths = np.linalg.norm(lengths, axis=-1)
-    places = np.array([np.floor(tarm.rigid_pose(one).translation / 4.0).astype(int) for one in q])
-    for i, place in enumerate(found.index):
-        here = np.where((places == place).all(axis=1), lengths, 0.0)
-        draw, payload, row = np.unravel_index(here.argmax(), here.shape)
-        assert (found.worst_draw[i], found.worst_payload[i]) == (draw, payload)
-        np.testing.assert_allclose(found.worst[i], here.max(), rtol=1e-9)
-        np.testing.assert_allclose(found.worst_q[i], q[row], atol=1e-12)
-    assert found.worst_draw.any()
-    assert (found.worst >= map_workspace(tarm, PAYLOADS, rows=40, voxel=4.0, seed=3).worst - 1e-12).all()
+    """The map is what it is without draws; beside it, the worst of a voxel among all arms drawn, each asked alone."""
+    asked = {"rows": 200, "voxel": 2.0, "seed": 3, "chunk": 64}
+    found, plain = map_workspace(tarm, PAYLOADS, **asked, draws=3), map_workspace(tarm, PAYLOADS, **asked)
+    assert (found.draws, plain.worst_of_draws) == (3, None) and plain.sigma is not None
+    assert same(replace(found, draws=0, worst_of_draws=None), plain)
+    q = configurations(tarm, 200, 3)
+    lengths = np.zeros(len(q))
+    for drawn in draw_arms(tarm, 3, seed=3):
+        for name in PAYLOADS:
+            lengths = np.maximum(lengths, [np.linalg.norm(drawn.deflection(one, name).displacement[:3]) for one in q])
+    places = np.array([np.floor(tarm.rigid_pose(one).translation / 2.0).astype(int) for one in q])
+    expected = [lengths[(places == place).all(axis=1)].max() for place in found.index]
+    np.testing.assert_allclose(found.worst_of_draws, expected, rtol=1e-9)
     with pytest.raises(InputError, match="draws"):
         map_workspace(tarm, rows=1, draws=-1)
+
+
+def test_what_is_ok_is_so_for_all_that_are_drawn(tarm: Arm) -> None:
+    """A voxel that would be ok is uncertain where an arm drawn is not; no other verdict depends on draws."""
+    found = map_workspace(tarm, "p600", rows=256, voxel=0.001, draws=3, uncertainty=False)  # one configuration in each
+    limit = float(np.median(found.worst))
+    beyond = np.where(found.worst_of_draws > limit, "uncertain", "ok")
+    expected = np.where(found.worst > limit, "fail", beyond)
+    assert (found.verdicts(limit) == expected).all() and set(expected) == {"ok", "uncertain", "fail"}
+
+
+def test_a_drawn_arm_without_an_answer(tmp_path: Path) -> None:
+    """A hinge whose drawn compliance turns too far: the arm's own answers stay, and none of them is ok."""
+    law = LinearLaw(np.diag([0, 0, 0, 0, 0.09 / (2.0 * 9.81 * 0.5), 0]), relative_std=0.5)
+    arm = one_joint(tmp_path, law, (0.5, 0, 0))
+    found = map_workspace(arm, rows=256, voxel=0.05, draws=8)
+    lost = np.isposinf(found.worst_of_draws)
+    assert 0 < lost.sum() < len(found) and not found.refused.any()
+    assert (found.verdicts(10.0) == np.where(lost, "uncertain", "ok")).all()
+    assert same(read_map(write_map(found, tmp_path / "map.npz")), found)
+    with write_map(found, tmp_path / "map.csv").open() as file:
+        told = [row["worst_of_draws"] for row in csv.DictReader(file)]
+    assert told == ["" if np.isinf(x) else str(x) for x in found.worst_of_draws]
 
 
 def softer(arm: Arm, factors: dict[str, tuple[int, float]], certain: Sequence[str] = ()) -> Arm:
@@ -227,7 +247,7 @@ def tallies(draw: st.DrawFn) -> Tally:
     whole = rng.integers(0, 5, (count, 6))
     return Tally(
         rng.integers(0, 4, count), *whole[:, :2].T, whole[:, 2:], sizes, sizes, rng.integers(0, 3, count),
-        rng.random((count, 2)),
+        rng.random((count, 2)), rng.choice([-np.inf, 1.0, np.inf], count),
     )  # fmt: skip
 
 
@@ -242,6 +262,8 @@ def test_parts_may_be_joined_first(parts: list[Tally], split: int) -> None:
     for field in fields(Tally):
         assert np.array_equal(getattr(one, field.name), getattr(other, field.name))
     assert one.refused.sum() == sum(part.refused.sum() for part in parts)
+    drawn = [(cell, most) for part in parts for cell, most in zip(part.cell, part.worst_of_draws, strict=True)]
+    assert one.worst_of_draws.tolist() == [max(most for cell, most in drawn if cell == own) for own in one.cell]
 
 
 @given(st.lists(st.tuples(*[st.integers(-(1 << 20), (1 << 20) - 1)] * 3), min_size=1, max_size=20))
@@ -317,7 +339,7 @@ def test_files_hold_the_map(tarm: Arm, tmp_path: Path) -> None:
         lambda path: path.write_bytes(path.read_bytes()[:500]),
         lambda path: path.write_text("x,y\n1,2\n"),
         lambda path: np.savez(path, index=np.zeros((2, 3))),
-        lambda path: np.savez(path, about='{"format": "armflex-map-2"}'),
+        lambda path: np.savez(path, about='{"format": "armflex-map-3"}'),
         lambda path: np.savez(path, **{**np.load(path), "worst": np.zeros(3)}),
         lambda path: path.unlink(),
     ],
@@ -462,6 +484,10 @@ def test_the_command(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
     assert (tmp_path / "b.png").stat().st_size > 10_000
     fine(armflex(*asked, "-o", "c.npz", "--tolerance", "1m", "--page", "c.html"))
     assert (tmp_path / "c.html").stat().st_size > 500_000
+    said = fine(armflex(*asked, "-o", "d.npz", "--draws", 2, "--json", "d.json")).stdout
+    told, drawn = json.loads((tmp_path / "d.json").read_text()), read_map(tmp_path / "d.npz").worst_of_draws
+    assert (told["worst_of_draws_m"], told["worst"]["worst_of_draws_m"]) == (drawn.max(), drawn[i := found.worst_voxel])
+    assert f"the worst of 2 draws there: {drawn[i] * 1e3:.4g} mm" in said
 
 
 @pytest.mark.parametrize(

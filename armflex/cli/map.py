@@ -23,13 +23,15 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import console, number, print_table
-from armflex.conventions import parse_quantity
+from armflex.conventions import Array, parse_quantity
 from armflex.errors import InputError
 from armflex.statics.equilibrium import METHODS
 from armflex.workspace import WorkspaceMap, draw_map, map_page, map_workspace, write_map
 from armflex.workspace.map_file import SUFFIXES
 from armflex.workspace.picture import SUFFIXES as PICTURES
 from armflex.workspace.workspace_map import CHUNK, VERDICTS
+
+DRAWS = "Arms drawn from what is known of this one, asked as well: a voxel is ok only where all are."
 
 
 @click.command(cls=Command)
@@ -47,7 +49,7 @@ from armflex.workspace.workspace_map import CHUNK, VERDICTS
 @click.option("--page", type=OutputPath(), metavar="MAP.html", help="Write a page in which the map can be turned.")
 @click.option("--method", type=Choice(METHODS), default="exact", show_default=True)
 @click.option("--uncertainty/--no-uncertainty", default=True, show_default=True, help="Of the worst in every voxel.")
-@click.option("--draws", type=int, default=0, show_default=True, help="Arms drawn from what is known, asked as well.")
+@click.option("--draws", type=int, default=0, show_default=True, help=DRAWS)
 @click.option("--strict", is_flag=True, help="Refuse loads beyond those that a trained law has seen.")
 @covariates_option
 @json_option
@@ -129,8 +131,11 @@ def _print_worst(found: WorkspaceMap, tolerance: float | None) -> None:
     place = ", ".join(f"{x:.3g}" for x in found.centres[here])
     console().print(f"The tip moves most, {number(found.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
     q = " ".join(f"{joint}={x:.4f}" for joint, x in zip(found.joints, found.worst_q[here], strict=True))
-    draw = f", draw {found.worst_draw[here]}" if found.draws else ""
-    console().print(f"  {q}, payload {found.payloads[found.worst_payload[here]]}{draw}")
+    console().print(f"  {q}, payload {found.payloads[found.worst_payload[here]]}")
+    if found.worst_of_draws is not None:
+        most = found.worst_of_draws[here]
+        said = f"{number(most * 1e3)} mm" if np.isfinite(most) else "one has no answer"
+        console().print(f"  the worst of {found.draws} draws there: {said}")
 
 
 def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
@@ -151,6 +156,7 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
         "refused": dict(zip(found.reasons, found.refused.sum(axis=0).tolist(), strict=True)),
         "mean_m": float(np.nansum(found.mean * found.answered) / found.answered.sum()) if some else None,
         "worst": _worst_json(found) if some else None,
+        "worst_of_draws_m": _finite(found.worst_of_draws),
         "flags": [str(flag) for flag in found.flags],
     }
     if tolerance is not None:
@@ -163,9 +169,15 @@ def _worst_json(found: WorkspaceMap) -> dict[str, Any]:
     here = found.worst_voxel
     return {
         "displacement_m": float(found.worst[here]),
-        "sigma_m": None if found.sigma is None else float(found.sigma[here]),
+        "sigma_m": _finite(found.sigma, here),
         "centre": found.centres[here].tolist(),
         "q": found.worst_q[here].tolist(),
         "payload": found.payloads[found.worst_payload[here]],
-        "draw": int(found.worst_draw[here]),
+        "worst_of_draws_m": _finite(found.worst_of_draws, here),
     }
+
+
+def _finite(values: Array | None, here: int | slice = slice(None)) -> float | None:
+    """Return the largest of some values; None where there is none, or no number that JSON has."""
+    most = np.nan if values is None else values[here].max()
+    return float(most) if np.isfinite(most) else None

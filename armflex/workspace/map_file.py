@@ -15,10 +15,11 @@ from armflex.measured.table import write_table
 from armflex.whole_file import write_whole
 from armflex.workspace.workspace_map import WorkspaceMap
 
-FORMAT = "armflex-map-2"
+FORMAT = "armflex-map-3"
 SUFFIXES = (".npz", ".csv")
-COUNTS = ("index", "configurations", "answered", "refused", "worst_payload", "worst_draw")
-ARRAYS = (*COUNTS, "mean", "worst", "sigma", "worst_q")
+COUNTS = ("index", "configurations", "answered", "refused", "worst_payload")
+OPTIONAL = ("sigma", "worst_of_draws")
+ARRAYS = (*COUNTS, "mean", "worst", *OPTIONAL, "worst_q")
 
 
 def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = None) -> Path:
@@ -27,7 +28,7 @@ def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = N
     Args:
         found: The map.
         path: Ends in .npz or .csv. `read_map` reads an .npz; a .csv is for other programs: SI, cells without a value
-            are blank.
+            are blank, also where a drawn arm has no answer.
         tolerance: Adds the columns `margin` and `verdict` to a .csv [m].
 
     Raises:
@@ -65,7 +66,7 @@ def read_map(path: str | Path) -> WorkspaceMap:
     try:
         flags = tuple(Flag(**flag) for flag in about.pop("flags"))
         lists = {name: tuple(about.pop(name)) for name in ("reasons", "payloads", "joints")}
-        found = WorkspaceMap(**{"sigma": None, **arrays}, **lists, **about, flags=flags)
+        found = WorkspaceMap(**{**dict.fromkeys(OPTIONAL), **arrays}, **lists, **about, flags=flags)
         _check(found)
     except (TypeError, KeyError, ValueError) as error:
         raise FileError(place, f"is a damaged map: {error}") from None
@@ -79,13 +80,15 @@ def _check(found: WorkspaceMap) -> None:
         values, expected = getattr(found, name), (len(found), *shapes.get(name, ()))
         if values is not None and (values.shape != expected or (values.dtype.kind == "i") != (name in COUNTS)):
             raise ValueError(f"{name!r} is {values.dtype} {values.shape}, expected {expected}")
+    if (found.worst_of_draws is None) != (found.draws == 0):
+        raise ValueError(f"{found.draws} draws, expected 'worst_of_draws' where there are any, and only there")
 
 
 def _columns(found: WorkspaceMap, tolerance: float | None) -> dict[str, list]:
     columns: dict[str, list] = {axis: found.centres[:, i].tolist() for i, axis in enumerate("xyz")}
     columns |= {name: getattr(found, name).tolist() for name in ("configurations", "answered")}
     columns |= {f"refused_{name}": found.refused[:, i].tolist() for i, name in enumerate(found.reasons)}
-    sizes = {name: getattr(found, name) for name in ("mean", "worst", "sigma")}
+    sizes = {name: getattr(found, name) for name in ("mean", "worst", *OPTIONAL)}
     if tolerance is not None:
         sizes["margin"] = found.margin(tolerance)
     for name, values in sizes.items():
@@ -93,6 +96,4 @@ def _columns(found: WorkspaceMap, tolerance: float | None) -> dict[str, list]:
     if tolerance is not None:
         columns["verdict"] = found.verdicts(tolerance).tolist()
     columns["payload"] = [found.payloads[i] for i in found.worst_payload]
-    if found.draws:
-        columns["draw"] = found.worst_draw.tolist()
     return columns | {f"q_{joint}": found.worst_q[:, i].tolist() for i, joint in enumerate(found.joints)}

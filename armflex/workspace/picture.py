@@ -100,4 +100,5 @@ def _skeleton(arm: Arm, found: WorkspaceMap) -> Array:
 def _title(found: WorkspaceMap, tolerance: float | None) -> str:
     carried = ", ".join(found.payloads)
     title = f"{found.rows:,} configurations, payload {carried}, voxels of {found.voxel:g} m, base {found.base}"
+    title += f", {found.draws} draws" if found.draws else ""
     return title if tolerance is None else f"{title}, tolerance {tolerance * 1e3:g} mm"

@@ -78,15 +78,25 @@ def _kept(question: Question) -> tuple[Arm, ...]:
 
 
 def answers(question: Question, q: Array) -> Answer:
-    """Return the answers of every arm at (N, nq) configurations under every payload."""
+    """Return the answers at (N, nq) configurations under every payload; doubts are about the arm itself."""
     flags: dict[str, Flag] = {}
     parts = []
-    for number, (arm, payload) in enumerate(product(_kept(question), question.payloads)):
+    (arm, *_), drawn = _kept(question), _worst_of_draws(question, q)
+    for number, payload in enumerate(question.payloads):
         for some, outcome in _outcomes(arm, payload, question.options, q, np.arange(len(q))):
-            parts.append(_counted(outcome, q[some], question.voxel, number))
+            parts.append(_counted(outcome, q[some], question.voxel, number, drawn[some]))
             for flag in outcome.flags:
                 flags.setdefault(flag.code, flag)
     return Answer(joined(parts), tuple(flags.values()))
+
+
+def _worst_of_draws(question: Question, q: Array) -> Array:
+    """Return the (N,) largest displacements of the drawn arms [m], inf where one has no answer."""
+    found = np.full(len(q), -np.inf)
+    for arm, payload in product(_kept(question)[1:], question.payloads):
+        for some, outcome in _outcomes(arm, payload, question.options, q, np.arange(len(q))):
+            found[some] = np.maximum(found[some], np.inf if outcome.reason else outcome.displacement)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +138,11 @@ def _refused(arm: Arm, q: Array, error: ArmflexError) -> _Outcome:
     return _Outcome(arm.rigid_pose(q).translation[None], np.array([-np.inf]), reason)
 
 
-def _counted(outcome: _Outcome, q: Array, voxel: float, number: int) -> Tally:
-    """Return a row for each outcome, of an arm and a payload by number; a configuration is counted with the first."""
+def _counted(outcome: _Outcome, q: Array, voxel: float, number: int, drawn: Array) -> Tally:
+    """Return a row for each outcome under a payload by number; a configuration is counted with the first payload.
+
+    A drawn arm's worst counts where the arm itself has its tip: an offset that was drawn moves no answer elsewhere.
+    """
     count, given = len(q), not outcome.reason
     refused = np.zeros((count, len(REASONS)), dtype=np.int64)
     if not given:
@@ -141,8 +154,9 @@ def _counted(outcome: _Outcome, q: Array, voxel: float, number: int) -> Tally:
         refused=refused,
         total=outcome.displacement if given else np.zeros(count),
         worst=outcome.displacement,
-        case=np.full(count, number, dtype=np.int64),
+        payload=np.full(count, number, dtype=np.int64),
         q=q,
+        worst_of_draws=drawn,
     )
 
 

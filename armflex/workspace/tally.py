@@ -27,12 +27,14 @@ class Tally:
     Attributes:
         cell: (V,) number of the cell, see `cell_numbers`.
         configurations: (V,) how many had their rigid tip there.
-        answered: (V,) how many answers there are, one for each configuration, payload and arm.
+        answered: (V,) how many answers there are, one for each configuration and payload.
         refused: (V, r) how many were refused for each of r reasons.
         total: (V,) sum of the displacements [m].
         worst: (V,) largest displacement [m], -inf where there is no answer.
-        case: (V,) which arm, and which of the p payloads, the largest is of: p times the one's number plus the other's.
+        payload: (V,) number of the payload that it is of.
         q: (V, nq) its joint positions [rad or m].
+        worst_of_draws: (V,) largest displacement of any drawn arm [m], inf where one has no answer, -inf where none
+            were drawn.
     """
 
     cell: np.ndarray
@@ -41,15 +43,16 @@ class Tally:
     refused: np.ndarray
     total: Array
     worst: Array
-    case: np.ndarray
+    payload: np.ndarray
     q: Array
+    worst_of_draws: Array
 
     def __len__(self) -> int:
         return len(self.cell)
 
 
 SUMMED = ("configurations", "answered", "refused", "total")
-OF_WORST = ("cell", "worst", "case", "q")
+OF_WORST = ("cell", "worst", "payload", "q")
 
 
 def joined(tallies: Sequence[Tally]) -> Tally:
@@ -66,6 +69,7 @@ def joined(tallies: Sequence[Tally]) -> Tally:
     return Tally(
         **{name: np.add.reduceat(parts[name], first, axis=0) for name in SUMMED},
         **{name: parts[name][first] for name in OF_WORST},
+        worst_of_draws=np.maximum.reduceat(parts["worst_of_draws"], first),
     )
 
 

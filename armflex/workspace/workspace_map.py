@@ -55,8 +55,8 @@ VERDICTS = ("ok", "uncertain", "fail")
 class WorkspaceMap:
     """The displacement of the tip by where the rigid arm has it: V voxels of a grid along the base's axes.
 
-    An answer is that of one configuration under one payload, by the arm as it is or by one drawn from what is known of
-    it.
+    An answer is that of one configuration under one payload by the arm as it is; those of arms that were drawn from
+    what is known of it are in `worst_of_draws` alone.
 
     Attributes:
         voxel: Edge of a voxel [m].
@@ -68,14 +68,15 @@ class WorkspaceMap:
         mean: (V,) mean displacement [m], NaN where everything was refused.
         worst: (V,) largest displacement [m], likewise.
         sigma: (V,) its standard uncertainty [m], likewise and where it cannot be told; None where nobody states one.
+        worst_of_draws: (V,) largest displacement of any drawn arm [m], inf where one has no answer to a configuration
+            there; None where none were drawn.
         worst_q: (V, nq) configuration of the largest [rad or m].
         worst_payload: (V,) its payload, as a place in `payloads`.
-        worst_draw: (V,) which draw it is of, 0 for the arm as it is.
         payloads: Names of what was carried in turn.
         joints, base, tip: Order of q, and the frames.
         rows, seed: How many configurations were drawn, and how.
         draws: How many arms were drawn.
-        flags: Doubts; each came up somewhere.
+        flags: Doubts about the arm as it is; each came up somewhere.
     """
 
     voxel: float
@@ -87,9 +88,9 @@ class WorkspaceMap:
     mean: Array
     worst: Array
     sigma: Array | None
+    worst_of_draws: Array | None
     worst_q: Array
     worst_payload: np.ndarray
-    worst_draw: np.ndarray
     payloads: tuple[str, ...]
     joints: tuple[str, ...]
     base: str
@@ -129,10 +130,15 @@ class WorkspaceMap:
         return np.where(self.refused.any(axis=1), -np.inf, tolerance - self.worst)
 
     def verdicts(self, tolerance: float) -> np.ndarray:
-        """Return (V,) "ok", "uncertain" or "fail", as `check` would say of the worst in every voxel."""
+        """Return (V,) "ok", "uncertain" or "fail", as `check` would say of the worst in every voxel.
+
+        What would be ok is uncertain where a drawn arm is beyond the tolerance, or has no answer.
+        """
         margin = self.margin(tolerance)
         doubt = np.zeros(len(self)) if self.sigma is None else COVERAGE * np.nan_to_num(self.sigma, nan=np.inf)
         doubtful = np.isfinite(margin) & (np.abs(margin) < doubt)
+        if self.worst_of_draws is not None:
+            doubtful |= (margin >= 0.0) & (self.worst_of_draws > tolerance)
         return np.where(doubtful, "uncertain", np.where(margin >= 0.0, "ok", "fail"))
 
 
@@ -168,8 +174,8 @@ def map_workspace(
         method: See `Arm.deflection`.
         strict: Refuse, and count, loads beyond those that a trained law has seen.
         uncertainty: False leaves out the standard uncertainty of the largest displacement in every voxel.
-        draws: Ask so many arms drawn from what is known of this one as well, see `draw_arms`: the largest displacement
-            is then that of any of them, and has no uncertainty beside.
+        draws: Ask so many arms drawn from what is known of this one as well, see `draw_arms`; `seed` is theirs, too.
+            All else in the map is as without them.
         jobs: Processes, -1 for all cores; None for what joblib was told, else one.
         chunk: Configurations that are asked at once, a power of two; part of what the map's last digits depend on.
         store: Folder that keeps finished chunks. With it an interrupted map goes on from where it was, and one of more
@@ -196,7 +202,7 @@ def map_workspace(
     kept = None if store is None else open_store(Path(store), _manifest(question, drawn))
     with closing(_chunks(question, drawn, kept, jobs)) as chunks:
         tally, met = _gathered(drawn, chunks, progress)
-    sigma, doubts = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty and not draws else (None, ())
+    sigma, doubts = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
     return _map_of(question, drawn, tally, sigma, (*flags, *met, *doubts))
 
 
@@ -248,7 +254,7 @@ def _manifest(question: Question, drawn: Configurations) -> Manifest:
     software = {"armflex": __version__, **{module.__name__: module.__version__ for module in (np, scipy, pinocchio)}}
     settings = {"payloads": list(question.payloads), "voxel": question.voxel}
     settings |= {"seed": drawn.seed, "chunk": drawn.chunk, **question.options, "draws": _digests(question.arms[1:])}
-    return {"format": "armflex-map-chunks-2", **parts, **carried, **settings, **software}
+    return {"format": "armflex-map-chunks-3", **parts, **carried, **settings, **software}
 
 
 def _digests(arms: Sequence[Arm]) -> list[str]:
@@ -300,7 +306,7 @@ def _uncertainties(
     """
     some = np.flatnonzero(tally.answered)
     pieces = [some[first : first + WORST_AT_ONCE] for first in range(0, len(some), WORST_AT_ONCE)]
-    tasks = (partial(sigmas, question, tally.q[rows], tally.case[rows]) for rows in pieces)
+    tasks = (partial(sigmas, question, tally.q[rows], tally.payload[rows]) for rows in pieces)
     sigma, flags, done = np.full(len(tally), np.nan), {}, 0
     for rows, (found, doubts) in zip(pieces, in_order(tasks, jobs), strict=True):
         sigma[rows] = found
@@ -326,9 +332,9 @@ def _map_of(
         mean=tally.total / np.maximum(tally.answered, 1) + blank,
         worst=np.where(some, tally.worst, np.nan),
         sigma=sigma,
+        worst_of_draws=tally.worst_of_draws if len(question.arms) > 1 else None,
         worst_q=tally.q,
-        worst_payload=tally.case % len(question.payloads),
-        worst_draw=tally.case // len(question.payloads),
+        worst_payload=tally.payload,
         payloads=question.payloads,
         joints=arm.joint_names,
         base=arm.robot.base,
