@@ -238,6 +238,7 @@ def test_the_size_of_a_change_is_told_and_followed(known, machine):
     (change,) = tracker.changes
     assert change.labels[3:] == ("compliance A4 rx", "compliance A4 ry", "compliance A4 rz")
     assert np.abs((change.size[3:] - np.log(1.2)) / change.std[3:]).max() < 4.0
+    assert f"ry {100.0 * (np.exp(change.size[4]) - 1.0):+.3g} ± " in repr(change) and repr(change).count(" %") == 6
     assert error(before, machine, softer={"A4": 1.2}) > 1e-3
     assert error(tracker.arm, machine, softer={"A4": 1.2}) < 1.15 * np.sqrt(3.0) * SIGMA
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +21,8 @@ from armflex.tracking.sight import Sight
 
 pytest.importorskip("numba")
 
+TESTS = Path(__file__).parent
+
 
 @pytest.fixture
 def plainly(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable], object]:
@@ -30,6 +35,27 @@ def plainly(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable], object]:
             return asked()
 
     return call
+
+
+FRESH = """
+import sys
+from pathlib import Path
+from tracked import machine_in
+from armflex import Tracker
+from armflex.tracking.compiled import see, take
+machine = machine_in(Path(sys.argv[1]))
+tracker = Tracker(machine.arm)
+ready = len(see.signatures), len(take.signatures)
+for reading in machine.readings(100, 10):
+    tracker.update(reading)
+assert ready == (len(see.signatures), len(take.signatures)) == (1, 1), ready
+"""
+
+
+def test_readings_compile_nothing(tmp_path):
+    """In a process of its own: what a reading needs was compiled, or read where it is kept, with the tracker."""
+    done = subprocess.run([sys.executable, "-c", FRESH, tmp_path], cwd=TESTS, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def seen_by(arm: Arm, readings: list[Reading]) -> list[Seen]:

@@ -139,6 +139,20 @@ def test_absurd_rates_are_refused(known, rate):  # noqa: F811
         Tracker(known, {"joint_offset": rate})
 
 
+@pytest.mark.parametrize("rates", [1e-3, 0.0, {1: 1e-3}, ["joint_offset"]])
+def test_rates_are_by_label(known, rates):  # noqa: F811
+    with pytest.raises(InputError, match="rates: expected a mapping such as"):
+        Tracker(known, rates)
+
+
+@pytest.mark.parametrize("time", [np.nan, np.inf])
+def test_a_first_reading_has_a_finite_time(known, machine, time):  # noqa: F811
+    tracker, (reading,) = Tracker(known), machine.readings(3, 1)
+    with pytest.raises(InputError, match="time: expected a finite number of seconds"):
+        tracker.update(replace(reading, time=time))
+    assert tracker.readings == 0
+
+
 @pytest.mark.parametrize("sigma", [0.0, -1e-4, np.nan, np.inf, 2000.0, "2e-4", [2e-4, 0.0, 2e-4], [2e-4, 2e-4], 1e-30])
 def test_absurd_standard_deviations_are_refused(known, machine, sigma):  # noqa: F811
     tracker, (reading,) = Tracker(known), machine.readings(3, 1)

@@ -85,7 +85,10 @@ See = Callable[[_Bent, Array, float | Array], Seen | None]
 
 
 class Quick:
-    """The quick way for one payload."""
+    """The quick way for one payload.
+
+    It takes milliseconds to make; the first on a machine some seconds, as it compiles, and what it compiled is kept.
+    """
 
     def __init__(self, setup: Setup, blocks: Sequence[Block], payload: str, beside: float) -> None:
         self._arm, instrument = setup.arm, setup.instrument

@@ -37,6 +37,11 @@ class Sight:
         self._quick: dict[str, Quick] = {}
         self._linearizer, self._beside = Linearizer(setup.arm), beside
 
+    def prepare(self, payload: str) -> None:
+        """Make what the quick way needs for a payload, and compile it where nobody on this machine did before."""
+        if self._able and payload not in self._quick:
+            self._quick[payload] = Quick(self._setup, self._blocks, payload, self._beside)
+
     def __call__(self, reading: Reading) -> Seen:
         """Return a reading in standard deviations.
 
@@ -46,8 +51,7 @@ class Sight:
             ConvergenceError, UnstableEquilibriumError: See `find_equilibrium`.
         """
         if self._able and reading.rotation is None:
-            if reading.payload not in self._quick:
-                self._quick[reading.payload] = Quick(self._setup, self._blocks, reading.payload, self._beside)
+            self.prepare(reading.payload)
             found = self._quick[reading.payload](reading)
             if found is not None:
                 return found

@@ -62,7 +62,8 @@ class Tracker:
     Memory is constant. Where numba is installed (`armflex[fast]`) an update takes some 25 times `pin.rnea +
     pin.computeJointJacobians`, else 40; one that judges readings again a few hundred times, one that looks for a change
     a few milliseconds, and one that goes the careful way (see `sight`) two. The first reading with a payload takes ten
-    milliseconds more.
+    milliseconds more. The first tracker of all on a machine takes some seconds to make: it
+    compiles, and what it compiled is kept.
 
     Args:
         arm: A calibrated arm, or one that is measured in its base.
@@ -82,12 +83,15 @@ class Tracker:
         self._arm, self._model, self._sigma = arm, model_of(arm), number(sigma, "sigma")
         if self._sigma:
             sensible(self._sigma, "sigma")
-        self._variance = _variances(rates or {}, self.labels, self._model.groups)
-        self._rates = {name: float(rate) for name, rate in (rates or {}).items()}
+        rates = {} if rates is None else rates
+        self._variance = _variances(rates, self.labels, self._model.groups)
+        self._rates = {name: float(rate) for name, rate in rates.items()}
         self._drifting = np.flatnonzero(self._variance)
         self._state = begun(estimate_of(self._model.known), self._model.point)
         self._sight = self._sight_at(self._state.point)
-        take(self._state.estimate, Seen(np.zeros(3), np.zeros((3, len(self.labels)))))  # compiled now, not in the loop
+        # Compiled now, not in the loop:
+        self._sight.prepare("none")
+        take(self._state.estimate, Seen(np.zeros(3), np.zeros((3, len(self.labels)))))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -223,8 +227,10 @@ class Tracker:
         if not timed:
             return state.clock + 1.0
         time = number(reading.time, "time")
-        if not isfinite(time) or (state.time is not None and time < state.time):
-            raise InputError(f"time: {time:g} s after {state.time} s")
+        if not isfinite(time):
+            raise InputError(f"time: expected a finite number of seconds, got {time:g}")
+        if state.time is not None and time < state.time:
+            raise InputError(f"time: {time:.12g} s after {state.time:.12g} s, expected readings in order")
         return state.clock + (time - state.time if state.time is not None else 0.0)
 
     def _enter(self, session: str) -> None:
@@ -311,6 +317,8 @@ class Tracker:
 
 def _variances(rates: Mapping[str, float], labels: tuple[str, ...], groups: Sequence[Group]) -> Array:
     """Return (P,) variances per unit of time; the longest name that fits a label counts."""
+    if not isinstance(rates, Mapping) or not all(isinstance(name, str) for name in rates):
+        raise InputError(f"rates: expected a mapping such as {{{labels[0]!r}: 1e-3}}, got {rates!r}")
     variance, most = np.zeros(len(labels)), np.zeros(len(labels))
     for group in groups:
         most[group.places] = FASTEST * group.sizes

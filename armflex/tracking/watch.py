@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from armflex.calibrate.robust import FAR
+from armflex.calibrate.spread import COMPLIANCE
 from armflex.conventions import Array
 from armflex.tracking.estimate import Estimate, Seen, recentred
 from armflex.tracking.groups import Group
@@ -51,7 +52,7 @@ PROMISING = 8
 """Laws that are weighed with lost readings left out; the others explain the readings too badly."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Change:
     """A law that changed.
 
@@ -61,7 +62,9 @@ class Change:
         reading: Number of the reading after which it was announced, the first being 1.
         since: Number of the first reading after the change, as far as can be told.
         labels: What changed.
-        size: (k,) by how much, in the parameters' units.
+        size: (k,) by how much, against what was known of the arm just before: joint offsets, geometry, tool and
+            instrument in m and rad, learned laws in parts of what was declared; of compliances the logarithm of the
+            factor that they became larger by (0.18 is 20 %).
         std: (k,) one standard deviation of each.
         others: What else it may have been, with probabilities above one in a hundred.
     """
@@ -74,6 +77,17 @@ class Change:
     size: Array
     std: Array
     others: tuple[tuple[str, float], ...] = ()
+
+    def __repr__(self) -> str:
+        """One line: what changed, how sure that is, and by how much; compliances in percent."""
+        told = ", ".join(map(self._said, self.labels, self.size, self.std))
+        return f"<Change: {self.name} since reading {self.since}, {self.probability:.3%} sure: {told}>"
+
+    def _said(self, label: str, size: float, std: float) -> str:
+        part, unit = label.removeprefix(self.name).strip(), ""
+        if label.startswith(f"{COMPLIANCE} "):
+            size, std, unit = 100.0 * np.expm1(size), 100.0 * np.exp(size) * std, " %"
+        return f"{part} {size:+.3g} ± {std:.2g}{unit}".strip()
 
 
 @dataclass(frozen=True, eq=False)
