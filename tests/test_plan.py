@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -414,6 +415,16 @@ def test_the_command_writes_rows_a_picture_and_json(armflex: Run, tmp_path: Path
     assert {p["name"] for p in known if not p["told_by_tip"]} == {one["parameter"] for one in content["not_told"]}
     assert (tmp_path / "p.png").stat().st_size > 20_000
     fine(armflex("predict", BOOM, "p.csv", "-o", "predicted.csv"))
+
+
+def test_predictions_of_an_instrument_without_a_place_have_no_figure(armflex: Run, tmp_path: Path) -> None:
+    """One reading does not place it, twelve do."""
+    heavy = ROBOTS / "heavy_six" / "arm.toml"
+    along = ("--along", ROBOTS / "heavy_six" / "trajectory.csv", "-o", "p.csv")
+    few = fine(armflex("plan", heavy, "--rows", 1, *along)).stdout
+    assert "now instrument not placed yet, after the rows instrument not placed yet;" in " ".join(few.split())
+    more = fine(armflex("plan", heavy, "--rows", 12, *along)).stdout
+    assert re.search(r"now instrument not placed yet, after the rows 0\.\d+;", " ".join(more.split()))
 
 
 def test_the_command_says_how_far_apart_rivals_will_be(armflex: Run, tmp_path: Path) -> None:

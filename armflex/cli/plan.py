@@ -139,10 +139,10 @@ def print_plan(found: Plan) -> None:
     """Print what will be reached, against poses at random, which parameters gain most, and what cannot be told."""
     out, goal = console(), found.goal
     count, stops = len(found.worth), len(found.rows)
-    before, after = (number(float(goal.shown(value)), 3) for value in (found.reached[0], found.reached[-1]))
+    before, after = (found.figure(value) for value in found.reached[[0, -1]])
     run_ups = f", and {stops - count} stops to come from the right side" if stops > count else ""
     out.print(f"{count} rows to read{run_ups}; noise {number(float(found.reach.sigma.max()) * 1e3, 2)} mm")
-    out.print(f"{goal.title}: {before} now, {after} after; {_at_random(found)}")
+    out.print(f"{goal.title}: now {before}, after the rows {after}; {_at_random(found)}")
     left = sum(found.offered.dropped.values())
     if left:
         reasons = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in found.offered.dropped.items())
@@ -159,7 +159,7 @@ def print_plan(found: Plan) -> None:
 def _at_random(found: Plan) -> str:
     if found.random_rows is None:
         most = found.random.shape[1] - 1
-        reached = number(float(found.goal.shown(found.random.mean(axis=0)[-1])), 3)
+        reached = found.figure(found.random.mean(axis=0)[-1])
         return f"{most} poses at random reach {reached}"
     return f"as much as {found.random_rows} poses at random"
 

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 CELLS = 22
 """Cells across a map."""
 
+MARGIN = 0.05
+"""Room beside what a map shows, as a share of its width or height."""
+
 
 def draw_plan(found: Plan, path: str | Path) -> Path:
     """Write a picture of a plan.
@@ -52,8 +55,13 @@ def draw_plan(found: Plan, path: str | Path) -> Path:
         marks = _draw_map(axes, found, values, norm)
         axes.set_title(title)
     maps[0].set_ylabel("z [m]")
-    maps[1].plot(*_tips(found), "o", mfc="none", mec="crimson", ms=6, label="to be read")
-    maps[1].legend(loc="best", fontsize=8)
+    read = _tips(found)
+    maps[1].plot(*read, "o", mfc="none", mec="crimson", ms=6)
+    maps[1].set_title(f"{maps[1].get_title()} (circles)")
+    for axes in maps:
+        axes.update_datalim(np.transpose(read))
+        axes.margins(MARGIN)
+        axes.autoscale_view()
     text = "standard deviation of what would be read, 3-D [mm]"
     _plain(figure.colorbar(marks, ax=maps, label=text, extend="both").ax)
     file = BytesIO()

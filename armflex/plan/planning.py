@@ -21,7 +21,7 @@ from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth, adde
 from armflex.plan.model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.offer import Offer, Reach, around, some_rows, spread, unread
 from armflex.plan.question import Question, check, reach_of, sigma_of
-from armflex.plan.result import TOLD, Plan
+from armflex.plan.result import TOLD, UNKNOWN, Plan
 from armflex.plan.rivals import Rival, named_effect, refitted, rival_of, spelled, suspect_of
 from armflex.trajectory import Trajectory
 
@@ -39,9 +39,6 @@ PATH_ROWS = 400
 
 DRAWS, FURTHER = 8, 3
 """Random choices that a plan is held against, and how many times as many rows they have."""
-
-UNKNOWN = 1.0
-"""Standard deviation of a reading [m] beyond which nothing is known of where the instrument stands."""
 
 SCATTER = 1.5
 """Noise over the stated one beyond which a plan that goes by it is doubtful."""

@@ -12,13 +12,16 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.measured.measurements import Measurements
 from armflex.plan.advice import Blind, in_words, instead
-from armflex.plan.information import Goal
+from armflex.plan.information import Foreseen, Goal
 from armflex.plan.model import Model
 from armflex.plan.offer import Offer, Reach
 from armflex.plan.rivals import Rival
 
 TOLD = 3.0
 """Standard deviations at which two effects are told apart."""
+
+UNKNOWN = 1.0
+"""Standard deviation of a reading [m] beyond which nothing is known of where the instrument stands."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -62,8 +65,14 @@ class Plan:
 
     def __repr__(self) -> str:
         """One line: how much is to be read, and what it will give."""
-        before, after = (float(self.goal.shown(value)) for value in self.reached[[0, -1]])
-        return f"<Plan: {len(self.worth)} rows to read, {self.goal.title} {before:.3g} -> {after:.3g}>"
+        before, after = (self.figure(value) for value in self.reached[[0, -1]])
+        return f"<Plan: {len(self.worth)} rows to read, {self.goal.title} {before} -> {after}>"
+
+    def figure(self, value: float) -> str:
+        """Return the goal's value as it is shown, "instrument not placed yet" beyond `UNKNOWN`."""
+        if isinstance(self.goal, Foreseen) and -value > UNKNOWN**2:
+            return "instrument not placed yet"
+        return f"{float(self.goal.shown(value)):.3g}"
 
     @property
     def std_before(self) -> Array:
