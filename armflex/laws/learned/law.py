@@ -18,6 +18,9 @@ from armflex.laws.learned.seen import Seen
 from armflex.laws.learned.window import Window
 from armflex.laws.linear import NOTHING, LinearLaw, beyond
 
+SLACK = 0.02
+"""Of the range of a load, by which it may be beyond those seen: a campaign's loads are those of the arm as it bends."""
+
 
 @dataclass(frozen=True, eq=False)
 class LearnedLaw(Law):
@@ -213,8 +216,9 @@ class LearnedLaw(Law):
         return True
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return a flag for every component of the load beyond those seen."""
-        return beyond(self.window.loads, wrench)
+        """Return a flag for every component of the load beyond those seen, by more than anybody knows them."""
+        low, high = self.window.loads
+        return beyond(np.array([low, high]) + SLACK * (high - low) * np.array([[-1.0], [1.0]]), wrench)
 
 
 def _stds(groups: Sequence[Group]) -> Array:
