@@ -20,7 +20,7 @@ from baseline import machine, medians_us
 
 import armflex
 from armflex.conventions import Array
-from armflex.laws import LinearLaw, Row
+from armflex.laws import Law, LinearLaw, Row
 from armflex.learning.levenberg import PAPER, minimise
 from armflex.learning.network import fit_network, network_law
 from armflex.learning.network_problem import (
@@ -176,9 +176,16 @@ def asking() -> None:
         print(f"{name:>21} {value:7.1f} {value / times[f'linear {name.split()[-1]}']:9.1f}")
 
 
+def _same_everywhere(law: Law, arm: armflex.Arm) -> LinearLaw:
+    """Return the law's compliance in the middle of the joints' travel: one of positions costs as much as a network."""
+    middle = Row(np.mean(arm.bounds, axis=0), arm.joint_index)
+    return LinearLaw(np.array(law.tangent(np.zeros(6), middle)))
+
+
 def in_an_arm() -> None:
     """Print what `deflection` costs with trained laws where the boom has linear ones."""
     arm = armflex.load_arm(armflex.bundled_robot("tarm_like") / "arm.toml")
+    arm = replace(arm, flexures=tuple(replace(f, law=_same_everywhere(f.law, arm)) for f in arm.flexures))
     loads, measured, _, _ = bench(0)
     trained = fit_network(loads * 1e2, measured * 1e-2, starts=1).law
     everywhere = [replace(flexure, law=trained) for flexure in arm.flexures]
