@@ -11,8 +11,9 @@ from functools import partial
 import joblib
 import numpy as np
 import pytest
+from campaigns import draw
 
-from armflex import Arm, map_workspace
+from armflex import Arm, bootstrap, load_arm, map_workspace, read_measurements
 from armflex.learning.bayesian import evident_prior, sample
 from armflex.learning.linear_chain import sample_compliance
 from armflex.learning.network_problem import scaled_problem
@@ -99,6 +100,15 @@ def test_a_cluster_gives_the_same_compliances(cluster):
     here = sample_compliance(*bench(), chains=2, draws=200).compliances
     with joblib.parallel_config(backend="dask"):
         assert np.array_equal(sample_compliance(*bench(), chains=2, draws=200).compliances, here)
+
+
+def test_a_cluster_gives_the_same_fits(cluster, tmp_path):
+    drawn = draw("none", 5, "six").write(tmp_path)
+    arm = load_arm(drawn.arm)
+    rows = read_measurements(drawn.train, arm)
+    here = bootstrap(arm, rows, draws=3, seed=2)
+    with joblib.parallel_config(backend="dask"):
+        np.testing.assert_array_equal(bootstrap(arm, rows, draws=3, seed=2).values, here.values)
 
 
 def where(number: int) -> int:

@@ -419,7 +419,7 @@ def test_a_copy_of_the_arm_in_another_folder_is_the_same_arm(tarm: Arm, tmp_path
 )
 def test_a_store_of_other_settings_is_refused(tarm: Arm, tmp_path: Path, change: dict[str, object], named: str) -> None:
     kept_map(tarm, tmp_path / "store", rows=16)
-    with pytest.raises(FileError, match="belongs to another map") as caught:
+    with pytest.raises(FileError, match="belongs to other work") as caught:
         kept_map(tarm, tmp_path / "store", **change)
     assert named in str(caught.value) and str(caught.value).count(" there and ") == 1
 

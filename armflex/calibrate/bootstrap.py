@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.calibrate import FEWEST_ROWS, calibrate, loads_seen
+from armflex.calibrate.kept_fits import Fitted, KeptFits, open_kept_fits
 from armflex.calibrate.spread import INSTRUMENT
 from armflex.conventions import Array
 from armflex.errors import InputError, naming
@@ -56,6 +59,7 @@ def bootstrap(
     seed: int = 0,
     jobs: int | None = None,
     progress: Progress | None = None,
+    store: str | Path | None = None,
 ) -> Bootstrap:
     """Calibrate an arm to campaigns whose poses are drawn, with replacement, from those of one.
 
@@ -69,25 +73,46 @@ def bootstrap(
         seed: The same seed gives the same campaigns, whatever the number of processes.
         jobs: Processes, -1 for all cores; None for what `joblib.parallel_config` says, else one.
         progress: Called with (fits done, in all).
+        store: Folder that keeps finished fits. With it an interrupted bootstrap goes on from where it was, and one of
+            more draws from one of fewer.
 
     Raises:
         InputError: Fewer than two draws, or as `calibrate`.
+        FileError: The store belongs to another bootstrap or cannot be used.
         ConvergenceError: A fit did not settle; its number is named.
     """
     if draws < 2:
         raise InputError(f"{draws} draws: expected 2 or more")
     poses = _rows_of_poses(measurements)
     seen = loads_seen(arm, measurements)  # what a draw leaves out was seen all the same
-    tasks = (
+    tasks = [
         partial(_fitted, arm, measurements, poses, seen, number, own)
         for number, own in enumerate(np.random.SeedSequence(seed).spawn(draws))
-    )
+    ]
+    kept = None if store is None else open_kept_fits(store, arm, measurements, seed)
     fits = []
-    for fit in in_order(tasks, jobs):
-        fits.append(fit)
-        if progress:
-            progress(len(fits), draws)
+    with closing(_fits(tasks, kept, jobs)) as found:
+        for fit in found:
+            fits.append(fit)
+            if progress:
+                progress(len(fits), draws)
     return Bootstrap(fits[0][0], np.array([values for _, values in fits]))
+
+
+def _fits(
+    tasks: Sequence[Callable[[], Fitted]], kept: KeptFits | None, jobs: int | None
+) -> Generator[Fitted, None, None]:
+    """Yield every fit in order: read where it is kept, else made, and kept."""
+    known = [kept is not None and kept.has(number) for number in range(len(tasks))]
+    with closing(in_order((task for task, there in zip(tasks, known, strict=True) if not there), jobs)) as made:
+        for number, there in enumerate(known):
+            if kept is not None and there:
+                yield kept.read(number)
+                continue
+            fit = next(made)
+            if kept is not None:
+                kept.write(number, fit)
+            yield fit
 
 
 def _rows_of_poses(measurements: Measurements) -> list[np.ndarray]:
@@ -106,7 +131,7 @@ def _fitted(
     seen: dict[str, Seen],
     number: int,
     seed: np.random.SeedSequence,
-) -> tuple[tuple[str, ...], Array]:
+) -> Fitted:
     """Return the names and values of what a fit to one resampled campaign found."""
     chosen = np.random.default_rng(seed).integers(len(poses), size=len(poses))
     with naming(f"resampled campaign {number}"):

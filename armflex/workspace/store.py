@@ -86,7 +86,7 @@ def _compare(path: Path, manifest: Manifest) -> None:
     names = dict.fromkeys((*manifest, *there))
     differ = [_difference(name, there, manifest) for name in names if there.get(name) != manifest.get(name)]
     if differ:
-        raise FileError(Place(path), f"belongs to another map ({listing(differ)}): name another folder")
+        raise FileError(Place(path), f"belongs to other work ({listing(differ)}): name another folder")
 
 
 def _difference(name: str, there: Manifest, here: Manifest) -> str:
