@@ -436,10 +436,10 @@ def test_a_store_of_another_arm_is_refused(tarm: Arm, tmp_path: Path) -> None:
     kept_map(tarm, tmp_path / "store", rows=16)
     softer = replace(tarm.flexures[1], law=replace(tarm.flexures[1].law, relative_std=0.21))
     other = replace(tarm, flexures=(tarm.flexures[0], softer, *tarm.flexures[2:]))
-    with pytest.raises(FileError, match=r"another map \(flexures is \w{16} there and \w{16} here\)"):
+    with pytest.raises(FileError, match=r"other work \(flexures is \w{16} there and \w{16} here\)"):
         kept_map(other, tmp_path / "store")
     heavier = replace(tarm, payloads={**tarm.payloads, "p600": replace(tarm.payloads["p600"], mass=601.0)})
-    with pytest.raises(FileError, match=r"another map \(payload p600 is"):
+    with pytest.raises(FileError, match=r"other work \(payload p600 is"):
         kept_map(heavier, tmp_path / "store")
 
 
