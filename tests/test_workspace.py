@@ -519,7 +519,9 @@ def test_the_command_refuses(armflex: Run, tmp_path: Path, options: tuple[str, .
 def test_interrupted_and_resumed(armflex: Run, tmp_path: Path, tarm: Arm, jobs: int) -> None:
     """Ctrl-C goes to every process of the terminal; the same command again does only what was left."""
     asked = ["map", TARM, "-o", "map.npz", "--rows", 600, "--chunk", 2, "--store", "store", "--jobs", jobs]
-    code = "from armflex.cli.main import main; main()"
+    # Where these tests run in the background Ctrl-C is ignored, and so it would be by their children.
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{heard}; from armflex.cli.main import main; main()"
     running = subprocess.Popen(
         [sys.executable, "-c", code, *map(str, asked)],
         cwd=tmp_path,
