@@ -8,7 +8,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +17,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from baseline import machine, medians_us
 
-import armflex
 from armflex.conventions import Array
-from armflex.laws import Law, LinearLaw, Row
+from armflex.laws import LinearLaw, Row
 from armflex.learning.levenberg import PAPER, minimise
 from armflex.learning.network import fit_network, network_law
 from armflex.learning.network_problem import (
@@ -176,35 +174,11 @@ def asking() -> None:
         print(f"{name:>21} {value:7.1f} {value / times[f'linear {name.split()[-1]}']:9.1f}")
 
 
-def _same_everywhere(law: Law, arm: armflex.Arm) -> LinearLaw:
-    """Return the law's compliance in the middle of the joints' travel: one of positions costs as much as a network."""
-    middle = Row(np.mean(arm.bounds, axis=0), arm.joint_index)
-    return LinearLaw(np.array(law.tangent(np.zeros(6), middle)))
-
-
-def in_an_arm() -> None:
-    """Print what `deflection` costs with trained laws where the boom has linear ones."""
-    arm = armflex.load_arm(armflex.bundled_robot("tarm_like") / "arm.toml")
-    arm = replace(arm, flexures=tuple(replace(f, law=_same_everywhere(f.law, arm)) for f in arm.flexures))
-    loads, measured, _, _ = bench(0)
-    trained = fit_network(loads * 1e2, measured * 1e-2, starts=1).law
-    everywhere = [replace(flexure, law=trained) for flexure in arm.flexures]
-    one = [replace(f, law=trained) if f.name == "A4" else f for f in arm.flexures]
-    arms = {"linear": arm, "a network at A4": replace(arm, flexures=tuple(one))}
-    arms["networks everywhere"] = replace(arm, flexures=tuple(everywhere))
-    q = arm.position(A2=0.2, A4=-0.3)
-    times = medians_us({name: lambda one=one: one.deflection(q, allow_large=True) for name, one in arms.items()})
-    print(f"\n{'deflection with':>21} {'us':>7} {'x linear':>9}")
-    for name, value in times.items():
-        print(f"{name:>21} {value:7.0f} {value / times['linear']:9.2f}")
-
-
 def main() -> None:
     print(machine())
     training()
     variants()
     asking()
-    in_an_arm()
 
 
 if __name__ == "__main__":
