@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from functools import cache
-from types import ModuleType
+from functools import partial
 
 import numpy as np
 
 from armflex.batch import bending
 from armflex.batch.chain import Straight
 from armflex.batch.laws import BatchLaws
+from armflex.compiled_code import compiled_code
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.statics.loaded import LoadedArm
@@ -144,11 +144,5 @@ def room_for(count: int, n: int) -> Found:
     return np.empty((count, 6)), np.empty((count, n, 6)), np.empty((count, n, 6))
 
 
-@cache
-def compiled() -> ModuleType | None:
-    """Return the compiled functions where numba is installed, and finds a place to keep them."""
-    try:
-        from armflex.batch import compiled
-    except (ImportError, RuntimeError):
-        return None
-    return compiled
+compiled = partial(compiled_code, "armflex.batch.compiled")
+"""Returns the compiled functions, None where there are none."""

@@ -12,6 +12,7 @@ from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.effect_block import EffectBlock
 from armflex.calibrate.law_block import LawBlock, with_laws
+from armflex.calibrate.posterior import root_of_covariance
 from armflex.calibrate.spread import OF_THE_INSTRUMENT, applied_blocks, without_declared_doubt
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array
@@ -49,7 +50,7 @@ def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     blocks = applied_blocks(arm.certainty, setup)
     if blocks is None:
         raise UnsupportedError("the arm no longer has every fitted parameter (another preset?): it cannot be drawn")
-    root = _root(arm.certainty.covariance)
+    root = root_of_covariance(arm.certainty.covariance)
     steps = (root @ rng.normal(size=len(root)) for _ in range(draws))
     return tuple(_with_drawn_laws(_stepped(setup, blocks, step), rng) for step in steps)
 
@@ -66,12 +67,6 @@ def _with_drawn_laws(arm: Arm, rng: np.random.Generator) -> Arm:
     """Return the arm with the laws that carry an uncertainty of their own drawn, and none left."""
     flexures = [replace(one, law=one.law.draw(rng)) for one in arm.flexures]
     return replace(arm, flexures=tuple(flexures), certainty=None)
-
-
-def _root(covariance: Array) -> Array:
-    """Return a (P, P) root of a covariance that may be singular."""
-    variances, directions = np.linalg.eigh(covariance)
-    return directions * np.sqrt(np.maximum(variances, 0.0))
 
 
 def _stepped(setup: Setup, blocks: Sequence[Block], step: Array) -> Arm:

@@ -43,3 +43,11 @@ def posterior_of(columns: Array, prior: Array) -> Posterior:
     told = information > ROUNDING
     found, left = scale[:, None] * directions[:, told], directions[:, ~told].T
     return Posterior(found / information[told] @ found.T, np.where(np.abs(left) > PART, left, 0.0) * scale)
+
+
+def root_of_covariance(covariance: Array) -> Array:
+    """Return R with R R' a (P, P) covariance, which may be singular; units may differ by orders of magnitude."""
+    scale = np.sqrt(np.diag(covariance))
+    unit = np.where(scale > 0.0, scale, 1.0)
+    size, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return unit[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))

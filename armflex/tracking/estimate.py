@@ -7,14 +7,15 @@ never lose its sign by rounding. Without drift the result is that of least squar
 
 from __future__ import annotations
 
-from functools import cache
-from types import ModuleType
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
 
+from armflex.calibrate.posterior import root_of_covariance
 from armflex.calibrate.robust import FAR
+from armflex.compiled_code import compiled_code
 from armflex.conventions import Array
 
 GROSS = 100.0
@@ -23,14 +24,8 @@ GROSS = 100.0
 UNITS = {size: np.eye(size) for size in (3, 6)}
 
 
-@cache
-def compiled() -> ModuleType | None:
-    """Return the compiled functions where numba is installed, and finds a place to keep them."""
-    try:
-        from armflex.tracking import compiled
-    except (ImportError, RuntimeError):
-        return None
-    return compiled
+compiled = partial(compiled_code, "armflex.tracking.compiled")
+"""Returns the compiled functions, None where there are none."""
 
 
 class Seen(NamedTuple):
@@ -73,10 +68,7 @@ class Estimate(NamedTuple):
 
 def estimate_of(covariance: Array) -> Estimate:
     """Return the estimate of no step with a covariance, which may be singular."""
-    scale = np.sqrt(np.diag(covariance))
-    unit = np.where(scale > 0.0, scale, 1.0)
-    size, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    root = unit[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))
+    root = root_of_covariance(covariance)
     return Estimate(np.zeros(len(root)), np.ascontiguousarray(root))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
+from armflex.digest import digest
 from armflex.errors import InputError, ModelFileError, Place, UnknownNameError
 from armflex.tracking.estimate import Estimate, Seen, estimate_of, recentred, spread, take, widen
 from armflex.tracking.groups import Group
@@ -20,7 +21,6 @@ from armflex.tracking.sight import Sight
 from armflex.tracking.state import begun
 from armflex.tracking.state_file import read_state, write_state
 from armflex.tracking.watch import WINDOW, Anchor, Change, Found, contradicted, fainter, seek
-from armflex.workspace.digest import digest
 
 KEPT = 100
 """Changes that are remembered."""

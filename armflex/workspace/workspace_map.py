@@ -17,15 +17,16 @@ from armflex.calibrate.draw import draw_arms
 from armflex.calibrate.spread import without_declared_doubt
 from armflex.check import COVERAGE
 from armflex.conventions import Array
+from armflex.digest import digest
 from armflex.effects.remember import settled
 from armflex.errors import Flag, InputError, UnknownNameError
+from armflex.kept import Manifest
 from armflex.parallel import in_order
 from armflex.statics.equilibrium import METHODS
 from armflex.version import __version__
 from armflex.workspace.configurations import MOST_ROWS, Configurations, default_voxel, drawn_range, furthest
-from armflex.workspace.digest import digest
 from armflex.workspace.question import REASONS, Answer, Question, answers, sigmas
-from armflex.workspace.store import Manifest, Store, open_store
+from armflex.workspace.store import Store, open_store
 from armflex.workspace.tally import SIDE, Tally, cell_indices, joined
 
 Progress = Callable[[int, int], None]

@@ -14,28 +14,18 @@ from armflex.conventions import Array
 from armflex.laws.law import Law, Row
 from armflex.laws.learned.compliance_part import CompliancePart
 from armflex.laws.learned.node_part import NodePart
-from armflex.laws.learned.part import Group, Part
+from armflex.laws.learned.part import OfPart, Part
 
 STEP = 1e-4
 """Relative step of the load for derivatives: they steer Newton's steps and do not enter the solution."""
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class Linearised(OfPart):
     """A part that is straight in its values, as it is at a point of them."""
 
     part: Part
     point: Array
-
-    @property
-    def groups(self) -> tuple[Group, ...]:
-        """The part's."""
-        return self.part.groups
-
-    @property
-    def start(self) -> Array:
-        """The part's."""
-        return self.part.start
 
     def twist(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the twist at the point, and what a step of the values makes of it."""

@@ -10,26 +10,16 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws.at_node import AtNode
 from armflex.laws.law import Law, Row
-from armflex.laws.learned.part import Group, Part
+from armflex.laws.learned.part import OfPart, Part
 from armflex.laws.linear import LinearLaw
 
 
 @dataclass(frozen=True, eq=False)
-class NodePart:
+class NodePart(OfPart):
     """`part` in a frame at the node of `declared`, axes parallel to the flexure's."""
 
     declared: AtNode
     part: Part
-
-    @property
-    def groups(self) -> tuple[Group, ...]:
-        """The part's."""
-        return self.part.groups
-
-    @property
-    def start(self) -> Array:
-        """The part's."""
-        return self.part.start
 
     def twist(self, values: Array, wrench: Array, row: Row) -> Array:
         """Return the twist at the flexure."""

@@ -54,3 +54,19 @@ class Part(Protocol):
     def law(self, values: Array) -> Law | None:
         """Return the part as a law of another kind that solvers know better, None where there is none."""
         ...
+
+
+class OfPart:
+    """What is the same of a part that stands for another."""
+
+    part: Part
+
+    @property
+    def groups(self) -> tuple[Group, ...]:
+        """The part's."""
+        return self.part.groups
+
+    @property
+    def start(self) -> Array:
+        """The part's."""
+        return self.part.start
