@@ -14,6 +14,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmFileError, Place, did_you_mean, listing
+from armflex.printable import unprintable
 
 _TOKEN = re.compile(
     r'"""(?:\\.|[^\\])*?"""|"(?:\\.|[^"\\\n])*"|'
@@ -76,7 +77,7 @@ def _names(words: list[str]) -> list[str]:
     names: list[str] = []
     for word in words:
         if word[0] in "\"'":
-            names.append(word[1:-1])
+            names.append(tomllib.loads(f"name = {word}")["name"])
         elif word not in ("[", "]"):
             names.extend(name for name in word.split(".") if name)
     return names
@@ -232,7 +233,24 @@ def read_toml(path: Path) -> Declaration:
     except UnicodeDecodeError:
         raise ArmFileError(Place(path), "is not UTF-8 text") from None
     try:
-        return Declaration(tomllib.loads(text), (), Source(path, text))
+        table, source = tomllib.loads(text), Source(path, text)
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"line (\d+)", str(error))
         raise ArmFileError(Place(path, int(line[1]) if line else 0), f"not valid TOML: {error}") from None
+    for keys, word in _texts(table):
+        if found := unprintable(word):
+            raise ArmFileError(source.place(keys), f"{word!r} {found[1]}")
+    return Declaration(table, (), source)
+
+
+def _texts(value: Any, keys: Keys = ()) -> Iterator[tuple[Keys, str]]:
+    """Yield every name and text in nested tables and lists, and the way to it."""
+    if isinstance(value, str):
+        yield keys, value
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield (*keys, key), key
+            yield from _texts(item, (*keys, key))
+    elif isinstance(value, list):
+        for i, item in enumerate(value):
+            yield from _texts(item, (*keys, i))

@@ -3,34 +3,89 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
+import stat
+import sys
 from pathlib import Path
 
 from armflex.errors import FileError, Place
 
+ANYBODY = 0o666
+"""Mode of a new file, of which the system takes off the process's umask."""
+
+LONGEST = 40
+"""Letters of a file's name that a temporary one beside it repeats: the whole of it could be too long with more."""
+
 
 def write_whole(path: Path, data: bytes) -> Path:
-    """Write a file through a temporary one beside it; return the path. A device or a pipe is written to as it is.
+    """Write a file through a temporary one beside it; return the path.
+
+    A file that is replaced leaves its mode to the new one, a new one has the mode of any file that this process
+    creates. Links are followed. What is no file is written to as it is: a pipe, a device, and also this process's
+    own output and error stream, whatever they have been sent to, by whichever name.
 
     Raises:
-        FileError: The path is a folder, or its folder does not exist or cannot be written.
+        FileError: The path is a folder or a write-protected file, or its folder does not exist or cannot be written.
     """
     try:
-        if path.exists() and not path.is_file():
-            path.write_bytes(data)
+        there = _status(path)
+        if is_replaced(path):
+            _replace(Path(os.path.realpath(path)), data, there)
         else:
-            _replace(path.resolve(), data)
+            _write_in_place(path, data, there)
     except OSError as error:
         raise FileError(Place(path), f"cannot be written: {error.strerror or error}") from None
     return path
 
 
-def _replace(path: Path, data: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+def is_replaced(path: Path) -> bool:
+    """Return whether `write_whole` makes a new file in the path's folder, which must then be writable."""
+    there = _status(path)
+    return there is None or (stat.S_ISREG(there.st_mode) and _own_stream(there) is None)
+
+
+def _status(path: Path) -> os.stat_result | None:
+    """Return what stands at the end of a path and its links, None where there is nothing yet."""
+    try:
+        return path.stat()
+    except FileNotFoundError:
+        return None
+
+
+def _own_stream(there: os.stat_result) -> int | None:
+    """Return which of this process's streams a file is, 1 or 2, None where it is neither."""
+    for number in (1, 2):
+        try:
+            if os.path.samestat(there, os.fstat(number)):
+                return number
+        except OSError:  # it has been closed
+            continue
+    return None
+
+
+def _write_in_place(path: Path, data: bytes, there: os.stat_result) -> None:
+    number = _own_stream(there)
+    if number is not None:
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:
+                stream.flush()  # what was said before comes first
+    # A stream opened anew by its name would be written over from its beginning where it is a file.
+    with open(path if number is None else number, "wb", closefd=number is None) as file:
+        file.write(data)
+
+
+def _replace(path: Path, data: bytes, there: os.stat_result | None) -> None:
+    if there is not None and not os.access(path, os.W_OK):
+        raise PermissionError(0, "it is write-protected")
+    mode = ANYBODY if there is None else stat.S_IMODE(there.st_mode) & 0o777
+    temporary = path.with_name(f".{path.name[:LONGEST]}.{secrets.token_hex(4)}")
+    # Never readable by more than the file itself, not even while it is empty.
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), mode)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-        os.chmod(temporary, 0o644)
+        if there is not None:
+            os.chmod(temporary, mode)
         os.replace(temporary, path)
     except BaseException:
         os.unlink(temporary)

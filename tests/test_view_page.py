@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armflex.view.page import capsule_mesh, render_page, tube_mesh, write_page
+from armflex.view.page import capsule_mesh, render_page, tube_mesh
 from armflex.view.scene import (
     Camera,
     LegendRow,
@@ -112,7 +112,7 @@ def test_page_keeps_the_licences_of_the_viewer() -> None:
     assert "Three.js Authors" in page
 
 
-def test_page_is_made_without_process_or_socket(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_page_is_made_without_process_or_socket(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*args: object, **kwargs: object) -> None:
         raise AssertionError("a page must be made in process")
 
@@ -120,7 +120,7 @@ def test_page_is_made_without_process_or_socket(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(os, "fork", refuse)
     monkeypatch.setattr(socket.socket, "connect", refuse)
     monkeypatch.setattr(socket.socket, "bind", refuse)
-    assert write_page(small_scene(), tmp_path / "page.html").stat().st_size > 500_000
+    assert len(render_page(small_scene())) > 500_000
 
 
 def test_same_scene_gives_same_page() -> None:
@@ -138,25 +138,10 @@ def test_user_text_is_escaped() -> None:
     assert "<title>&lt;script&gt;alert(1)&lt;/script&gt;</title>" in page
 
 
-def test_page_replaces_the_old_one_or_leaves_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    target = tmp_path / "page.html"
-    target.write_text("old")
-
-    def fail(*args: object) -> None:
-        raise OSError("disk full")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "replace", fail)
-        with pytest.raises(OSError, match="disk full"):
-            write_page(small_scene(), target)
-    assert target.read_text() == "old" and list(tmp_path.iterdir()) == [target]
-    write_page(small_scene(), target)
-    assert "Arm under load" in target.read_text(encoding="utf-8")
-
-
 @pytest.mark.skipif(BROWSER is None, reason="no chromium, chromium-browser or google-chrome on PATH")
 def test_browser_draws_and_plays_the_scene(tmp_path: Path) -> None:
-    page = write_page(small_scene(), tmp_path / "page.html")
+    page = tmp_path / "page.html"
+    page.write_text(render_page(small_scene()), encoding="utf-8")
     early, late = picture(page, 400), picture(page, 1900)
     for color, least in ((ARM, 0.005), (GREEN, 0.0008), (RED, 0.0008)):
         assert hue_share(early, color) > least, f"{color} was not drawn"

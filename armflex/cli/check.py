@@ -49,7 +49,7 @@ def command(
     limits = parse_quantity(tolerance, "length"), None if angle is None else parse_quantity(angle, "angle")
     with progress("checking") as tick:
         report = check(arm, trajectory, *limits, method=method, progress=tick, covariates=covariates)
-    console().print(f"base {arm.robot.base}, tip {arm.robot.tip}\n")
+    console().print(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
     print_check(report)
     show_flags(report.flags)
     write_json(json_path, as_json(report) | {"base": arm.robot.base, "tip": arm.robot.tip})

@@ -55,7 +55,7 @@ def command(
     with progress("compensating") as tick:
         asked = {"best_effort": True, "between": gap, "covariates": covariates}
         found = compensate(arm, trajectory, match, progress=tick, **asked)
-    console().print(f"base {arm.robot.base}, tip {arm.robot.tip}\n")
+    console().print(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
     print_compensation(found)
     show_flags(found.flags)
     write_json(json_path, as_json(found) | {"base": arm.robot.base, "tip": arm.robot.tip})

@@ -74,7 +74,7 @@ def command(
 def print_deflection(arm: Arm, found: Deflection, covariance: np.ndarray | None) -> None:
     """Print the loads, the local deflections and the tip's displacement with its (6, 6) covariance."""
     names = found.names
-    console().print(f"base {names.base}, tip {names.tip}, payload {found.payload.mass:g} kg, {found.method}\n")
+    console().print(f"base {names.base}, tip {names.tip}, payload {found.payload.mass:g} kg, {found.method}", "")
     print_table(
         "Load at every joint, on the structure, in its child frame",
         ["joint", "q", "fx kN", "fy kN", "fz kN", "mx kNm", "my kNm", "mz kNm", "drive / limit"],

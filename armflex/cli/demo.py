@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import warnings
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from armflex.cli.check import print_check
 from armflex.cli.compensate import print_compensation
 from armflex.cli.deflect import print_deflection
 from armflex.cli.options import Command, PathArgument, json_option, progress, same_file, show_flags, write_json
-from armflex.cli.tables import console, number, print_table
+from armflex.cli.tables import console, heading, number, print_table
 from armflex.cli.trace import print_trace
 from armflex.cli.train import print_training
 from armflex.compensate import Compensation, compensate
@@ -34,6 +33,7 @@ from armflex.trace import trace
 from armflex.trace.result import Trace
 from armflex.trajectory import Trajectory, read_trajectory, write_trajectory
 from armflex.view.view import view
+from armflex.whole_file import write_whole
 
 TOLERANCE = 0.1
 PAYLOAD = "p600"
@@ -67,7 +67,7 @@ def command(output: Path, json_path: Path | None) -> None:
     said = {"format": "armflex-demo-1", "page": page, "compensated": found.ok, "tip_moves_m": presets}
     write_json(json_path, said | {"traced": [one.effect.title for one in traced.found]})
     pages = f"{output / 'tarm_like.html'} and {output / 'trace.html'}"
-    console().print(f"\nOpen {pages} in a browser; everything written is in {output}.")
+    console().print("", f"Open {pages} in a browser; everything written is in {output}.")
 
 
 def _check_apart(json_path: Path | None, output: Path) -> None:
@@ -84,17 +84,13 @@ def _copy_robot(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for file in bundled_robot("tarm_like").iterdir():
             if not (folder / file.name).exists():
-                shutil.copy(file, folder / file.name)
+                write_whole(folder / file.name, file.read_bytes())
     except OSError as error:
         raise FileError(Place(folder), f"cannot be written: {error.strerror or error}") from None
 
 
-def _heading(text: str) -> None:
-    console().rule(f"[bold]{text}", align="left")
-
-
 def _sag(arm: Arm) -> None:
-    _heading(f"1. Straight out, carrying {PAYLOAD}: armflex deflect robots/tarm_like/arm.toml --payload {PAYLOAD}")
+    heading(f"1. Straight out, carrying {PAYLOAD}: armflex deflect robots/tarm_like/arm.toml --payload {PAYLOAD}")
     found = _straight(arm)
     print_deflection(arm, found, found.covariance)
     show_flags(found.flags)
@@ -105,11 +101,11 @@ def _straight(arm: Arm, allow_large: bool = False) -> Deflection:
 
 
 def _path(arm: Arm, trajectory: Trajectory, output: Path) -> Compensation:
-    _heading(f"2. Through the port and around the corner: armflex check ... --tolerance {TOLERANCE * 1e3:g}mm")
+    heading(f"2. Through the port and around the corner: armflex check ... --tolerance {TOLERANCE * 1e3:g}mm")
     with progress("checking") as tick:
         report = check(arm, trajectory, TOLERANCE, progress=tick)
     print_check(report)
-    _heading("3. Cancel the sag: armflex compensate ...")
+    heading("3. Cancel the sag: armflex compensate ...")
     with progress("compensating") as tick:
         found = compensate(arm, trajectory, progress=tick)
     print_compensation(found)
@@ -125,12 +121,12 @@ def _remaining(arm: Arm, trajectory: Trajectory, found: Compensation) -> None:
     for q, commanded, payload in zip(found.trajectory.q, trajectory.q, trajectory.payload, strict=True):
         pose = arm.deflection(q, payload, method="fixed_point").pose
         worst = max(worst, float(np.linalg.norm(pose.translation - arm.rigid_pose(commanded).translation)))
-    console().print(f"Asked again by fixed-point iteration instead of Newton: {worst:.1e} m remain at most.\n")
+    console().print(f"Asked again by fixed-point iteration instead of Newton: {worst:.1e} m remain at most.", "")
 
 
 def _close_the_loop(folder: Path, output: Path) -> Trace:
     """Find what a measured boom has that its declaration does not mention; return the account."""
-    _heading("5. Measured, and not where it should be: armflex trace robots/tarm_like/measured.toml campaign.csv ...")
+    heading("5. Measured, and not where it should be: armflex trace robots/tarm_like/measured.toml campaign.csv ...")
     arm = load_arm(folder / "measured.toml")
     with progress("tracing") as tick:
         found = trace(arm, read_measurements(folder / "campaign.csv", arm), report=lambda text: tick(0, 1))
@@ -142,7 +138,7 @@ def _close_the_loop(folder: Path, output: Path) -> Trace:
 
 def _paper_joint(folder: Path) -> dict[str, float]:
     """Train the paper's joint, put it in, and return how far the tip moves with each A4 [m]."""
-    _heading("4. A4 as in Table I of the source paper, in two readings of its unit")
+    heading("4. A4 as in Table I of the source paper, in two readings of its unit")
     for unit in ("mm", "um"):
         result = train(read_joint_data(folder / "a4_table_1.csv", {"mm": unit}), "linear")
         if unit == "mm":
@@ -156,7 +152,8 @@ def _paper_joint(folder: Path) -> dict[str, float]:
         console().print(text)
     console().print(
         "As printed, A4 alone gives way by most of a metre: at 1 kN a steel member of its size would be strained far "
-        "past yield.\nRead as um/kN it is an ordinary steel hinge. The arm's own A4 does not come from the table."
+        "past yield.",
+        "Read as um/kN it is an ordinary steel hinge. The arm's own A4 does not come from the table.",
     )
     shifts = (float(np.linalg.norm(one.displacement[:3])) for one in found)
     return dict(zip((preset or "assumed" for preset in PRESETS), shifts, strict=True))

@@ -104,7 +104,9 @@ def _explain(error: Exception) -> None:
 
 
 def _fail(text: str, code: int) -> None:
-    click.echo(f"error: {text}", err=True)
+    from armflex.cli.tables import complain
+
+    complain(f"error: {text}")
     sys.exit(code)
 
 

@@ -22,13 +22,13 @@ from armflex.cli.options import (
     was_interrupted,
     write_json,
 )
-from armflex.cli.tables import console, number, print_table
+from armflex.cli.tables import complain, console, number, print_table
 from armflex.conventions import Array, parse_quantity
 from armflex.errors import InputError
+from armflex.picture import SUFFIXES as PICTURES
 from armflex.statics.equilibrium import METHODS
 from armflex.workspace import WorkspaceMap, draw_map, map_page, map_workspace, write_map
 from armflex.workspace.map_file import SUFFIXES
-from armflex.workspace.picture import SUFFIXES as PICTURES
 from armflex.workspace.workspace_map import CHUNK, VERDICTS
 
 DRAWS = "Arms drawn from what is known of this one, asked as well: a voxel is ok only where all are."
@@ -83,7 +83,7 @@ def command(
             found = map_workspace(arm, names, voxel=edge, store=store, covariates=covariates, progress=tick, **settings)
     except BaseException as error:
         if store is not None and was_interrupted(error):
-            click.echo(f"finished chunks are kept in {store}: the same command goes on from there", err=True)
+            complain(f"finished chunks are kept in {store}: the same command goes on from there")
         raise
     write_map(found, output, limit)
     if picture is not None:
@@ -106,7 +106,7 @@ def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
     """Print what was asked, what was refused, and where the tip moves most."""
     asked = f"{found.rows} configurations, payload {', '.join(found.payloads)}"
     asked += f", {found.draws} draws of the arm" if found.draws else ""
-    console().print(f"base {found.base}, tip {found.tip}; {asked}; {len(found)} voxels of {found.voxel:g} m\n")
+    console().print(f"base {found.base}, tip {found.tip}; {asked}; {len(found)} voxels of {found.voxel:g} m", "")
     counts = found.refused.sum(axis=0)
     for reason, count in zip(found.reasons, counts, strict=True):
         if count:

@@ -17,10 +17,11 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.arm_file import load_arm
+from armflex.cli.tables import complain, stream
 from armflex.conventions import NUMBER, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean
 from armflex.measured.point_export import read_points
-from armflex.whole_file import write_whole
+from armflex.whole_file import is_replaced, write_whole
 
 PathArgument = click.Path(path_type=Path)
 
@@ -49,15 +50,20 @@ class OutputPath(click.Path):
     """A file to be written; its folder is looked at before anything is computed or written."""
 
     def __init__(self) -> None:
-        super().__init__(dir_okay=False, path_type=Path)
+        super().__init__(dir_okay=False, writable=True, path_type=Path)
 
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Path:
         """Return the path; fail where no file can be written there."""
         path = super().convert(value, parameter, context)
-        if not path.parent.is_dir():
-            self.fail(f"folder {path.parent} of {path.name!r} does not exist", parameter, context)
-        if not os.access(path.parent, os.W_OK):
-            self.fail(f"folder {path.parent} cannot be written", parameter, context)
+        folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
+        try:
+            replaced = is_replaced(path)
+        except OSError as error:
+            self.fail(f"{path} cannot be written: {error.strerror}", parameter, context)
+        if replaced and not folder.is_dir():
+            self.fail(f"folder {folder} of {path.name!r} does not exist", parameter, context)
+        if replaced and not os.access(folder, os.W_OK):
+            self.fail(f"folder {folder} cannot be written", parameter, context)
         return path
 
 
@@ -250,11 +256,10 @@ def parse_force(text: str) -> tuple[str, Array]:
 @contextmanager
 def progress(title: str) -> Iterator[Callable[[int, int], None]]:
     """Yield a function of (done, total) that draws a bar on a terminal's stderr and is silent elsewhere."""
-    from rich.console import Console
     from rich.progress import Progress
 
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+    out = stream(stderr=True)
+    with Progress(console=out, transient=True, disable=not out.is_terminal) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
@@ -279,4 +284,4 @@ def say_warning(text: str) -> None:
     """Print a warning on stderr, once: an arm's doubts come with every result."""
     if text not in _said:
         _said.add(text)
-        click.echo(f"warning: {text}", err=True)
+        complain(f"warning: {text}")

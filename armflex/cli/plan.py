@@ -22,11 +22,11 @@ from armflex.cli.tables import console, number, print_table
 from armflex.conventions import NUMBER, parse_quantity
 from armflex.errors import InputError
 from armflex.measured.measurements import read_measurements
+from armflex.picture import check_ending
 from armflex.plan import draw_plan, plan, write_plan
 from armflex.plan.advice import Blind
 from armflex.plan.rivals import Rival
 from armflex.trajectory import read_trajectory
-from armflex.workspace.picture import SUFFIXES
 
 if TYPE_CHECKING:
     from armflex.plan.result import Plan
@@ -83,8 +83,8 @@ def command(
     They make what [prior] frees as certain as can be, or what is predicted --along a path, or they tell two effects
     apart --between. Stops whose pose begins with 'to ' are driven to and not read.
     """
-    if picture is not None and picture.suffix not in SUFFIXES:
-        raise InputError(f"{picture}: expected a name that ends in {' or '.join(SUFFIXES)}")
+    if picture is not None:
+        check_ending(picture)  # before minutes of work
     arm = _declared(arm_path)
     asked = {
         "after": None if after_path is None else read_measurements(after_path, arm),

@@ -1,33 +1,65 @@
-"""Tables for people."""
+"""The one way to the terminal: every text arrives as it is, none as markup, and none moves the cursor."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+import click
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
+
+from armflex.printable import printable
 
 NARROWEST = 130
 """Columns to lay out for where the output is no terminal."""
 
 
-def console() -> Console:
-    """Return stdout; a pipe gets plain text wide enough for every table."""
-    out = Console(highlight=False)
-    return out if out.is_terminal else Console(highlight=False, width=NARROWEST)
+def stream(stderr: bool = False) -> Console:
+    """Return stdout or stderr, on which text is no markup; a pipe gets plain text wide enough for every table."""
+    plain = {"stderr": stderr, "markup": False, "emoji": False, "highlight": False}
+    out = Console(**plain)
+    return out if out.is_terminal else Console(width=NARROWEST, **plain)
+
+
+class Printer:
+    """Prints lines; what would break one of them, or colour it, is shown and not obeyed."""
+
+    def __init__(self) -> None:
+        self._out = stream()
+
+    def print(self, *lines: str) -> None:
+        """Print lines."""
+        for line in lines:
+            self._out.print(printable(line))
+
+
+def console() -> Printer:
+    """Return what prints on stdout."""
+    return Printer()
+
+
+def heading(text: str) -> None:
+    """Print a line in bold on stdout, with a rule behind it."""
+    stream().rule(Text(printable(text), style="bold"), align="left")
+
+
+def complain(text: str) -> None:
+    """Print a line on stderr."""
+    click.echo(printable(text), err=True)
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table: the first column is text, numbers are set to the right."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    rows = [[str(cell) for cell in row] for row in rows]
+    table = Table(title=printable(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    rows = [[printable(str(cell)) for cell in row] for row in rows]
     for index, column in enumerate(columns):
         numeric = index > 0 and all(_is_number(row[index]) for row in rows)
-        table.add_column(column, justify="right" if numeric else "left", overflow="fold")
+        table.add_column(printable(column), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         table.add_row(*row, style=_style(row))
-    console().print(table)
+    stream().print(table)
 
 
 def _is_number(text: str) -> bool:

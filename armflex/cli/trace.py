@@ -22,7 +22,7 @@ from armflex.cli.options import (
     show_flags,
     write_json,
 )
-from armflex.cli.tables import console, number, print_table
+from armflex.cli.tables import complain, console, number, print_table
 from armflex.effects.effect_file import names_of
 from armflex.effects.law import Effect
 from armflex.effects.spot import LINK
@@ -76,7 +76,7 @@ def command(
 def _say() -> Callable[[str], None]:
     """Return the function that says on stderr what is being done, with the seconds that have passed."""
     begun = time.monotonic()
-    return lambda text: click.echo(f"{time.monotonic() - begun:4.0f} s  {text}", err=True)
+    return lambda text: complain(f"{time.monotonic() - begun:4.0f} s  {text}")
 
 
 def print_trace(found: Trace) -> None:

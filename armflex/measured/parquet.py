@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from armflex.errors import Place, TableError
+from armflex.printable import unprintable
 
 MAX_CELLS = 20_000_000
 """Cells beyond which a file is refused unread: a few bytes of Parquet can stand for billions of equal rows."""
@@ -26,7 +27,11 @@ def parquet_rows(path: Path) -> list[tuple[int, list[str]]]:
     _refuse_nested(path, table.schema)
     columns = [[_text(value) for value in column.to_pylist()] for column in table.columns]
     body = [list(cells) for cells in zip(*columns, strict=True)]
-    return [(line, cells) for line, cells in enumerate([list(table.schema.names), *body], 1)]
+    rows = list(enumerate([list(table.schema.names), *body], 1))
+    for line, cells in rows:
+        if found := unprintable("\t".join(cells)):
+            raise TableError(Place(path, line), found[1])
+    return rows
 
 
 def _read(path: Path) -> Any:

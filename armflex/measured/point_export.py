@@ -19,6 +19,7 @@ import numpy as np
 
 from armflex.conventions import NUMBER, UNITS, Array
 from armflex.errors import Place, TableError, did_you_mean, listing
+from armflex.printable import unprintable
 
 MAX_BYTES = 200_000_000
 _INCH = 0.0254
@@ -125,9 +126,12 @@ def _bytes(path: Path) -> bytes:
 
 def _text(path: Path, content: bytes) -> str:
     try:
-        return content.decode("utf-8-sig")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise TableError(Place(path), "is not UTF-8 text") from None
+    if found := unprintable(text):
+        raise TableError(Place(path, text.count("\n", 0, found[0]) + 1), found[1])
+    return text
 
 
 def _cells(line: str) -> list[str]:

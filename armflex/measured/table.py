@@ -13,6 +13,7 @@ import numpy as np
 from armflex.conventions import NUMBER, UNITS, Array
 from armflex.errors import Place, TableError, did_you_mean, listing
 from armflex.measured.parquet import is_parquet, parquet_rows
+from armflex.printable import unprintable
 from armflex.whole_file import write_whole
 
 MAX_BYTES = 200_000_000
@@ -110,6 +111,8 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         raise TableError(Place(path), f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise TableError(Place(path), "is not UTF-8 text") from None
+    if found := unprintable(text):
+        raise TableError(Place(path, text.count("\n", 0, found[0]) + 1), found[1])
     reader = csv.reader(io.StringIO(text), strict=True)
     try:
         return [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]

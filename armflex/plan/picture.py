@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import InputError
+from armflex.picture import picture
 from armflex.plan.information import Apart
-from armflex.whole_file import write_whole
-from armflex.workspace.picture import SUFFIXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,33 +37,28 @@ def draw_plan(found: Plan, path: str | Path) -> Path:
         FileError: It cannot be written.
     """
     path = Path(path)
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"{path}: expected a name that ends in {', '.join(SUFFIXES)}")
-    from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure
+    with picture(path, 15.0, 5.0) as figure:
+        from matplotlib.colors import LogNorm
 
-    figure = Figure(figsize=(15, 5), layout="constrained")
-    curve, *maps = figure.subplots(1, 3, width_ratios=(1.1, 1.0, 1.0))
-    _draw_curve(curve, found)
-    doubt = {title: values * 1e3 for title, values in found.doubt.items()}
-    every = np.concatenate(list(doubt.values()))
-    norm = LogNorm(float(np.quantile(every, 0.01)), float(np.quantile(every, 0.99)))
-    for axes, (title, values) in zip(maps, doubt.items(), strict=True):
-        marks = _draw_map(axes, found, values, norm)
-        axes.set_title(title)
-    maps[0].set_ylabel("z [m]")
-    read = _tips(found)
-    maps[1].plot(*read, "o", mfc="none", mec="crimson", ms=6)
-    maps[1].set_title(f"{maps[1].get_title()} (circles)")
-    for axes in maps:
-        axes.update_datalim(np.transpose(read))
-        axes.margins(MARGIN)
-        axes.autoscale_view()
-    text = "standard deviation of what would be read, 3-D [mm]"
-    _plain(figure.colorbar(marks, ax=maps, label=text, extend="both").ax)
-    file = BytesIO()
-    figure.savefig(file, format=path.suffix[1:], dpi=100)
-    return write_whole(path, file.getvalue())
+        curve, *maps = figure.subplots(1, 3, width_ratios=(1.1, 1.0, 1.0))
+        _draw_curve(curve, found)
+        doubt = {title: values * 1e3 for title, values in found.doubt.items()}
+        every = np.concatenate(list(doubt.values()))
+        norm = LogNorm(float(np.quantile(every, 0.01)), float(np.quantile(every, 0.99)))
+        for axes, (title, values) in zip(maps, doubt.items(), strict=True):
+            marks = _draw_map(axes, found, values, norm)
+            axes.set_title(title)
+        maps[0].set_ylabel("z [m]")
+        read = _tips(found)
+        maps[1].plot(*read, "o", mfc="none", mec="crimson", ms=6)
+        maps[1].set_title(f"{maps[1].get_title()} (circles)")
+        for axes in maps:
+            axes.update_datalim(np.transpose(read))
+            axes.margins(MARGIN)
+            axes.autoscale_view()
+        text = "standard deviation of what would be read, 3-D [mm]"
+        _plain(figure.colorbar(marks, ax=maps, label=text, extend="both").ax)
+    return path
 
 
 def _draw_curve(axes: Axes, found: Plan) -> None:

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from io import StringIO
 from typing import TYPE_CHECKING
 
+from armflex.picture import styled
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -29,7 +31,6 @@ STYLE = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.size": 9.0,
-    "text.parse_math": False,
     "axes.unicode_minus": True,
     "text.color": INK,
     "axes.edgecolor": RULE,
@@ -57,10 +58,10 @@ STYLE = {
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Draw in the page's style while the context lasts."""
+    """Draw in the page's style while the context lasts, whatever the user's own is."""
     import matplotlib as mpl
 
-    with mpl.rc_context({**mpl.rcParamsDefault, **STYLE}):
+    with styled({**mpl.rcParamsDefault, **STYLE}):
         yield
 
 
@@ -88,20 +89,20 @@ def _cleaned(svg: str, name: str) -> str:
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
     svg = re.sub(r'(<g) id="[^"]*"', r"\1", svg)  # named by number, alike in every figure, and used by nothing
-    svg = svg.replace("xlink:href=", "href=")
+    svg = re.sub(r"<[^>]*>", lambda tag: _themed(tag[0].replace("xlink:href=", "href=")), svg)  # no text in between
     box = re.search(r'viewBox="([^"]*)"', svg)[1]
     safe = re.sub(r"[^\w ,.-]", " ", name)
     width = PIXELS * float(box.split()[2])
     size = f"min-width:{min(width, NARROW):.0f}px; max-width:{width:.0f}px"
     head = f'<svg class="figure" viewBox="{box}" style="{size}" role="img" aria-label="{safe}">'
-    return head + _themed(svg[svg.index(">") + 1 :]).strip()
+    return head + svg[svg.index(">") + 1 :].strip()
 
 
-def _themed(svg: str) -> str:
+def _themed(tag: str) -> str:
     def colours(match: re.Match) -> str:
         return re.sub(r"#0[1-8]0[1-8]0[1-8]", lambda found: f"var(--{VARIABLES[found[0]]})", match[0])
 
-    return re.sub(r'style="[^"]*"', colours, svg)
+    return re.sub(r'style="[^"]*"', colours, tag)
 
 
 def grid(axes: Axes, which: str = "both") -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from lxml import etree
 
 from armflex.errors import Place, UrdfError
+from armflex.printable import unprintable
 
 MAX_BYTES = 5_000_000
 MAX_DEPTH = 64
@@ -17,7 +18,8 @@ def parse_xml(path: Path) -> etree._Element:
 
     Raises:
         UrdfError: The file is missing, empty, larger than `MAX_BYTES`, not UTF-8, truncated, deeper than
-            `MAX_DEPTH`, or has a document type definition (entities could read files or explode).
+            `MAX_DEPTH`, has a text that cannot be shown, or a document type definition (entities could read files or
+            explode).
     """
     data = _read(path)
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
@@ -27,7 +29,7 @@ def parse_xml(path: Path) -> etree._Element:
         raise UrdfError(Place(path, error.lineno or 0), f"not well-formed XML: {error.msg}") from None
     if root.getroottree().docinfo.doctype:
         raise UrdfError(Place(path, 1), "has a document type definition (DTD); entities are refused")
-    _check_depth(root, path)
+    _check_elements(root, path)
     return root
 
 
@@ -49,11 +51,14 @@ def _read(path: Path) -> bytes:
     return data
 
 
-def _check_depth(root: etree._Element, path: Path) -> None:
+def _check_elements(root: etree._Element, path: Path) -> None:
     # Iterative: the interpreter's own stack must not be the limit.
     stack = [(root, 1)]
     while stack:
         element, depth = stack.pop()
         if depth > MAX_DEPTH:
             raise UrdfError(Place(path, element.sourceline or 0), f"nested deeper than {MAX_DEPTH} elements")
+        for name, text in element.attrib.items():
+            if found := unprintable(text):
+                raise UrdfError(Place(path, element.sourceline or 0), f"<{element.tag} {name}={text!r}> {found[1]}")
         stack.extend((child, depth + 1) for child in element if isinstance(child.tag, str))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,8 +14,7 @@ from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import InputError, ShapeError, UnknownNameError
 from armflex.laws.law import Row
 from armflex.laws.learned import LearnedLaw
-from armflex.whole_file import write_whole
-from armflex.workspace.picture import SUFFIXES
+from armflex.picture import check_ending, picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,26 +89,21 @@ def draw_laws(arm: Arm, path: str | Path, points: Mapping[str, Points] | None = 
         FileError: It cannot be written.
     """
     path, known = Path(path), dict(points or {})
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"{path}: expected a name that ends in {', '.join(SUFFIXES)}")
+    check_ending(path)
     lines = _lines(arm)
     _check(known, list(dict.fromkeys(one.name for line in lines for one in line)))
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.8, 2.5 * len(lines) + 0.5), layout="constrained")
-    places = figure.subplots(len(lines), 3, squeeze=False)
-    for panels, line in zip(places, lines, strict=True):
-        for axes in panels[[place not in [one.axis % 3 for one in line] for place in range(3)]]:
-            axes.set_axis_off()
-        for one in line:
-            _draw(panels[one.axis % 3], one, known.get(one.name))
-    shown = {
-        name: handle for axes in places.flat for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=len(shown), frameon=False)
-    file = BytesIO()
-    figure.savefig(file, format=path.suffix[1:], dpi=110)
-    return write_whole(path, file.getvalue())
+    with picture(path, 10.8, 2.5 * len(lines) + 0.5, dpi=110.0) as figure:
+        places = figure.subplots(len(lines), 3, squeeze=False)
+        for panels, line in zip(places, lines, strict=True):
+            for axes in panels[[place not in [one.axis % 3 for one in line] for place in range(3)]]:
+                axes.set_axis_off()
+            for one in line:
+                _draw(panels[one.axis % 3], one, known.get(one.name))
+        shown = {
+            name: handle for axes in places.flat for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=len(shown), frameon=False)
+    return path
 
 
 def _lines(arm: Arm) -> list[list[Slice]]:

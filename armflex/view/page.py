@@ -9,13 +9,10 @@ from __future__ import annotations
 import base64
 import html
 import json
-import os
-import tempfile
 from collections.abc import Iterator
 from importlib import resources
 from importlib.resources.abc import Traversable
 from io import BytesIO
-from pathlib import Path
 from string import Template
 
 import numpy as np
@@ -24,6 +21,8 @@ from meshcat import geometry as mg
 from meshcat.animation import Animation, AnimationClip, AnimationTrack, js_position, js_quaternion
 from meshcat.commands import SetAnimation, SetObject, SetProperty, SetTransform
 from meshcat.path import Path as ScenePath
+
+from armflex.printable import printable
 
 from .scene import (
     Camera,
@@ -47,26 +46,6 @@ _CIRCLE_SIDES = 48
 _MESH_GEOMETRIES = {"stl": mg.StlMeshGeometry, "obj": mg.ObjMeshGeometry, "dae": mg.DaeMeshGeometry}
 
 
-def write_page(scene: Scene, path: str | os.PathLike[str]) -> Path:
-    """Write the page of `scene` to `path` and return that path.
-
-    The file appears whole or not at all: it is written beside its place, then moved over it. Raises OSError
-    if it cannot be written.
-    """
-    target = Path(path)
-    text = render_page(scene)
-    handle, draft = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        os.chmod(draft, 0o644)  # A temporary file is private; a page is meant to be handed on.
-        os.replace(draft, target)
-    except BaseException:
-        os.unlink(draft)
-        raise
-    return target
-
-
 def render_page(scene: Scene) -> str:
     """The page of `scene`, as HTML text. The same scene gives the same text, byte for byte."""
     viewer = resources.files("meshcat") / "viewer"
@@ -74,10 +53,10 @@ def render_page(scene: Scene) -> str:
     commands = [base64.b64encode(umsgpack.packb(command)).decode() for command in _commands(scene, camera)]
     template = Template((resources.files(__package__) / "overlay.html").read_text(encoding="utf-8"))
     return template.substitute(
-        title=html.escape(scene.title),
-        subtitle=html.escape(scene.subtitle),
+        title=_html(scene.title),
+        subtitle=_html(scene.subtitle),
         legend=_legend_html(scene),
-        notes="".join(f"<li>{html.escape(note)}</li>" for note in scene.notes),
+        notes="".join(f"<li>{_html(note)}</li>" for note in scene.notes),
         licences=_script_safe(_licences(viewer)),
         viewer=_script_safe((viewer / "dist" / "main.min.js").read_text(encoding="utf-8")),
         facts=json.dumps(_page_facts(scene, camera)).replace("<", "\\u003c"),
@@ -303,15 +282,19 @@ def _floor_spot(scene: Scene) -> list[float]:
 def _legend_html(scene: Scene) -> str:
     if not scene.legend:
         return ""
-    heading = f"<h2>{html.escape(scene.legend_title)}</h2>" if scene.legend_title else ""
+    heading = f"<h2>{_html(scene.legend_title)}</h2>" if scene.legend_title else ""
     return f"{heading}<table>{''.join(_legend_row_html(row) for row in scene.legend)}</table>"
+
+
+def _html(text: str) -> str:
+    return html.escape(printable(text))
 
 
 def _legend_row_html(row: LegendRow) -> str:
     swatch = ""
     if row.color is not None:
         swatch = f'<i style="background:{row.color};opacity:{row.opacity}"></i>'
-    return f"<tr><td>{swatch}</td><td>{html.escape(row.text)}</td><td>{html.escape(row.value)}</td></tr>"
+    return f"<tr><td>{swatch}</td><td>{_html(row.text)}</td><td>{_html(row.value)}</td></tr>"
 
 
 def _licences(viewer: Traversable) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,8 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.errors import InputError
-from armflex.whole_file import write_whole
+from armflex.picture import picture
 from armflex.workspace.workspace_map import WorkspaceMap
 
 if TYPE_CHECKING:
@@ -20,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
     from matplotlib.image import AxesImage
 
-SUFFIXES = (".png", ".pdf", ".svg")
 VIEWS: dict[str, tuple[str, str, Callable[[Array], Array]]] = {
     "all around": (
         "distance from the base's z axis [m]",
@@ -47,24 +44,18 @@ def draw_map(arm: Arm, found: WorkspaceMap, path: str | Path, tolerance: float |
         FileError: It cannot be written.
     """
     path = Path(path)
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"{path}: expected a name that ends in {', '.join(SUFFIXES)}")
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(13, 6), layout="constrained")
-    colours, norm = _colours(found, tolerance)
-    places = figure.subplots(1, len(VIEWS))
-    for axes, (title, (right, up, seen)) in zip(places, VIEWS.items(), strict=True):
-        image = _draw(axes, found, seen, colours, norm)
-        axes.plot(*seen(_skeleton(arm, found)), color="0.1", lw=1.5, marker="o", ms=3)
-        axes.set(title=title, xlabel=right, ylabel=up, aspect="equal")
-    bar = figure.colorbar(image, ax=places, label=f"largest displacement of {found.tip} [mm]")
-    if tolerance is not None:
-        bar.ax.axhline(tolerance * 1e3, color="0.1", lw=2)
-    figure.suptitle(_title(found, tolerance))
-    file = BytesIO()
-    figure.savefig(file, format=path.suffix[1:], dpi=100)
-    return write_whole(path, file.getvalue())
+    with picture(path, 13.0, 6.0) as figure:
+        colours, norm = _colours(found, tolerance)
+        places = figure.subplots(1, len(VIEWS))
+        for axes, (title, (right, up, seen)) in zip(places, VIEWS.items(), strict=True):
+            image = _draw(axes, found, seen, colours, norm)
+            axes.plot(*seen(_skeleton(arm, found)), color="0.1", lw=1.5, marker="o", ms=3)
+            axes.set(title=title, xlabel=right, ylabel=up, aspect="equal")
+        bar = figure.colorbar(image, ax=places, label=f"largest displacement of {found.tip} [mm]")
+        if tolerance is not None:
+            bar.ax.axhline(tolerance * 1e3, color="0.1", lw=2)
+        figure.suptitle(_title(found, tolerance))
+    return path
 
 
 def _colours(found: WorkspaceMap, tolerance: float | None) -> tuple[str, Normalize]:
