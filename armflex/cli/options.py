@@ -55,9 +55,9 @@ class OutputPath(click.Path):
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Path:
         """Return the path; fail where no file can be written there."""
         path = super().convert(value, parameter, context)
-        folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
         try:
             replaced = is_replaced(path)
+            folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
         except OSError as error:
             self.fail(f"{path} cannot be written: {error.strerror}", parameter, context)
         if replaced and not folder.is_dir():
@@ -113,7 +113,7 @@ def same_file(output: Path, other: Path) -> bool:
     """Return whether writing a file would change another one; a device or a pipe is no file that could be lost."""
     if output.exists() and other.exists():
         return output.is_file() and output.samefile(other)
-    return output.resolve() == other.resolve()
+    return os.path.realpath(output) == os.path.realpath(other)  # also of links that end nowhere, or in a circle
 
 
 def arm_argument(function: Callable) -> Callable:
