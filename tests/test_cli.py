@@ -8,7 +8,8 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import pytest
 from small_arms import ROBOTS
 
 from armflex import Arm, InputError, Trajectory, Wrench, compensate, load_law, read_trajectory
-from armflex.cli.main import COMMANDS, Commands
+from armflex.cli.main import COMMANDS, Commands, main
 from armflex.cli.main import armflex as group
 from armflex.cli.options import OutputPath
 
@@ -432,6 +433,60 @@ def test_no_command_writes_two_results_into_one_file(folder: Path, name: str) ->
         rest = [text for option in options if option not in (one, other) for text in (option, f"new{option}")]
         for first, second in (("new", "new"), ("new", "./new"), ("there.json", "other.json")):
             refused(folder, [name, *READ[name], *rest, one, first, other, second], f"{one} and {other} are the same")
+
+
+ENDINGS = {("-o", "train"): ".safetensors", ("-o", "map"): ".npz", ("--picture", "plan"): ".png"}
+ENDINGS |= {("--picture", "map"): ".png", ("--page", "map"): ".html"}
+NO_INPUT = ["none", "none/none", "folder", "empty", "binary", "circle", "rows.csv/none", "x" * 300, "none.toml"]
+NO_INPUT += ["none.urdf", "folder.urdf", "empty.toml", "none.parquet", "binary.parquet", "joint.csv", "unreadable"]
+NO_OUTPUT = ["none/o", "folder", "circle", "rows.csv/o", "x" * 300]
+
+
+@pytest.fixture
+def odd(folder: Path) -> Path:
+    """Add what is no file, holds nothing, or cannot be read even by who may read everything."""
+    for name in ("folder", "folder.urdf"):
+        (folder / name).mkdir()
+    for name, content in (("empty", b""), ("empty.toml", b""), ("binary", bytes(range(256)))):
+        (folder / name).write_bytes(content)
+    (folder / "binary.parquet").write_bytes(bytes(range(256)))
+    (folder / "circle").symlink_to("circle")
+    (folder / "unreadable").symlink_to("/proc/self/mem" if Path("/proc/self/mem").exists() else "none")
+    return folder
+
+
+def odd_runs(name: str) -> Iterator[list[str]]:
+    """Yield a command's arguments, each time with one odd input or output."""
+    outputs = {option: f"new{option}{ENDINGS.get((option, name), '')}" for option in outputs_of(name)}
+    given = READ[name]
+    for place, text in enumerate(given):
+        for other in NO_INPUT if text in FILES else ():
+            if other not in given:
+                others = [other if i == place else one for i, one in enumerate(given)]
+                yield [name, *others, *(text for pair in outputs.items() for text in pair)]
+    for option in outputs:
+        for other in NO_OUTPUT:
+            ending = "" if other in ("folder", "circle") else ENDINGS.get((option, name), "")
+            pairs = (outputs | {option: other + ending}).items()
+            yield [name, *given, *(text for pair in pairs for text in pair)]
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "demo"])
+def test_whatever_is_no_file_is_told_in_one_line(
+    odd: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)  # which the command line replaces
+    before = {path: path.is_file() and path.read_bytes() for path in odd.iterdir() if path.name != "unreadable"}
+    for arguments in odd_runs(name):
+        monkeypatch.setattr(sys, "argv", ["armflex", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        said = [line for line in err.splitlines() if not line.startswith("warning: ")]
+        assert ended.value.code == 2 and len(said) == 1 and said[0].startswith("error: "), (arguments, said)
+        assert not out or arguments[0] == "train", arguments
+        now = {path: path.is_file() and path.read_bytes() for path in odd.iterdir() if path.name != "unreadable"}
+        assert now == before, arguments
 
 
 def test_an_input_is_refused_from_the_shell(armflex: Run, tmp_path: Path) -> None:
