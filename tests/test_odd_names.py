@@ -23,6 +23,7 @@ from armflex.cli.main import Commands, main
 from armflex.errors import ArmFileError, TableError, UrdfError
 from armflex.picture import picture
 from armflex.printable import printable
+from armflex.view.laws import draw_laws
 from armflex.view.page import render_page
 from armflex.view.scene import Scene
 
@@ -211,6 +212,14 @@ def test_calibrate_and_what_it_wrote(field: Path, tmp_path: Path) -> None:
     assert f"Written to {folder}".replace("/", "") in said.replace("\n", "").replace("/", "")
     fitted = load_arm(folder / "fitted.toml")
     assert set(fitted.corrections.joint_offset) == set(JOINTS)
+
+
+def test_learned_laws_and_their_picture(field: Path, tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text((field / "arm.urdf").read_text())
+    (tmp_path / "arm.toml").write_text(declared().replace('model = "linear"', 'model = "linear"\nlearn = true', 2))
+    said = done("calibrate", tmp_path / "arm.toml", field / "campaign.csv", "-o", tmp_path / "learned.toml")
+    assert "Laws learned" in said and all(f"law {name} ry" in said for name in (MARKUP, FORMULA))
+    assert is_png(draw_laws(load_arm(tmp_path / "learned.toml"), tmp_path / "laws.png"))
 
 
 def test_trace_and_its_report(field: Path, tmp_path: Path) -> None:

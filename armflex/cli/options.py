@@ -50,7 +50,7 @@ class OutputPath(click.Path):
     """A file to be written; its folder is looked at before anything is computed or written."""
 
     def __init__(self) -> None:
-        super().__init__(dir_okay=False, writable=True, path_type=Path)
+        super().__init__(dir_okay=False, readable=False, path_type=Path)  # nobody reads it
 
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Path:
         """Return the path; fail where no file can be written there."""
@@ -64,6 +64,8 @@ class OutputPath(click.Path):
             self.fail(f"folder {folder} of {path.name!r} does not exist", parameter, context)
         if replaced and not os.access(folder, os.W_OK):
             self.fail(f"folder {folder} cannot be written", parameter, context)
+        if replaced and path.exists() and not os.access(path, os.W_OK):
+            self.fail(f"{path} is write-protected", parameter, context)
         return path
 
 
