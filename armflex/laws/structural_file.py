@@ -80,6 +80,7 @@ def _name(names: list[str], number: float) -> str:
 def _subjoint(names: list[str], tensors: Mapping[str, Array], i: int) -> SubJoint:
     compliance = tensors["compliance"][i]
     check_compliance(0.5 * (compliance + compliance.T))
+    check_ordered(tensors["loads"][i])
     fit = LinearFit(tensors["row_covariance"][i], np.zeros(6), tensors["loads"][i])
     holds = tuple(int(axis) for axis in np.flatnonzero(tensors["holds"][i] > 0.5))
     return SubJoint(_name(names, float(tensors["at"][i])), LinearLaw(compliance, fit=fit), holds)

@@ -34,7 +34,8 @@ class Form(Generic[Piece]):
     Attributes:
         layout: What the file holds.
         told: Returns what is said of a piece, and its arrays.
-        made: Returns the piece again; raises `ValueError` where there is no such one.
+        made: Returns the piece again from what is said of it, its name under `piece`, and its arrays; raises
+            `ValueError` where there is no such one.
     """
 
     layout: Layout
@@ -62,7 +63,7 @@ class Kept(Generic[Piece]):
         """Return a piece; raise `FileError` where its file is damaged, or that of another piece or another work."""
         path, layout = self.path(name), self._layout
         about, arrays, _ = read_arrays(path, layout)
-        if (about.pop("work"), about.pop("piece")) != (self.work, name):
+        if (about["work"], about["piece"]) != (self.work, name):
             raise FileError(Place(path), f"is a piece of other work, or another piece, expected {name}; {layout.anew}")
         try:
             return self.form.made(about, arrays)
@@ -141,18 +142,14 @@ def _compare(path: Path, manifest: Mapping[str, object]) -> None:
     except (OSError, ValueError) as error:
         raise FileError(Place(path), f"is damaged ({error}): name another folder") from None
     differ = [
-        f"{_short(name)} is {_said(there, name)} there and {_said(manifest, name)} here"
+        f"{_short(name)} is {_short(there.get(name))} there and {_short(manifest.get(name))} here"
         for name in dict.fromkeys((*manifest, *there))
-        if _said(there, name, None) != _said(manifest, name, None)
+        if name not in manifest or name not in there or json.dumps(there[name]) != json.dumps(manifest[name])
     ]
     if differ:
         raise FileError(Place(path), f"belongs to other work ({listing(differ)}): name another folder")
 
 
-def _said(manifest: Mapping[str, object], name: str, most: int | None = 60) -> str:
-    """Return a value as text, which tells apart 1, 1.0 and true."""
-    return _short(json.dumps(manifest[name]), most) if name in manifest else "None"
-
-
-def _short(text: str, most: int | None = 60) -> str:
-    return text if most is None or len(text) <= most else f"{text[: most - 3]}..."
+def _short(value: object) -> str:
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -133,7 +133,7 @@ def typed(expected: Any, value: Any, where: str) -> Any:
     """Return a value of JSON as what was expected.
 
     Args:
-        expected: A type: `str`, `bool`, `int`, `float`, `X | None`, `list[X]`, `tuple[X, Y]`, `tuple[X, ...]`,
+        expected: A type: `str`, `bool`, `int`, `float`, `X | Y | None`, `list[X]`, `tuple[X, Y]`, `tuple[X, ...]`,
             `dict[str, X]`, a `Literal` of texts or a dataclass of such; a mapping from every key to what its value
             must be; or `Any`.
         value: What JSON said.
