@@ -105,5 +105,5 @@ def test_an_interrupted_one_goes_on_from_where_it_was(campaign: Path, tmp_path: 
     with pytest.raises(FileError, match="belongs to other work"):
         bootstrap(arm, measurements, draws=4, seed=4, store=store)
     (store / "fit-0000001.safetensors").write_bytes(b"no")
-    with pytest.raises(FileError, match="is no safetensors file .*; delete it"):
+    with pytest.raises(FileError, match=r"is no safetensors file .*; delete it"):
         bootstrap(arm, measurements, draws=4, seed=3, store=store)

@@ -16,6 +16,7 @@ from armflex.calibrate.law_table import law_tables
 from armflex.calibrate.learn import settled
 from armflex.calibrate.spread import EFFECT, RANDOM, certainty_of
 from armflex.calibrate.view import Setup
+from armflex.certainty_table import LAYOUT
 from armflex.conventions import Array
 from armflex.effects.effect_file import effect_table
 from armflex.measured.measurements import Measurements
