@@ -162,9 +162,9 @@ def typed(expected: Any, value: Any, where: str) -> Any:
             return origin(
                 typed(kind, one, f"{where}[{i}]") for i, (kind, one) in enumerate(zip(each, value, strict=True))
             )
-    elif expected is Any or (expected in _PLAIN and _PLAIN[expected](value)):
+    elif expected is Any or (isinstance(expected, type) and expected in _PLAIN and _PLAIN[expected](value)):
         return float(value) if expected is float else value
-    raise ValueError(f"{where} is {_short(value)}, expected {getattr(expected, '__name__', expected)}")
+    raise ValueError(f"{where} is {_short(value)}, expected {_short_name(expected)}")
 
 
 def _record(expected: Mapping[str, Any], value: Any, where: str) -> dict[str, Any]:
@@ -183,6 +183,10 @@ def _any_of(parts: tuple[Any, ...], value: Any, where: str) -> Any:
         except ValueError as error:
             problem = error
     raise problem if len(parts) == 2 and type(None) in parts else ValueError(f"{where} is {_short(value)}")
+
+
+def _short_name(expected: Any) -> str:
+    return expected.__name__ if get_origin(expected) is None else str(expected).partition("[")[0]
 
 
 def _is_text(value: Any) -> bool:

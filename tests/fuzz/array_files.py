@@ -15,6 +15,14 @@ from hypothesis import strategies as st
 Content = tuple[dict[str, Any], dict[str, np.ndarray]]
 """What is said, and the arrays."""
 
+
+class Spoilt(bytes):
+    """A file, which is too long to be shown whole."""
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} bytes: {bytes(self[:60])!r}...>"
+
+
 KINDS = {"<f8": "F64", "<i8": "I64", "<f4": "F32", "<i4": "I32", "|b1": "BOOL", "|u1": "U8"}
 
 
@@ -46,9 +54,11 @@ def unpacked(data: bytes) -> Content:
     return said, arrays
 
 
-def spoilt(seed: bytes) -> st.SearchStrategy[bytes]:
+def spoilt(seed: bytes) -> st.SearchStrategy[Spoilt]:
     """Return a file with its bytes, numbers, arrays, text or header spoilt; all but the first with a right digest."""
-    return st.one_of(mutated_bytes(seed), _with_arrays(seed), _with_arrays(seed), _with_text(seed), _with_claims(seed))
+    return st.one_of(
+        mutated_bytes(seed), _with_arrays(seed), _with_arrays(seed), _with_text(seed), _with_claims(seed)
+    ).map(Spoilt)
 
 
 @st.composite

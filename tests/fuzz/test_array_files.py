@@ -57,7 +57,7 @@ LAWS = law_files()
 
 
 @pytest.mark.parametrize("model", LAWS)
-@cases(100)
+@cases(150)
 @given(data=st.data())
 def test_laws(model: str, data: st.DataObject) -> None:
     path = written("law.safetensors", data.draw(spoilt(LAWS[model])))
@@ -161,9 +161,9 @@ def tracked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, bytes, list[
     tracker, rng = Tracker(arm, {"compliance": 1e-3}), np.random.default_rng(0)
     readings = []
     for i in range(6):
-        q = rng.uniform(-0.3, 0.3, len(arm.joint_names))
-        position = arm.deflection(q).pose.translation + arm.deflection(q).pose.rotation @ np.zeros(3)
-        readings.append(Reading(q, position + rng.normal(0.0, 2e-4, 3), 2e-4, time=float(i)))
+        q = np.clip(rng.uniform(-0.3, 0.3, len(arm.joint_names)), arm.robot.lower, arm.robot.upper)
+        seen = arm.rigid_pose(q).translation + rng.normal(0.0, 2e-4, 3)
+        readings.append(Reading(q, seen, 2e-4, time=float(i)))
     for reading in readings[:3]:
         tracker.update(reading)
     return arm, tracker.save(folder / "state").read_bytes(), readings[3:]
@@ -178,7 +178,7 @@ def test_states_of_a_tracker(tracked: tuple[Arm, bytes, list[Reading]]) -> None:
             tracker.update(reading)
         return {"values": tracker.values, "covariance": tracker.covariance, "sigma": tracker.std}
 
-    @cases(150)
+    @cases(300)
     @given(data=spoilt(whole))
     def spoil(data: bytes) -> None:
         path.write_bytes(data)
