@@ -57,7 +57,10 @@ def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
 
 def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:
     """Return a covariance from the safetensors file beside the arm.toml."""
-    path, digest = table.path.parent / table.text("covariance_file"), table.text("covariance_sha256")
+    path = table.path.parent / table.text("covariance_file")
+    if not table.has("covariance_sha256"):
+        raise table.fail("covariance_file", f"was made by an earlier version, without its SHA-256: {LAYOUT.anew}")
+    digest = table.text("covariance_sha256")
     try:
         found = read_arrays(path, LAYOUT)
     except FileError as error:
