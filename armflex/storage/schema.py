@@ -58,7 +58,8 @@ def check_shapes(
     """
     for name in found:
         if name not in declared:
-            raise ValueError(f"{name!r} is not expected{did_you_mean(name, declared)} (expected: {listing(declared)})")
+            hint = did_you_mean(name[:100], declared)
+            raise ValueError(f"{_short(name)} is not expected{hint} (expected: {listing(declared)})")
     known: dict[str, int] = {}
     for name, numbers in declared.items():
         if name not in found:
@@ -152,7 +153,7 @@ def typed(expected: Any, value: Any, where: str) -> Any:
         return _any_of(parts, value, where)
     if origin is Literal:
         if not isinstance(value, str) or value not in parts:
-            raise ValueError(f"{where} is {_short(value)}, which is not known{did_you_mean(str(value), parts)}")
+            raise ValueError(f"{where} is {_short(value)}, which is not known{did_you_mean(str(value)[:100], parts)}")
         return value
     if origin is dict and isinstance(value, dict):
         return {typed(str, key, where): typed(parts[1], one, f"{where}.{key}") for key, one in value.items()}
@@ -171,7 +172,7 @@ def _record(expected: Mapping[str, Any], value: Any, where: str) -> dict[str, An
     if not isinstance(value, dict):
         raise ValueError(f"{where} is {_short(value)}, expected {listing(expected)}")
     for name in sorted(expected.keys() ^ value.keys()):
-        problem = "is missing" if name in expected else f"is not expected{did_you_mean(name, expected)}"
+        problem = "is missing" if name in expected else f"is not expected{did_you_mean(name[:100], expected)}"
         raise ValueError(f"{where}: {_short(name)} {problem}")
     return {name: typed(each, value[name], f"{where}.{name}") for name, each in expected.items()}
 
