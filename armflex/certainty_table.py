@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
 
 from armflex.arm import Arm
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.effects.spot import site_names
+from armflex.errors import FileError
+from armflex.storage.array_file import Layout, read_arrays
+from armflex.storage.schema import Numbers
+
+LAYOUT = Layout(
+    "the covariance of a calibrated arm",
+    "armflex-covariance-1",
+    {"covariance": Numbers(("parameters", "parameters"), covariance=True)},
+    {"parameters": tuple[str, ...]},
+    lambda about: {"parameters": (len(about["parameters"]),)},
+    anew="calibrate the arm anew",
+    most_bytes=130_000_000,
+)
+"""Of 4000 parameters at most, so that it is proven positive within seconds."""
 
 
 def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
@@ -45,16 +58,17 @@ def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
 def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:
     """Return a covariance from the safetensors file beside the arm.toml."""
     path = table.path.parent / table.text("covariance_file")
+    if not table.has("covariance_sha256"):
+        raise table.fail("covariance_file", f"was made by an earlier version, without its SHA-256: {LAYOUT.anew}")
+    digest = table.text("covariance_sha256")
     try:
-        with safe_open(path, framework="numpy") as file:
-            if file.get_slice("covariance").get_shape() != [len(labels)] * 2:
-                raise table.fail("covariance_file", f"{path.name}: expected one number for every two of the parameters")
-            covariance = file.get_tensor("covariance")
-    except (SafetensorError, OSError) as error:
-        raise table.fail("covariance_file", f"{path.name} cannot be read: {error}") from None
-    if covariance.dtype != np.float64 or not np.isfinite(covariance).all():
-        raise table.fail("covariance_file", f"{path.name}: expected finite 64-bit floats")
-    return covariance
+        found = read_arrays(path, LAYOUT)
+    except FileError as error:
+        raise table.fail("covariance_file", f"{path.name} {error.problem}") from None
+    if found.digest != digest or found.about["parameters"] != labels:
+        problem = f"{path.name} is not the file that was written with this table: {LAYOUT.anew}"
+        raise table.fail("covariance_file", problem)
+    return found.arrays["covariance"]
 
 
 def _directions(table: Declaration, count: int) -> Array | None:

@@ -3,59 +3,86 @@
 from __future__ import annotations
 
 import hashlib
-import pickle
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from pathlib import Path
-from types import BuiltinFunctionType, FunctionType
+from enum import Enum
+from functools import partial
+from pathlib import PurePath
+from types import BuiltinFunctionType, CodeType, FunctionType, MethodType
 
 import numpy as np
 import pinocchio as pin
 
-from armflex.errors import Flag, Place
+from armflex.errors import DigestError, Flag, Place
 
 
 def digest(value: object) -> str:
     """Return 16 hexadecimal digits of what an object says.
 
     Where a thing was read (`Path`, `Place`) and what was doubtful about it (`Flag`) are not part of what it says: a
-    copy of an arm in another folder is the same arm. Objects of unknown kinds count as they would be sent to another
-    process, which may tell apart what is the same, never the other way round.
+    copy of an arm in another folder is the same arm. Numbers, texts, arrays, mappings, sequences, sets, enumerations,
+    dataclasses and poses are told by what they hold, functions by their name, those without one by their code. An
+    object of another class says what its method `digested` returns.
+
+    Raises:
+        DigestError: An object, or a part of it, is none of these.
     """
     found = hashlib.sha256()
-    for piece in _pieces(value):
+    for piece in _pieces(value, ()):
         found.update(len(piece).to_bytes(8, "little") + piece)
     return found.hexdigest()[:16]
 
 
-def _pieces(value: object) -> Iterator[bytes]:
-    if isinstance(value, Path | Place | Flag):
+def _pieces(value: object, around: tuple[int, ...]) -> Iterator[bytes]:
+    """Yield what a value says; `around` are the identities of all that it is a part of."""
+    if isinstance(value, PurePath | Place | Flag):
         return
-    if value is None or isinstance(value, bool | int | float | complex | str | bytes | np.generic):
-        yield repr(value.item() if isinstance(value, np.generic) else value).encode()
-    elif isinstance(value, np.ndarray):
+    if id(value) in around:
+        raise DigestError(f"a {type(value).__qualname__} holds itself, and has no digest")
+    around = (*around, id(value))
+    if value is None or value is Ellipsis or isinstance(value, bool | int | float | complex | str | bytes | np.generic):
+        yield repr(value.item() if isinstance(value, np.generic) else value).encode("utf-8", "surrogatepass")
+    elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
         yield f"{value.dtype.str} {value.shape}".encode()
-        yield np.ascontiguousarray(value).tobytes()
+        yield value.tobytes()
     elif isinstance(value, pin.SE3):
-        yield from _pieces(value.homogeneous)
-    elif isinstance(value, FunctionType | BuiltinFunctionType):
-        yield f"{value.__module__}.{value.__qualname__}".encode()
+        yield from _pieces(value.homogeneous, around)
+    elif isinstance(value, type | BuiltinFunctionType) or (isinstance(value, FunctionType) and "<" not in _name(value)):
+        yield _name(value).encode()
     else:
-        yield from _parts(value)
+        yield _name(type(value)).encode()
+        parts = _parts(value)
+        yield str(len(parts)).encode()
+        for part in parts:
+            yield from _pieces(part, around)
 
 
-def _parts(value: object) -> Iterator[bytes]:
-    """Yield the pieces of an object that has parts."""
-    yield type(value).__qualname__.encode()
+def _parts(value: object) -> tuple:
+    """Return the parts of an object that has some."""
+    if hasattr(value, "digested") and not isinstance(value, type):
+        return (value.digested(),)
     if isinstance(value, Mapping):
-        for key in sorted(value, key=str):
-            yield from _pieces((key, value[key]))
-    elif isinstance(value, list | tuple):
-        yield str(len(value)).encode()
-        for each in value:
-            yield from _pieces(each)
-    elif is_dataclass(value) and not isinstance(value, type):
-        for field in fields(value):
-            yield from _pieces((field.name, getattr(value, field.name)))
-    else:
-        yield pickle.dumps(value, protocol=4)
+        return tuple((key, value[key]) for key in sorted(value, key=str))
+    if isinstance(value, list | tuple):
+        return tuple(value)
+    if isinstance(value, set | frozenset):
+        return tuple(sorted(map(digest, value)))
+    if isinstance(value, Enum):
+        return (value.name,)
+    if isinstance(value, FunctionType):  # a lambda, or one made by another function
+        inside = tuple(cell.cell_contents for cell in value.__closure__ or ())
+        return (value.__module__, value.__code__, value.__defaults__, value.__kwdefaults__, inside)
+    if isinstance(value, CodeType):
+        return (value.co_code, value.co_names, value.co_varnames, value.co_consts)
+    if isinstance(value, partial):
+        return (value.func, value.args, value.keywords)
+    if isinstance(value, MethodType):
+        return (value.__func__, value.__self__)
+    if is_dataclass(value):
+        return tuple((field.name, getattr(value, field.name)) for field in fields(value))
+    text = f"a {_name(type(value))} has no digest: expected numbers, texts, arrays, mappings, sequences, dataclasses"
+    raise DigestError(f"{text} of such, or an object with a method `digested` that returns one of these")
+
+
+def _name(value: type | FunctionType | BuiltinFunctionType) -> str:
+    return f"{value.__module__}.{value.__qualname__}"

@@ -81,6 +81,10 @@ class ArrayTypeError(InputError, TypeError):
     """An array holds something other than real numbers."""
 
 
+class DigestError(InputError, TypeError):
+    """Nothing tells whether two objects of a class say the same."""
+
+
 class NotFiniteError(InputError):
     """A number is NaN, infinite, or too large to mean anything."""
 

@@ -96,7 +96,7 @@ def test_an_interrupted_one_goes_on_from_where_it_was(campaign: Path, tmp_path: 
 
     with pytest.raises(KeyboardInterrupt):
         bootstrap(arm, measurements, draws=4, seed=3, store=store, progress=interrupt)
-    finished = {path.name: path.stat().st_mtime_ns for path in store.glob("fit-*.npz")}
+    finished = {path.name: path.stat().st_mtime_ns for path in store.glob("fit-*.safetensors")}
     assert len(finished) == 2
     again = bootstrap(arm, measurements, draws=4, seed=3, store=store)
     np.testing.assert_array_equal(again.values, whole.values)
@@ -104,6 +104,6 @@ def test_an_interrupted_one_goes_on_from_where_it_was(campaign: Path, tmp_path: 
     assert {name: (store / name).stat().st_mtime_ns for name in finished} == finished
     with pytest.raises(FileError, match="belongs to other work"):
         bootstrap(arm, measurements, draws=4, seed=4, store=store)
-    (store / "fit-0000001.npz").write_bytes(b"no")
-    with pytest.raises(FileError, match="is damaged"):
+    (store / "fit-0000001.safetensors").write_bytes(b"no")
+    with pytest.raises(FileError, match=r"is no safetensors file .*; delete it"):
         bootstrap(arm, measurements, draws=4, seed=3, store=store)

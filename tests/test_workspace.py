@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from safetensors import safe_open
+from safetensors.numpy import load_file, save_file
 from scipy.optimize import brentq
 from scipy.stats import qmc
 from small_arms import ROBOTS, arm_of, central_difference, joint, link, one_joint, three_joints
@@ -161,7 +163,7 @@ def test_a_drawn_arm_without_an_answer(tmp_path: Path) -> None:
     lost = np.isposinf(found.worst_of_draws)
     assert 0 < lost.sum() < len(found) and not found.refused.any()
     assert (found.verdicts(10.0) == np.where(lost, "uncertain", "ok")).all()
-    assert same(read_map(write_map(found, tmp_path / "map.npz")), found)
+    assert same(read_map(write_map(found, tmp_path / "map.safetensors")), found)
     with write_map(found, tmp_path / "map.csv").open() as file:
         told = [row["worst_of_draws"] for row in csv.DictReader(file)]
     assert told == ["" if np.isinf(x) else str(x) for x in found.worst_of_draws]
@@ -322,15 +324,23 @@ def test_a_tolerance_is_a_positive_length(tarm: Arm, tolerance: float) -> None:
 
 def test_files_hold_the_map(tarm: Arm, tmp_path: Path) -> None:
     found = map_workspace(tarm, PAYLOADS, rows=64)
-    assert same(read_map(write_map(found, tmp_path / "map.npz")), found)
+    assert same(read_map(write_map(found, tmp_path / "map.safetensors")), found)
     with write_map(found, tmp_path / "map.csv", 0.1).open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(found) and [row["verdict"] for row in rows] == found.verdicts(0.1).tolist()
     i = found.worst_voxel
     assert float(rows[i]["worst"]) == found.worst.max() and float(rows[i]["margin"]) == 0.1 - found.worst.max()
     assert [float(rows[i][f"q_{name}"]) for name in tarm.joint_names] == found.worst_q[i].tolist()
-    with pytest.raises(InputError, match=r"ends in \.npz or \.csv"):
+    (tmp_path / "old.npz").write_bytes((tmp_path / "map.safetensors").read_bytes())
+    with pytest.raises(FileError, match=r"old\.npz: was made by an earlier version.*; make the map anew"):
+        read_map(tmp_path / "old.npz")
+    with pytest.raises(InputError, match=r"ends in \.safetensors or \.csv"):
         write_map(found, tmp_path / "map.txt")
+
+
+def said(path: Path) -> dict[str, str]:
+    with safe_open(path, framework="numpy") as file:
+        return file.metadata()
 
 
 @pytest.mark.parametrize(
@@ -338,16 +348,17 @@ def test_files_hold_the_map(tarm: Arm, tmp_path: Path) -> None:
     [
         lambda path: path.write_bytes(path.read_bytes()[:500]),
         lambda path: path.write_text("x,y\n1,2\n"),
-        lambda path: np.savez(path, index=np.zeros((2, 3))),
-        lambda path: np.savez(path, about='{"format": "armflex-map-3"}'),
-        lambda path: np.savez(path, **{**np.load(path), "worst": np.zeros(3)}),
+        lambda path: save_file({"index": np.zeros((2, 3))}, path),
+        lambda path: save_file({"index": np.zeros((2, 3))}, path, {"armflex": '{"format": "armflex-map-3"}'}),
+        lambda path: save_file({**load_file(path), "worst": np.zeros(3)}, path, said(path)),
+        lambda path: save_file(load_file(path) | {"mean": np.zeros_like(load_file(path)["mean"])}, path, said(path)),
         lambda path: path.unlink(),
     ],
 )
 def test_a_damaged_map_is_refused(tarm: Arm, tmp_path: Path, spoil: Callable[[Path], object]) -> None:
-    path = write_map(map_workspace(tarm, rows=8), tmp_path / "map.npz")
+    path = write_map(map_workspace(tarm, rows=8), tmp_path / "map.safetensors")
     spoil(path)
-    with pytest.raises(FileError, match=r"map\.npz: is"):
+    with pytest.raises(FileError, match=r"map\.safetensors: .*; make the map anew"):
         read_map(path)
 
 
@@ -459,7 +470,7 @@ def test_a_damaged_chunk_is_named(tarm: Arm, tmp_path: Path) -> None:
     kept_map(tarm, tmp_path / "store")
     path = sorted((tmp_path / "store").glob("chunk-*"))[1]
     path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(FileError, match=f"{path.name}: is damaged"):
+    with pytest.raises(FileError, match=f"{path.name}: is no safetensors file .*; delete it"):
         kept_map(tarm, tmp_path / "store")
 
 
@@ -475,17 +486,17 @@ def fine(result: subprocess.CompletedProcess, code: int = 0) -> subprocess.Compl
 def test_the_command(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
     asked = ("map", TARM, "--rows", 64, "--payload", "none,p600", "--chunk", 16, "--seed", 5)
     found = map_workspace(tarm, PAYLOADS, rows=64, chunk=16, seed=5)
-    said = fine(armflex(*asked, "-o", "a.npz", "--jobs", 2)).stdout
-    assert same(read_map(tmp_path / "a.npz"), found) and "The tip moves most" in said
+    said = fine(armflex(*asked, "-o", "a.safetensors", "--jobs", 2)).stdout
+    assert same(read_map(tmp_path / "a.safetensors"), found) and "The tip moves most" in said
     fine(armflex(*asked, "-o", "b.csv", "--tolerance", "100mm", "--json", "b.json", "--picture", "b.png"), 1)
     told = json.loads((tmp_path / "b.json").read_text())
     assert told["verdicts"] == {name: int((found.verdicts(0.1) == name).sum()) for name in ("ok", "uncertain", "fail")}
     assert told["worst"]["displacement_m"] == found.worst.max() and told["refused"]["unstable"] == 0
     assert (tmp_path / "b.png").stat().st_size > 10_000
-    fine(armflex(*asked, "-o", "c.npz", "--tolerance", "1m", "--page", "c.html"))
+    fine(armflex(*asked, "-o", "c.safetensors", "--tolerance", "1m", "--page", "c.html"))
     assert (tmp_path / "c.html").stat().st_size > 500_000
-    said = fine(armflex(*asked, "-o", "d.npz", "--draws", 2, "--json", "d.json")).stdout
-    told, drawn = json.loads((tmp_path / "d.json").read_text()), read_map(tmp_path / "d.npz").worst_of_draws
+    said = fine(armflex(*asked, "-o", "d.safetensors", "--draws", 2, "--json", "d.json")).stdout
+    told, drawn = json.loads((tmp_path / "d.json").read_text()), read_map(tmp_path / "d.safetensors").worst_of_draws
     assert (told["worst_of_draws_m"], told["worst"]["worst_of_draws_m"]) == (drawn.max(), drawn[i := found.worst_voxel])
     assert f"the worst of 2 draws there: {drawn[i] * 1e3:.4g} mm" in said
 
@@ -502,15 +513,15 @@ def test_the_command(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
         (("--voxel", "200"), "expected a length with its unit"),
         (("--jobs", "0"), "--jobs is 0"),
         (("--picture", "map.gif"), "ends in .png"),
-        (("-o", "map.xlsx"), "ends in .npz or .csv"),
-        (("-o", "no/map.npz"), "folder no"),
+        (("-o", "map.xlsx"), "ends in .safetensors or .csv"),
+        (("-o", "no/map.safetensors"), "folder no"),
         (("-o", TARM), "is an input of this command"),
         (("--page", TARM), "is an input of this command"),
         (("--store", "no/store"), "cannot be a folder"),
     ],
 )
 def test_the_command_refuses(armflex: Run, tmp_path: Path, options: tuple[str, ...], text: str) -> None:
-    result = fine(armflex("map", TARM, "-o", "map.npz", "--rows", 8, *options), 2)
+    result = fine(armflex("map", TARM, "-o", "map.safetensors", "--rows", 8, *options), 2)
     assert text in result.stderr and not list(tmp_path.glob("map.*"))
 
 
@@ -518,7 +529,7 @@ def test_the_command_refuses(armflex: Run, tmp_path: Path, options: tuple[str, .
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_interrupted_and_resumed(armflex: Run, tmp_path: Path, tarm: Arm, jobs: int) -> None:
     """Ctrl-C goes to every process of the terminal; the same command again does only what was left."""
-    asked = ["map", TARM, "-o", "map.npz", "--rows", 600, "--chunk", 2, "--store", "store", "--jobs", jobs]
+    asked = ["map", TARM, "-o", "map.safetensors", "--rows", 600, "--chunk", 2, "--store", "store", "--jobs", jobs]
     # Where these tests run in the background Ctrl-C is ignored, and so it would be by their children.
     heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{heard}; from armflex.cli.main import main; main()"
@@ -537,27 +548,27 @@ def test_interrupted_and_resumed(armflex: Run, tmp_path: Path, tarm: Arm, jobs: 
     assert running.returncode == 130 and "kept in store" in said and "error: interrupted" in said, said
     assert "Traceback" not in said
     done = {path: path.stat().st_mtime_ns for path in tmp_path.glob("store/chunk-*")}
-    assert 3 <= len(done) < 300 and not (tmp_path / "map.npz").exists()
+    assert 3 <= len(done) < 300 and not (tmp_path / "map.safetensors").exists()
     fine(armflex(*asked))
     assert not [path for path in tmp_path.glob("store/*") if path.name.startswith(".")]
     assert {path: path.stat().st_mtime_ns for path in done} == done
-    assert same(read_map(tmp_path / "map.npz"), map_workspace(tarm, rows=600, chunk=2))
+    assert same(read_map(tmp_path / "map.safetensors"), map_workspace(tarm, rows=600, chunk=2))
 
 
 def test_interrupted_while_a_chunk_is_written(tmp_path: Path) -> None:
-    """What numpy raises when it tidies up after Ctrl-C in the middle of a file is no failure of its own."""
+    """What is raised in tidying up after Ctrl-C in the middle of a file is no failure of its own."""
     code = """
-import numpy
-def savez(*args, **named):
+import armflex.storage.array_file
+def save(*args, **named):
     try:
         raise KeyboardInterrupt
     finally:
         raise ValueError("an open writing handle")
-numpy.savez = savez
+armflex.storage.array_file.save = save
 from armflex.cli.main import main
 main()
 """
-    asked = ["map", TARM, "-o", "map.npz", "--rows", 8, "--store", "store"]
+    asked = ["map", TARM, "-o", "map.safetensors", "--rows", 8, "--store", "store"]
     ended = subprocess.run(
         [sys.executable, "-c", code, *map(str, asked)],
         cwd=tmp_path,

@@ -6,21 +6,42 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.calibrate import FEWEST_ROWS, calibrate, loads_seen
-from armflex.calibrate.kept_fits import Fitted, KeptFits, open_kept_fits
 from armflex.calibrate.spread import INSTRUMENT
 from armflex.conventions import Array
-from armflex.errors import InputError, naming
+from armflex.digest import digest
+from armflex.errors import FileError, InputError, Place, naming
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
 from armflex.parallel import in_order
+from armflex.storage.array_file import Layout
+from armflex.storage.kept import Form, Kept, open_kept
+from armflex.storage.schema import Numbers
+from armflex.version import __version__
 
 Progress = Callable[[int, int], None]
+
+Fitted = tuple[tuple[str, ...], Array]
+"""Names of the parameters, and their (P,) values."""
+
+FORM: Form[Fitted] = Form(
+    Layout(
+        "a fit of a bootstrap",
+        "armflex-bootstrap-fit-2",
+        {"values": Numbers(("parameters",))},
+        {"names": tuple[str, ...]},
+        lambda about: {"parameters": (len(about["names"]),)},
+    ),
+    lambda fit: ({"names": list(fit[0])}, {"values": fit[1]}),
+    lambda about, arrays: (about["names"], arrays["values"]),
+)
+"""A finished fit as a file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +110,12 @@ def bootstrap(
         partial(_fitted, arm, measurements, poses, seen, number, own)
         for number, own in enumerate(np.random.SeedSequence(seed).spawn(draws))
     ]
-    kept = None if store is None else open_kept_fits(store, arm, measurements, seed)
-    fits = []
+    kept = None if store is None else open_kept(Path(store), _manifest(arm, measurements, seed), FORM)
+    fits: list[Fitted] = []
     with closing(_fits(tasks, kept, jobs)) as found:
         for fit in found:
+            if kept is not None and fit[0] != (fits or [fit])[0][0]:
+                raise FileError(Place(kept.folder), "holds fits of different parameters: name another folder")
             fits.append(fit)
             if progress:
                 progress(len(fits), draws)
@@ -100,19 +123,18 @@ def bootstrap(
 
 
 def _fits(
-    tasks: Sequence[Callable[[], Fitted]], kept: KeptFits | None, jobs: int | None
+    tasks: Sequence[Callable[[], Fitted]], kept: Kept[Fitted] | None, jobs: int | None
 ) -> Generator[Fitted, None, None]:
     """Yield every fit in order: read where it is kept, else made, and kept."""
-    known = [kept is not None and kept.has(number) for number in range(len(tasks))]
-    with closing(in_order((task for task, there in zip(tasks, known, strict=True) if not there), jobs)) as made:
-        for number, there in enumerate(known):
-            if kept is not None and there:
-                yield kept.read(number)
-                continue
-            fit = next(made)
-            if kept is not None:
-                kept.write(number, fit)
-            yield fit
+    if kept is None:
+        return in_order(tasks, jobs)
+    return kept.resumed([f"fit-{i:07d}" for i in range(len(tasks))], partial(compress, tasks), jobs)
+
+
+def _manifest(arm: Arm, measurements: Measurements, seed: int) -> dict[str, object]:
+    """Return everything that a fit depends on by name."""
+    asked = {"format": "armflex-bootstrap-2", "arm": digest(arm), "measurements": digest(measurements), "seed": seed}
+    return {**asked, "armflex": __version__, "numpy": np.__version__}
 
 
 def _rows_of_poses(measurements: Measurements) -> list[np.ndarray]:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
-from safetensors.numpy import save
 
 from armflex.calibrate.calibrate import Calibration
 from armflex.calibrate.fit import Fit
@@ -17,9 +16,11 @@ from armflex.calibrate.law_table import law_tables
 from armflex.calibrate.learn import settled
 from armflex.calibrate.spread import EFFECT, RANDOM, certainty_of
 from armflex.calibrate.view import Setup
+from armflex.certainty_table import LAYOUT
 from armflex.conventions import Array
 from armflex.effects.effect_file import effect_table
 from armflex.measured.measurements import Measurements
+from armflex.storage.array_file import write_arrays
 from armflex.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -85,8 +86,9 @@ def _with_covariance(calibration: dict[str, Any], path: Path) -> dict[str, Any]:
         rows = [_rounded(row[: i + 1]) for i, row in enumerate(covariance)]
         return calibration | {"covariance": rows}
     beside = path.with_suffix(".covariance.safetensors")
-    write_whole(beside, save({"covariance": np.ascontiguousarray(covariance)}))
-    return {key: value for key, value in calibration.items() if key != "covariance"} | {"covariance_file": beside.name}
+    digest = write_arrays(beside, LAYOUT, {"covariance": covariance}, {"parameters": calibration["parameters"]})
+    table = {key: value for key, value in calibration.items() if key != "covariance"}
+    return table | {"covariance_file": beside.name, "covariance_sha256": digest}
 
 
 def _inline(effect: dict[str, Any]) -> Any:

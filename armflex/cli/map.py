@@ -36,7 +36,7 @@ DRAWS = "Arms drawn from what is known of this one, asked as well: a voxel is ok
 
 @click.command(cls=Command)
 @arm_argument
-@click.option("-o", "--output", required=True, type=OutputPath(), help="MAP.npz with everything, or MAP.csv.")
+@click.option("-o", "--output", required=True, type=OutputPath(), help="MAP.safetensors with everything, or MAP.csv.")
 @click.option("--rows", type=int, default=1 << 16, show_default=True, help="Configurations within the joint limits.")
 @click.option("--payload", "payloads", default="none", show_default=True, metavar="A,B", help="Carried in turn.")
 @click.option("--tolerance", metavar="5mm", help="Largest displacement of the tip, with unit, for the verdicts.")

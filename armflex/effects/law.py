@@ -186,6 +186,10 @@ class TwistLaw:
         """Return the name: a law is found in the catalogue again where it is sent."""
         return _named, (self.name,)
 
+    def digested(self) -> str:
+        """Return the name, for `digest`: it stands for the entry of the catalogue."""
+        return self.name
+
     def spots(self, scene: Scene) -> Iterable[Spot]:
         """Return where the effect makes sense in a campaign."""
         return self.places(scene)
@@ -226,6 +230,10 @@ class LoadLaw:
     def __reduce__(self) -> tuple:
         """Return the name: a law is found in the catalogue again where it is sent."""
         return _named, (self.name,)
+
+    def digested(self) -> str:
+        """Return the name, for `digest`: it stands for the entry of the catalogue."""
+        return self.name
 
     def spots(self, scene: Scene) -> Iterable[Spot]:
         """Return where the effect makes sense in a campaign."""

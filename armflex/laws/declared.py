@@ -13,7 +13,7 @@ from armflex.errors import LawError, ModelFileError, UnknownNameError
 from armflex.laws.at_node import AtNode
 from armflex.laws.beam import Beam, Section, stiffness
 from armflex.laws.law import Law, Ranges
-from armflex.laws.law_file import READERS, load_law
+from armflex.laws.law_file import FORMS, load_law
 from armflex.laws.linear import read_linear
 from armflex.laws.position_dependent import read_position_dependent
 from armflex.laws.structural import StructuralLaw, SubJoint
@@ -47,7 +47,7 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
 
 def model_of(table: Declaration) -> str:
     """Return the name of the law that a table declares."""
-    return table.choice("model", tuple(dict.fromkeys((*LAWS, *READERS))), "linear")
+    return table.choice("model", tuple(dict.fromkeys((*LAWS, *FORMS))), "linear")
 
 
 def _read_file(table: Declaration, model: str) -> Law:

@@ -106,11 +106,10 @@ class Law(Protocol):
         return ()
 
 
-def check_shapes(tensors: Mapping[str, Array], shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Raise `LawError` where an array of a law's file has not its shape."""
-    for name, shape in shapes.items():
-        if tensors[name].shape != shape:
-            raise LawError(f"{name!r} has shape {tensors[name].shape}, expected {shape}")
+def check_ordered(loads: Array) -> None:
+    """Raise `LawError` where the first of two rows, the smallest loads seen, is not below the second."""
+    if (loads[0] > loads[1]).any():
+        raise LawError("the smallest loads are not below the largest")
 
 
 HALVES = np.repeat(np.eye(2), 3, axis=1)

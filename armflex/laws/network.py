@@ -14,11 +14,36 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag, LawError
-from armflex.laws.law import Law, Ranges, Row, check_shapes, embed
+from armflex.laws.law import Law, Ranges, Row, embed
 from armflex.laws.linear import beyond
+from armflex.storage.schema import LARGEST, Numbers, check_arrays
 
 CHUNK = 2**17
 """Hidden values held at once when many loads are asked about: about what a core's own cache takes."""
+
+ARRAYS = {
+    "hidden": Numbers(("networks", "neurons", "k")),
+    "bias": Numbers(("networks", "neurons")),
+    "output": Numbers(("networks", "k", "neurons")),
+    "offset": Numbers(("networks", "k")),
+    "input_mean": Numbers(("k",)),
+    "input_scale": Numbers(("k",), least=1.0 / LARGEST),
+    "output_mean": Numbers(("k",)),
+    "output_scale": Numbers(("k",), least=1.0 / LARGEST),
+    "noise": Numbers(("k",), least=0.0),
+    "weight_covariance": Numbers(("weights", "weights"), covariance=True, optional=True),
+    "seen": Numbers((2, "k")),
+    "load_mean": Numbers(("k",)),
+    "load_precision": Numbers(("k", "k"), covariance=True),
+    "furthest": Numbers((1,), least=1.0 / LARGEST),
+}
+SIZES = {
+    "k": (3, 6),
+    "networks": range(1, 1_000_000),
+    "neurons": range(1, 10_000),
+    "weights": range(1, 4000),
+}
+"""Arrays of a law's file. Weights are as many as a covariance is proven positive of within seconds."""
 
 
 @dataclass(frozen=True)
@@ -259,53 +284,21 @@ def network_from_tensors(tensors: Mapping[str, Array]) -> NetworkLaw:
     Raises:
         LawError: An array is missing, unknown, of a wrong shape or kind, not finite, or impossible.
     """
-    shapes = _shapes(tensors)
-    for name in sorted(shapes.keys() ^ tensors.keys()):
-        raise LawError(f"{name!r} is {'missing' if name in shapes else 'no array of a network'}")
-    check_shapes(tensors, shapes)
-    for name, tensor in tensors.items():
-        if tensor.dtype != np.float64 or not np.isfinite(tensor).all():
-            raise LawError(f"{name!r} is not finite 64-bit floats")
-    _check_possible(tensors)
-    fields = dict(tensors) | {"furthest": float(tensors["furthest"][0])}
-    return NetworkLaw(**{"weight_covariance": None, **fields})
-
-
-def _shapes(tensors: Mapping[str, Array]) -> dict[str, tuple[int, ...]]:
-    """Return the shape of every array that goes with these hidden weights."""
-    shape = tensors["hidden"].shape if "hidden" in tensors else ()
-    if len(shape) != 3 or shape[2] not in (3, 6) or 0 in shape:
-        raise LawError(f"'hidden' has shape {shape}, expected (networks, neurons, 3 or 6)")
-    draws, neurons, k = shape
-    scalings = ("input_mean", "input_scale", "output_mean", "output_scale", "noise", "load_mean")
-    weights = {"hidden": shape, "bias": (draws, neurons), "output": (draws, k, neurons), "offset": (draws, k)}
-    loads = {"seen": (2, k), "load_precision": (k, k), "furthest": (1,)}
-    shapes = weights | loads | dict.fromkeys(scalings, (k,))
+    try:
+        check_arrays(tensors, ARRAYS, SIZES)
+    except ValueError as error:
+        raise LawError(str(error)) from None
+    draws, neurons, k = tensors["hidden"].shape
     if "weight_covariance" in tensors:
         if draws != 1:
             raise LawError(f"'weight_covariance' belongs to a single network, not to {draws}")
-        shapes["weight_covariance"] = (weight_count(k, neurons),) * 2
-    return shapes
-
-
-def _check_possible(tensors: Mapping[str, Array]) -> None:
-    for name in ("input_scale", "output_scale", "furthest"):
-        if tensors[name].min() <= 0.0:
-            raise LawError(f"{name!r} is not positive")
-    if tensors["noise"].min() < 0.0:
-        raise LawError("'noise' is negative")
+        if len(tensors["weight_covariance"]) != weight_count(k, neurons):
+            raise LawError(
+                f"'weight_covariance' is of {len(tensors['weight_covariance'])} weights, not of the network's"
+            )
     if (tensors["seen"][0] >= tensors["seen"][1]).any():
         raise LawError("'seen' has a smallest load that is not below the largest")
-    for name in ("load_precision", "weight_covariance"):
-        matrix = tensors.get(name)
-        if matrix is not None and not _is_covariance(matrix):
-            raise LawError(f"{name!r} is not symmetric and positive")
-
-
-def _is_covariance(matrix: Array) -> bool:
-    # Loads of N and Nm differ by orders of magnitude: judged at a unit diagonal.
-    diagonal = np.diag(matrix)
-    if diagonal.min() <= 0.0:
-        return False
-    scaled = matrix / np.sqrt(np.outer(diagonal, diagonal))
-    return np.abs(scaled - scaled.T).max() < 1e-9 and np.linalg.eigvalsh(scaled)[0] > -1e-9
+    if not np.diag(tensors["load_precision"]).all():
+        raise LawError("'load_precision' has loads that did not vary")
+    fields = dict(tensors) | {"furthest": float(tensors["furthest"][0])}
+    return NetworkLaw(**{"weight_covariance": None, **fields})

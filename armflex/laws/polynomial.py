@@ -14,8 +14,9 @@ import numpy as np
 
 from armflex.conventions import WRENCH_NAMES, Array
 from armflex.errors import Flag, LawError, UnknownNameError, did_you_mean, listing
-from armflex.laws.law import Law, Row, check_shapes
+from armflex.laws.law import Law, Row, check_ordered
 from armflex.laws.linear import beyond
+from armflex.storage.schema import Numbers, check_arrays, check_shapes
 
 _NORMS = {
     **{f"|{name}|": (i,) for i, name in enumerate(WRENCH_NAMES)},
@@ -33,7 +34,14 @@ FEATURES = (*WRENCH_NAMES, *_NORMS, *(f"{WRENCH_NAMES[i]}*{WRENCH_NAMES[j]}" for
 
 _MEMBERS = (*((i,) for i in range(6)), *_NORMS.values(), *_PAIRS)
 
-_TENSORS = ("features", "coefficients", "row_covariance", "residual_std", "loads")
+ARRAYS = {
+    "features": Numbers(("features",), least=0.0, most=len(FEATURES) - 1.0),
+    "coefficients": Numbers(("features", "k")),
+    "row_covariance": Numbers(("k", "features", "features"), covariance=True),
+    "residual_std": Numbers(("k",), least=0.0),
+    "loads": Numbers((2, "k")),
+}
+SIZES = {"k": (3, 6), "features": range(1, len(FEATURES) + 1)}
 
 _MASKS = np.array([[float(i in members) for i in range(6)] for members in _NORMS.values()])
 _FIRST, _SECOND = np.array(_PAIRS).T
@@ -149,7 +157,7 @@ def features_of(names: str | Sequence[str], size: int) -> tuple[str, ...]:
 
 def to_tensors(law: PolynomialLaw) -> dict[str, Array]:
     """Return the law as arrays; `features` holds places in `FEATURES`."""
-    arrays = {name: getattr(law, name) for name in _TENSORS if name != "features"}
+    arrays = {name: getattr(law, name) for name in ARRAYS if name != "features"}
     arrays["features"] = np.array([FEATURES.index(name) for name in law.features], dtype=float)
     return {name: np.ascontiguousarray(array, dtype=float) for name, array in arrays.items()}
 
@@ -160,13 +168,15 @@ def polynomial_from_tensors(tensors: Mapping[str, Array]) -> PolynomialLaw:
     Raises:
         LawError: An array is missing, strange, or of the wrong shape; a place is none of `FEATURES`.
     """
-    if set(tensors) != set(_TENSORS):
-        raise LawError(f"expected the arrays {', '.join(_TENSORS)}, got {', '.join(sorted(tensors)) or 'none'}")
+    try:
+        check_arrays(tensors, ARRAYS, SIZES)
+    except ValueError as error:
+        raise LawError(str(error)) from None
     places = tensors["features"]
-    if places.ndim != 1 or not np.isin(places, np.arange(len(FEATURES))).all():
+    if not np.isin(places, np.arange(len(FEATURES))).all():
         raise LawError(f"'features' holds {places.tolist()}, expected whole numbers from 0 to {len(FEATURES) - 1}")
     names = tuple(FEATURES[int(place)] for place in places)
-    return PolynomialLaw(names, *(tensors[name] for name in _TENSORS[1:]))
+    return PolynomialLaw(names, *(tensors[name] for name in ARRAYS if name != "features"))
 
 
 def _known(size: int) -> tuple[str, ...]:
@@ -187,13 +197,15 @@ def _groups(size: int) -> dict[str, tuple[str, ...]]:
 
 
 def _check_shapes(law: PolynomialLaw) -> None:
-    size, count = law.residual_std.size, len(law.features)
-    if size not in (3, 6) or count == 0:
-        raise LawError(f"{count} features and {size} components: expected some, and 3 or 6")
-    shapes = {"coefficients": (count, size), "row_covariance": (size, count, count), "residual_std": (size,)}
-    check_shapes(vars(law), shapes | {"loads": (2, size)})
-    if (law.loads[0] > law.loads[1]).any() or (law.residual_std < 0.0).any():
-        raise LawError("the smallest loads are not below the largest, or a scatter is negative")
+    arrays = {"features": ("f8", (len(law.features),))}
+    arrays |= {name: ("f8", np.shape(getattr(law, name))) for name in ARRAYS if name != "features"}
+    try:
+        check_shapes(arrays, ARRAYS, SIZES)
+    except ValueError as error:
+        raise LawError(str(error)) from None
+    check_ordered(law.loads)
+    if (law.residual_std < 0.0).any():
+        raise LawError("a scatter is negative")
 
 
 def _check_features(features: Sequence[str], size: int) -> None:

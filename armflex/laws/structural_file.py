@@ -9,13 +9,27 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import LawError
 from armflex.laws.beam import Beam, Section
-from armflex.laws.law import check_shapes
+from armflex.laws.law import check_ordered
 from armflex.laws.linear import LinearFit, LinearLaw, check_compliance
 from armflex.laws.structural import StructuralLaw, SubJoint
+from armflex.storage.schema import Numbers
 
 SECTION = ("E", "G", "A", "Iy", "Iz", "J")
 MOST = 1000
 """Nodes, sub-joints and beams at most."""
+
+ARRAYS = {
+    "nodes": Numbers(("nodes", 3)),
+    "tip": Numbers((2,), least=0.0),
+    "noise": Numbers((6,), least=0.0),
+    "at": Numbers(("subjoints",), least=0.0),
+    "holds": Numbers(("subjoints", 6), least=0.0, most=1.0),
+    "compliance": Numbers(("subjoints", 6, 6)),
+    "row_covariance": Numbers(("subjoints", 6, 6, 6), covariance=True),
+    "loads": Numbers(("subjoints", 2, 6)),
+    "beams": Numbers(("beams", 11)),
+}
+SIZES = {"nodes": range(1, MOST + 1), "subjoints": range(MOST + 1), "beams": range(MOST + 1)}
 
 
 def to_tensors(law: StructuralLaw) -> dict[str, Array]:
@@ -41,14 +55,8 @@ def to_tensors(law: StructuralLaw) -> dict[str, Array]:
 
 
 def structural_from_tensors(tensors: Mapping[str, Array]) -> StructuralLaw:
-    """Return the law of arrays; raise `LawError` where they are not those of one."""
-    nodes, subjoints, beams = (len(np.atleast_1d(tensors[name])) for name in ("nodes", "at", "beams"))
-    shapes = {"nodes": (nodes, 3), "tip": (2,), "noise": (6,), "at": (subjoints,), "holds": (subjoints, 6)}
-    shapes |= {"compliance": (subjoints, 6, 6), "row_covariance": (subjoints, 6, 6, 6), "loads": (subjoints, 2, 6)}
-    shapes |= {"beams": (beams, 11)}
-    if max(nodes, subjoints, beams) > MOST:
-        raise LawError(f"{nodes} nodes, {subjoints} sub-joints and {beams} beams: at most {MOST} of each are read")
-    check_shapes(tensors, shapes)
+    """Return the law of arrays as declared; raise `LawError` where their numbers are not those of one."""
+    nodes, subjoints = len(tensors["nodes"]), len(tensors["at"])
     names = [str(i + 1) for i in range(nodes)]
     tip, components = (int(value) for value in tensors["tip"])
     if components not in (3, 6):
@@ -72,6 +80,7 @@ def _name(names: list[str], number: float) -> str:
 def _subjoint(names: list[str], tensors: Mapping[str, Array], i: int) -> SubJoint:
     compliance = tensors["compliance"][i]
     check_compliance(0.5 * (compliance + compliance.T))
+    check_ordered(tensors["loads"][i])
     fit = LinearFit(tensors["row_covariance"][i], np.zeros(6), tensors["loads"][i])
     holds = tuple(int(axis) for axis in np.flatnonzero(tensors["holds"][i] > 0.5))
     return SubJoint(_name(names, float(tensors["at"][i])), LinearLaw(compliance, fit=fit), holds)

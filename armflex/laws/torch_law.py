@@ -81,6 +81,21 @@ class TorchLaw(Law):
         """Return a flag for every component of the load beyond those trained on."""
         return () if self.seen is None else beyond(self.seen, wrench)
 
+    def digested(self) -> object:
+        """Return what the law says, for `digest`: classes, settings and weights of the module, and the scales."""
+        import torch
+
+        plain = vars(torch.nn.Module()).keys()
+        parts = [
+            (name, type(part), {key: value for key, value in vars(part).items() if key not in plain})
+            for name, part in self.module.named_modules()
+        ]
+        weights = {
+            name: (str(value.dtype), np.array(value.detach().cpu().tolist()))
+            for name, value in self.module.state_dict().items()
+        }
+        return parts, weights, self.size, self.load_scale, self.twist_scale, self.noise, self.seen
+
     def _answers(self, loads: Array) -> Array:
         """Return the (N, k) twists under (N, k) loads."""
         import torch

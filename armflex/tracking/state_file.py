@@ -1,52 +1,106 @@
-"""A tracker's state in a file: safetensors for the arrays, strict JSON for the rest, and a digest of both."""
+"""A tracker's state in a file, see `storage.array_file`."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
 
 from armflex.errors import ModelFileError, Place
+from armflex.storage.array_file import Layout, read_arrays, write_arrays
+from armflex.storage.schema import Numbers
 from armflex.tracking.estimate import Estimate, Seen
 from armflex.tracking.reading import Reading
 from armflex.tracking.state import State
-from armflex.tracking.watch import Anchor, Change, Watch
-from armflex.whole_file import write_whole
+from armflex.tracking.watch import FEWEST, LONGEST, Anchor, Change, Watch
 
-KEY, FORMAT = "armflex", "armflex-tracker-2"
-PLAIN = ("count", "outliers", "session", "time", "timed", "clock", "drifted", "waiting", "patience")
+PLAIN = {
+    **dict.fromkeys(("count", "outliers", "waiting"), int),
+    "session": str | None,
+    "time": float | None,
+    "timed": bool | None,
+    **dict.fromkeys(("clock", "drifted", "patience"), float),
+}
 """What of a state is told as it is."""
 
-Tensors = dict[str, np.ndarray]
+WATCH = {"weights": list[float], "total": float, "rising": int, "unsettled": int, "part": float}
+
+READING = {
+    "q": list[float],
+    "position": tuple[float, float, float],
+    "sigma": float | tuple[float, float, float],
+    **dict.fromkeys(("payload", "session"), str),
+    **dict.fromkeys(("time", "sigma_r"), float | None),
+    "rotation": tuple[float, float, float] | None,
+    "covariates": dict[str, float],
+}
+
+CHANGE = {
+    "name": str,
+    "probability": float,
+    **dict.fromkeys(("reading", "since"), int),
+    "labels": tuple[str, ...],
+    "others": tuple[tuple[str, float], ...],
+}
+
+ESTIMATES = ("now", "first", "later")
+"""The present one, and those of the watch's anchors."""
+
+
+def _arrays(about: Mapping[str, Any]) -> dict[str, Numbers]:
+    declared = {"point": Numbers(("parameters",))}
+    for name in ESTIMATES:
+        declared |= {f"{name} values": Numbers(("parameters",)), f"{name} root": Numbers(("parameters",) * 2)}
+    for i in range(len(about["watch"]["weights"])):
+        declared[f"window {i} residual"] = Numbers((f"numbers {i}",))
+        declared[f"window {i} columns"] = Numbers((f"numbers {i}", "parameters"))
+    for i, change in enumerate(about["changes"]):
+        declared[f"change {i} size"] = Numbers((len(change["labels"]),))
+        declared[f"change {i} std"] = Numbers((len(change["labels"]),), least=0.0)
+    return declared
+
+
+LAYOUT = Layout(
+    "a tracker's state",
+    "armflex-tracker-3",
+    _arrays,
+    {
+        "about": {"arm": str, "rates": dict[str, float], "sigma": float},
+        "plain": PLAIN,
+        "anchors": tuple[tuple[int, float], tuple[int, float]],
+        "watch": WATCH,
+        "readings": list[READING],
+        "changes": list[CHANGE],
+    },
+    lambda about: {f"numbers {i}": (3, 6) for i in range(len(about["watch"]["weights"]))},
+    anew="begin a new tracker",
+    error=ModelFileError,
+)
 
 
 def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
     """Write a state, and what it is of, whole or not at all; return the path."""
     watch = state.watch
-    tensors = {"point": state.point, **_told_estimate("now", state.estimate)}
-    tensors |= _told_estimate("first", watch.first.estimate) | _told_estimate("later", watch.later.estimate)
+    estimates = zip(ESTIMATES, (state.estimate, watch.first.estimate, watch.later.estimate), strict=True)
+    arrays = {"point": state.point}
+    for name, estimate in estimates:
+        arrays |= {f"{name} values": estimate.values, f"{name} root": estimate.root}
     for i, seen in enumerate(watch.window):
-        tensors |= {f"window {i} residual": seen.residual, f"window {i} columns": seen.columns}
+        arrays |= {f"window {i} residual": seen.residual, f"window {i} columns": seen.columns}
     for i, change in enumerate(state.changes):
-        tensors |= {f"change {i} size": change.size, f"change {i} std": change.std}
+        arrays |= {f"change {i} size": change.size, f"change {i} std": change.std}
     said = {
-        "format": FORMAT,
         "about": dict(about),
         "plain": {name: getattr(state, name) for name in PLAIN},
         "anchors": [[anchor.count, anchor.drifted] for anchor in (watch.first, watch.later)],
-        "watch": [watch.weights, watch.total, watch.rising, watch.unsettled, watch.part],
+        "watch": {name: getattr(watch, name) for name in WATCH},
         "readings": [_told_reading(reading) for reading in watch.readings],
-        "changes": [_told_change(change) for change in state.changes],
+        "changes": [{name: getattr(change, name) for name in CHANGE} for change in state.changes],
     }
-    tensors = {name: np.ascontiguousarray(values) for name, values in tensors.items()}
-    text = json.dumps(said | {"digest": _digest(tensors, said)}, allow_nan=False, sort_keys=True)
-    return write_whole(path, save(tensors, metadata={KEY: text}))  # several keys would come in any order
+    write_arrays(path, LAYOUT, arrays, said)
+    return path
 
 
 def read_state(path: Path) -> tuple[State, dict[str, Any]]:
@@ -55,70 +109,66 @@ def read_state(path: Path) -> tuple[State, dict[str, Any]]:
     Raises:
         ModelFileError: Missing, damaged, or no tracker's state.
     """
-    said, tensors = _read(path)
-    try:
-        return _state(said, tensors), said["about"]
-    except (KeyError, TypeError, ValueError) as error:
-        raise ModelFileError(Place(path), f"does not hold a tracker's state: {error}") from None
-
-
-def _state(said: Mapping[str, Any], tensors: Tensors) -> State:
-    anchors = [
-        Anchor(_estimate(name, tensors), *numbers)
-        for name, numbers in zip(("first", "later"), said["anchors"], strict=True)
+    said, arrays, _ = read_arrays(path, LAYOUT)
+    now, *before = (Estimate(arrays[f"{name} values"], arrays[f"{name} root"]) for name in ESTIMATES)
+    first, later = (Anchor(estimate, *told) for estimate, told in zip(before, said["anchors"], strict=True))
+    count = len(said["watch"]["weights"])
+    window = [Seen(arrays[f"window {i} residual"], arrays[f"window {i} columns"]) for i in range(count)]
+    changes = [
+        Change(**told, size=arrays[f"change {i} size"], std=arrays[f"change {i} std"])
+        for i, told in enumerate(said["changes"])
     ]
-    weights, *numbers = said["watch"]
-    window = [Seen(tensors[f"window {i} residual"], tensors[f"window {i} columns"]) for i in range(len(weights))]
-    changes = [_change(i, told, tensors) for i, told in enumerate(said["changes"])]
-    readings = [Reading(**told) for told in said["readings"]]
-    watch = Watch(anchors[0], anchors[1], window, weights, *numbers, readings)
-    return State(_estimate("now", tensors), tensors["point"], watch, changes=changes, **said["plain"])
-
-
-def _told_estimate(name: str, estimate: Estimate) -> Tensors:
-    return {f"{name} values": estimate.values, f"{name} root": estimate.root}
-
-
-def _estimate(name: str, tensors: Tensors) -> Estimate:
-    return Estimate(tensors[f"{name} values"], tensors[f"{name} root"])
+    watch = Watch(first, later, window, **said["watch"], readings=[Reading(**told) for told in said["readings"]])
+    state = State(now, arrays["point"], watch, changes=changes, **said["plain"])
+    if problem := _problem(state):
+        raise ModelFileError(Place(path), f"does not hold {LAYOUT.what}: {problem}; {LAYOUT.anew}")
+    return state, said["about"]
 
 
 def _told_reading(reading: Reading) -> dict[str, Any]:
     """Return what a reading says in plain numbers: it was found good, and what was given may be of any kind."""
     numbers = ("q", "position", "sigma", "rotation", "sigma_r", "time")
-    told = {name: value for name, value in vars(reading).items() if value is not None}
-    told |= {name: np.asarray(told[name], dtype=float).tolist() for name in numbers if name in told}
+    told = {name: getattr(reading, name) for name in READING}
+    told |= {name: np.asarray(told[name], dtype=float).tolist() for name in numbers if told[name] is not None}
     return told | {"covariates": {name: float(value) for name, value in reading.covariates.items()}}
 
 
-def _told_change(change: Change) -> dict[str, Any]:
-    return {name: value for name, value in vars(change).items() if name not in ("size", "std")}
-
-
-def _change(i: int, told: Mapping[str, Any], tensors: Tensors) -> Change:
-    others = tuple((name, share) for name, share in told["others"])
-    known = {**told, "labels": tuple(told["labels"]), "others": others}
-    return Change(**known, size=tensors[f"change {i} size"], std=tensors[f"change {i} std"])
-
-
-def _read(path: Path) -> tuple[dict[str, Any], Tensors]:
-    try:
-        with safe_open(path, framework="numpy") as file:
-            said = json.loads((file.metadata() or {}).get(KEY, "null"))
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
-    except (SafetensorError, OSError, ValueError, TypeError) as error:
-        raise ModelFileError(Place(path), f"is not a readable safetensors file: {error}") from None
-    if not isinstance(said, dict) or said.get("format") != FORMAT:
-        raise ModelFileError(Place(path), f"is no tracker's state: expected format {FORMAT!r}")
-    kept = {name: value for name, value in said.items() if name != "digest"}
-    if said.get("digest") != _digest(tensors, kept):
-        raise ModelFileError(Place(path), "its SHA-256 is not that of its content: the file is damaged")
-    return kept, tensors
-
-
-def _digest(tensors: Tensors, said: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of every array and of what is said about them."""
-    whole = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
-    for name in sorted(tensors):
-        whole.update(f"{name} {tensors[name].dtype.str} {tensors[name].shape} ".encode() + tensors[name].tobytes())
-    return whole.hexdigest()
+def _problem(state: State) -> str | None:
+    """Return what in a state contradicts the rest of it."""
+    watch, size = state.watch, len(state.watch.window)
+    first, later, begun = watch.first, watch.later, state.count > 0
+    times = [reading.time for reading in watch.readings]
+    given = [time for time in (*times, state.time) if time is not None]
+    judged = watch.unsettled > 0 or len(times) > 0
+    rules = {
+        "its counts of readings": state.count == first.count + size
+        and 0 <= first.count <= later.count <= state.count
+        and 0 <= state.outliers <= state.count
+        and state.waiting >= 0,
+        "its times": 0.0 <= first.drifted <= later.drifted <= state.drifted <= state.clock
+        and state.patience >= 0.0
+        and given == sorted(given)
+        and len(given) == (len(times) + 1 if state.timed else 0),
+        "its beginning": begun == (state.timed is not None) == (state.session is not None),
+        "its clock": bool(state.timed) or state.clock == state.count,
+        "its window": size <= LONGEST
+        and all(0.0 <= weight <= 1.0 for weight in watch.weights)
+        and 0.0 < watch.part <= 1.0
+        and watch.total >= 0.0
+        and 0 <= watch.rising <= size
+        and 0 <= watch.unsettled <= FEWEST,
+        "the readings of its window": len(times) == (size if judged else 0)
+        and all(
+            len(seen.residual) == (3 if reading.rotation is None else 6)
+            for seen, reading in zip(watch.window, watch.readings, strict=False)
+        ),
+        "its changes": all(
+            0.0 <= change.probability <= 1.0
+            and 1 <= change.since <= change.reading <= state.count
+            and all(0.0 <= share <= 1.0 for _, share in change.others)
+            and len(set(change.labels)) == len(change.labels) > 0
+            for change in state.changes
+        ),
+    }
+    broken = [name for name, kept in rules.items() if not kept]
+    return f"{' and '.join(broken)} cannot have come about" if broken else None

@@ -12,14 +12,14 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.digest import digest
-from armflex.errors import InputError, ModelFileError, Place, UnknownNameError
+from armflex.errors import ArmflexError, InputError, ModelFileError, Place, UnknownNameError
 from armflex.tracking.estimate import Estimate, Seen, estimate_of, recentred, spread, take, widen
 from armflex.tracking.groups import Group
 from armflex.tracking.model import model_of
-from armflex.tracking.reading import Reading, number, sensible
+from armflex.tracking.reading import Reading, as_row, number, sensible
 from armflex.tracking.sight import Sight
 from armflex.tracking.state import begun
-from armflex.tracking.state_file import read_state, write_state
+from armflex.tracking.state_file import LAYOUT, read_state, write_state
 from armflex.tracking.watch import WINDOW, Anchor, Change, Found, contradicted, fainter, seek
 
 KEPT = 100
@@ -205,9 +205,17 @@ class Tracker:
         state, about = read_state(Path(path))
         if about["arm"] != digest(arm):
             raise ModelFileError(Place(Path(path)), "is of another arm: expected the one that the tracker began with")
-        tracker = cls(arm, about["rates"], about["sigma"])
-        tracker._state = state
-        tracker._sight = tracker._sight_at(state.point)
+        try:
+            tracker = cls(arm, about["rates"], about["sigma"])
+            if len(state.point) != len(tracker.labels):
+                raise InputError(f"{len(state.point)} parameters, expected the arm's {len(tracker.labels)}")
+            tracker._state = state
+            tracker._sight = tracker._sight_at(state.point)
+            for reading in state.watch.readings:
+                arm.payload(reading.payload)
+                as_row(reading, arm)
+        except ArmflexError as error:
+            raise ModelFileError(Place(Path(path)), f"does not hold {LAYOUT.what} of this arm: {error}") from None
         return tracker
 
     @property

@@ -275,14 +275,14 @@ class _Task:
         """Return the cost with V^-1 given, leaving out one reading after the other that all the rest contradict."""
         count = len(self.errors)
         lost, errors, inverse = np.zeros(count, dtype=bool), self.errors.ravel().copy(), inverse.copy()
-        while True:
+        for _ in range(count + 1):
             pulls = inverse @ errors
             own = inverse.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
             parts = pulls.reshape(count, 3)
             # What a reading is off from where all others have it, squared: the block of V^-1 is that distance's metric.
             far = (parts * np.linalg.solve(own, parts[:, :, None])[:, :, 0]).sum(axis=1)
             worst = int(far.argmax())
-            if far[worst] <= 2.0 * LOST:
+            if not far[worst] > 2.0 * LOST:
                 break
             here = slice(3 * worst, 3 * worst + 3)
             inverse -= inverse[:, here] @ np.linalg.solve(own[worst], inverse[here])

@@ -1,25 +1,52 @@
-"""A map as a file: .npz with everything in it, or .csv with a line for each voxel."""
+"""A map as a file: .safetensors with everything in it, or .csv with a line for each voxel."""
 
 from __future__ import annotations
 
-import json
-import zipfile
 from dataclasses import asdict, fields
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from armflex.errors import FileError, Flag, InputError, Place
 from armflex.measured.table import write_table
-from armflex.whole_file import write_whole
+from armflex.storage.array_file import Layout, read_arrays, write_arrays
+from armflex.storage.schema import Numbers
+from armflex.workspace.tally import SIDE
 from armflex.workspace.workspace_map import WorkspaceMap
 
-FORMAT = "armflex-map-3"
-SUFFIXES = (".npz", ".csv")
-COUNTS = ("index", "configurations", "answered", "refused", "worst_payload")
-OPTIONAL = ("sigma", "worst_of_draws")
-ARRAYS = (*COUNTS, "mean", "worst", *OPTIONAL, "worst_q")
+SUFFIXES = (".safetensors", ".csv")
+INF, NAN = float("inf"), float("nan")
+
+ARRAYS = {
+    "index": Numbers(("voxels", 3), "i8", least=-SIDE, most=SIDE - 1),
+    "configurations": Numbers(("voxels",), "i8", least=0),
+    "answered": Numbers(("voxels",), "i8", least=0),
+    "refused": Numbers(("voxels", "reasons"), "i8", least=0),
+    "worst_payload": Numbers(("voxels",), "i8", least=0),
+    "mean": Numbers(("voxels",), least=0.0, beside=(NAN,)),
+    "worst": Numbers(("voxels",), least=0.0, beside=(NAN,)),
+    "sigma": Numbers(("voxels",), least=0.0, beside=(NAN,), optional=True),
+    "worst_of_draws": Numbers(("voxels",), least=0.0, beside=(INF,), optional=True),
+    "worst_q": Numbers(("voxels", "joints")),
+}
+OPTIONAL = tuple(name for name, numbers in ARRAYS.items() if numbers.optional)
+LISTS = ("reasons", "payloads", "joints")
+
+LAYOUT = Layout(
+    "a workspace map",
+    "armflex-map-4",
+    ARRAYS,
+    {
+        "voxel": float,
+        **dict.fromkeys(LISTS, tuple[str, ...]),
+        **dict.fromkeys(("base", "tip"), str),
+        **dict.fromkeys(("rows", "seed", "draws"), int),
+        "flags": tuple[Flag, ...],
+    },
+    lambda about: {"voxels": range(1, about["rows"] + 1), **{name: (len(about[name]),) for name in LISTS}},
+    anew="make the map anew",
+    most_bytes=1 << 30,
+)
 
 
 def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = None) -> Path:
@@ -27,8 +54,8 @@ def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = N
 
     Args:
         found: The map.
-        path: Ends in .npz or .csv. `read_map` reads an .npz; a .csv is for other programs: SI, cells without a value
-            are blank, also where a drawn arm has no answer.
+        path: Ends in .safetensors or .csv. `read_map` reads the first; a .csv is for other programs: SI, cells without
+            a value are blank, also where a drawn arm has no answer.
         tolerance: Adds the columns `margin` and `verdict` to a .csv [m].
 
     Raises:
@@ -40,46 +67,50 @@ def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = N
         raise InputError(f"{path}: expected a name that ends in {' or '.join(SUFFIXES)}")
     if path.suffix == ".csv":
         return write_table(path, _columns(found, tolerance))
-    file = BytesIO()
     arrays = {name: getattr(found, name) for name in ARRAYS if getattr(found, name) is not None}
-    rest = {field.name: getattr(found, field.name) for field in fields(found) if field.name not in ARRAYS}
-    rest["flags"] = [asdict(flag) for flag in found.flags]
-    np.savez_compressed(file, about=json.dumps({"format": FORMAT, **rest}), **arrays)
-    return write_whole(path, file.getvalue())
+    about = {field.name: getattr(found, field.name) for field in fields(found) if field.name not in ARRAYS}
+    write_arrays(path, LAYOUT, arrays, about | {"flags": [asdict(flag) for flag in found.flags]})
+    return path
 
 
 def read_map(path: str | Path) -> WorkspaceMap:
-    """Read a map that `write_map` wrote as .npz.
+    """Read a map that `write_map` wrote as .safetensors.
 
     Raises:
-        FileError: The file cannot be read, is damaged, or is no map.
+        FileError: The file cannot be read, is damaged, was made by another version, or is no map.
     """
-    place = Place(Path(path))
+    path = Path(path)
+    if path.suffix == ".npz":
+        raise FileError(Place(path), f"was made by an earlier version, expected .safetensors; {LAYOUT.anew}")
+    about, arrays, _ = read_arrays(path, LAYOUT)
+    found = WorkspaceMap(**{**dict.fromkeys(OPTIONAL), **arrays}, **about)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            about = json.loads(str(file["about"]))
-            arrays = {name: file[name] for name in ARRAYS if name in file.files}
-    except (OSError, ValueError, KeyError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise FileError(place, f"is no map that can be read: {error}") from None
-    if not isinstance(about, dict) or about.pop("format", None) != FORMAT:
-        raise FileError(place, f"is no map of format {FORMAT}")
-    try:
-        flags = tuple(Flag(**flag) for flag in about.pop("flags"))
-        lists = {name: tuple(about.pop(name)) for name in ("reasons", "payloads", "joints")}
-        found = WorkspaceMap(**{**dict.fromkeys(OPTIONAL), **arrays}, **lists, **about, flags=flags)
         _check(found)
-    except (TypeError, KeyError, ValueError) as error:
-        raise FileError(place, f"is a damaged map: {error}") from None
+    except ValueError as error:
+        raise FileError(Place(path), f"does not hold {LAYOUT.what}: {error}; {LAYOUT.anew}") from None
     return found
 
 
 def _check(found: WorkspaceMap) -> None:
-    """Raise `ValueError` where arrays do not fit each other."""
-    shapes = {"index": (3,), "refused": (len(found.reasons),), "worst_q": (len(found.joints),)}
-    for name in ARRAYS:
-        values, expected = getattr(found, name), (len(found), *shapes.get(name, ()))
-        if values is not None and (values.shape != expected or (values.dtype.kind == "i") != (name in COUNTS)):
-            raise ValueError(f"{name!r} is {values.dtype} {values.shape}, expected {expected}")
+    """Raise `ValueError` where what a map says does not go together."""
+    some, asked = found.answered > 0, found.rows * len(found.payloads)
+    if not (found.voxel > 0.0 and found.seed >= 0 and found.draws >= 0):
+        raise ValueError(f"voxel {found.voxel:g}, seed {found.seed}, draws {found.draws}: expected no negative numbers")
+    for name in LISTS:
+        if len(set(getattr(found, name))) < len(getattr(found, name)):
+            raise ValueError(f"one of the {name} is there twice")
+    steps = np.diff(found.index, axis=0)
+    first = np.take_along_axis(steps, (steps != 0).argmax(axis=1)[:, None], axis=1)
+    if not ((first > 0).all() and (found.worst_payload < len(found.payloads)).all()):
+        raise ValueError("its voxels are not in order, or a payload is not among those asked for")
+    if found.configurations.sum() != found.rows or found.answered.sum() + found.refused.sum() != asked:
+        raise ValueError(f"{asked} questions are not as many as were answered and refused")
+    if (np.isfinite(found.worst) != some).any() or (np.isfinite(found.mean) != some).any():
+        raise ValueError("a displacement is there without an answer, or an answer without one")
+    if (found.mean[some] > found.worst[some] * (1.0 + 1e-9)).any():
+        raise ValueError("a mean is above the largest")
+    if found.sigma is not None and np.isfinite(found.sigma[~some]).any():
+        raise ValueError("an uncertainty is there without an answer")
     if (found.worst_of_draws is None) != (found.draws == 0):
         raise ValueError(f"{found.draws} draws, expected 'worst_of_draws' where there are any, and only there")
 

@@ -1,49 +1,61 @@
-"""Finished chunks of a map in a folder, so that an interrupted one goes on from where it was."""
+"""A chunk of a map as a file, so that an interrupted map goes on from where it was."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from dataclasses import asdict, fields
+from typing import Any
 
-from armflex.conventions import Array
+import numpy as np
+
 from armflex.errors import Flag
-from armflex.kept import Manifest, open_kept, read_piece, write_piece
-from armflex.workspace.question import Answer
-from armflex.workspace.tally import Tally
+from armflex.storage.array_file import Layout
+from armflex.storage.kept import Form
+from armflex.storage.schema import Numbers
+from armflex.workspace.question import REASONS, Answer
+from armflex.workspace.tally import BITS, Tally
+
+INF = float("inf")
+
+ARRAYS = {
+    "cell": Numbers(("cells",), "i8", least=0, most=(1 << 3 * BITS) - 1),
+    "configurations": Numbers(("cells",), "i8", least=0),
+    "answered": Numbers(("cells",), "i8", least=0),
+    "refused": Numbers(("cells", len(REASONS)), "i8", least=0),
+    "total": Numbers(("cells",), least=0.0),
+    "worst": Numbers(("cells",), least=0.0, beside=(-INF,)),
+    "payload": Numbers(("cells",), "i8", least=0),
+    "q": Numbers(("cells", "joints")),
+    "worst_of_draws": Numbers(("cells",), least=0.0, beside=(INF, -INF)),
+}
 
 
-@dataclass(frozen=True)
-class Store:
-    """A folder of chunks that belong to one map; each file is there whole or not at all."""
+def form_of(joints: int, payloads: int) -> Form[Answer]:
+    """Return how the chunks of an arm of so many joints, carrying so many payloads in turn, become files."""
+    layout = Layout(
+        "a chunk of a workspace map", "armflex-map-chunk-4", ARRAYS, {"flags": list[Flag]}, {"joints": (joints,)}
+    )
 
-    folder: Path
+    def made(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Answer:
+        tally = Tally(**arrays)
+        _check(tally, int(about["piece"].rpartition("-")[2]), payloads)
+        return Answer(tally, tuple(about["flags"]))
 
-    def has(self, number: int, count: int) -> bool:
-        """Return whether a chunk of so many configurations is there."""
-        return self._path(number, count).exists()
-
-    def read(self, number: int, count: int) -> Answer:
-        """Return a chunk; raise `FileError` where its file is damaged."""
-        return read_piece(self._path(number, count), _answer)
-
-    def write(self, number: int, count: int, answer: Answer) -> None:
-        """Write a chunk."""
-        flags = json.dumps([asdict(flag) for flag in answer.flags])
-        arrays = {field.name: getattr(answer.tally, field.name) for field in fields(Tally)}
-        write_piece(self._path(number, count), {"flags": flags, **arrays})
-
-    def _path(self, number: int, count: int) -> Path:
-        return self.folder / f"chunk-{number:07d}-{count}.npz"
+    return Form(layout, _told, made)
 
 
-def _answer(arrays: Mapping[str, Array]) -> Answer:
-    tally = Tally(**{field.name: arrays[field.name] for field in fields(Tally)})
-    return Answer(tally, tuple(Flag(**flag) for flag in json.loads(str(arrays["flags"]))))
+def _told(answer: Answer) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    arrays = {field.name: getattr(answer.tally, field.name) for field in fields(Tally)}
+    return {"flags": [asdict(flag) for flag in answer.flags]}, arrays
 
 
-def open_store(folder: Path, manifest: Manifest) -> Store:
-    """Return the store in a folder of a map's own, which is made where there is none; raises as `open_kept`."""
-    open_kept(folder, manifest)
-    return Store(folder)
+def _check(tally: Tally, rows: int, payloads: int) -> None:
+    """Raise `ValueError` where the columns of a tally of so many rows and payloads do not go together."""
+    asked, some = rows * payloads, tally.answered > 0
+    if not (len(tally) and (np.diff(tally.cell) > 0).all() and (tally.payload < payloads).all()):
+        raise ValueError("its cells are not in order, or a payload is not among those asked for")
+    answered = tally.answered.sum() + tally.refused.sum()
+    if tally.configurations.sum() != rows or answered != asked or (np.isfinite(tally.worst) != some).any():
+        raise ValueError(f"{asked} questions are not as many as were answered and refused")
+    if (tally.total > tally.answered * np.where(some, tally.worst, 0.0) * (1.0 + 1e-9)).any():
+        raise ValueError("a mean is above the largest")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -20,13 +20,13 @@ from armflex.conventions import Array
 from armflex.digest import digest
 from armflex.effects.remember import settled
 from armflex.errors import Flag, InputError, UnknownNameError
-from armflex.kept import Manifest
 from armflex.parallel import in_order
 from armflex.statics.equilibrium import METHODS
+from armflex.storage.kept import Kept, open_kept
 from armflex.version import __version__
 from armflex.workspace.configurations import MOST_ROWS, Configurations, default_voxel, drawn_range, furthest
 from armflex.workspace.question import REASONS, Answer, Question, answers, sigmas
-from armflex.workspace.store import Store, open_store
+from armflex.workspace.store import form_of
 from armflex.workspace.tally import SIDE, Tally, cell_indices, joined
 
 Progress = Callable[[int, int], None]
@@ -200,7 +200,9 @@ def map_workspace(
     arms = (without_declared_doubt(arm), *(draw_arms(arm, draws, seed) if draws else ()))
     question = Question(arms, names, edge, options)
     drawn = Configurations(lower, upper, rows, seed, chunk)
-    kept = None if store is None else open_store(Path(store), _manifest(question, drawn))
+    kept = None
+    if store is not None:
+        kept = open_kept(Path(store), _manifest(question, drawn), form_of(len(lower), len(names)))
     with closing(_chunks(question, drawn, kept, jobs)) as chunks:
         tally, met = _gathered(drawn, chunks, progress)
     sigma, doubts = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
@@ -245,7 +247,7 @@ def _edge(voxel: float | None, reach: float, rows: int) -> float:
     return edge
 
 
-def _manifest(question: Question, drawn: Configurations) -> Manifest:
+def _manifest(question: Question, drawn: Configurations) -> dict[str, object]:
     """Return everything that a chunk depends on by name, in numbers where a person can read them."""
     import scipy  # not needed otherwise before there is work
 
@@ -255,7 +257,7 @@ def _manifest(question: Question, drawn: Configurations) -> Manifest:
     software = {"armflex": __version__, **{module.__name__: module.__version__ for module in (np, scipy, pinocchio)}}
     settings = {"payloads": list(question.payloads), "voxel": question.voxel}
     settings |= {"seed": drawn.seed, "chunk": drawn.chunk, **question.options, "draws": _digests(question.arms[1:])}
-    return {"format": "armflex-map-chunks-3", **parts, **carried, **settings, **software}
+    return {"format": "armflex-map-chunks-4", **parts, **carried, **settings, **software}
 
 
 def _digests(arms: Sequence[Arm]) -> list[str]:
@@ -263,20 +265,16 @@ def _digests(arms: Sequence[Arm]) -> list[str]:
 
 
 def _chunks(
-    question: Question, drawn: Configurations, store: Store | None, jobs: int | None
+    question: Question, drawn: Configurations, kept: Kept[Answer] | None, jobs: int | None
 ) -> Generator[Answer, None, None]:
-    """Yield every chunk's answer in order: read where it is in the store, else found, and kept there."""
-    known = [store is not None and store.has(number, size) for number, size in enumerate(drawn.sizes)]
-    wanted = drawn.chunks([not there for there in known])
-    with closing(in_order((partial(answers, question, q) for q in wanted), jobs)) as found:
-        for number, (size, there) in enumerate(zip(drawn.sizes, known, strict=True)):
-            if there:
-                yield store.read(number, size)
-                continue
-            answer = next(found)
-            if store is not None:
-                store.write(number, size, answer)
-            yield answer
+    """Yield every chunk's answer in order: read where it is kept, else found, and kept."""
+
+    def tasks(wanted: list[bool]) -> Iterator[Callable[[], Answer]]:
+        return (partial(answers, question, q) for q in drawn.chunks(wanted))
+
+    if kept is None:
+        return in_order(tasks([True] * len(drawn.sizes)), jobs)
+    return kept.resumed([f"chunk-{i:07d}-{size}" for i, size in enumerate(drawn.sizes)], tasks, jobs)
 
 
 def _gathered(

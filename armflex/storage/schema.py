@@ -1,0 +1,237 @@
+"""What a file must hold, declared: the arrays by shape, kind and bounds, and what JSON says beside them by type."""
+
+from __future__ import annotations
+
+import json
+import types
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from math import isfinite
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import did_you_mean, listing
+
+LARGEST = 1e50
+"""Numbers beyond this are taken for a mistake: products of six of them are finite. What must be positive is no smaller
+than its inverse."""
+
+ROUNDING = 1e-8
+"""How far below zero an eigenvalue of a covariance with a unit diagonal may lie, and its halves may differ."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """An array of a file.
+
+    Attributes:
+        shape: Sizes of the axes; a name stands for a size that is the same wherever it stands.
+        kind: "f8" or "i8", 64-bit floats or whole numbers.
+        least, most: Bounds of every element.
+        beside: What an element may be beside: NaN, inf, -inf.
+        covariance: Whether the last two axes are those of covariances: symmetric and positive semidefinite.
+        optional: Whether it may be left out.
+    """
+
+    shape: tuple[int | str, ...]
+    kind: Literal["f8", "i8"] = "f8"
+    least: float = -LARGEST
+    most: float = LARGEST
+    beside: tuple[float, ...] = ()
+    covariance: bool = False
+    optional: bool = False
+
+
+def check_shapes(
+    found: Mapping[str, tuple[str, tuple[int, ...]]],
+    declared: Mapping[str, Numbers],
+    sizes: Mapping[str, Collection[int]],
+) -> None:
+    """Raise `ValueError` where arrays, given by kind and shape alone, are not those declared.
+
+    Args:
+        found: Kind and shape of every array, by name.
+        declared: What is expected.
+        sizes: What named sizes may be; one that is not here may be any.
+    """
+    for name in found:
+        if name not in declared:
+            hint = did_you_mean(name[:100], declared)
+            raise ValueError(f"{_short(name)} is not expected{hint} (expected: {listing(declared)})")
+    known: dict[str, int] = {}
+    for name, numbers in declared.items():
+        if name not in found:
+            if numbers.optional:
+                continue
+            raise ValueError(f"{name!r} is missing")
+        kind, shape = found[name]
+        if kind != numbers.kind or len(shape) != len(numbers.shape):
+            raise ValueError(f"{name!r} is {kind} {shape}, expected {numbers.kind} {_shown(numbers.shape, known)}")
+        for size, expected in zip(shape, numbers.shape, strict=True):
+            allowed = sizes.get(expected, (size,)) if isinstance(expected, str) else (expected,)
+            if size not in allowed or (isinstance(expected, str) and known.setdefault(expected, size) != size):
+                choice = (
+                    "" if len(allowed) != 2 or isinstance(allowed, range) else f", {expected} one of {tuple(allowed)}"
+                )
+                raise ValueError(f"{name!r} has shape {shape}, expected {_shown(numbers.shape, known)}{choice}")
+
+
+def check_numbers(arrays: Mapping[str, np.ndarray], declared: Mapping[str, Numbers]) -> None:
+    """Raise `ValueError` where elements of arrays of the declared shapes are not finite, beyond their bounds, or are
+    no covariance."""
+    for name, values in arrays.items():
+        numbers = declared[name]
+        with np.errstate(invalid="ignore"):
+            good = (values >= numbers.least) & (values <= numbers.most)
+            for other in numbers.beside:
+                good |= np.isnan(values) if np.isnan(other) else values == other
+        if not good.all():
+            place = np.unravel_index(int(np.argmin(good)), values.shape)
+            where = f"{name!r}{[int(i) for i in place]}" if values.ndim else repr(name)
+            raise ValueError(f"{where} is {values[place]:g}, expected {_bounds(numbers)}")
+        if numbers.covariance and not all(map(is_covariance, values.reshape(-1, *values.shape[-2:]))):
+            raise ValueError(f"{name!r} is no covariance: not symmetric, or some variance would be negative")
+
+
+def check_arrays(
+    arrays: Mapping[str, np.ndarray], declared: Mapping[str, Numbers], sizes: Mapping[str, Collection[int]]
+) -> None:
+    """Raise `ValueError` where arrays are not those declared, see `check_shapes` and `check_numbers`."""
+    check_shapes({name: (values.dtype.str[1:], values.shape) for name, values in arrays.items()}, declared, sizes)
+    check_numbers(arrays, declared)
+
+
+def is_covariance(matrix: Array) -> bool:
+    """Return whether a (P, P) matrix is symmetric and positive semidefinite, but for rounding; units may differ."""
+    variance = np.diag(matrix)
+    if not (variance >= 0.0).all() or matrix[variance == 0.0].any():
+        return False
+    size = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    with np.errstate(all="ignore"):
+        unit = matrix / size[:, None] / size
+        skew = np.abs(unit - unit.T).max(initial=0.0)
+    if not skew <= ROUNDING:
+        return False
+    unit[np.diag_indices(len(unit))] += ROUNDING
+    try:
+        np.linalg.cholesky(unit)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def strict_json(text: str) -> Any:
+    """Return what JSON says; raise `ValueError` where it names a number that is none, a key twice, or is too deep."""
+    try:
+        return json.loads(text, parse_constant=_constant, parse_float=_float, object_pairs_hook=_once_each)
+    except RecursionError:
+        raise ValueError("it is too deep") from None
+
+
+def typed(expected: Any, value: Any, where: str) -> Any:
+    """Return a value of JSON as what was expected.
+
+    Args:
+        expected: A type: `str`, `bool`, `int`, `float`, `X | Y | None`, `list[X]`, `tuple[X, Y]`, `tuple[X, ...]`,
+            `dict[str, X]`, a `Literal` of texts or a dataclass of such; a mapping from every key to what its value
+            must be; or `Any`.
+        value: What JSON said.
+        where: Its name, for errors.
+
+    Raises:
+        ValueError: It is of another type, a key is missing or unknown, or a number is beyond `LARGEST`.
+    """
+    origin, parts = get_origin(expected), get_args(expected)
+    if isinstance(expected, Mapping):
+        return _record(expected, value, where)
+    if is_dataclass(expected):
+        hints = get_type_hints(expected)
+        return expected(**_record({field.name: hints[field.name] for field in fields(expected)}, value, where))
+    if origin in (Union, types.UnionType):
+        return _any_of(parts, value, where)
+    if origin is Literal:
+        if not isinstance(value, str) or value not in parts:
+            raise ValueError(f"{where} is {_short(value)}, which is not known{did_you_mean(str(value)[:100], parts)}")
+        return value
+    if origin is dict and isinstance(value, dict):
+        return {typed(str, key, where): typed(parts[1], one, f"{where}.{key}") for key, one in value.items()}
+    if origin in (list, tuple) and isinstance(value, list):
+        each = parts if origin is tuple and parts[-1] is not ... else (parts[0],) * len(value)
+        if len(each) == len(value):
+            return origin(
+                typed(kind, one, f"{where}[{i}]") for i, (kind, one) in enumerate(zip(each, value, strict=True))
+            )
+    elif expected is Any or (isinstance(expected, type) and expected in _PLAIN and _PLAIN[expected](value)):
+        return float(value) if expected is float else value
+    raise ValueError(f"{where} is {_short(value)}, expected {_short_name(expected)}")
+
+
+def _record(expected: Mapping[str, Any], value: Any, where: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{where} is {_short(value)}, expected {listing(expected)}")
+    for name in sorted(expected.keys() ^ value.keys()):
+        problem = "is missing" if name in expected else f"is not expected{did_you_mean(name[:100], expected)}"
+        raise ValueError(f"{where}: {_short(name)} {problem}")
+    return {name: typed(each, value[name], f"{where}.{name}") for name, each in expected.items()}
+
+
+def _any_of(parts: tuple[Any, ...], value: Any, where: str) -> Any:
+    for part in parts:
+        try:
+            return None if part is type(None) and value is None else typed(part, value, where)
+        except ValueError as error:
+            problem = error
+    raise problem if len(parts) == 2 and type(None) in parts else ValueError(f"{where} is {_short(value)}")
+
+
+def _short_name(expected: Any) -> str:
+    return expected.__name__ if get_origin(expected) is None else str(expected).partition("[")[0]
+
+
+def _is_text(value: Any) -> bool:
+    try:
+        return isinstance(value, str) and value.encode() is not None
+    except UnicodeEncodeError:  # half a character
+        return False
+
+
+_PLAIN = {
+    str: _is_text,
+    bool: lambda value: isinstance(value, bool),
+    int: lambda value: type(value) is int and abs(value) < 2**63,
+    float: lambda value: type(value) in (int, float) and abs(value) <= LARGEST,
+}
+
+
+def _constant(name: str) -> None:
+    raise ValueError(f"{name} in it is no number")
+
+
+def _float(text: str) -> float:
+    if not isfinite(value := float(text)):
+        raise ValueError(f"{text} in it is no finite number")
+    return value
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key is there twice")
+    return found
+
+
+def _shown(shape: tuple[int | str, ...], known: Mapping[str, int]) -> str:
+    return f"({', '.join(str(known.get(size, size)) for size in shape)})"
+
+
+def _bounds(numbers: Numbers) -> str:
+    if numbers.least == -LARGEST:
+        return "a finite number" if numbers.most == LARGEST else f"{numbers.most:g} at most"
+    return f"{numbers.least:g} or more" if numbers.most == LARGEST else f"{numbers.least:g} to {numbers.most:g}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
