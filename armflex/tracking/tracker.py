@@ -29,6 +29,9 @@ EVERY, PATIENCE = 16, 0.02
 """Drift is added to the covariance at every sixteenth reading at the latest, and before a reading where it has come to
 this part of a parameter's variance: a new square root costs more than a reading."""
 
+HEARD = 1e12
+"""What is not known of a reading, in its standard deviations, at most: a kilometre where it is read to a nanometre."""
+
 FASTEST = 10
 """A rate, per unit of time, at most, by what is expected of a change."""
 
@@ -168,11 +171,15 @@ class Tracker:
         before, state.count = state.estimate, state.count + 1
         state.estimate, weight, distance = take(before, seen)
         state.outliers += weight < 1.0
-        if watch.unsettled:
-            watch.add_unsettled(reading, seen, weight, spread(before, seen))
-            return Step(self._reconsidered(), distance, None)
-        suspicious = watch.add(seen, weight, distance)
-        return Step(weight, distance, self._look() if suspicious else None)
+        try:
+            if watch.unsettled:
+                watch.add_unsettled(reading, seen, weight, spread(before, seen))
+                return Step(self._reconsidered(), distance, None)
+            suspicious = watch.add(seen, weight, distance)
+            return Step(weight, distance, self._look() if suspicious else None)
+        except np.linalg.LinAlgError as error:
+            text = f"what is known and the last readings differ too much in size ({error}): begin a new tracker"
+            raise InputError(text) from None
 
     def relinearise(self) -> None:
         """Linearise the arm about the present estimate: some milliseconds, not for a tick of a controller.
@@ -214,9 +221,25 @@ class Tracker:
             for reading in state.watch.readings:
                 arm.payload(reading.payload)
                 as_row(reading, arm)
+            tracker._check_numbers()
         except ArmflexError as error:
             raise ModelFileError(Place(Path(path)), f"does not hold {LAYOUT.what} of this arm: {error}") from None
         return tracker
+
+    def _check_numbers(self) -> None:
+        """Raise `InputError` where a state's numbers differ so much in size that rounding leaves nothing of them."""
+        state, watch = self._state, self._state.watch
+        try:
+            for before in (self._before, watch.first.estimate, watch.later.estimate, state.estimate):
+                heard = [float(np.abs(seen.columns @ before.root).max()) for seen in watch.window]
+                if max(heard, default=0.0) > HEARD:
+                    raise InputError("a reading says less of the parameters than rounding leaves")
+                if watch.window:
+                    contradicted(watch.window, before)
+        except np.linalg.LinAlgError as error:
+            raise InputError(f"its window cannot be judged again: {error}") from None
+        if not np.isfinite(self.covariance).all():
+            raise InputError("its covariance is not finite")
 
     @property
     def _about(self) -> dict[str, object]:
