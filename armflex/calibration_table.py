@@ -13,12 +13,18 @@ from armflex.calibrate.law_table import read_learned
 from armflex.calibrate.spread import law_labels
 from armflex.certainty import Certainty
 from armflex.certainty_table import read_certainty
-from armflex.conventions import Array
+from armflex.conventions import LARGEST_POSITION, Array
 from armflex.declaration import Declaration
 from armflex.errors import did_you_mean
 from armflex.laws.scaled import scaled
 from armflex.measured.instrument import Instrument
 from armflex.robot import Corrections
+
+FARTHEST = 1e6
+"""A tracker's frame or target further away [m] is none."""
+
+LARGEST_LOGARITHM = 50.0
+"""Of the factor by which a compliance was found to be softer or stiffer."""
 
 
 def read_calibration(table: Declaration, arm: Arm) -> Arm:
@@ -35,14 +41,13 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         _check_names(part, known)
     instrument = _read_instrument(table)
     corrections = Corrections(
-        {name: offset.number(name) for name in offset.table},
-        {name: geometry.numbers(name, (6,)) for name in geometry.table},
+        {name: float(_bounded(offset, name, (), LARGEST_POSITION)) for name in offset.table},
+        {name: _bounded(geometry, name, (6,), LARGEST_POSITION) for name in geometry.table},
     )
-    for key in ("measurements_sha256", "rows", "rms_m"):
-        table.has(key)
+    _check_campaign(table)
     certainty = read_certainty(table, arm)
     table.finish()
-    factors = {name: compliance.numbers(name, (6,)) for name in compliance.table}
+    factors = {name: _bounded(compliance, name, (6,), LARGEST_LOGARITHM) for name in compliance.table}
     fitted = replace(
         arm,
         flexures=tuple(_learned(_scaled(flexure, factors), laws, certainty) for flexure in arm.flexures),
@@ -55,14 +60,48 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
 
 
 def _read_instrument(table: Declaration) -> Instrument:
-    pose, sessions = table.numbers("instrument", (6,)), table.sub("sessions")
+    pose, sessions = _frame(table, "instrument"), table.sub("sessions")
+    scale = table.number("scale", 0.0)
+    if abs(scale) >= 1.0:
+        raise table.fail("scale", f"a relative error of the instrument's lengths, got {scale:g}")
+    mounting = table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3)
+    _check_turn(table, "mounting", mounting)
     return Instrument(
         pin.SE3(pin.exp3(pose[3:]), pose[:3]),
-        {name: sessions.numbers(name, (6,)) for name in sessions.table},
-        table.numbers("target", (3,)),
-        table.number("scale", 0.0),
-        table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3),
+        {name: _frame(sessions, name) for name in sessions.table},
+        _bounded(table, "target", (3,), FARTHEST),
+        scale,
+        mounting,
     )
+
+
+def _frame(table: Declaration, key: str) -> Array:
+    """Return a frame's place [m] and rotation vector [rad], (6,)."""
+    found = _bounded(table, key, (6,), FARTHEST)
+    _check_turn(table, key, found[3:])
+    return found
+
+
+def _check_turn(table: Declaration, key: str, turn: Array) -> None:
+    if np.linalg.norm(turn) > 2.0 * np.pi:
+        raise table.fail(key, f"a rotation vector of {np.linalg.norm(turn):g} rad is more than a turn: degrees?")
+
+
+def _bounded(table: Declaration, key: str, shape: tuple[int, ...], most: float) -> Array:
+    """Return numbers of a shape, none beyond what it can be."""
+    found = table.numbers(key, shape)
+    if np.abs(found).max(initial=0.0) > most:
+        raise table.fail(key, f"expected no number beyond {most:g}, got {found.tolist()}")
+    return found
+
+
+def _check_campaign(table: Declaration) -> None:
+    """Check what the table says of the campaign, of which nothing is computed."""
+    if table.has("measurements_sha256") and not isinstance(table.raw("measurements_sha256"), str):
+        raise table.fail("measurements_sha256", "expected a text")
+    for key in ("rows", "rms_m"):
+        if table.number(key, 0.0) < 0.0:
+            raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
 
 
 def _check_names(table: Declaration, known: tuple[str, ...]) -> None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import copy
 import csv
 import io
+import json
 import os
 import re
 import resource
@@ -196,19 +197,31 @@ def mutated_tree(draw: st.DrawFn, seed: Mapping[str, Any]) -> dict[str, Any]:
     """Return nested tables and lists, as of TOML or JSON, with one to three values, keys or elements spoilt."""
     tree: dict[str, Any] = copy.deepcopy(dict(seed))
     for _ in range(draw(st.integers(1, 3))):
-        ways = list(_ways(tree))
-        if ways:
-            holder, key = ways[draw(st.integers(0, len(ways) - 1))]
-            _spoil(draw, holder, key)
+        holder: Any = tree
+        while holder:
+            keys = list(holder) if isinstance(holder, dict) else range(len(holder))
+            key = draw(st.sampled_from(keys))
+            inside = isinstance(holder[key], dict | list) and holder[key]
+            if not inside or draw(st.integers(0, 4)) == 0:  # small parts are hit as often as large ones
+                _spoil(draw, holder, key)
+                break
+            holder = inside
     return tree
 
 
-def _ways(node: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield every table or list with every key or index of it, outermost first."""
-    keys = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
-    for key in keys:
-        yield node, key
-        yield from _ways(node[key])
+def as_toml(tree: Mapping[str, Any]) -> str:
+    """Return nested tables as TOML, one line per key of the root."""
+    return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in tree.items())
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_toml(key)} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    if isinstance(value, str | bool):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value)
 
 
 def _spoil(draw: st.DrawFn, holder: Any, key: Any) -> None:
