@@ -23,17 +23,20 @@ import os
 import re
 import resource
 import signal
+import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
+from armflex.cli.main import main
 from armflex.errors import ArmflexError
 
 MOST_BYTES = 1 << 30
@@ -228,8 +231,7 @@ def _spoil(draw: st.DrawFn, holder: Any, key: Any) -> None:
     """Replace, scale, drop, rename, double, wrap or swap one value in place."""
     value = holder[key]
     how = draw(st.sampled_from(("replace", "replace", "scale", "drop", "rename", "double", "wrap", "swap")))
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if how == "scale" and number:
+    if how == "scale" and isinstance(value, float):
         holder[key] = value * draw(st.sampled_from((-1.0, 1e3, 1e-3, 1e9, 1e-9, 1e100, 1e-100, 0.0)))
     elif how == "drop":
         del holder[key]
@@ -383,6 +385,28 @@ def judge(
     told = [str(one.message) for one in caught if issubclass(one.category, RuntimeWarning)]
     assert not told, f"accepted, but numpy warned: {told[0]}"
     return True
+
+
+def judge_command(*arguments: object) -> int:
+    """Run a command line in this process and return its exit code; fail where it is none of 0, 1, 2, or untold."""
+    out, told = io.StringIO(), io.StringIO()
+    with (
+        patch.object(sys, "argv", ["armflex", *map(str, arguments)]),
+        patch.object(warnings, "showwarning"),  # `main` sets its own
+        warnings.catch_warnings(),
+        redirect_stdout(out),
+        redirect_stderr(told),
+        limited(),
+    ):
+        try:
+            main()
+            code: object = 0
+        except SystemExit as end:
+            code = end.code or 0
+    assert code in (0, 1, 2), f"exit code {code}"
+    assert code != 2 or told.getvalue().startswith(("error: ", "warning: ", "Usage: ")), told.getvalue()
+    assert "Traceback" not in told.getvalue()
+    return int(code)
 
 
 def check_numbers(name: str, values: Any) -> None:

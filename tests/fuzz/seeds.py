@@ -149,6 +149,25 @@ parameters = { lambda = 1e-5 }
 """
 """Effects about which nothing can be fitted: a trace adds them at its end."""
 
+PATH_HEADER = (
+    "time",
+    "q_yaw",
+    "q_lift",
+    "q_roll",
+    "payload",
+    "via",
+    "v_yaw",
+    "v_lift",
+    "v_roll",
+    "a_yaw",
+    "a_lift",
+    "a_roll",
+)
+PATH = [
+    ("0.0", "0.1", "0.0", "0.2", "p5", "start", *"000000"),
+    ("1.0", "0.2", "0.1", "0.2", "p5", "", *"100001"),
+    ("2.0", "0.3", "0.1", "0.1", "none", "end", *"000000"),
+]
 JOINTS = ("yaw", "lift", "roll")
 ROWS = 40
 

@@ -11,12 +11,11 @@ import pytest
 from harness import cases, hostile, judge, mutated_bytes, mutated_cells, mutated_table, written
 from hypothesis import given
 from hypothesis import strategies as st
-from seeds import arm, campaign, declared, quietly
+from seeds import PATH, PATH_HEADER, arm, campaign, declared, quietly
 from small_arms import ROBOTS
 
 from armflex import (
     Arm,
-    check,
     compensate,
     predict,
     read_joint_data,
@@ -31,25 +30,6 @@ from armflex.measured.measurements import Measurements
 from armflex.measured.point_export import PointExport
 from armflex.trajectory import Trajectory
 
-HEADER = (
-    "time",
-    "q_yaw",
-    "q_lift",
-    "q_roll",
-    "payload",
-    "via",
-    "v_yaw",
-    "v_lift",
-    "v_roll",
-    "a_yaw",
-    "a_lift",
-    "a_roll",
-)
-PATH = [
-    ("0.0", "0.1", "0.0", "0.2", "p5", "start", *"000000"),
-    ("1.0", "0.2", "0.1", "0.2", "p5", "", *"100001"),
-    ("2.0", "0.3", "0.1", "0.1", "none", "end", *"000000"),
-]
 POINTS = """// Units: mm
 // Frame: A::WORLD
 // Collection, Group, Point, X, Y, Z, Time
@@ -96,14 +76,20 @@ def test_rows_to_predict(text: bytes) -> None:
 
 
 def followed(path: Trajectory) -> Mapping[str, Any]:
-    """Return margins along a path and what compensates its rows."""
-    held = check(arm(), path, tolerance=0.01)
-    back = compensate(arm(), path)
-    return {"margins": [point.margin_m for point in held.via_points], "q": back.trajectory.q}
+    """Return what the arm does along a path and what compensates its rows."""
+    found = [
+        arm().deflection(q, payload, **path.motion(i))
+        for i, (q, payload) in enumerate(zip(path.q, path.payload, strict=True))
+    ]
+    return {
+        "displacement": [one.displacement for one in found],
+        "covariance": [one.covariance for one in found],
+        "q": compensate(arm(), path).trajectory.q,
+    }
 
 
 @cases(150)
-@given(mutated_table(HEADER, PATH))
+@given(mutated_table(PATH_HEADER, PATH))
 def test_a_trajectory(text: bytes) -> None:
     path = written("path.csv", text)
     judge(lambda: read_trajectory(path, arm()), path, followed)
@@ -156,7 +142,7 @@ def _sigmas(header: tuple[str, ...], rows: tuple[tuple[str, ...], ...]) -> list[
 
 
 def _columns() -> st.SearchStrategy[dict[str, list[Any]]]:
-    header, rows = HEADER, PATH
+    header, rows = PATH_HEADER, PATH
     seed = {name: [_number(row[i]) for row in rows] for i, name in enumerate(header)}
     return st.builds(
         lambda name, values: {**seed, name: values}, st.sampled_from(header), st.lists(_cell, min_size=3, max_size=3)
@@ -179,17 +165,21 @@ _cell = st.one_of(
 @given(_columns())
 def test_parquet(columns: dict[str, list[Any]]) -> None:
     pa = pytest.importorskip("pyarrow")
-    arrays = {}
-    for name, values in columns.items():
-        try:
-            arrays[name] = pa.array(values)
-        except (pa.ArrowException, OverflowError, TypeError, ValueError):  # no array of these: all alike then
-            try:
-                arrays[name] = pa.array([values[0]] * 3)
-            except (pa.ArrowException, OverflowError, TypeError, ValueError):
-                arrays[name] = pa.array([b"\xff\xfe"] * 3).cast(pa.string(), safe=False)
+    arrays = {name: _array(pa, values) for name, values in columns.items()}
     path = written("path.parquet", _parquet(pa.table(arrays)))
     judge(lambda: read_trajectory(path, arm()), path, followed)
+
+
+def _array(pa: Any, values: list[Any]) -> Any:
+    """Return a column of values, or of the first alone where they are of different types, or of what is no UTF-8."""
+    for cells in (values, [values[0]] * 3):
+        try:
+            array = pa.array(cells)
+            _parquet(pa.table({"a": array}))
+            return array
+        except (pa.ArrowException, OverflowError, TypeError, ValueError):
+            continue
+    return pa.array([b"\xff\xfe"] * 3).cast(pa.string(), safe=False)
 
 
 def _parquet(table: Any) -> bytes:
@@ -212,11 +202,11 @@ def test_damaged_parquet(data: bytes) -> None:
 def _seed_parquet() -> bytes:
     import pyarrow as pa
 
-    return _parquet(pa.table({name: [_number(row[i]) for row in PATH] for i, name in enumerate(HEADER)}))
+    return _parquet(pa.table({name: [_number(row[i]) for row in PATH] for i, name in enumerate(PATH_HEADER)}))
 
 
 @cases(40)
-@given(mutated_cells(HEADER, PATH))
+@given(mutated_cells(PATH_HEADER, PATH))
 def test_parquet_of_text(table: tuple[list[str], list[list[str]]]) -> None:
     pa = pytest.importorskip("pyarrow")
     names, rows = table
