@@ -87,10 +87,7 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
     setup = start = Setup(arm, arm.instrument or Instrument())
     for table in tables:
         effect = read_effect(table, arm)
-        try:
-            setup = effect.law.apply(effect, setup)
-        except InputError as error:
-            raise table.fail("parameters", str(error)) from None
+        setup = effect.law.apply(effect, setup)
     instrument = arm.instrument if setup.instrument is start.instrument else setup.instrument
     return replace(setup.arm, instrument=instrument)
 
