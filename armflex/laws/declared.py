@@ -81,7 +81,10 @@ def read_structural(table: Declaration, joint: str, ranges: Ranges) -> Structura
     tip = table.text("tip")
     _check_node(table, "tip", tip, nodes)
     try:
-        return StructuralLaw(nodes, tip, subjoints, beams, int(components))
+        law = StructuralLaw(nodes, tip, subjoints, beams, int(components))
+        if law.linear_compliance is not None and not np.isfinite(law.linear_compliance).all():
+            raise LawError("the structure's compliance is not finite")
+        return law
     except LawError as error:
         raise table.fail("model", str(error)) from None
 

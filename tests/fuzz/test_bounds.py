@@ -67,6 +67,17 @@ def test_a_structure_of_too_many_nodes() -> None:
     refused(PLAIN.replace("[flexure.S.nodes]\n", f"[flexure.S.nodes]\n{nodes}"), "302, more than the 200 allowed")
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        '[[flexure.S.subjoint]]\nat = "1"\ncompliance = [0, 0, 0, 0, 0, 0]\n' * 2,
+        '[[flexure.S.subjoint]]\nat = "1"\nholds = ["dx"]\ncompliance = [0, 0, 0, 0, 0, 0]\n' * 2,
+    ],
+)
+def test_a_structure_that_is_held_twice(more: str) -> None:
+    refused(PLAIN.replace("[[flexure.S.beam]]", f"{more}[[flexure.S.beam]]"), "model: the structure's equations are")
+
+
 def test_too_many_flexures() -> None:
     more = "".join(f'[flexure.n{i}]\njoint = "yaw"\ncompliance = [0,0,0,0,0,1e-9]\n' for i in range(600))
     refused(PLAIN + more, "604 flexures, more than the 500 allowed")
