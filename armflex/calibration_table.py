@@ -13,18 +13,15 @@ from armflex.calibrate.law_table import read_learned
 from armflex.calibrate.spread import law_labels
 from armflex.certainty import Certainty
 from armflex.certainty_table import read_certainty
-from armflex.conventions import LARGEST_POSITION, Array
+from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import did_you_mean
 from armflex.laws.scaled import scaled
 from armflex.measured.instrument import Instrument
 from armflex.robot import Corrections
 
-FARTHEST = 1e6
-"""A tracker's frame or target further away [m] is none."""
-
-LARGEST_LOGARITHM = 50.0
-"""Of the factor by which a compliance was found to be softer or stiffer."""
+LARGEST_LOGARITHM = 200.0
+"""Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""
 
 
 def read_calibration(table: Declaration, arm: Arm) -> Arm:
@@ -41,13 +38,13 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         _check_names(part, known)
     instrument = _read_instrument(table)
     corrections = Corrections(
-        {name: float(_bounded(offset, name, (), LARGEST_POSITION)) for name in offset.table},
-        {name: _bounded(geometry, name, (6,), LARGEST_POSITION) for name in geometry.table},
+        {name: offset.number(name) for name in offset.table},
+        {name: geometry.numbers(name, (6,)) for name in geometry.table},
     )
     _check_campaign(table)
     certainty = read_certainty(table, arm)
     table.finish()
-    factors = {name: _bounded(compliance, name, (6,), LARGEST_LOGARITHM) for name in compliance.table}
+    factors = {name: _factors(compliance, name) for name in compliance.table}
     fitted = replace(
         arm,
         flexures=tuple(_learned(_scaled(flexure, factors), laws, certainty) for flexure in arm.flexures),
@@ -60,38 +57,28 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
 
 
 def _read_instrument(table: Declaration) -> Instrument:
-    pose, sessions = _frame(table, "instrument"), table.sub("sessions")
+    pose, sessions = table.numbers("instrument", (6,)), table.sub("sessions")
+    turn = float(np.linalg.norm(pose[3:]))
+    if turn > 2.0 * np.pi:
+        raise table.fail("instrument", f"a rotation vector of {turn:g} rad is more than a turn: degrees?")
     scale = table.number("scale", 0.0)
     if abs(scale) >= 1.0:
         raise table.fail("scale", f"a relative error of the instrument's lengths, got {scale:g}")
-    mounting = table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3)
-    _check_turn(table, "mounting", mounting)
     return Instrument(
         pin.SE3(pin.exp3(pose[3:]), pose[:3]),
-        {name: _frame(sessions, name) for name in sessions.table},
-        _bounded(table, "target", (3,), FARTHEST),
+        {name: sessions.numbers(name, (6,)) for name in sessions.table},
+        table.numbers("target", (3,)),
         scale,
-        mounting,
+        table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3),
     )
 
 
-def _frame(table: Declaration, key: str) -> Array:
-    """Return a frame's place [m] and rotation vector [rad], (6,)."""
-    found = _bounded(table, key, (6,), FARTHEST)
-    _check_turn(table, key, found[3:])
-    return found
-
-
-def _check_turn(table: Declaration, key: str, turn: Array) -> None:
-    if np.linalg.norm(turn) > 2.0 * np.pi:
-        raise table.fail(key, f"a rotation vector of {np.linalg.norm(turn):g} rad is more than a turn: degrees?")
-
-
-def _bounded(table: Declaration, key: str, shape: tuple[int, ...], most: float) -> Array:
-    """Return numbers of a shape, none beyond what it can be."""
-    found = table.numbers(key, shape)
-    if np.abs(found).max(initial=0.0) > most:
-        raise table.fail(key, f"expected no number beyond {most:g}, got {found.tolist()}")
+def _factors(table: Declaration, key: str) -> Array:
+    """Return the (6,) logarithms of a flexure's factors."""
+    found = table.numbers(key, (6,))
+    if np.abs(found).max() > LARGEST_LOGARITHM:
+        text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {found.tolist()}"
+        raise table.fail(key, text)
     return found
 
 

@@ -104,13 +104,13 @@ CALIBRATION = {
     "directions": (lambda c: c.__setitem__("undetermined", [[1.0]]), "undetermined: expected rows of"),
     "no directions": (lambda c: c.__setitem__("undetermined", 1), "undetermined: expected rows of"),
     "turn in degrees": (lambda c: c["instrument"].__setitem__(5, 90.0), "instrument: a rotation vector of 90"),
-    "session's turn": (lambda c: c["sessions"]["s0"].__setitem__(4, 1e20), "s0: expected no number beyond"),
-    "far target": (lambda c: c["target"].__setitem__(0, 1e20), "target: expected no number beyond"),
+    "session shift": (lambda c: c["sessions"]["s0"].__setitem__(4, 1e31), "s0: beyond"),
+    "far target": (lambda c: c["target"].__setitem__(0, 1e31), "target: beyond"),
     "scale": (lambda c: c.__setitem__("scale", -1.0), "scale: a relative error"),
     "hash": (lambda c: c.__setitem__("measurements_sha256", 1), "measurements_sha256: expected a text"),
     "rows": (lambda c: c.__setitem__("rows", "many"), "rows: expected a number"),
     "rms": (lambda c: c.__setitem__("rms_m", -1.0), "rms_m: expected 0 or more"),
-    "factor": (lambda c: c["compliance"]["Y"].__setitem__(0, 1e3), "Y: expected no number beyond 50"),
+    "factor": (lambda c: c["compliance"]["Y"].__setitem__(0, 1e3), "Y: logarithms of factors, none beyond 200"),
 }
 
 
