@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test bench study lint clean
+.PHONY: demo test fuzz bench study lint clean
 
 $(VENV)/.demo: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -27,6 +27,10 @@ demo: $(VENV)/.demo
 
 test: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --dist worksteal
+
+# 25 times as many spoilt inputs as `make test` tries, new ones each time, in processes of at most 8 GiB each.
+fuzz: $(VENV)/.test
+	ulimit -v 8388608; HYPOTHESIS_PROFILE=fuzz OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest tests/fuzz -n auto --dist worksteal
 
 bench: $(VENV)/.bench
 	$(VENV)/bin/python tests/benchmarks/run.py -o bench.md

@@ -10,7 +10,7 @@ import numpy as np
 from armflex.arm import Arm, Flexure, warn
 from armflex.calibrate.view import Setup
 from armflex.calibration_table import read_calibration
-from armflex.conventions import STANDARD_GRAVITY
+from armflex.conventions import SMALLEST_STD, STANDARD_GRAVITY
 from armflex.declaration import Declaration, read_toml
 from armflex.effects.effect_file import read_effect
 from armflex.errors import (
@@ -19,6 +19,7 @@ from armflex.errors import (
     InputError,
     PayloadError,
     UnknownNameError,
+    UrdfError,
     did_you_mean,
     listing,
 )
@@ -29,6 +30,7 @@ from armflex.laws.linear import softness
 from armflex.measured.instrument import Instrument
 from armflex.prior import Measurement, Prior
 from armflex.robot import Robot, load_robot
+from armflex.robot.urdf import MAX_LINKS
 from armflex.statics.loads import Payload
 
 
@@ -64,7 +66,10 @@ def _bare(robot: Robot) -> Arm:
 def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     robot, rating, flags = _read_robot(root.sub("robot"), strict)
     payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
-    flexures = tuple(_read_flexure(name, table, robot) for name, table in _flexure_tables(root, preset).items())
+    tables = _flexure_tables(root, preset)
+    if len(tables) > MAX_LINKS:
+        raise ArmFileError(root.place("flexure"), f"has {len(tables)} flexures, more than the {MAX_LINKS} allowed")
+    flexures = tuple(_read_flexure(name, table, robot) for name, table in tables.items())
     measurement = _read_measurement(root.sub("measurement")) if root.has("measurement") else Measurement()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
     effects = root.array_of("effect")
@@ -126,6 +131,10 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, 
         )
     except UnknownNameError as error:
         raise table.fail(_key_of(error, tip, base), str(error)) from None
+    except UrdfError as error:
+        if error.place.line or "cannot be read" not in error.problem:
+            raise
+        raise UrdfError(table.place("urdf"), f"[robot] urdf: {error}") from None  # the key that names no file
     return robot, rating, flags
 
 
@@ -188,6 +197,8 @@ def _read_prior(table: Declaration) -> Prior:
     for name, value in values.items():
         if value < 0.0:
             raise table.fail(name, f"a standard deviation cannot be negative, got {value:g}")
+        if 0.0 < value < SMALLEST_STD:
+            raise table.fail(name, f"{value:g} is less than anything can be known to; 0 keeps it fixed")
     return Prior(**values)
 
 

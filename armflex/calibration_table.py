@@ -20,6 +20,9 @@ from armflex.laws.scaled import scaled
 from armflex.measured.instrument import Instrument
 from armflex.robot import Corrections
 
+LARGEST_LOGARITHM = 200.0
+"""Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""
+
 
 def read_calibration(table: Declaration, arm: Arm) -> Arm:
     """Return an arm with its [calibration] table applied.
@@ -38,11 +41,10 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         {name: offset.number(name) for name in offset.table},
         {name: geometry.numbers(name, (6,)) for name in geometry.table},
     )
-    for key in ("measurements_sha256", "rows", "rms_m"):
-        table.has(key)
+    _check_campaign(table)
     certainty = read_certainty(table, arm)
     table.finish()
-    factors = {name: compliance.numbers(name, (6,)) for name in compliance.table}
+    factors = {name: _factors(compliance, name) for name in compliance.table}
     fitted = replace(
         arm,
         flexures=tuple(_learned(_scaled(flexure, factors), laws, certainty) for flexure in arm.flexures),
@@ -56,13 +58,37 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
 
 def _read_instrument(table: Declaration) -> Instrument:
     pose, sessions = table.numbers("instrument", (6,)), table.sub("sessions")
+    turn = float(np.linalg.norm(pose[3:]))
+    if turn > 2.0 * np.pi:
+        raise table.fail("instrument", f"a rotation vector of {turn:g} rad is more than a turn: degrees?")
+    scale = table.number("scale", 0.0)
+    if abs(scale) >= 1.0:
+        raise table.fail("scale", f"a relative error of the instrument's lengths, got {scale:g}")
     return Instrument(
         pin.SE3(pin.exp3(pose[3:]), pose[:3]),
         {name: sessions.numbers(name, (6,)) for name in sessions.table},
         table.numbers("target", (3,)),
-        table.number("scale", 0.0),
+        scale,
         table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3),
     )
+
+
+def _factors(table: Declaration, key: str) -> Array:
+    """Return the (6,) logarithms of a flexure's factors."""
+    found = table.numbers(key, (6,))
+    if np.abs(found).max() > LARGEST_LOGARITHM:
+        text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {found.tolist()}"
+        raise table.fail(key, text)
+    return found
+
+
+def _check_campaign(table: Declaration) -> None:
+    """Check what the table says of the campaign, of which nothing is computed."""
+    if table.has("measurements_sha256") and not isinstance(table.raw("measurements_sha256"), str):
+        raise table.fail("measurements_sha256", "expected a text")
+    for key in ("rows", "rms_m"):
+        if table.number(key, 0.0) < 0.0:
+            raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
 
 
 def _check_names(table: Declaration, known: tuple[str, ...]) -> None:

@@ -5,13 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.arm import Arm
+from armflex.calibrate.instrument_blocks import MOUNTING
+from armflex.calibrate.law_block import LAW
+from armflex.calibrate.spread import COMPLIANCE, EFFECT, INSTRUMENT, SESSIONS
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
+from armflex.covariance import covariance_fault
 from armflex.declaration import Declaration
 from armflex.effects.spot import site_names
-from armflex.errors import FileError
+from armflex.errors import FileError, did_you_mean, listing
 from armflex.storage.array_file import Layout, read_arrays
 from armflex.storage.schema import Numbers
+
+BLOCKS = (INSTRUMENT, SESSIONS, MOUNTING, "tool", "joint_offset", "geometry", COMPLIANCE, LAW, EFFECT)
+"""What the name of every fitted parameter begins with."""
 
 LAYOUT = Layout(
     "the covariance of a calibrated arm",
@@ -32,25 +39,32 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
     labels = table.texts("parameters")
     if len(set(labels)) < len(labels):
         raise table.fail("parameters", "a parameter is named twice")
-    covariance = _from_file(table, labels) if table.has("covariance_file") else _from_rows(table, labels)
-    if (np.diag(covariance) < 0.0).any():
-        raise table.fail("covariance", "a variance is negative")
+    for label in labels:
+        block, _, parameter = label.partition(" ")
+        if block not in BLOCKS or not parameter:
+            hint = did_you_mean(block, BLOCKS)
+            raise table.fail("parameters", f"{label!r} is no parameter of a fit{hint} (they begin: {listing(BLOCKS)})")
+    key = "covariance_file" if table.has("covariance_file") else "covariance"
+    covariance = _from_file(table, labels) if key == "covariance_file" else _from_rows(table, labels)
+    if fault := covariance_fault(covariance):
+        raise table.fail(key, fault)
+    directions = _directions(table, len(labels))
+    known = np.ones(len(labels), dtype=bool) if directions is None else ~directions.any(axis=0)
+    if (known & (np.diag(covariance) == 0.0)).any():
+        label = labels[int((known & (np.diag(covariance) == 0.0)).argmax())]
+        raise table.fail(key, f"the variance of {label!r} is zero, which no campaign leaves")
     misfit = table.number("misfit_m", 0.0)
     if misfit < 0.0:
         raise table.fail("misfit_m", f"a standard deviation cannot be negative, got {misfit:g}")
-    return Certainty(labels, covariance, _unexplained(table, arm), _directions(table, len(labels)), misfit)
+    return Certainty(labels, covariance, _unexplained(table, arm), directions, misfit)
 
 
 def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
     """Return a covariance given as the lower triangle's rows."""
-    rows = table.table["covariance"]
     expected = f"{len(labels)} rows of 1, 2, ... finite numbers, one for each of the parameters"
-    if not isinstance(rows, list) or [len(row) if isinstance(row, list) else 0 for row in rows] != _counts(labels):
-        raise table.fail("covariance", f"expected {expected}")
+    rows = table.ragged("covariance", range(1, len(labels) + 1), expected)
     covariance = np.zeros((len(labels), len(labels)))
     for i, row in enumerate(rows):
-        if not all(isinstance(x, int | float) and np.isfinite(x) for x in row):
-            raise table.fail("covariance", f"row {i + 1}: expected {expected}")
         covariance[i, : i + 1] = covariance[: i + 1, i] = row
     return covariance
 
@@ -75,18 +89,11 @@ def _directions(table: Declaration, count: int) -> Array | None:
     """Return the (k, count) directions that nothing determined; None where there are none."""
     if not table.has("undetermined"):
         return None
-    rows = table.table["undetermined"]
-    if not isinstance(rows, list) or not all(isinstance(row, list) and _are_numbers(row, count) for row in rows):
-        raise table.fail("undetermined", f"expected rows of {count} finite numbers, one for each of the parameters")
-    return np.array(rows, dtype=float) if rows else None
-
-
-def _are_numbers(row: list, count: int) -> bool:
-    return len(row) == count and all(isinstance(x, int | float) and np.isfinite(x) for x in row)
-
-
-def _counts(labels: tuple[str, ...]) -> list[int]:
-    return list(range(1, len(labels) + 1))
+    given = table.raw("undetermined")
+    lengths = [count] * len(given) if isinstance(given, list) else []
+    expected = f"rows of {count} finite numbers, one for each of the parameters"
+    rows = table.ragged("undetermined", lengths, expected)
+    return np.array(rows) if rows else None
 
 
 def _unexplained(table: Declaration, arm: Arm) -> tuple[str, str, float] | None:

@@ -30,6 +30,12 @@ Array = NDArray[np.float64]
 WRENCH_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
 TWIST_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz")
 STANDARD_GRAVITY = 9.81
+LARGEST = 1e30
+"""No quantity of an arm or a campaign is beyond this in SI units; its tenth power does not overflow."""
+
+SMALLEST_STD = 1e-15
+"""No standard deviation is below this in SI units: a proton is wider [m]. The inverse of its square is within reach."""
+
 LARGEST_POSITION = 1e3
 """Joint positions beyond this [rad or m] are taken for a mistake (1e300 would give finite nonsense)."""
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from armflex.conventions import Array
-from armflex.errors import ArmFileError, Place, did_you_mean, listing
+from armflex.conventions import LARGEST, Array
+from armflex.errors import ArmFileError, Place, did_you_mean, listing, shown
 from armflex.printable import unprintable
 
 _TOKEN = re.compile(
@@ -23,6 +23,13 @@ _TOKEN = re.compile(
     re.DOTALL,
 )
 """Strings and comments whole, so that no bracket or sign in them counts; then line ends, marks, and words."""
+
+MAX_BYTES = 64_000_000
+MAX_DEPTH = 32
+"""Tables and lists inside one another; an arm has a quarter of them."""
+
+LARGEST_INTEGER = 2**63
+"""TOML's integers have 64 bits; `tomllib` would take longer ones."""
 
 Keys = tuple[str | int, ...]
 """Way from a file's root to a value: names of tables and keys, places in arrays of tables."""
@@ -145,15 +152,15 @@ class Declaration:
         if default is not None and not self.has(key):
             return default
         value = self.raw(key)
-        if not isinstance(value, str) or not value.strip():
-            raise self.fail(key, f"expected a text, got {value!r}")
+        if not isinstance(value, str) or not value.strip() or "\0" in value:
+            raise self.fail(key, f"expected a text, got {shown(value)}")
         return value
 
     def texts(self, key: str) -> tuple[str, ...]:
         """Return a list of texts."""
         value = self.raw(key)
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            raise self.fail(key, f"expected texts in a list, got {value!r}")
+            raise self.fail(key, f"expected texts in a list, got {shown(value)}")
         return tuple(value)
 
     def choice(self, key: str, options: tuple[str, ...], default: str | None = None) -> str:
@@ -168,36 +175,52 @@ class Declaration:
         """Return true or false; false when absent."""
         value = self.raw(key) if self.has(key) else False
         if not isinstance(value, bool):
-            raise self.fail(key, f"expected true or false, got {value!r}")
+            raise self.fail(key, f"expected true or false, got {shown(value)}")
         return value
 
     def number(self, key: str, default: float | None = None) -> float:
-        """Return a finite number."""
+        """Return a finite number up to `LARGEST`."""
         if default is not None and not self.has(key):
             return default
         return float(self._array(key, self.raw(key), ((),)))
 
     def numbers(self, key: str, *shapes: tuple[int, ...]) -> Array:
-        """Return finite numbers of one of the given shapes."""
+        """Return finite numbers up to `LARGEST`, of one of the given shapes."""
         return self._array(key, self.raw(key), shapes)
 
-    def _array(self, key: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Array:
+    def ragged(self, key: str, lengths: Sequence[int], expected: str) -> list[Array]:
+        """Return rows of finite numbers up to the square of `LARGEST`, as covariances may be.
+
+        Args:
+            key: The key, which must be given.
+            lengths: How many each row has.
+            expected: What the rows are, for who gave others.
+        """
+        rows = self.raw(key)
+        if not isinstance(rows, list) or [len(row) if isinstance(row, list) else -1 for row in rows] != list(lengths):
+            raise self.fail(key, f"expected {expected}")
+        return [self._array(key, row, ((length,),), LARGEST**2) for row, length in zip(rows, lengths, strict=True)]
+
+    def _array(self, key: str, value: Any, shapes: tuple[tuple[int, ...], ...], most: float = LARGEST) -> Array:
         expected = " or ".join(" x ".join(map(str, shape)) + " numbers" if shape else "a number" for shape in shapes)
         try:
             array = np.asarray(value)
         except ValueError:
             raise self.fail(key, f"rows of different length, expected {expected}") from None
-        if array.dtype.kind not in "fiu" or array.shape not in shapes:
-            raise self.fail(key, f"expected {expected}, got {value!r}")
-        if not np.isfinite(array.astype(float)).all():
-            raise self.fail(key, f"not finite: {value!r}")
-        return array.astype(float)
+        if array.dtype.kind not in "fiu" or array.shape not in shapes or _has_bool(value):
+            raise self.fail(key, f"expected {expected}, got {shown(value)}")
+        array = array.astype(float)
+        if not np.isfinite(array).all():
+            raise self.fail(key, f"not finite: {shown(value)}")
+        if np.abs(array).max(initial=0.0) > most:
+            raise self.fail(key, f"beyond {most:g}, which nothing is in SI units: {shown(value)}")
+        return array
 
     def sub(self, key: str) -> Declaration:
         """Return a sub-table as a declaration of its own."""
         table = self.raw(key)
         if not isinstance(table, dict):
-            raise self.fail(key, f"expected a table [{self.under(key)}], got {table!r}")
+            raise self.fail(key, f"expected a table [{self.under(key)}], got {shown(table)}")
         return Declaration(table, (*self.keys, key), self.source)
 
     def subs(self, key: str) -> dict[str, Declaration]:
@@ -224,33 +247,53 @@ class Declaration:
                 raise self.fail(key, f"unknown key{hint} (known: {listing(sorted(self.known))})")
 
 
+def _has_bool(value: Any) -> bool:
+    """Return whether true or false stands among numbers, where numpy would take it for 1 or 0."""
+    return any(map(_has_bool, value)) if isinstance(value, list) else isinstance(value, bool)
+
+
 def read_toml(path: Path) -> Declaration:
-    """Return a TOML file's root table; raise `ArmFileError` where it cannot be read or is not TOML."""
+    """Return a TOML file's root table.
+
+    Raises:
+        ArmFileError: It cannot be read, is not TOML, larger than `MAX_BYTES` or nested deeper than `MAX_DEPTH`, or
+            holds an integer of more than 64 bits.
+    """
     try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ArmFileError(Place(path), f"is larger than the {MAX_BYTES} bytes allowed")
         text = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise ArmFileError(Place(path), f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise ArmFileError(Place(path), "is not UTF-8 text") from None
+    source = Source(path, text)
     try:
-        table, source = tomllib.loads(text), Source(path, text)
+        root = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"line (\d+)", str(error))
         raise ArmFileError(Place(path, int(line[1]) if line else 0), f"not valid TOML: {error}") from None
-    for keys, word in _texts(table):
-        if found := unprintable(word):
-            raise ArmFileError(source.place(keys), f"{word!r} {found[1]}")
-    return Declaration(table, (), source)
+    except RecursionError:
+        raise ArmFileError(Place(path), f"nested deeper than {MAX_DEPTH} tables or lists") from None
+    except ValueError:  # Python's own limit on the digits of an integer
+        raise ArmFileError(Place(path), "not valid TOML: an integer has more than 64 bits") from None
+    _check_values(root, source)
+    return Declaration(root, (), source)
 
 
-def _texts(value: Any, keys: Keys = ()) -> Iterator[tuple[Keys, str]]:
-    """Yield every name and text in nested tables and lists, and the way to it."""
-    if isinstance(value, str):
-        yield keys, value
-    elif isinstance(value, dict):
-        for key, item in value.items():
-            yield (*keys, key), key
-            yield from _texts(item, (*keys, key))
-    elif isinstance(value, list):
-        for i, item in enumerate(value):
-            yield from _texts(item, (*keys, i))
+def _check_values(root: dict[str, Any], source: Source) -> None:
+    """Raise where a file is nested too deeply, holds a longer integer than TOML has, or text that cannot be shown."""
+    # Iterative: dotted keys nest without the parser's own stack.
+    stack: list[tuple[Any, Keys]] = [(root, ())]
+    while stack:
+        value, keys = stack.pop()
+        if len(keys) > MAX_DEPTH:
+            raise ArmFileError(source.place(keys), f"nested deeper than {MAX_DEPTH} tables or lists")
+        if isinstance(value, int) and not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
+            raise ArmFileError(source.place(keys), "not valid TOML: an integer has more than 64 bits")
+        for word in [*(value if isinstance(value, dict) else ()), *([value] if isinstance(value, str) else ())]:
+            if found := unprintable(word):
+                at = (*keys, word) if isinstance(value, dict) else keys
+                raise ArmFileError(source.place(at), f"{word!r} {found[1]}")
+        inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+        stack.extend((item, (*keys, key)) for key, item in inside)

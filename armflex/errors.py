@@ -220,6 +220,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f", did you mean {lowered[close[0]]!r}?" if close else ""
 
 
+def shown(value: object, most: int = 200) -> str:
+    """Return a value as it is written in Python, cut after `most` characters."""
+    text = repr(value)
+    return text if len(text) <= most else f"{text[:most]} ..."
+
+
 def listing(names: Iterable[str], most: int = 20) -> str:
     """Return names joined by commas, cut after `most` of them."""
     names = list(names)

@@ -435,7 +435,7 @@ def test_no_command_writes_two_results_into_one_file(folder: Path, name: str) ->
             refused(folder, [name, *READ[name], *rest, one, first, other, second], f"{one} and {other} are the same")
 
 
-ENDINGS = {("-o", "train"): ".safetensors", ("-o", "map"): ".npz", ("--picture", "plan"): ".png"}
+ENDINGS = {("-o", "train"): ".safetensors", ("-o", "map"): ".safetensors", ("--picture", "plan"): ".png"}
 ENDINGS |= {("--picture", "map"): ".png", ("--page", "map"): ".html"}
 NO_INPUT = ["none", "none/none", "folder", "empty", "binary", "circle", "rows.csv/none", "x" * 300, "none.toml"]
 NO_INPUT += ["none.urdf", "folder.urdf", "empty.toml", "none.parquet", "binary.parquet", "joint.csv", "unreadable"]

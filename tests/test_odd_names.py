@@ -240,7 +240,7 @@ def test_plan_and_its_picture(field: Path, tmp_path: Path) -> None:
 
 
 def test_map_its_page_and_its_picture(field: Path, tmp_path: Path, plain: Page) -> None:
-    files = ["-o", tmp_path / "m.npz", "--page", tmp_path / "m.html", "--picture", tmp_path / "m.png"]
+    files = ["-o", tmp_path / "m.safetensors", "--page", tmp_path / "m.html", "--picture", tmp_path / "m.png"]
     carried = f"{MARKUP},{FORMULA}"
     said = done("map", field / "arm.toml", *files, "--rows", "64", "--payload", carried, "--no-uncertainty")
     assert all(name in said for name in (*JOINTS, MARKUP, FORMULA, LINKS[0])) and is_png(tmp_path / "m.png")

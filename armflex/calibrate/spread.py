@@ -261,7 +261,8 @@ def _declared(name: str, labels: list[str], setup: Setup, sessions: tuple[str, .
     laws = learned_laws(arm)
     if name == LAW and laws:
         return LawBlock(tuple(laws), tuple(laws.values()))
-    if name == COMPLIANCE and {part for part, _ in pairs} <= {flexure.name for flexure in arm.flexures}:
+    own = {part for part, _ in pairs} <= {flexure.name for flexure in arm.flexures}
+    if name == COMPLIANCE and own and {axis for _, axis in pairs} <= set(TWIST_NAMES):
         return ComplianceBlock(parts, tuple(_axes(pairs, part) for part in parts), 0.0)
     return None
 

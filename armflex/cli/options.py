@@ -88,10 +88,10 @@ def named_files(path: Path) -> list[Path]:
     if path.suffix != ".toml":
         return [path]
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError):
+        texts = list(_texts(tomllib.loads(path.read_text(encoding="utf-8-sig"))))
+    except (OSError, ValueError, RecursionError):
         return [path]  # who reads it will say what is wrong with it
-    beside = [path.parent / text for text in _texts(table)]
+    beside = [path.parent / text for text in texts]
     return [path, *(file for file in beside if _is_file(file))]
 
 

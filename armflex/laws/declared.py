@@ -18,6 +18,9 @@ from armflex.laws.linear import read_linear
 from armflex.laws.position_dependent import read_position_dependent
 from armflex.laws.structural import StructuralLaw, SubJoint
 
+MOST_PARTS = 200
+"""Nodes, sub-joints or beams of a structure: its equations are dense, six or more to each of them."""
+
 
 def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     """Return the law of a [flexure.NAME] or sub-joint table; `node` carries it to where it was measured.
@@ -64,16 +67,24 @@ def _read_file(table: Declaration, model: str) -> Law:
 def read_structural(table: Declaration, joint: str, ranges: Ranges) -> StructuralLaw:
     """Return the composed joint of `nodes`, `tip`, [[subjoint]] and [[beam]] tables."""
     nodes_table = table.sub("nodes")
+    if len(nodes_table.table) > MOST_PARTS:
+        raise table.fail("nodes", f"has {len(nodes_table.table)}, more than the {MOST_PARTS} allowed")
     nodes = {name: nodes_table.numbers(name, (3,)) for name in nodes_table.table}
     subjoints = tuple(_read_subjoint(sub, joint, ranges, nodes) for sub in table.array_of("subjoint"))
     beams = tuple(_read_beam(beam, nodes) for beam in table.array_of("beam"))
+    for key, parts in (("subjoint", subjoints), ("beam", beams)):
+        if len(parts) > MOST_PARTS:
+            raise table.fail(key, f"there are {len(parts)}, more than the {MOST_PARTS} allowed")
     components = table.number("components", 6.0)
     if components not in (3.0, 6.0):
         raise table.fail("components", f"expected 3 or 6, got {components:g}")
     tip = table.text("tip")
     _check_node(table, "tip", tip, nodes)
     try:
-        return StructuralLaw(nodes, tip, subjoints, beams, int(components))
+        law = StructuralLaw(nodes, tip, subjoints, beams, int(components))
+        if law.linear_compliance is not None and not np.isfinite(law.linear_compliance).all():
+            raise LawError("the structure's compliance is not finite")
+        return law
     except LawError as error:
         raise table.fail("model", str(error)) from None
 

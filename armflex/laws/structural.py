@@ -152,7 +152,7 @@ class StructuralLaw(Law):
     def answers(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
         """Return for each sub-joint the (6, 6) twist of the tip per twist that it gives more, and its (6,) load."""
         _, tangents, loads = self._solve(wrench, row)
-        inverse = np.linalg.inv(self._system(tangents))
+        inverse = _solved(self._system(tangents), np.eye(self._size + sum(len(own) for _, own in self.held)))
         found = []
         for start, (_, own), load in zip(self._load_places, self.held, loads, strict=True):
             gain = np.zeros((6, 6))
@@ -220,7 +220,7 @@ class StructuralLaw(Law):
     def _condense(self, compliances: list[Array]) -> Array:
         loaded = np.zeros((len(self._system(compliances)), 6))
         loaded[: self._size] = self._seen.T / self.scale
-        return self._seen @ np.linalg.solve(self._system(compliances), loaded)[: self._size]
+        return self._seen @ _solved(self._system(compliances), loaded)[: self._size]
 
     def _solve(self, wrench: Array, row: Row) -> tuple[Array, list[Array], list[Array]]:
         """Return the tip twist, the sub-joints' tangents and the loads on them."""
@@ -233,7 +233,7 @@ class StructuralLaw(Law):
             history.append(float(np.abs(residual).max()))
             if history[-1] <= TOLERANCE * (np.abs(state).max() + np.abs(wrench).max() / self.scale):
                 return self._seen @ state[: self._size], tangents, loads
-            state = state - np.linalg.solve(self._system(tangents), residual)
+            state = state - _solved(self._system(tangents), residual)
         raise ConvergenceError("the structure's inner equilibrium did not converge", history)
 
     def _loads(self, state: Array) -> list[Array]:
@@ -250,3 +250,12 @@ class StructuralLaw(Law):
         for start, (_, own), sub, load in zip(self._load_places, self.held, self.subjoints, loads, strict=True):
             free[start : start + len(own)] -= sub.law.twist(load, row)[own]
         return free
+
+
+def _solved(system: Array, right: Array) -> Array:
+    """Return the solution of a structure's equations; raise `LawError` where they have none."""
+    try:
+        return np.linalg.solve(system, right)
+    except np.linalg.LinAlgError:
+        text = "two rigid sub-joints hold one node the same way, or one is softer than numbers can tell beside the rest"
+        raise LawError(f"the structure's equations are singular: {text}") from None

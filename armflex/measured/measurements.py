@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import Array
+from armflex.conventions import SMALLEST_STD, Array
 from armflex.effects.scene import POSE, last_motion
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean
 from armflex.measured.doubts import check_joint_units, check_no_nan, check_one_unit, levels, table_flags
@@ -263,9 +263,10 @@ def _sigma(table: Table, measured: np.ndarray) -> Array:
         return np.ones((len(table), 3))
     table.require(names)
     sigma = np.column_stack([table.numbers_where(name, measured) for name in names])
-    bad = measured & ~(sigma > 0.0).all(axis=1)
+    bad = measured & ~(sigma >= SMALLEST_STD).all(axis=1)
     if bad.any():
-        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), "sigma must be positive")
+        text = f"sigma must be positive, {SMALLEST_STD:g} m at least"
+        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), text)
     return np.where(measured[:, None], sigma, 1.0)
 
 
@@ -281,9 +282,10 @@ def _sigma_r(table: Table, turned: np.ndarray) -> Array:
     if "sigma_r" not in table.columns:
         raise TableError(Place(table.path, 1), "has rx ry rz but no column 'sigma_r': how well are they known?")
     sigma = table.numbers_where("sigma_r", turned)
-    bad = turned & ~(sigma > 0.0)
+    bad = turned & ~(sigma >= SMALLEST_STD)
     if bad.any():
-        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), "sigma_r must be positive")
+        text = f"sigma_r must be positive, {SMALLEST_STD:g} rad at least"
+        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), text)
     return np.where(turned, sigma, np.inf)
 
 

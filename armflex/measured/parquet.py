@@ -11,6 +11,9 @@ from armflex.printable import unprintable
 MAX_CELLS = 20_000_000
 """Cells beyond which a file is refused unread: a few bytes of Parquet can stand for billions of equal rows."""
 
+MAX_BYTES = 200_000_000
+"""Of a file's columns unpacked, as it says itself."""
+
 
 def is_parquet(path: Path) -> bool:
     """Return whether a file's name says that it is Parquet."""
@@ -21,20 +24,23 @@ def parquet_rows(path: Path) -> list[tuple[int, list[str]]]:
     """Return (line, cells) of the header and every row; lines count as if it were CSV, nulls are empty cells.
 
     Raises:
-        TableError: pyarrow is missing, or the file is, or it is damaged, too large, or holds more than plain values.
+        TableError: pyarrow is missing, or the file is, or it is damaged or too large, holds more than plain values, or
+            text that is not UTF-8.
     """
-    table = _read(path)
-    _refuse_nested(path, table.schema)
-    columns = [[_text(value) for value in column.to_pylist()] for column in table.columns]
+    names, columns = _read(path)
     body = [list(cells) for cells in zip(*columns, strict=True)]
-    rows = list(enumerate([list(table.schema.names), *body], 1))
+    rows = list(enumerate([names, *body], 1))
+    fine: set[str] = set()  # a long text may stand in every row and be held once: it is looked at once
     for line, cells in rows:
-        if found := unprintable("\t".join(cells)):
-            raise TableError(Place(path, line), found[1])
+        for cell in cells:
+            if cell not in fine and (found := unprintable(cell)):
+                raise TableError(Place(path, line), found[1])
+        fine.update(cells)
     return rows
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Return the columns' names, and their cells as text."""
     try:
         import pyarrow as pa
         from pyarrow import parquet
@@ -42,21 +48,55 @@ def _read(path: Path) -> Any:
         raise TableError(Place(path), "is Parquet, which needs pyarrow: pip install 'armflex[parquet]'") from None
     try:
         with parquet.ParquetFile(path) as file:
-            cells = file.metadata.num_rows * file.metadata.num_columns
-            if cells > MAX_CELLS:
-                raise TableError(Place(path), f"holds {cells} cells, more than the {MAX_CELLS} allowed")
-            return file.read()
+            texts = _check(path, file)
+        # Texts as numbered entries: a long one in every row is held once.
+        with parquet.ParquetFile(path, read_dictionary=texts) as file:
+            table = file.read()
+        return table.schema.names, [_cells(path, name, table.column(i)) for i, name in enumerate(table.schema.names)]
+    except UnicodeDecodeError:
+        raise TableError(Place(path), "holds text, or a name, that is not UTF-8") from None
     except (pa.ArrowException, OSError) as error:
-        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+        reason = getattr(error, "strerror", None) or (str(error).splitlines() or ["damaged"])[0]
         raise TableError(Place(path), f"cannot be read as Parquet: {reason}") from None
 
 
-def _refuse_nested(path: Path, schema: Any) -> None:
+def _check(path: Path, file: Any) -> list[str]:
+    """Return the columns of text; raise `TableError` where a file is too large or holds more than plain values."""
     from pyarrow import types
 
-    for field in schema:
-        if types.is_nested(field.type) or types.is_binary(field.type) or types.is_large_binary(field.type):
+    found, texts = file.metadata, []
+    cells = found.num_rows * found.num_columns
+    size = sum(found.row_group(i).total_byte_size for i in range(found.num_row_groups))
+    if cells > MAX_CELLS:
+        raise TableError(Place(path), f"holds {cells} cells, more than the {MAX_CELLS} allowed")
+    if size > MAX_BYTES:
+        raise TableError(Place(path), f"holds {size} bytes, more than the {MAX_BYTES} allowed")
+    plain = ("null", "boolean", "integer", "floating", "decimal", "temporal", "string", "large_string")
+    for field in file.schema_arrow:
+        kind = field.type.value_type if types.is_dictionary(field.type) else field.type
+        if not any(getattr(types, f"is_{name}")(kind) for name in plain):
             raise TableError(Place(path, 1), f"column {field.name!r} holds {field.type}, expected numbers or text")
+        if types.is_string(kind) or types.is_large_string(kind):
+            texts.append(field.name)
+    return texts
+
+
+def _cells(path: Path, name: str, column: Any) -> list[str]:
+    from pyarrow import types
+
+    found: list[str] = []
+    try:
+        for chunk in column.chunks:
+            if types.is_dictionary(chunk.type):
+                entries = [_text(value) for value in chunk.dictionary.to_pylist()]
+                found += ["" if i is None else entries[i] for i in chunk.indices.to_pylist()]
+            else:
+                found += [_text(value) for value in chunk.to_pylist()]
+    except UnicodeDecodeError:
+        raise
+    except (ValueError, OverflowError) as error:  # dates before the year 1 or after 9999
+        raise TableError(Place(path, 1), f"column {name!r} holds {column.type} out of range: {error}") from None
+    return found
 
 
 def _text(value: object) -> str:

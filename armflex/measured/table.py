@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from armflex.conventions import NUMBER, UNITS, Array
-from armflex.errors import Place, TableError, did_you_mean, listing
+from armflex.conventions import LARGEST, NUMBER, UNITS, Array
+from armflex.errors import Place, TableError, did_you_mean, listing, shown
 from armflex.measured.parquet import is_parquet, parquet_rows
 from armflex.printable import unprintable
 from armflex.whole_file import write_whole
@@ -41,11 +41,13 @@ class Table:
         return len(self.lines)
 
     def numbers(self, name: str) -> Array:
-        """Return a column in SI; raise `TableError` naming the first cell that is no finite number."""
+        """Return a column in SI; raise `TableError` naming the first cell that is no finite number up to `LARGEST`."""
         column = self.columns[name]
         for line, cell in zip(self.lines, column.cells, strict=True):
-            if not NUMBER.fullmatch(cell.strip()) or not np.isfinite(float(cell)):
-                what = "is empty" if not cell.strip() else f"is {cell!r}, not a finite number"
+            number = float(cell) if NUMBER.fullmatch(cell.strip()) else np.nan
+            if not abs(number) <= LARGEST:
+                kind = f"beyond {LARGEST:g}" if np.isfinite(number) else "not a finite number"
+                what = f"is {shown(cell)}, {kind}" if cell.strip() else "is empty"
                 raise TableError(Place(self.path, line), f"column {column.header!r} {what}")
         return np.array([float(cell) for cell in column.cells]) * column.factor
 

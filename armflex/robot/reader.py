@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from armflex.conventions import NUMBER, Array
+from armflex.conventions import LARGEST, NUMBER, Array
 from armflex.errors import Flag, Place, UrdfError, did_you_mean
 
 PASSED_OVER = frozenset(
@@ -73,6 +73,11 @@ class Reader:
         bad = [word for word in words if not NUMBER.fullmatch(word) or not np.isfinite(float(word))]
         if bad:
             raise self.fail(element, f"<{element.tag} {key}={text!r}>: {bad[0]!r} is not a finite decimal number")
+        # Limits of 1e308 stand for none.
+        if element.tag != "limit" and any(abs(float(word)) > LARGEST for word in words):
+            raise self.fail(
+                element, f"<{element.tag} {key}={text!r}>: beyond {LARGEST:g}, which nothing is in SI units"
+            )
         if len(words) != count:
             raise self.fail(element, f"<{element.tag} {key}={text!r}>: expected {count} numbers, got {len(words)}")
         return np.array([float(word) for word in words])

@@ -50,7 +50,9 @@ class Payload:
     @property
     def body(self) -> pin.Inertia:
         """The same as Pinocchio holds it."""
-        return pin.Inertia(self.mass, self.com, self.inertia_matrix)
+        inertia = self.inertia_matrix  # what rounding left of a moment of zero may be below it
+        np.fill_diagonal(inertia, np.diag(inertia).clip(0.0))
+        return pin.Inertia(self.mass, self.com, inertia)
 
 
 class Load(Protocol):
