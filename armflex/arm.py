@@ -209,6 +209,7 @@ class Arm:
         Raises:
             ShapeError, ArrayTypeError, NotFiniteError, JointLimitError: q, v or a cannot be used.
             UnknownNameError: No such payload or link.
+            UrdfError: v or a are given, and what moves has moments of inertia that no body has.
             MissingCovariateError: An effect depends on something that was not given.
             ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: See `find_equilibrium`.
             ExtrapolationError: A trained law was asked beyond the loads it has seen, and `strict` holds.
@@ -218,6 +219,8 @@ class Arm:
         given = (covariates or {}).items()
         known = {name: covariate_array(values, name, count) for name, values in given}
         asked = Asked(method, enforce_limits, allow_large, strict)
+        if v is not None or a is not None:
+            self.robot.check_motion()
         if positions.ndim == 2:
             return deflect_batch(self, positions, payload, (v, a), known, tuple(wrenches), asked, jobs)
         checked, flags = self.check_position(positions, enforce_limits)

@@ -121,7 +121,11 @@ def arm_argument(function: Callable) -> Callable:
         click.argument("arm_path", metavar="ARM", type=PathArgument),
         click.option("--preset", metavar="NAME", help="Use the flexures of [preset.NAME] in ARM."),
         click.option("--tip", metavar="LINK", help="Link whose motion is reported, where ARM is a bare URDF."),
-        click.option("--lax", is_flag=True, help="Flag unknown URDF tags and impossible inertias, do not refuse."),
+        click.option(
+            "--lax",
+            is_flag=True,
+            help="Flag unknown URDF tags on the chain, and motion with impossible inertias, do not refuse.",
+        ),
     ):
         with_arm = decorate(with_arm)
     return with_arm
