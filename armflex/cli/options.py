@@ -215,7 +215,7 @@ def write_json(path: Path | None, content: dict[str, Any]) -> None:
 
 
 def parse_positions(text: str, arm: Arm) -> Array:
-    """Return q (nq,) from 'A1=0.3,A4=-10deg'; joints not named are at zero.
+    """Return q (nq,) from 'A1=0.3,A4=-10deg'; for joints not named see `Arm.position`.
 
     Raises:
         InputError: Not of that form; UnknownNameError, UnitError for names and units.

@@ -77,6 +77,17 @@ class Robot:
         return np.array([joint.upper for joint in self.moving])
 
     @cached_property
+    def home(self) -> Array:
+        """(nq,) positions where none are asked for: 0 where the limits allow it, else the middle between them."""
+        inside = (self.lower <= 0.0) & (self.upper >= 0.0)
+        nearest = np.clip(0.0, self.lower, self.upper)
+        bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
+        middle = np.where(
+            bounded, 0.5 * np.where(bounded, self.lower, 0.0) + 0.5 * np.where(bounded, self.upper, 0.0), 0
+        )
+        return np.where(inside, 0.0, np.where(bounded, middle, nearest))
+
+    @cached_property
     def reach(self) -> float:
         """Length of the chain from its first turning joint to the tip [m]."""
         turning = next((i for i, joint in enumerate(self.chain) if joint.kind in ("revolute", "continuous")), 0)
