@@ -296,10 +296,10 @@ def _worst_between(judge: _Judge, trajectory: Trajectory, segments: Sequence[int
 
 def _check_steps(arm: Arm, trajectory: Trajectory) -> None:
     """Raise `InputError` where a stretch would take more than `MOST_STEPS`, naming its end and the joint."""
-    far = np.abs(np.diff(trajectory.q, axis=0))
-    if far.max(initial=0.0) <= MOST_STEPS * LARGEST_STEP:
+    too_far = np.argwhere(np.abs(np.diff(trajectory.q, axis=0)) > MOST_STEPS * LARGEST_STEP)
+    if not len(too_far):  # also where a position is not finite, which its row's own error says
         return
-    row, joint = (int(index) for index in np.argwhere(far > MOST_STEPS * LARGEST_STEP)[0])
+    row, joint = (int(index) for index in too_far[0])
     moving, value = arm.robot.moving[joint], trajectory.q[row + 1, joint]
     unit = "m" if moving.kind == "prismatic" else "rad"
     limits = f"limits [{moving.lower:.6g}, {moving.upper:.6g}] {unit}"
