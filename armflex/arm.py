@@ -31,6 +31,7 @@ from armflex.flexure import Flexure as Flexure
 from armflex.measured.instrument import Instrument
 from armflex.prior import Measurement, Prior
 from armflex.robot import Corrections, FlexModel, Robot
+from armflex.robot.elements import Joint
 from armflex.statics.deflect import Asked, deflect, deflect_moving
 from armflex.statics.deflection import Deflection, Names
 from armflex.statics.law_stack import LawStack, PlacedLaws, place_laws
@@ -162,8 +163,18 @@ class Arm:
         return self.payloads[payload]
 
     def position(self, **joints: float) -> Array:
-        """Return q (nq,) with the named joints set and the others at zero."""
-        q = np.zeros(len(self.joint_names))
+        """Return q (nq,) with the named joints set and the others at zero.
+
+        Where zero is outside a joint's limits it is in the middle between them, with a warning.
+        """
+        q = self.robot.home.copy()
+        warn(
+            [
+                _not_at_zero(joint, value)
+                for joint, value in zip(self.robot.moving, q, strict=True)
+                if value and joint.name not in joints
+            ]
+        )
         for name, value in joints.items():
             if name not in self.joint_names:
                 raise UnknownNameError("joint", name, self.joint_names)
@@ -209,6 +220,7 @@ class Arm:
         Raises:
             ShapeError, ArrayTypeError, NotFiniteError, JointLimitError: q, v or a cannot be used.
             UnknownNameError: No such payload or link.
+            UrdfError: v or a are given, and what moves has moments of inertia that no body has.
             MissingCovariateError: An effect depends on something that was not given.
             ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: See `find_equilibrium`.
             ExtrapolationError: A trained law was asked beyond the loads it has seen, and `strict` holds.
@@ -218,6 +230,8 @@ class Arm:
         given = (covariates or {}).items()
         known = {name: covariate_array(values, name, count) for name, values in given}
         asked = Asked(method, enforce_limits, allow_large, strict)
+        if v is not None or a is not None:
+            self.robot.check_motion()
         if positions.ndim == 2:
             return deflect_batch(self, positions, payload, (v, a), known, tuple(wrenches), asked, jobs)
         checked, flags = self.check_position(positions, enforce_limits)
@@ -321,6 +335,11 @@ class Arm:
             places = flex.flexure_v.reshape(-1, 6)
             self.__dict__["_placed"] = place_laws(self.stack, places, flex.model.nv)
         return self.__dict__["_placed"]
+
+
+def _not_at_zero(joint: Joint, value: float) -> Flag:
+    limits = f"[{joint.lower:.6g}, {joint.upper:.6g}]"
+    return Flag("not_at_zero", f"joint {joint.name!r}: 0 is outside its limits {limits}; it is taken at {value:.6g}")
 
 
 def warn(flags: Sequence[Flag]) -> None:

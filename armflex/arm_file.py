@@ -41,7 +41,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
         path: The arm.toml; a URDF is taken as an arm without flexures.
         preset: Name of a [preset.NAME] table whose flexures replace or join the declared ones.
         tip: Link whose motion is reported, for a bare URDF with several ends; an arm.toml names its own.
-        strict: Refuse unknown URDF tags and impossible inertias instead of flagging them.
+        strict: Refuse unknown URDF tags on the chain, and motion with impossible inertias, instead of flagging them.
 
     Raises:
         ArmFileError: The file is not valid TOML, misses a key, has an unknown one, or its numbers are not physical.

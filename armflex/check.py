@@ -22,6 +22,10 @@ LARGEST_STEP = 0.1
 """Joints move no further [rad or m] between the first samples of a stretch."""
 
 FEWEST_STEPS, MAX_HALVINGS = 4, 10
+MOST_STEPS = 1024
+"""Into which a stretch is cut at first: joints that move by more than 100 rad or m from one row to the next are not a
+path. A stretch is not halved beyond the steps that the shortest one may be halved into."""
+
 TOGETHER = 64
 """Stretches that are judged together: what fitted parameters do is found for many samples at once."""
 
@@ -82,6 +86,7 @@ class CheckReport:
         path_worst: Worst point anywhere on the path.
         samples: Number of configurations evaluated.
         flags: Doubts met on the way.
+        rows: Every row, in order, via-points among them.
     """
 
     ok: bool
@@ -92,6 +97,7 @@ class CheckReport:
     path_worst: Point
     samples: int
     flags: tuple[Flag, ...]
+    rows: tuple[Point, ...] = ()
 
 
 def check(
@@ -118,13 +124,14 @@ def check(
         covariates: What the arm's effects depend on and no column gives, the same in every row.
 
     Raises:
-        InputError: A tolerance is not positive, a covariate is one that no effect depends on, or a row cannot be used;
-            the row and time are named.
+        InputError: A tolerance is not positive, a covariate is one that no effect depends on, or a row cannot be used
+            or is further from the one before than any path goes; the row and time are named, and its place in a file.
         MissingCovariateError: An effect depends on something that was not given.
     """
     if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
         raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
     trajectory = trajectory.with_constants(arm, covariates or {}).prepared(arm)
+    _check_steps(arm, trajectory)
     judge = _Judge(without_declared_doubt(arm), tolerance, angle, method)
     rows = [sample.point for sample in judge.samples_of([trajectory])[0]]
     segments: list[Point] = []
@@ -138,7 +145,7 @@ def check(
     worst = min(everything, key=lambda point: point.badness)
     ok = all(point.verdict == "ok" for point in everything)
     flags = tuple(judge.flags.values())
-    return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, judge.samples, flags)
+    return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, judge.samples, flags, tuple(rows))
 
 
 @dataclass(frozen=True)
@@ -277,6 +284,7 @@ def _worst_between(judge: _Judge, trajectory: Trajectory, segments: Sequence[int
     samples = judge.samples_at(trajectory, {i: np.linspace(0.0, 1.0, _steps(trajectory, i) + 1) for i in segments})
     for _ in range(MAX_HALVINGS):
         open_ones = [i for i in segments if not _settled(np.array([sample.scores for sample in samples[i]]))]
+        open_ones = [i for i in open_ones if len(samples[i]) - 1 <= FEWEST_STEPS << (MAX_HALVINGS - 1)]
         if not open_ones:
             break
         steps = {i: len(samples[i]) - 1 for i in open_ones}
@@ -284,6 +292,23 @@ def _worst_between(judge: _Judge, trajectory: Trajectory, segments: Sequence[int
         for i, found in halfway.items():
             samples[i] = [sample for pair in zip(samples[i], found, strict=False) for sample in pair] + samples[i][-1:]
     return [min((sample.point for sample in samples[i]), key=lambda point: point.badness) for i in segments]
+
+
+def _check_steps(arm: Arm, trajectory: Trajectory) -> None:
+    """Raise `InputError` where a stretch would take more than `MOST_STEPS`, naming its end and the joint."""
+    too_far = np.argwhere(np.abs(np.diff(trajectory.q, axis=0)) > MOST_STEPS * LARGEST_STEP)
+    if not len(too_far):  # also where a position is not finite, which its row's own error says
+        return
+    row, joint = (int(index) for index in too_far[0])
+    moving, value = arm.robot.moving[joint], trajectory.q[row + 1, joint]
+    unit = "m" if moving.kind == "prismatic" else "rad"
+    limits = f"limits [{moving.lower:.6g}, {moving.upper:.6g}] {unit}"
+    text = (
+        f"joint {moving.name!r} goes from {trajectory.q[row, joint]:.6g} to {value:.6g} {unit} in one step, more than"
+    )
+    where = f"{trajectory.places[row + 1]}: " if trajectory.places else ""
+    where += f"row {row + 1} at {trajectory.time[row + 1]:g} s"
+    raise InputError(f"{where}: {text} {MOST_STEPS * LARGEST_STEP:g} {unit}; {limits}: is the unit right?")
 
 
 def _steps(trajectory: Trajectory, segment: int) -> int:

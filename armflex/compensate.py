@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.compensate_doubts import doubts, too_fast, too_wide
-from armflex.conventions import Array, as_pose
+from armflex.conventions import Array, as_pose, number
 from armflex.correction import NEAR_SINGULAR, TOLERANCE, Corrector, Point
 from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.statics.deflection import Deflection
@@ -323,4 +323,5 @@ def _summary(result: Compensation) -> str:
     worst = max(lost, key=lambda row: float(np.linalg.norm(row.after[:3])))
     left = float(np.linalg.norm(worst.after[:3]))
     what = f"{len(lost)} of {len(result.rows)} rows cannot be reached"
-    return f"{what}; worst at {worst.time:g} s {worst.via}: {left * 1e3:.3g} mm remain, {worst.reason}"
+    place = f"{worst.time:g} s" + (f" ({worst.via})" if worst.via else "")
+    return f"{what}; worst at {place}: {number(left * 1e3, 3)} mm remain, {worst.reason}"

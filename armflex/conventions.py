@@ -35,6 +35,12 @@ LARGEST = 1e30
 
 SMALLEST_STD = 1e-15
 """No standard deviation is below this in SI units: a proton is wider [m]. The inverse of its square is within reach."""
+RESOLUTION = 1e-12
+"""Metres and radians below this are rounding: an arm's are of the order of one, told to 2e-16 of it, and a solution is
+some hundreds of operations away from them."""
+
+MILLI = 1e3 * RESOLUTION
+"""The same in mm and mrad."""
 
 LARGEST_POSITION = 1e3
 """Joint positions beyond this [rad or m] are taken for a mistake (1e300 would give finite nonsense)."""
@@ -132,3 +138,14 @@ def covariate_array(values: ArrayLike, name: str, count: int) -> Array:
     if not np.isfinite(array).all():
         raise NotFiniteError(f"covariate {name!r} is not finite")
     return array
+
+
+def number(value: float, digits: int = 4, resolution: float = MILLI) -> str:
+    """Return a number to so many significant digits, what is below the resolution as 0.
+
+    Args:
+        value: In mm or mrad, where no other resolution is given.
+        digits: Significant ones.
+        resolution: In the unit of the value; 0 where every size has a meaning, as a compliance's has.
+    """
+    return "0" if abs(value) < resolution or value == 0.0 else f"{value:.{digits}g}"

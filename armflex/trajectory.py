@@ -31,6 +31,7 @@ class Trajectory:
         via: Name of the row where it is a via-point, else ''.
         v, a: (N, nq) joint velocities and accelerations where inertial loads count, else None.
         covariates: Further columns of numbers, (N,) each; `approach_<joint>` is the direction of the way there.
+        places: Where each row stands in a file, none where rows are not those of one.
     """
 
     joint_names: tuple[str, ...]
@@ -41,6 +42,7 @@ class Trajectory:
     v: Array | None = None
     a: Array | None = None
     covariates: Mapping[str, Array] = field(default_factory=dict)
+    places: tuple[Place, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.time)
@@ -193,6 +195,7 @@ def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
         _motion(table, names["v"]),
         _motion(table, names["a"]),
         others,
+        tuple(Place(table.path, line) for line in table.lines),
     )
 
 

@@ -1,26 +1,48 @@
-"""How many of the URDFs in PyPI's example-robot-data load, and why the others do not."""
+"""How many of the URDFs in PyPI's example-robot-data load, with what doubts, and why the others do not."""
 
+import warnings
+from collections import Counter
 from importlib.metadata import distribution
 from pathlib import Path
 
-from armflex import InputError, load_robot
-from armflex.robot.tree import check_tree, deepest_leaf
+from armflex import Arm, ArmflexWarning, InputError, load_arm
+from armflex.robot.tree import check_tree, tips_by_depth
 from armflex.robot.urdf import read_urdf
 
 
-def main() -> tuple[int, int]:
+def main() -> tuple[list[str], dict[str, str]]:
+    """Return the files that load as an arm, and those that do not with the reason."""
     root = Path(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots"))
     files = sorted(root.rglob("*.urdf"))
-    loaded = 0
+    loaded, refused = [], {}
     for file in files:
+        name = str(file.relative_to(root))
         try:
-            document = read_urdf(file)
-            load_robot(file, deepest_leaf(document, check_tree(document)))
-            loaded += 1
+            arm = deepest(file)
         except InputError as error:
-            print(str(error).replace(f"{root}/", ""))
-    print(f"{loaded} of {len(files)} load")
-    return loaded, len(files)
+            refused[name] = str(error).replace(f"{root}/", "")
+        else:
+            loaded.append(name)
+            doubts = Counter(flag.code for flag in arm.flags if flag.code != "rigid")
+            said = ", ".join(f"{count} {code}" for code, count in doubts.items()) or "no doubts"
+            print(f"{name}: {len(arm.joint_names)} joints to {arm.robot.tip}; {said}")
+    print(*refused.values(), sep="\n")
+    print(f"{len(loaded)} of {len(files)} load")
+    return loaded, refused
+
+
+def deepest(file: Path) -> Arm:
+    """Return the arm to the tip with the most joints that loads: fingers without a weight are no tip."""
+    document = read_urdf(file)
+    first = None
+    for tip in tips_by_depth(document, check_tree(document)):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ArmflexWarning)
+                return load_arm(file, tip=tip)
+        except InputError as error:
+            first = first or error
+    raise first
 
 
 if __name__ == "__main__":

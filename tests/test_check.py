@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from armflex.laws import AtNode, LinearLaw
 from armflex.laws.linear import LinearFit
 from armflex.robot import Corrections
 from armflex.tip_uncertainty import tip_covariance
+from armflex.trajectory import read_trajectory
 
 RANK = {"ok": 0, "uncertain": 1, "fail": 2}
 
@@ -368,3 +371,25 @@ def test_rotation_is_ranked_and_blamed_where_it_is_worse(tarm, tarm_path):
     found = tarm.deflection(tarm_path.q[list(tarm_path.time).index(worst.time)], worst.payload)
     along = found.contributions[:, 3:] @ found.displacement[3:]
     assert worst.cause == tarm.flexure_names[int(np.argmax(along))]
+
+
+def test_a_step_that_no_path_takes_is_refused_at_once(tarm: Arm, tmp_path: Path) -> None:
+    """A thousand metres took ten thousand configurations, each halved ten times."""
+    rest = ",0" * (len(tarm.joint_names) - 1)
+    header = "time," + ",".join(f"q_{name}" for name in tarm.joint_names)
+    file = tmp_path / "t.csv"
+    file.write_text(f"{header}\n0,1{rest}\n1,2{rest}\n2,1e3{rest}\n3,2{rest}\n")
+    path, began = read_trajectory(file, tarm), process_time()
+    words = r"joint 'M1' goes from 2 to 1000 m in one step, more than 102\.4 m; limits \[0, 6\] m"
+    with pytest.raises(InputError, match=rf"^{re.escape(str(file))}:4: row 2 at 2 s: {words}"):
+        check(tarm, path, 0.1)
+    with pytest.raises(InputError, match=rf"^row 2 at 2 s: {words}"):
+        check(tarm, replace(path, places=()), 0.1)
+    assert process_time() - began < 1.0
+
+
+def test_a_path_far_outside_its_limits_still_ends(tarm: Arm) -> None:
+    rows = np.zeros((2, len(tarm.joint_names)))
+    rows[:, 0] = (2.0, 12.0)
+    report = check(tarm, two_rows(tarm, *rows.tolist()), 0.2)
+    assert report.samples < 5000 and not report.ok and "'M1'" in report.path_worst.reason

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +13,11 @@ from test_cli import Run, fine, strict_json
 
 from armflex import InputError, read_joint_data, train
 from armflex.laws.law_file import load_law
-from armflex.learning.choose import INNER, OUTER, Compared, Rival, assess, chosen, compare, negligible
+from armflex.learning.choose import INNER, OUTER, Compared, Rival, assess, chosen, compare, negligible, race
 from armflex.learning.held_out import NOWHERE, hold_out, random_folds
-from armflex.learning.learners import Options, learner, rivals
+from armflex.learning.learners import Options, affordable_starts, learner, rivals
 from armflex.learning.model import Fitted
+from armflex.learning.train import CHOICE
 from armflex.measured.joint_data import JointData
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
@@ -151,3 +153,40 @@ def test_every_model_is_written_and_answers_in_an_arm(armflex: Run, tmp_path: Pa
     assert "outside" in shown.stderr
     refused = armflex("deflect", "arm.toml", "--q", "A1=0.1", "--strict")
     assert "outside" in fine(refused, 1).stderr
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("diagonal", 1), ("full", 2), ("radial", 3), ("wavy", 4), ("wavy", 5)])
+def test_fits_are_left_out_only_where_the_choice_is_the_same(kind: str, seed: int) -> None:
+    data, fitted = bench(kind, seed, 60 if kind == "wavy" else 30), []
+    *plain, network = rivals(replace(QUICK, neurons=8))
+
+    def learn(loads: np.ndarray, deflections: np.ndarray, own: int) -> Fitted:
+        fitted.append(len(loads))
+        return network.learner(loads, deflections, own)
+
+    among, least = (*plain, replace(network, learner=learn)), negligible(data.deflections)
+    whole = chosen(compare(among, data, 7, INNER, 1), least)
+    everything = len(fitted)
+    assert race(among, data, 7, INNER, least) == whole and everything == INNER
+    # A network that is by far the worst is left after its first rows; one that may yet win is fitted to the end.
+    assert (len(fitted) - everything == INNER) if kind == "wavy" else (len(fitted) - everything < INNER)
+
+
+def test_a_network_of_auto_is_trained_in_proportion_to_the_rows() -> None:
+    options = Options()
+    assert [affordable_starts(options, rows * 3) for rows in (4, 20, 40, 67, 1000)] == [1, 3, 6, 10, 10]
+    assert affordable_starts(replace(options, starts=2), 3000) == 2
+
+
+def test_auto_with_its_own_numbers_ends_and_says_what_took_how_long(armflex: Run, tmp_path: Path) -> None:
+    began = time.process_time()
+    seen: list[tuple[int, int]] = []
+    result = train(read_joint_data(TABLE), "auto", progress=lambda done, total: seen.append((done, total)))
+    assert time.process_time() - began < 60.0
+    assert seen == [(i + 1, len(seen)) for i in range(len(seen))]
+    assert [name for name, _ in result.compared] + [CHOICE] == list(result.seconds)
+    assert all(seconds > 0.0 for seconds in result.seconds.values())
+    asked = ["train", TABLE, "--model", "auto", "--neurons", "4", "--starts", "1", "-o", "a.safetensors"]
+    shown = fine(armflex(*asked))
+    assert "comparing on 20 rows: linear, diagonal; " in shown.stderr and "from 1 of 1 starts" in shown.stderr
+    assert "took s" in shown.stdout and "Choosing anew in every fold" in shown.stdout

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -17,10 +18,11 @@ import numpy as np
 import pytest
 from small_arms import ROBOTS
 
-from armflex import Arm, InputError, Trajectory, Wrench, compensate, load_law, read_trajectory
+from armflex import Arm, InputError, Trajectory, Wrench, compensate, load_arm, load_law, read_trajectory
 from armflex.cli.main import COMMANDS, Commands, main
 from armflex.cli.main import armflex as group
 from armflex.cli.options import OutputPath
+from armflex.trajectory import write_trajectory
 
 Run = Callable[..., subprocess.CompletedProcess]
 TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"
@@ -512,3 +514,52 @@ def test_a_demo_leaves_an_edited_arm_alone(armflex: Run, tmp_path: Path) -> None
     result = fine(armflex("demo", "-o", "d"))
     assert (tmp_path / "d" / "tarm_like" / "arm.toml").read_text() == edited
     assert "exceeds the rated 500 kg" in result.stderr
+
+
+def unnamed_rows(folder: Path, count: int) -> Path:
+    """Write a path of many rows that names no via-points."""
+    arm = load_arm(HEAVY / "arm.toml")
+    q = np.linspace([0.0, 0.2, 0.4, 0.1, 0.5, 0.0], [0.3, 0.3, 0.3, 0.2, 0.6, 0.1], count)
+    path = Trajectory(arm.joint_names, np.arange(count) * 1.0, q, ("none",) * count, ("",) * count)
+    return write_trajectory(path, folder / "rows.csv")
+
+
+def test_a_path_without_via_points_is_said_to_have_none(armflex: Run, tmp_path: Path) -> None:
+    unnamed_rows(tmp_path, 60)
+    shown = fine(armflex("compensate", HEAVY / "arm.toml", "rows.csv", "-o", "o.csv")).stdout
+    assert "names no via-points" in shown and "a column `via`" in " ".join(shown.split())
+    assert "60 of 60 rows reached" in shown and "more" not in shown and "not reached;" in " ".join(shown.split())
+    assert shown.count("  reached") in (2, 3)  # first, last, and where most remains
+    shown = fine(armflex("check", HEAVY / "arm.toml", "rows.csv", "--tolerance", "1m")).stdout
+    assert "names no via-points" in shown and "within tolerance" in shown
+    assert all(word in shown for word in ("first", "worst row", "last", "Worst of the whole path"))
+
+
+def test_rows_that_are_left_out_of_a_table_are_counted_as_what_they_are(armflex: Run, tmp_path: Path) -> None:
+    narrow = narrowed(tmp_path)
+    arm = load_arm(narrow)
+    path = read_trajectory(HEAVY / "trajectory.csv", arm)
+    rows = path.via.index("lift")
+    many = Trajectory(
+        arm.joint_names, np.arange(50.0), np.tile(path.q[rows], (50, 1)), (path.payload[rows],) * 50,
+        tuple(f"v{i}" for i in range(50)),
+    )  # fmt: skip
+    write_trajectory(many, tmp_path / "many.csv")
+    shown = armflex("compensate", narrow, "many.csv", "-o", "o.csv").stdout
+    lost = 50 - int(re.search(r"(\d+) of 50 rows reached", shown)[1])
+    hidden = re.search(r"\.\.\. and 10 more via-points and rows not reached, (\d+) of them not reached", shown)
+    assert int(hidden[1]) == (10 if lost else 0)
+
+
+@pytest.mark.filterwarnings("ignore::armflex.errors.ArmflexWarning")
+def test_a_joint_that_cannot_be_at_zero_stands_in_the_middle_and_that_is_said(armflex: Run, tmp_path: Path) -> None:
+    text = (HEAVY / "robot.urdf").read_text()
+    first = re.search(r'<limit lower="([^"]*)" upper="([^"]*)"', text)
+    (tmp_path / "robot.urdf").write_text(text.replace(first[0], '<limit lower="0.5" upper="1.5"', 1))
+    for command in (["deflect", "robot.urdf", "--json", "d.json"], ["view", "robot.urdf", "-o", "v.html"]):
+        shown = fine(armflex(*command, "--tip", "tool"))
+        assert "0 is outside its limits [0.5, 1.5]; it is taken at 1" in shown.stderr
+    assert strict_json(tmp_path / "d.json")["q"][:2] == [1.0, 0.0]
+    shown = fine(armflex("deflect", "robot.urdf", "--tip", "tool", "--q", "J1=0.7"))
+    assert "it is taken at" not in shown.stderr
+    assert "outside its limits" in fine(armflex("deflect", "robot.urdf", "--tip", "tool", "--q", "J1=0"), 2).stderr

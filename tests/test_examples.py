@@ -29,8 +29,11 @@ def test_own_robot(tmp_path):
 
 
 def test_urdf_survey():
-    loaded, files = run("04_urdf_survey")
-    assert (loaded, files) == (53, 69)
+    loaded, refused = run("04_urdf_survey")
+    assert (len(loaded), len(refused)) == (66, 3)
+    reasons = {name: reason.split(": ", 1)[1] for name, reason in refused.items()}
+    assert reasons.pop("ur_description/urdf/ur3.urdf") == "<robot> has no links"
+    assert len(reasons) == 2 and all("no joint moves" in reason for reason in reasons.values())
 
 
 def test_close_the_loop():

@@ -14,6 +14,7 @@ import pytest
 from campaigns import draw
 
 import armflex
+from armflex.conventions import number
 from armflex.errors import FileError
 from armflex.report import render_report, write_report
 from armflex.report.accuracy import Errors
@@ -227,3 +228,12 @@ def test_of_many_effects_the_first_two_make_the_headline():
     said = headline(SimpleNamespace(found=found, unexplained=None))
     assert said == "The arm lacked 4 effects, first of all backlash at A1 (ry) and backlash at A2 (ry)."
     assert "; and " in headline(SimpleNamespace(found=found[:2], unexplained=None))
+
+
+@pytest.mark.parametrize("rounding", [-3.9e-30, 2e-16, -1e-13])
+def test_rounding_is_shown_as_nothing(rounding: float) -> None:
+    """Millimetres and milliradians; a compliance has no such size below which it is nothing."""
+    assert number(1e3 * rounding) == short(1e3 * rounding) == "0"
+    assert millimetres(rounding) == "0 mm" and measure(rounding, None, "m") == "0 m"
+    assert measure(rounding, None, "m/N") not in ("0 m/N", "0") and number(rounding, 2, 0.0) == f"{rounding:.2g}"
+    assert number(1e3 * 3.9e-12, 2) == "3.9e-09"

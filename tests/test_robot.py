@@ -32,25 +32,15 @@ FILES = {str(path.relative_to(OTHERS)): path for path in sorted(OTHERS.rglob("*.
 BUNDLED = {str(path.relative_to(ROBOTS)): path for path in sorted(ROBOTS.rglob("*.urdf"))}
 
 REFUSED = {
-    # Structure.
-    "alex_description/urdf/alex_psyonic_hands.urdf": "no joint named 'index_q1', did you mean 'Left_index_q1'",
+    # Nothing to load, whatever the tip.
     "hector_description/robots/quadrotor_base.urdf": "no joint moves",
     "iris_description/robots/iris_simple.urdf": "no joint moves",
     "ur_description/urdf/ur3.urdf": "<robot> has no links",
-    "so_arm_description/urdf/so101.urdf": "<origin> is not known inside <link>",
-    # Revolute joints that the specification gives no range to move in: the files mean continuous ones.
-    "centauro_description/urdf/centauro.urdf": "'j_wheel_1': a revolute joint needs lower and upper limits",
+    # Revolute joints of the chain that the specification gives no range to move in; up to the joint before it loads.
     "quadruped_description/urdf/quadruped.urdf": "'FL_KFE': a revolute joint needs lower and upper limits",
-    # Moving bodies that no matter can make: infinitely thin, without extension, or beyond the triangle inequality.
-    "allegro_hand_description/urdf/allegro_left_hand.urdf": "'link_11.0': principal moments",
-    "allegro_hand_description/urdf/allegro_right_hand.urdf": "'link_3.0': principal moments",
-    "finger_edu_description/robots/finger_edu.urdf": "'finger_lower_link': principal moments 0,",
-    "icub_description/robots/icub.urdf": "'head': principal moments",
-    "icub_description/robots/icub_reduced.urdf": "'l_ankle_2': principal moments",
-    "romeo_description/urdf/romeo_laas_small.urdf": "'LShoulderYaw_link': principal moments",
-    "romeo_description/urdf/romeo_small.urdf": "'RShoulderYawLink': principal moments",
-    "human_description/robots/human.urdf": "'left_upperleg_virtual' moves with joint 'left_hip_Z' but has no",
-    # The deepest leaf is a finger that mimics another; with the hand as tip most are welcome.
+    # The deepest leaf is a finger without weight, or one that mimics another; with the hand as tip they are welcome.
+    "romeo_description/urdf/romeo_laas_small.urdf": "'l_gripper' moves with joint 'l_gripper_joint' but has no",
+    "alex_description/urdf/alex_psyonic_hands.urdf": "no joint named 'index_q1', did you mean 'Left_index_q1'",
     "pr2_description/urdf/pr2.urdf": "of the chain mimics",
     "romeo_description/urdf/romeo.urdf": "of the chain mimics",
     "talos_data/robots/talos_full_v2.urdf": "of the chain mimics",
@@ -61,7 +51,16 @@ REFUSED = {
 HANDS = {
     "panda_description/urdf/panda.urdf": "panda_hand",
     "pr2_description/urdf/pr2.urdf": "r_gripper_palm_link",
+    "alex_description/urdf/alex_psyonic_hands.urdf": "Left_thumb_anchor",
     "talos_data/robots/talos_full_v2.urdf": "gripper_right_base_link",
+    "talos_data/robots/talos_full_v2_box.urdf": "gripper_right_base_link",
+    "tiago_pro_description/robots/tiago_pro.urdf": "gripper_left_base_link",
+    "romeo_description/urdf/romeo.urdf": "l_gripper",
+    "romeo_description/urdf/romeo_laas_small.urdf": "LArm_effector",
+    "quadruped_description/urdf/quadruped.urdf": "FL_upperleg",
+    "so_arm_description/urdf/so101.urdf": "gripper_frame_link",
+    "centauro_description/urdf/centauro.urdf": "ball1_tip",
+    "human_description/robots/human.urdf": "left_hand",
 }
 
 

@@ -31,3 +31,15 @@ def test_nothing_heavy_is_imported_until_needed(arguments):
     found = imported(HELP if arguments else IMPORT, *arguments)
     assert {"armflex", "pinocchio"} <= found
     assert not found & HEAVY
+
+
+def test_linear_algebra_of_a_command_has_one_thread_unless_told_otherwise(monkeypatch):
+    """Threads of matrices this small wait for each other; SciPy is not loaded yet when a command says so."""
+    code = HELP + "\nimport os, sys\nprint('imported:', os.environ['OPENBLAS_NUM_THREADS'], 'scipy' in sys.modules)"
+    for asked, expected in ((None, "1"), ("3", "3")):
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+        if asked:
+            monkeypatch.setenv("OPENBLAS_NUM_THREADS", asked)
+        run = [sys.executable, "-c", code, "train", "--help"]
+        text = subprocess.run(run, check=True, capture_output=True, text=True).stdout
+        assert text.splitlines()[-1] == f"imported: {expected} False"

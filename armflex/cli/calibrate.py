@@ -27,6 +27,7 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import console, number, print_table
+from armflex.conventions import RESOLUTION
 from armflex.errors import InputError
 from armflex.learning.diagnostics import FEWEST_DRAWS
 from armflex.measured.measurements import read_measurements
@@ -106,7 +107,7 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         )
         console().print(f"{text} missing, which what was fitted may make up for. `armflex trace` looks for it.")
     for outlier in found.outliers[:5]:
-        console().print(f"outlier: {outlier.place}, {outlier.error_m * 1e3:.3g} mm off")
+        console().print(f"outlier: {outlier.place}, {number(outlier.error_m * 1e3, 3)} mm off")
 
 
 def _remarkable(found: Calibration) -> list[Parameter]:
@@ -117,7 +118,8 @@ def _remarkable(found: Calibration) -> list[Parameter]:
 def _cells(parameter: Parameter) -> list[str]:
     pull = number(parameter.pull, 2) if np.isfinite(parameter.prior) else "-"
     says = "wrong as declared" if parameter.surprising else "this" if parameter.determined else "nothing"
-    value, std = number(parameter.value, 4), number(parameter.std, 2)
+    least = RESOLUTION if parameter.unit in ("m", "rad") else 0.0
+    value, std = number(parameter.value, 4, least), number(parameter.std, 2, least)
     return [parameter.name, value, std, parameter.unit, pull, says]
 
 

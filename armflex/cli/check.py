@@ -21,7 +21,7 @@ from armflex.cli.options import (
     show_flags,
     write_json,
 )
-from armflex.cli.tables import console, number, print_table
+from armflex.cli.tables import console, no_via_points, number, print_table
 from armflex.conventions import parse_quantity
 from armflex.statics.equilibrium import METHODS
 from armflex.trajectory import read_trajectory
@@ -63,10 +63,18 @@ def print_check(report: CheckReport) -> None:
     columns = ["via-point", "time s", "payload", "moves mm", "± mm", "margin mm", "turns mrad", "verdict", "cause"]
     if report.angle_rad is not None:
         columns.insert(7, "margin mrad")
-    rows = [_row(point, point.name) for point in report.via_points]
-    print_table(f"Via-points against {asked}, worst first", columns, rows)
+    if report.via_points:
+        rows = [_row(point, point.name) for point in report.via_points]
+        print_table(f"Via-points against {asked}, worst first", columns, rows)
+    else:
+        console().print(no_via_points("the first, the worst and the last"))
+        worst = min(report.rows, key=lambda point: point.badness)
+        named = {"first": report.rows[0], "worst row": worst, "last": report.rows[-1]}
+        print_table(
+            f"Rows against {asked}", ["row", *columns[1:]], [_row(point, name) for name, point in named.items()]
+        )
     print_table("Worst of the whole path", columns, [_row(report.path_worst, report.path_worst.name or "between")])
-    for point in [*report.via_points, report.path_worst]:
+    for point in dict.fromkeys([*report.via_points, report.path_worst]):
         if point.reason:
             console().print(f"{point.name or 'between'} at {point.time:g} s: {point.reason}")
     verdict = "within tolerance" if report.ok else "NOT within tolerance"

@@ -21,10 +21,13 @@ from armflex.cli.options import (
     show_flags,
     write_json,
 )
-from armflex.cli.tables import console, number, print_table
+from armflex.cli.tables import console, no_via_points, number, print_table
 from armflex.compensate import CompensatedRow, Compensation, compensate
 from armflex.conventions import parse_quantity
 from armflex.trajectory import read_trajectory, write_trajectory
+
+MOST_ROWS = 40
+"""Of a table on a screen."""
 
 
 @click.command(cls=Command)
@@ -68,18 +71,26 @@ def command(
 
 
 def print_compensation(found: Compensation) -> None:
-    """Print the via-points before and after, what was not reached, and the worst of the path."""
-    shown = [row for row in found.rows if row.via or not row.reached] or list(found.rows)
+    """Print the via-points before and after, what was not reached, and the worst of the path.
+
+    Where the path names no via-points, its first and last row and the one where most remains stand for it.
+    """
+    lost = [row for row in found.rows if not row.reached]
+    worst = max(found.rows, key=lambda row: _length(row.after))
+    if not any(row.via for row in found.rows):
+        console().print(no_via_points("its first and last row, that where most remains, and what is not reached"))
+    stand_in = [] if any(row.via for row in found.rows) else [found.rows[0], worst, found.rows[-1]]
+    shown = [row for row in found.rows if row.via or not row.reached or any(row is one for one in stand_in)]
     columns = ["row", "time s", "before mm", "remains mm", "before mrad", "remains mrad", "most rad or m", "result"]
-    print_table(f"Tip error, matching {found.match}", columns, [_cells(row) for row in shown[:40]])
-    if len(shown) > 40:
-        console().print(f"... and {len(shown) - 40} more rows not reached")
+    print_table(f"Tip error, matching {found.match}", columns, [_cells(row) for row in shown[:MOST_ROWS]])
+    if hidden := shown[MOST_ROWS:]:
+        missed = sum(not row.reached for row in hidden)
+        console().print(f"... and {len(hidden)} more via-points and rows not reached, {missed} of them not reached.")
     before, after = (max(_length(getattr(row, name)) for row in found.rows) for name in ("before", "after"))
-    reached = sum(row.reached for row in found.rows)
-    largest = f"largest error {before * 1e3:.4g} mm before, {after * 1e3:.2g} mm after"
-    console().print(f"{reached} of {len(found.rows)} rows reached; {largest}.")
+    largest = f"largest error {number(before * 1e3)} mm before, {number(after * 1e3, 2)} mm after"
+    console().print(f"{len(found.rows) - len(lost)} of {len(found.rows)} rows reached; {largest}.")
     if found.between_m is not None:
-        console().print(f"Halfway between rows of one payload up to {found.between_m * 1e3:.3g} mm remain.")
+        console().print(f"Halfway between rows of one payload up to {number(found.between_m * 1e3, 3)} mm remain.")
 
 
 def _cells(row: CompensatedRow) -> list[str]:

@@ -34,7 +34,13 @@ from armflex.trajectory import check_approaches
 
 @click.command(cls=Command)
 @arm_argument
-@click.option("--q", "positions", default="", metavar="A1=0.3,A4=-10deg", help="Joint positions; others are 0.")
+@click.option(
+    "--q",
+    "positions",
+    default="",
+    metavar="A1=0.3,A4=-10deg",
+    help="Joint positions; others are 0, or in the middle of limits that 0 is outside of.",
+)
 @click.option("--payload", default="none", show_default=True, help="Name of a payload in ARM.")
 @click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ", help="Dead load in base axes, with unit.")
 @click.option("--method", type=Choice(METHODS), default="exact", show_default=True)
@@ -116,7 +122,7 @@ def _print_tip(found: Deflection, covariance: np.ndarray | None) -> None:
     print_table("Tip: flexed minus rigid, base axes", ["", "displacement", "std. uncertainty", "unit"], rows)
     shift, left = np.linalg.norm(found.displacement[:3]), np.linalg.norm(found.remainder[:3])
     console().print(
-        f"The tip moves {shift * 1e3:.4g} mm; the shares are first order and miss {left * 1e3:.2g} mm of it."
+        f"The tip moves {number(shift * 1e3)} mm; the shares are first order and miss {number(left * 1e3, 2)} mm of it."
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import os
 import sys
 import warnings
 
@@ -25,6 +26,11 @@ COMMANDS = {
     "view": "write a page of the arm that opens in a browser",
     "demo": "all of it on the bundled TARM-like arm",
 }
+
+THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""What the libraries behind SciPy, which no command has loaded yet, ask for their number of threads. The matrices here
+are so small that threads wait for each other rather than work, on a busy machine a hundred times as long as one takes.
+"""
 
 ASKS_FOR_HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())
 """What click 8.2 and later raise where nothing is asked; 8.1 shows the help by itself."""
@@ -66,6 +72,8 @@ def armflex() -> None:
 def main() -> None:
     """Run the command line; exit with 0, 1 or 2."""
     warnings.showwarning = _show_warning
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that has no ± shows ? instead of a traceback

@@ -129,7 +129,11 @@ def arm_argument(function: Callable) -> Callable:
         click.argument("arm_path", metavar="ARM", type=PathArgument),
         click.option("--preset", metavar="NAME", help="Use the flexures of [preset.NAME] in ARM."),
         click.option("--tip", metavar="LINK", help="Link whose motion is reported, where ARM is a bare URDF."),
-        click.option("--lax", is_flag=True, help="Flag unknown URDF tags and impossible inertias, do not refuse."),
+        click.option(
+            "--lax",
+            is_flag=True,
+            help="Flag unknown URDF tags on the chain, and motion with impossible inertias, do not refuse.",
+        ),
     ):
         with_arm = decorate(with_arm)
     return with_arm
@@ -219,7 +223,7 @@ def write_json(path: Path | None, content: dict[str, Any]) -> None:
 
 
 def parse_positions(text: str, arm: Arm) -> Array:
-    """Return q (nq,) from 'A1=0.3,A4=-10deg'; joints not named are at zero.
+    """Return q (nq,) from 'A1=0.3,A4=-10deg'; for joints not named see `Arm.position`.
 
     Raises:
         InputError: Not of that form; UnknownNameError, UnitError for names and units.

@@ -12,6 +12,8 @@ from rich.text import Text
 
 from armflex.printable import printable
 
+from armflex.conventions import number as number
+
 NARROWEST = 130
 """Columns to lay out for where the output is no terminal."""
 
@@ -62,6 +64,12 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     stream().print(table)
 
 
+def no_via_points(shown: str) -> str:
+    """Return what is said of a trajectory that names no via-points, and what is shown of its rows instead."""
+    advice = "to have rows listed, give them names in a column `via`"
+    return f"The trajectory names no via-points: every row counts alike, and shown are {shown}; {advice}.\n"
+
+
 def _is_number(text: str) -> bool:
     return not text or text[0] in "+-.0123456789" or text == "-"
 
@@ -70,8 +78,3 @@ def _style(row: Sequence[str]) -> str | None:
     if "fail" in row or "not reached" in row:
         return "red"
     return "yellow" if "uncertain" in row else None
-
-
-def number(value: float, digits: int = 4) -> str:
-    """Return a number to so many significant digits, tiny ones as 0."""
-    return "0" if abs(value) < 1e-9 else f"{value:.{digits}g}"

@@ -11,15 +11,15 @@ import click
 import numpy as np
 from click.core import ParameterSource
 
-from armflex.cli.options import Choice, Command, OutputPath, PathArgument, json_option, show_flags, write_json
+from armflex.cli.options import Choice, Command, OutputPath, PathArgument, json_option, progress, show_flags, write_json
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import InputError
 from armflex.laws.declared import read_assembly
 from armflex.laws.law_file import save_law
-from armflex.learning.learners import CONCERNS, MODELS, SAMPLERS, Options
+from armflex.learning.learners import CONCERNS, MODELS, SAMPLERS, Options, affordable_starts, rivals
 from armflex.learning.linear import STRUCTURES
-from armflex.learning.train import TrainResult, train
+from armflex.learning.train import CHOICE, TrainResult, train
 from armflex.measured.joint_data import read_joint_data
 
 
@@ -77,7 +77,16 @@ def command(
         raise InputError(f"{output}: a law is a .safetensors file; name it so")
     built = read_assembly(assembly) if assembly else None
     names = tuple(name.strip() for name in features.split(",") if name.strip())
-    result = train(data, model, structure, Options(features=names, assembly=built, **others))
+    options = Options(features=names, assembly=built, **others)
+    if model == "auto":
+        tried = "; ".join(rival.name for rival in rivals(options))
+        starts = f"from {affordable_starts(options, data.deflections.size)} of {options.starts} starts"
+        click.echo(
+            f"comparing on {len(data)} rows: {tried}, {starts}: as many as it has measured numbers for each neuron",
+            err=True,
+        )
+    with progress("learning") as tick:
+        result = train(data, model, structure, options, tick)
     print_training(result)
     show_flags(result.flags)
     save_law(result.trained, output)
@@ -126,8 +135,18 @@ def _called(result: TrainResult) -> str:
 
 def _print_compared(result: TrainResult) -> None:
     names = TWIST_NAMES[: len(result.units)]
-    cells = [[name, *(number(value, 3) for value in rms)] for name, rms in result.compared]
-    print_table("Compared, held-out RMS on the same folds", ["model", *names], cells)
+    cells = [
+        [name, *(number(value, 3) for value in rms), f"{result.seconds.get(name, 0.0):.2f}"]
+        for name, rms in result.compared
+    ]
+    columns = ["model", *names, "took s"]
+    if not result.seconds:
+        cells, columns = [row[:-1] for row in cells], columns[:-1]
+    print_table("Compared, held-out RMS on the same folds", columns, cells)
+    if result.seconds:
+        left = result.seconds[CHOICE]
+        text = "a network is left there as soon as it cannot be chosen any more"
+        console().print(f"Choosing anew in every fold, for the held-out error, took {left:.2f} s; {text}.")
 
 
 def _print_compliance(compliance: np.ndarray) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from armflex.conventions import Array
 from armflex.learning.levenberg import RELATIVE, Damping, minimise
@@ -107,14 +108,13 @@ def laplace(problem: NetworkProblem, weights: Array, precisions: Array, noise: A
 
 def _inverse(matrix: Array, least: float) -> tuple[Array, float]:
     """Return the inverse and log determinant of a matrix whose eigenvalues are `least` or more but for rounding."""
-    try:
-        factor = np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:  # data almost without noise: the prior is lost beside them
+    factor, failed = dpotrf(matrix, lower=1)
+    if failed:  # data almost without noise: the prior is lost beside them
         values, vectors = np.linalg.eigh(matrix)
         values = np.maximum(values, least)
         return (vectors / values) @ vectors.T, float(np.log(values).sum())
-    half = np.linalg.inv(factor)
-    return half.T @ half, 2.0 * float(np.log(np.diag(factor)).sum())
+    lower = np.tril(dpotri(factor, lower=1)[0])
+    return lower + np.tril(lower, -1).T, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
 def reestimated(problem: NetworkProblem, mode: Mode) -> tuple[Array, Array]:

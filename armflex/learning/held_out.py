@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,9 @@ NOWHERE = Row(np.zeros(0), {})
 
 BAND = 1.96
 """Standard deviations each side of a 95 % band."""
+
+
+Step = Callable[[Array], bool | None]
 
 
 @dataclass(frozen=True)
@@ -56,19 +60,29 @@ def random_folds(count: int, folds: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).permutation(count) % min(folds, count)
 
 
-def hold_out(learner: Learner, data: JointData, fold: np.ndarray, seed: int = 0) -> HeldOut:
+def hold_out(learner: Learner, data: JointData, fold: np.ndarray, seed: int = 0, step: Step | None = None) -> HeldOut:
     """Return every row's error from a fit without its fold.
+
+    Args:
+        learner: What is held out.
+        data: The rows.
+        fold: (N,) label of each row's fold.
+        seed: Of the learner.
+        step: Called after every fold with the (N, k) residuals so far, nan where a row has not had its turn; the rest
+            is left where it returns False.
 
     Raises:
         InputError: The other rows do not determine the model.
         ConvergenceError: A chain on the other rows has not converged.
     """
-    residual, std = np.empty_like(data.deflections), np.empty_like(data.deflections)
+    residual, std = np.full_like(data.deflections, np.nan), np.full_like(data.deflections, np.nan)
     for label in np.unique(fold):
         out = fold == label
         law = _without(learner, data, out, seed)
         residual[out] = data.deflections[out] - predicted(law, data.loads[out])
         std[out] = spread(law, data.loads[out])
+        if step and step(residual) is False:
+            break
     folds = len(np.unique(fold))
     return HeldOut(residual, std, "leave-one-out" if folds == len(data) else f"{folds}-fold")
 

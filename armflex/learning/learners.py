@@ -28,7 +28,7 @@ class Options:
         features: Of a polynomial model; see `armflex.laws.polynomial.features_of`. "found" looks for them. A text
             holds several joined by "+".
         neurons: Hidden neurons of a network.
-        starts: Trainings from different weights, the best of which is kept.
+        starts: Trainings from different weights, the best of which is kept; see `affordable_starts` for "auto".
         prior: "evidence" weighs a network's weights by a Gaussian prior, "none" is the paper's plain training.
         sampler: How a posterior is found: "metropolis" for linear and bayesian, "laplace" or "nuts" for bayesian.
         seed: Of everything random.
@@ -176,6 +176,20 @@ def rivals(options: Options) -> tuple[Rival, ...]:
         ("full + radial + magnitude", "polynomial", replace(options, features=("radial", "magnitude"))),
         ("terms as found", "polynomial", replace(options, features=(FOUND,))),
         ("quadratic", "polynomial", replace(options, features=("quadratic",))),
-        (f"network of {options.neurons}", "neural", replace(options, prior="evidence")),
     ]
-    return tuple(Rival(name, model, learner(model, chosen)) for name, model, chosen in ladder)
+    plain = [Rival(name, model, learner(model, chosen)) for name, model, chosen in ladder]
+    name, neurons = f"network of {options.neurons}", replace(options, prior="evidence")
+
+    def network(loads: Array, deflections: Array, seed: int) -> Fitted:
+        starts = affordable_starts(neurons, deflections.size)
+        return learner("neural", replace(neurons, starts=starts))(loads, deflections, seed)
+
+    return (*plain, Rival(name, "neural", network))
+
+
+def affordable_starts(options: Options, numbers: int) -> int:
+    """Return from how many starts `auto` trains a network on so many numbers: one for each that a neuron has.
+
+    With fewer numbers than weights the prior decides, and maxima differ in little but the evidence's last digit.
+    """
+    return min(options.starts, max(1, numbers // options.neurons))

@@ -6,6 +6,8 @@ import re
 
 import numpy as np
 
+from armflex.conventions import MILLI, RESOLUTION
+
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 """Factors of a numerator in metres or radians; metres beyond a few are never kilometres."""
 
@@ -25,6 +27,8 @@ def measure(value: float, std: float | None, unit: str) -> str:
         unit: As laws and blocks name it: 'rad', 'm/N', '1/K', '1', ...
     """
     size = max(abs(value), std or 0.0)
+    if unit in ("m", "rad") and size < RESOLUTION:
+        return f"0 {unit}"
     factor, unit = scaled(size, unit)
     value, std, size = value / factor, None if std is None else std / factor, size / factor
     power = 0 if size == 0.0 or 1e-3 <= size < 1e5 else int(np.floor(np.log10(size)))
@@ -79,8 +83,8 @@ def change(before: float, after: float) -> str:
 
 
 def short(value: float) -> str:
-    """Return a number with as many digits as its size deserves: 0.36, 1.03, 12.4, 120."""
-    if value == 0.0:
+    """Return a number with as many digits as its size deserves, such as 0.36, 1.03, 12.4, 120; rounding as 0."""
+    if abs(value) < MILLI:
         return "0"
     places = max(0, 2 - max(0, int(np.floor(np.log10(abs(value))))))
     return f"{value:.{places}f}" if abs(value) >= 0.1 else f"{value:#.2g}"

@@ -6,11 +6,12 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from lxml import etree
 
 from armflex.conventions import Array
-from armflex.errors import Place, UrdfError, did_you_mean
-from armflex.robot.reader import Reader
+from armflex.errors import Flag, Place, UrdfError, did_you_mean
+from armflex.robot.reader import Fault, Reader
 
 MOVING = ("revolute", "continuous", "prismatic")
 UNSUPPORTED = ("floating", "planar")
@@ -24,6 +25,9 @@ FARTHEST = 100.0
 WIDEST = 4.0 * np.pi
 """A revolute joint with wider limits [rad] is doubted."""
 
+UNLIMITED = (-np.inf, np.inf, np.inf, np.inf)
+"""Lower and upper limit, effort and velocity of a joint that has none."""
+
 SHAPE_SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1)}
 
 
@@ -36,6 +40,12 @@ class Inertial:
     rotation: Array
     inertia: Array
     place: Place
+
+    @property
+    def turned(self) -> Array:
+        """The (3, 3) inertia in link axes, symmetric to the last digit."""
+        turned = self.rotation @ self.inertia @ self.rotation.T
+        return 0.5 * (turned + turned.T)
 
 
 @dataclass(frozen=True)
@@ -51,17 +61,21 @@ class Visual:
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body by name; `inertial` is None where the file gives none."""
+    """A rigid body by name; `inertial` is None where the file gives none, or none that can be read."""
 
     name: str
     inertial: Inertial | None
     visuals: tuple[Visual, ...]
     place: Place
+    faults: tuple[Fault, ...] = ()
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint as written: origin of the child frame in the parent link, unit `axis` in the child frame."""
+    """A joint as written: origin of the child frame in the parent link, unit `axis` in the child frame.
+
+    What `faults` says could not be read has a default: no offset, the x axis, no limits, no mimic.
+    """
 
     name: str
     kind: str
@@ -76,27 +90,42 @@ class Joint:
     velocity: float
     mimic: tuple[str, float, float] | None
     place: Place
+    faults: tuple[Fault, ...] = ()
+
+
+def motion(joint: Joint, position: float) -> pin.SE3:
+    """Return where a joint at a position [rad or m] takes its child frame from its origin frame."""
+    if joint.kind == "prismatic":
+        return pin.SE3(np.eye(3), position * joint.axis)
+    return pin.SE3(pin.exp3(position * joint.axis), np.zeros(3))
 
 
 def read_link(reader: Reader, element: etree._Element, materials: dict[str, str]) -> Link:
     """Read one <link>; shapes of unknown kind are left out, since nothing is computed from them."""
+    name = reader.text(element, "name")
     children = reader.children(element)
     inertials = [child for child in children if child.tag == "inertial"]
-    if len(inertials) > 1:
-        raise reader.fail(inertials[1], "<link> has more than one <inertial>")
-    inertial = read_inertial(reader, inertials[0]) if inertials else None
+    inertial = None
+    with reader.fault("carried", "the link has no body"):
+        if len(inertials) > 1:
+            raise reader.fail(inertials[1], "<link> has more than one <inertial>")
+        inertial = read_inertial(reader, inertials[0], name) if inertials else None
     shapes = [read_visual(reader, child, materials) for child in children if child.tag == "visual"]
     visuals = tuple(shape for shape in shapes if shape is not None)
-    return Link(reader.text(element, "name"), inertial, visuals, reader.place(element))
+    return Link(name, inertial, visuals, reader.place(element), reader.taken_faults())
 
 
-def read_inertial(reader: Reader, element: etree._Element) -> Inertial:
-    """Read one <inertial>; mass and inertia are required."""
+def read_inertial(reader: Reader, element: etree._Element, link: str) -> Inertial:
+    """Read one <inertial>; mass and inertia are required, but without the latter there is still a weight."""
     reader.children(element)
-    mass, inertia = (_needed(reader, element, tag) for tag in ("mass", "inertia"))
+    value = reader.number(_needed(reader, element, "mass"), "value")
+    if value < 0.0:
+        raise reader.fail(element, f"link {link!r}: mass is {value:g} kg, expected more than 0")
     origin, rotation = reader.pose(element)
-    value = reader.number(mass, "value")
-    return Inertial(value, origin, rotation, _inertia(reader, inertia), reader.place(element))
+    inertia = np.zeros((3, 3))
+    with reader.fault("moved", "the body counts as a point"):
+        inertia = _inertia(reader, _needed(reader, element, "inertia"))
+    return Inertial(value, origin, rotation, inertia, reader.place(element))
 
 
 def _needed(reader: Reader, element: etree._Element, tag: str) -> etree._Element:
@@ -132,7 +161,18 @@ def read_materials(reader: Reader, root: etree._Element) -> dict[str, str]:
 
 
 def read_visual(reader: Reader, element: etree._Element, materials: dict[str, str]) -> Visual | None:
-    """Read one <visual> as a primitive or a mesh's file name; the mesh itself is never opened here."""
+    """Read one <visual> as a primitive or a mesh's file name; the mesh itself is never opened here.
+
+    Nothing is computed from shapes, so a garbled one is flagged and left out.
+    """
+    try:
+        return _visual(reader, element, materials)
+    except UrdfError as error:
+        reader.flags.append(Flag("visual", f"{error.place}: {error.problem}; the shape is not drawn"))
+        return None
+
+
+def _visual(reader: Reader, element: etree._Element, materials: dict[str, str]) -> Visual | None:
     geometry = element.find("geometry")
     shapes = [] if geometry is None else [child for child in geometry if isinstance(child.tag, str)]
     if not shapes:
@@ -156,25 +196,31 @@ def _shape(reader: Reader, shape: etree._Element, pose: Array, color: str | None
 
 
 def read_joint(reader: Reader, element: etree._Element) -> Joint:
-    """Read one <joint>, refusing types that have no single position."""
+    """Read one <joint>; types that have no single position are faults, and what they join is held as it stands."""
     reader.children(element)
     name, kind = reader.text(element, "name"), reader.text(element, "type")
-    if RESERVED.fullmatch(name):
-        raise reader.fail(element, f"joint {name!r}: this name is taken by the mechanics, choose another")
-    if kind not in JOINT_TYPES:
-        raise reader.fail(element, f"joint {name!r}: unknown type {kind!r}{did_you_mean(kind, JOINT_TYPES)}")
-    if kind in UNSUPPORTED:
-        raise reader.fail(element, f"joint {name!r}: type {kind!r} is not supported; {', '.join(MOVING)}, fixed are")
-    origin, rotation = reader.pose(element)
+    with reader.fault("chain", "it is held as it stands"):
+        if RESERVED.fullmatch(name):
+            raise reader.fail(element, f"joint {name!r}: this name is taken by the mechanics, choose another")
+        if kind not in JOINT_TYPES:
+            raise reader.fail(element, f"joint {name!r}: unknown type {kind!r}{did_you_mean(kind, JOINT_TYPES)}")
+        if kind in UNSUPPORTED:
+            known = f"{', '.join(MOVING)}, fixed are"
+            raise reader.fail(element, f"joint {name!r}: type {kind!r} is not supported; {known}")
+    origin, rotation, axis = np.zeros(3), np.eye(3), np.array([1.0, 0.0, 0.0])
+    with reader.fault("carried", "its child link is taken to be where its parent is"):
+        origin, rotation = reader.pose(element)
     if np.linalg.norm(origin) > FARTHEST:
         text = f"joint {name!r}: origin is {np.linalg.norm(origin):g} m from its parent link: millimetres?"
         reader.doubt(element, "origin_in_millimetres", text)
-    axis = _axis(reader, element, name) if kind in MOVING else np.array([1.0, 0.0, 0.0])
     parent, child = (_end(reader, element, name, tag) for tag in ("parent", "child"))
-    limits = _limits(reader, element, name, kind)
-    return Joint(
-        name, kind, parent, child, origin, rotation, axis, *limits, _mimic(reader, element), reader.place(element)
-    )
+    limits, mimic = UNLIMITED, None
+    with reader.fault("chain", "the joint is held at 0"):
+        axis = _axis(reader, element, name) if kind in MOVING else axis
+        limits = _limits(reader, element, name, kind)
+        mimic = _mimic(reader, element)
+    place = reader.place(element)
+    return Joint(name, kind, parent, child, origin, rotation, axis, *limits, mimic, place, reader.taken_faults())
 
 
 def _end(reader: Reader, element: etree._Element, name: str, tag: str) -> str:
@@ -200,8 +246,8 @@ def _axis(reader: Reader, element: etree._Element, name: str) -> Array:
 
 def _limits(reader: Reader, element: etree._Element, name: str, kind: str) -> tuple[float, float, float, float]:
     limit = reader.only(element, "limit")
-    if kind == "fixed" or (kind == "continuous" and limit is None):
-        return -np.inf, np.inf, np.inf, np.inf
+    if kind not in MOVING or (kind == "continuous" and limit is None):
+        return UNLIMITED
     if limit is None:
         raise reader.fail(element, f"joint {name!r}: a {kind} joint needs <limit lower= upper= effort= velocity=>")
     # A limit of zero effort or velocity is how files say 'not given'; the specification's default is 0.

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from armflex.conventions import finite_array
-from armflex.errors import Flag, JointLimitError, UnknownNameError
+from armflex.errors import Flag, JointLimitError, UnknownNameError, did_you_mean
 from armflex.robot.elements import MOVING, Joint
-from armflex.robot.tree import joints_by_parent
+from armflex.robot.tree import links_below
 from armflex.robot.urdf import Urdf
 
 
@@ -24,6 +24,7 @@ def lock_side_joints(
     Raises:
         UnknownNameError: A joint to be locked is not off the chain.
         JointLimitError: A joint is locked outside its limits.
+        UrdfError: A joint is locked that cannot be read.
     """
     on_chain = {joint.name for joint in chain}
     side = {joint.name: joint for joint in urdf.joints.values() if joint.kind in MOVING and joint.name not in on_chain}
@@ -33,13 +34,15 @@ def lock_side_joints(
     asked = {name: _asked(side[name], value) for name, value in locked.items()}
     wanted = {name: _wanted(urdf, side, asked, joint) for name, joint in side.items()}
     held = {name: float(np.clip(wanted[name] or 0.0, joint.lower, joint.upper)) for name, joint in side.items()}
-    weighing = _joints_below(urdf, base)
+    weighing = links_below(urdf, base)
     doubtful = [joint for name, joint in side.items() if wanted[name] != held[name] and joint.mimic]
-    flags = (_flag(joint, held[joint.name]) for joint in doubtful if joint.name in weighing)
+    flags = (_flag(urdf, joint, held[joint.name]) for joint in doubtful if joint.child in weighing)
     return held, tuple(flags)
 
 
 def _asked(joint: Joint, value: float) -> float:
+    if joint.faults:
+        raise joint.faults[0].error
     position = float(finite_array(value, f"locked {joint.name}", ()))
     if not joint.lower <= position <= joint.upper:
         limits = f"[{joint.lower:g}, {joint.upper:g}]"
@@ -58,22 +61,17 @@ def _wanted(urdf: Urdf, side: Mapping[str, Joint], asked: Mapping[str, float], j
         if joint.mimic is None:
             return factor * float(np.clip(0.0, joint.lower, joint.upper)) + offset
         master, multiplier, shift = joint.mimic
+        if master not in urdf.joints:
+            return None
         joint, factor, offset = urdf.joints[master], factor * multiplier, factor * shift + offset
     return None
 
 
-def _joints_below(urdf: Urdf, base: str) -> set[str]:
-    children, stack, below = joints_by_parent(urdf), [base], set()
-    while stack:
-        for joint in children[stack.pop()]:
-            below.add(joint.name)
-            stack.append(joint.child)
-    return below
-
-
-def _flag(joint: Joint, position: float) -> Flag:
+def _flag(urdf: Urdf, joint: Joint, position: float) -> Flag:
+    master = joint.mimic[0]
+    missing = "" if master in urdf.joints else f", which is no joint{did_you_mean(master, urdf.joints)}"
     text = (
-        f"{joint.place}: joint {joint.name!r} off the chain mimics {joint.mimic[0]!r} but is held at {position:g}, and "
-        "its weight with it; name it in [robot.locked] if that is meant"
+        f"{joint.place}: joint {joint.name!r} off the chain mimics {master!r}{missing} but is held at {position:g}, "
+        "and its weight with it; name it in [robot.locked] if that is meant"
     )
     return Flag("locked_mimic", text)

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
-from armflex.robot.elements import MOVING, Inertial, Joint
+from armflex.robot.elements import MOVING, Inertial, Joint, motion
 from armflex.robot.robot import Robot
 from armflex.robot.tree import joints_by_parent
 
@@ -69,7 +69,7 @@ class Corrections:
 
     def zero(self, joint: Joint) -> pin.SE3:
         """Return the true zero of a moving joint in its origin frame."""
-        return _motion(joint, self.joint_offset.get(joint.name, 0.0))
+        return motion(joint, self.joint_offset.get(joint.name, 0.0))
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class _Builder:
         if joint.kind not in MOVING:
             return self.add_flexures(joint.name, parent, here)
         if joint.name not in self.on_chain:
-            return parent, here * _motion(joint, self.robot.locked[joint.name])
+            return parent, here * motion(joint, self.robot.locked[joint.name])
         here = here * self.corrections.zero(joint)
         added = self.model.addJoint(parent, _joint_model(joint), here, joint.name)
         return self.add_flexures(joint.name, added, pin.SE3.Identity())
@@ -205,10 +205,11 @@ class _Builder:
 
 
 def _inertia(inertial: Inertial) -> pin.Inertia:
-    # Pinocchio wants exact symmetry and no negative diagonal: rounding would break both.
-    rotated = inertial.rotation @ inertial.inertia @ inertial.rotation.T
-    np.fill_diagonal(rotated, np.diag(rotated).clip(0.0))
-    return pin.Inertia(inertial.mass, inertial.origin, 0.5 * (rotated + rotated.T))
+    # Pinocchio wants exact symmetry and no negative diagonal: rounding would break both, and `Robot.check_motion`
+    # refuses what is negative by more.
+    turned = inertial.turned
+    np.fill_diagonal(turned, np.diag(turned).clip(0.0))
+    return pin.Inertia(inertial.mass, inertial.origin, turned)
 
 
 def _joint_model(joint: Joint) -> pin.JointModel:
@@ -219,9 +220,3 @@ def _joint_model(joint: Joint) -> pin.JointModel:
     if joint.kind == "prismatic":
         return pin.JointModelPrismaticUnaligned(joint.axis)
     return pin.JointModelRevoluteUnaligned(joint.axis)
-
-
-def _motion(joint: Joint, position: float) -> pin.SE3:
-    if joint.kind == "prismatic":
-        return pin.SE3(np.eye(3), position * joint.axis)
-    return pin.SE3(pin.exp3(position * joint.axis), np.zeros(3))

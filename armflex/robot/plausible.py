@@ -1,7 +1,9 @@
-"""Masses and inertias: refuse the impossible, flag the unlikely.
+"""Masses and inertias: refuse the impossible where it bears on the chain, flag the unlikely.
 
 Pinocchio reads a missing or garbled mass as 0 kg and takes any inertia matrix; what it would compute from them is
-wrong without a word, so they are refused here.
+wrong without a word, so they are refused here. What a load comes from, mass and centre of mass, counts on the chain and
+on whatever it carries; the rest of the file counts for nothing. Moments of inertia have no part in an arm at rest:
+impossible ones are flagged, and refused where the arm is asked to move with them.
 
 What is fixed to a moving link weighs and turns with it as one body, so it is the sum that must be possible: files of
 good robots fix sensors and frames to their links with the inertia of a point, or with none worth the name.
@@ -9,13 +11,17 @@ good robots fix sensors and frames to their links with the inertia of a point, o
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import Flag, Place, UrdfError
-from armflex.robot.elements import MOVING, Inertial, Joint, Link, Visual
-from armflex.robot.tree import joints_by_parent
+from armflex.robot.elements import MOVING, Inertial, Joint, Link, Visual, motion
+from armflex.robot.reader import Fault
+from armflex.robot.tree import joints_by_parent, links_below
 from armflex.robot.urdf import Urdf
 
 DENSITY_BAND = (20.0, 23000.0)
@@ -25,55 +31,132 @@ MASS_RATIO = 400.0
 """A link this many times lighter or heavier than the median suggests tonnes or grams."""
 
 
-def check_masses(urdf: Urdf, strict: bool, allow_massless: bool) -> tuple[Flag, ...]:
+@dataclass(frozen=True)
+class Scope:
+    """What of a file a chain depends on.
+
+    Attributes:
+        chain: Links of the chain but for the base.
+        carried: These and all that hangs on them: what loads a place between base and tip.
+        known: Links at and beyond the base: what is in a model at all.
+    """
+
+    chain: frozenset[str]
+    carried: frozenset[str]
+    known: frozenset[str]
+
+
+def scope_of(urdf: Urdf, base: str, chain: Sequence[Joint]) -> Scope:
+    """Return what of a file the chain from a base depends on."""
+    links = frozenset(joint.child for joint in chain)
+    return Scope(links, links_below(urdf, chain[0].child), links_below(urdf, base))
+
+
+def check_faults(urdf: Urdf, scope: Scope) -> tuple[Flag, ...]:
+    """Return a flag for everything that cannot be read and does not matter to the chain, saying what is done instead.
+
+    Raises:
+        UrdfError: A link of the chain cannot be read, or what weighs of one that it carries.
+    """
+    flags = []
+    for link in urdf.links.values():
+        for fault in link.faults:
+            if link.name in scope.chain or (fault.matters == "carried" and link.name in scope.carried):
+                raise fault.error
+            flags.append(_passed_over("link", link.name, fault))
+    for joint in urdf.joints.values():
+        for fault in joint.faults:
+            if fault.matters == "carried" and joint.child in scope.carried:
+                raise fault.error
+            flags.append(_passed_over("joint", joint.name, fault))
+    return tuple(flags)
+
+
+def _passed_over(kind: str, name: str, fault: Fault) -> Flag:
+    text = f"{fault.error.place}: {kind} {name!r} is off the chain: {fault.error.problem}; {fault.instead}"
+    return Flag("off_the_chain", text)
+
+
+def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, ...]:
     """Return the doubts about masses and inertias of a checked tree.
 
     Raises:
-        UrdfError: A mass is not positive, a moving body has none (unless `allow_massless`), the inertia of a moving
-            link, alone or with what is fixed to it, is not positive definite or breaks the triangle inequality (a
-            flag when not `strict`, unless negative), a CoM lies more than ten link lengths away.
+        UrdfError: A moving body of the chain has no mass (unless `allow_massless`, or it is a mere crossing of axes),
+            the CoM of what the chain carries lies more than ten link lengths away.
     """
     flags: list[Flag] = []
     for link in urdf.links.values():
         if link.inertial:
-            flags += _check_inertial(urdf, link, link.inertial, strict, allow_massless)
-    flags += _check_bodies(urdf, strict, allow_massless)
+            flags += _check_inertial(urdf, link, link.inertial, scope, allow_massless)
+    flags += _check_bodies(urdf, scope, allow_massless)
     return (*flags, *_check_median(urdf))
 
 
-def _check_inertial(urdf: Urdf, link: Link, inertial: Inertial, strict: bool, allow_massless: bool) -> list[Flag]:
+def _check_inertial(urdf: Urdf, link: Link, inertial: Inertial, scope: Scope, allow_massless: bool) -> list[Flag]:
     moves = any(joint.child == link.name and joint.kind in MOVING for joint in urdf.joints.values())
-    if inertial.mass < 0.0 or (inertial.mass == 0.0 and moves and not allow_massless):
+    if inertial.mass == 0.0 and moves and link.name in scope.chain and not allow_massless:
         raise UrdfError(inertial.place, f"link {link.name!r}: mass is {inertial.mass:g} kg, expected more than 0")
     if inertial.mass == 0.0:  # a frame written as a link: real files fix them to others
         text = f"{inertial.place}: link {link.name!r} has an inertia but no mass; it is left out"
         return [Flag("massless_inertia", text)] if inertial.inertia.any() else []
     size = _size(urdf, link, inertial)
     return [
-        *_check_inertia(link.name, inertial.inertia, inertial.place, moves, strict),
-        *_check_com(link, inertial, size),
+        *_check_inertia(link.name, inertial.inertia, inertial.place),
+        *_check_com(link, inertial, size, link.name in scope.carried),
         *_check_density(link, inertial, size),
     ]
 
 
-def _check_inertia(name: str, inertia: Array, place: Place, moves: bool, strict: bool) -> list[Flag]:
+def _check_inertia(name: str, inertia: Array, place: Place) -> list[Flag]:
+    problem = _impossible(inertia)
+    text = f"{place}: link {name!r}: {problem}; an arm at rest does not depend on them"
+    return [Flag("impossible_inertia", text)] if problem else []
+
+
+def _impossible(inertia: Array, least: float = 0.0) -> str:
+    """Return what no body's (3, 3) inertia is; a `least` share of the largest moment may be missing to a needle's 0."""
     moments = np.linalg.eigvalsh(inertia)
-    text = f"link {name!r}: principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m^2 "
-    problem = ""
-    if moments[0] <= 0.0:
-        problem = text + "are not all positive"
-    elif moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6):
-        problem = text + "break the triangle inequality (no body has them)"
-    negative = np.diag(inertia).min() < 0.0  # Pinocchio cannot hold these
-    if problem and (negative or (strict and moves)):
-        raise UrdfError(place, problem)
-    return [Flag("impossible_inertia", f"{place}: {problem}")] if problem else []
+    text = f"principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m^2 "
+    if moments[0] < -least * moments[2] or (least == 0.0 and moments[0] == 0.0):
+        return text + "are not all positive"
+    if moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6):
+        return text + "break the triangle inequality (no body has them)"
+    return ""
 
 
-def _check_com(link: Link, inertial: Inertial, size: float) -> list[Flag]:
+def check_motion(urdf: Urdf, scope: Scope, chain: Sequence[Joint], held: Mapping[str, float], strict: bool) -> None:
+    """Refuse what an arm at rest does not depend on: moments of inertia.
+
+    Links that side joints hold to a link of the chain turn with it as one body, and that is what must be possible.
+
+    Raises:
+        UrdfError: A body that moves with the chain has moments that no body has (taken as they are when not `strict`),
+            negative ones, or none that can be read.
+    """
+    for link in (urdf.links[name] for name in urdf.links if name in scope.carried):
+        for fault in link.faults:
+            if fault.matters == "moved":
+                raise fault.error
+        if link.inertial and link.inertial.mass > 0.0 and holds_negative(link.inertial):
+            raise UrdfError(link.inertial.place, f"link {link.name!r}: {_impossible(link.inertial.inertia)}")
+    ends = {joint.name for joint in chain if joint.kind in MOVING}
+    for joint in chain:
+        if joint.name in ends and strict:
+            _, inertia = _body(urdf, joint.child, ends, held)
+            if problem := _impossible(inertia, 1e-6):
+                whole = f"link {joint.child!r} and what it carries up to the next joint of the chain"
+                raise UrdfError(urdf.links[joint.child].place, f"{whole}: {problem}; v= and a= need possible ones")
+
+
+def holds_negative(inertial: Inertial) -> bool:
+    """Return whether a moment about a link axis is negative by more than rounding: Pinocchio cannot hold it."""
+    return bool(np.diag(inertial.turned).min() < -1e-9 * np.abs(inertial.inertia).max())
+
+
+def _check_com(link: Link, inertial: Inertial, size: float, carried: bool) -> list[Flag]:
     distance = float(np.linalg.norm(inertial.origin))
     text = f"link {link.name!r}: CoM is {distance:.4g} m from the link frame, the link's size is {size:.3g} m"
-    if distance > 10.0 * size:
+    if distance > 10.0 * size and carried:
         raise UrdfError(inertial.place, f"{text}: millimetres?")
     return [Flag("com_outside", f"{inertial.place}: {text}")] if distance > 4.0 * size else []
 
@@ -81,7 +164,7 @@ def _check_com(link: Link, inertial: Inertial, size: float) -> list[Flag]:
 def _check_density(link: Link, inertial: Inertial, size: float) -> list[Flag]:
     volume = sum(map(_volume, link.visuals))
     density = inertial.mass / volume if volume else 1000.0
-    gyration = float(np.sqrt(np.trace(inertial.inertia) / 2.0 / inertial.mass))
+    gyration = float(np.sqrt(max(np.trace(inertial.inertia), 0.0) / 2.0 / inertial.mass))
     if DENSITY_BAND[0] <= density <= DENSITY_BAND[1] and gyration <= 5.0 * size:
         return []
     text = f"link {link.name!r}: {inertial.mass:g} kg over {volume:.3g} m^3, radius of gyration {gyration:.3g} m"
@@ -111,28 +194,39 @@ def _extent(joint: Joint) -> float:
     return float(np.linalg.norm(joint.origin)) + travel
 
 
-def _check_bodies(urdf: Urdf, strict: bool, allow_massless: bool) -> list[Flag]:
+def _check_bodies(urdf: Urdf, scope: Scope, allow_massless: bool) -> list[Flag]:
     flags = []
     for joint in urdf.joints.values():
         if joint.kind not in MOVING:
             continue
         link, mass, inertia = urdf.links[joint.child], *_body(urdf, joint.child)
         if not mass:
-            flags.append(_massless(link, joint, allow_massless))
+            flags.append(_massless(urdf, link, joint, allow_massless or link.name not in scope.chain))
         elif link.inertial is None or (inertia != link.inertial.inertia).any():
-            flags += _check_inertia(f"{link.name} and what is fixed to it", inertia, link.place, True, strict)
+            flags += _check_inertia(f"{link.name} and what is fixed to it", inertia, link.place)
     return flags
 
 
-def _massless(link: Link, joint: Joint, allow_massless: bool) -> Flag:
+def _massless(urdf: Urdf, link: Link, joint: Joint, allowed: bool) -> Flag:
     text = f"link {link.name!r} moves with joint {joint.name!r} but has no <inertial>, so no weight"
-    if not allow_massless:
+    if not (allowed or _is_crossing(urdf, link)):
         raise UrdfError(link.place, f"{text}; give it one, or set allow_massless = true if that is meant")
     return Flag("massless", f"{link.place}: {text}")
 
 
-def _body(urdf: Urdf, link: str) -> tuple[float, Array]:
-    """Return the mass [kg] and the inertia about the common CoM [kg m^2] of a link with all that is fixed to it."""
+def _is_crossing(urdf: Urdf, link: Link) -> bool:
+    """Return whether a link is but the place where two axes of one joint cross: nothing of it could weigh."""
+    ends = joints_by_parent(urdf)[link.name]
+    return not link.visuals and len(ends) == 1 and ends[0].kind in MOVING and not ends[0].origin.any()
+
+
+def _body(
+    urdf: Urdf, link: str, ends: Collection[str] | None = None, held: Mapping[str, float] | None = None
+) -> tuple[float, Array]:
+    """Return the mass [kg] and the inertia about the common CoM [kg m^2] of a link with all that is fixed to it.
+
+    With `ends` what moves hangs on it too, `held` where it is, up to the joints of these names.
+    """
     children = joints_by_parent(urdf)
     parts, stack = [], [(link, pin.SE3.Identity())]
     while stack:
@@ -141,9 +235,19 @@ def _body(urdf: Urdf, link: str) -> tuple[float, Array]:
         if inertial and inertial.mass > 0.0:
             turn = place.rotation @ inertial.rotation
             parts.append((inertial.mass, place * inertial.origin, turn @ inertial.inertia @ turn.T))
-        fixed = [joint for joint in children[name] if joint.kind == "fixed"]
-        stack.extend((joint.child, place * pin.SE3(joint.rotation, joint.origin)) for joint in fixed)
+        fixed = [joint for joint in children[name] if _hangs(joint, ends)]
+        stack.extend(
+            (
+                joint.child,
+                place * pin.SE3(joint.rotation, joint.origin) * motion(joint, (held or {}).get(joint.name, 0.0)),
+            )
+            for joint in fixed
+        )
     return _sum_of(parts)
+
+
+def _hangs(joint: Joint, ends: Collection[str] | None) -> bool:
+    return joint.kind not in MOVING if ends is None else joint.name not in ends
 
 
 def _sum_of(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array]:

@@ -6,7 +6,12 @@ URDF readers agree on such files, so they are refused.
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from lxml import etree
@@ -42,6 +47,28 @@ ATTRIBUTES = {
 """What an element that has defaults may say; a misspelt one would silently mean the default."""
 
 
+WEIGHING = ("inertial", "mass", "inertia", "origin")
+"""Tags without which a body weighs less, or elsewhere."""
+
+Matters = Literal["chain", "carried", "moved"]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with a link or joint, an error only where the question depends on it.
+
+    Attributes:
+        error: What is raised there.
+        matters: On what it bears: "chain" if the element is between base and tip, "carried" if it is that or hangs on
+            it, "moved" as "chain", and for a body that is only carried where it is asked to move.
+        instead: What is done where it does not matter.
+    """
+
+    error: UrdfError
+    matters: Matters
+    instead: str
+
+
 class Reader:
     """Typed access to one file's elements; collects flags and words every error with file and line."""
 
@@ -49,6 +76,7 @@ class Reader:
         self.path = path
         self.strict = strict
         self.flags: list[Flag] = []
+        self.faults: list[Fault] = []
 
     def place(self, element: etree._Element) -> Place:
         return Place(self.path, element.sourceline or 0)
@@ -58,6 +86,19 @@ class Reader:
 
     def doubt(self, element: etree._Element, code: str, text: str) -> None:
         self.flags.append(Flag(code, f"{self.place(element)}: {text}"))
+
+    @contextmanager
+    def fault(self, matters: Matters, instead: str) -> Iterator[None]:
+        """Keep an error met inside until it is known whether the element matters."""
+        try:
+            yield
+        except UrdfError as error:
+            self.faults.append(Fault(error, matters, instead))
+
+    def taken_faults(self) -> tuple[Fault, ...]:
+        """Return the faults of the element that was read last."""
+        found, self.faults = tuple(self.faults), []
+        return found
 
     def text(self, element: etree._Element, key: str) -> str:
         """Return a non-empty attribute, or fail saying which is missing."""
@@ -96,7 +137,7 @@ class Reader:
         return float(self.numbers(element, key, 1, default)[0])
 
     def children(self, element: etree._Element) -> list[etree._Element]:
-        """Return the children that mean something here; an unknown tag is an error, or a flag when lax."""
+        """Return the children that mean something here; an unknown tag is a fault, or a flag when lax."""
         allowed = CHILDREN[element.tag]
         kept = [child for child in element if isinstance(child.tag, str)]
         loop = next((child for child in kept if child.tag == "loop_joint"), None)
@@ -107,14 +148,25 @@ class Reader:
         return [child for child in kept if child.tag in allowed]
 
     def refuse_tag(self, element: etree._Element, child: etree._Element, allowed: frozenset[str]) -> None:
+        """Keep an unknown or misplaced tag as a fault; doubt it where what it could have meant is given anyway."""
         owner = next((tag for tag, inside in CHILDREN.items() if child.tag in inside), None)
         hint = f"; it belongs inside <{owner}>" if owner else did_you_mean(child.tag, allowed)
         if "xacro" in child.tag:
             hint = ": this is a xacro file, expand it first"
         problem = f"<{child.tag}> is not known inside <{element.tag}>{hint}"
-        if self.strict:
+        near = difflib.get_close_matches(child.tag, allowed, n=1, cutoff=0.5)
+        if element.tag == "robot":
+            harmless = not (near or owner or "xacro" in child.tag)
+        else:
+            meant = [part for part in element if child.tag in CHILDREN.get(part.tag, ())]
+            harmless = bool(meant) and all(part.find(child.tag) is not None for part in meant)
+        if harmless or not self.strict:
+            self.doubt(child, "unknown_tag", f"{problem}: passed over")
+        elif element.tag == "robot":
             raise self.fail(child, problem)
-        self.doubt(child, "unknown_tag", problem)
+        else:
+            weighs = child.tag in WEIGHING or any(tag in WEIGHING for tag in near)
+            self.faults.append(Fault(self.fail(child, problem), "carried" if weighs else "chain", "it is passed over"))
 
     def only(self, element: etree._Element, tag: str) -> etree._Element | None:
         found = element.findall(tag)

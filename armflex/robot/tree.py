@@ -12,7 +12,7 @@ def check_tree(urdf: Urdf) -> str:
 
     Raises:
         UrdfError: A joint names a missing link, joins a link to itself, gives a link a second parent or closes
-            a loop; there is no root or more than one; a mimic names a missing joint.
+            a loop; there is no root or more than one.
     """
     parent_joint: dict[str, Joint] = {}
     for joint in urdf.joints.values():
@@ -35,9 +35,6 @@ def _check_ends(urdf: Urdf, joint: Joint) -> None:
             raise UrdfError(joint.place, f"joint {joint.name!r}, {end}: {missing}")
     if joint.parent == joint.child:
         raise UrdfError(joint.place, f"joint {joint.name!r} joins link {joint.parent!r} to itself")
-    if joint.mimic and joint.mimic[0] not in urdf.joints:
-        missing = UnknownNameError("joint", joint.mimic[0], urdf.joints)
-        raise UrdfError(joint.place, f"joint {joint.name!r}, mimic: {missing}")
 
 
 def _check_loops(urdf: Urdf, parent_joint: dict[str, Joint]) -> None:
@@ -62,13 +59,22 @@ def joints_by_parent(urdf: Urdf) -> dict[str, list[Joint]]:
     return children
 
 
+def links_below(urdf: Urdf, link: str) -> frozenset[str]:
+    """Return a link and all that descend from it."""
+    children, stack, below = joints_by_parent(urdf), [link], set()
+    while stack:
+        below.add(name := stack.pop())
+        stack.extend(joint.child for joint in children[name])
+    return frozenset(below)
+
+
 def find_chain(urdf: Urdf, base: str, tip: str) -> tuple[Joint, ...]:
     """Return the joints from link `base` to link `tip`, fixed ones included, in order.
 
     Raises:
         UnknownNameError: No such link.
-        UrdfError: `tip` does not descend from `base`, or nothing moves between them, or a joint of the chain
-            mimics another.
+        UrdfError: `tip` does not descend from `base`, or nothing moves between them, a joint of the chain cannot be
+            read or mimics another.
     """
     for name in (base, tip):
         if name not in urdf.links:
@@ -82,16 +88,22 @@ def find_chain(urdf: Urdf, base: str, tip: str) -> tuple[Joint, ...]:
         chain.append(parent_joint[link])
         link = parent_joint[link].parent
     chain.reverse()
+    for joint in chain:
+        if joint.faults:
+            raise joint.faults[0].error
     if not any(joint.kind in MOVING for joint in chain):
         raise UrdfError(urdf.links[tip].place, f"no joint moves between base {base!r} and tip {tip!r}")
-    _refuse_mimics(chain)
+    _refuse_mimics(urdf, chain)
     return tuple(chain)
 
 
-def _refuse_mimics(chain: list[Joint]) -> None:
+def _refuse_mimics(urdf: Urdf, chain: list[Joint]) -> None:
     for joint in chain:
         if joint.mimic and joint.kind in MOVING:
             master, factor, offset = joint.mimic
+            if master not in urdf.joints:
+                missing = UnknownNameError("joint", master, urdf.joints)
+                raise UrdfError(joint.place, f"joint {joint.name!r}, mimic: {missing}")
             raise UrdfError(
                 joint.place,
                 f"joint {joint.name!r} of the chain mimics {master!r}, which is not supported: remove the <mimic> tag "
@@ -99,10 +111,11 @@ def _refuse_mimics(chain: list[Joint]) -> None:
             )
 
 
-def deepest_leaf(urdf: Urdf, base: str) -> str:
-    """Return the end of the longest chain of moving joints from `base`, the first in file order among equals.
+def tips_by_depth(urdf: Urdf, base: str) -> list[str]:
+    """Return the links that may be a tip, those with most moving joints between them and `base` first.
 
-    Chains with a mimic joint are passed by: their ends are fingers, not tools.
+    Among equals the ends come first, then the file's order. Chains with a mimic joint are passed by: their ends are
+    fingers, not tools. Those with a joint that cannot be read end before it.
     """
     depth = {base: 0}
     children = joints_by_parent(urdf)
@@ -110,11 +123,11 @@ def deepest_leaf(urdf: Urdf, base: str) -> str:
     while stack:
         link = stack.pop()
         for joint in children[link]:
-            if not (joint.mimic and joint.kind in MOVING):
+            if not (joint.faults or (joint.mimic and joint.kind in MOVING)):
                 depth[joint.child] = depth[link] + (joint.kind in MOVING)
                 stack.append(joint.child)
-    leaves = [link for link in urdf.links if link in depth and not any(j.child in depth for j in children[link])]
-    return max(leaves, key=lambda link: depth[link])
+    inner = {link for link in depth if any(joint.child in depth for joint in children[link])}
+    return sorted((link for link in urdf.links if link in depth), key=lambda link: (-depth[link], link in inner))
 
 
 def default_tip(urdf: Urdf, base: str) -> str:

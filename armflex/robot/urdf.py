@@ -32,8 +32,9 @@ def read_urdf(path: Path, strict: bool = True) -> Urdf:
     """Read a URDF into links and joints.
 
     Raises:
-        UrdfError: Not well-formed, over a cap, unknown or misplaced tags (a flag when not `strict`), duplicate
-            or missing names, numbers that are not plain finite decimals.
+        UrdfError: Not well-formed, over a cap, unknown or misplaced tags in the root (a flag when not `strict`),
+            duplicate or missing names. What is wrong inside a link or joint is among its `faults`: whether it is an
+            error depends on the chain that is asked about.
     """
     root = parse_xml(path)
     reader = Reader(path, strict)

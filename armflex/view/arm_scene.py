@@ -9,7 +9,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.check import CheckReport
-from armflex.conventions import Array
+from armflex.conventions import Array, number
 from armflex.robot.elements import Link, Visual
 from armflex.robot.tree import joints_by_parent
 from armflex.statics.deflection import Deflection
@@ -269,7 +269,7 @@ def _legend(
     factor: float,
 ) -> Iterator[LegendRow]:
     for name, share in contribution_shares(shown).items():
-        yield LegendRow(colors[name], name, f"{share * 1e3:.3g} mm")
+        yield LegendRow(colors[name], name, f"{number(share * 1e3, 3)} mm")
     if colors:
         yield LegendRow(GHOST, "rigid arm", opacity=0.4)
     if trajectory is not None:
@@ -290,8 +290,8 @@ def _subtitle(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> str
     moved, turned = (float(np.linalg.norm(part)) * 1e3 for part in (shown.displacement[:3], shown.displacement[3:]))
     when = f" at {motion.times[motion.worst]:g} s" if len(motion.frames) > 1 else ""
     doubt = shown.sigma()
-    sigma = "" if doubt is None else f" ± {doubt * 1e3:.2g}"
-    return f"Tip moves {moved:.4g}{sigma} mm and turns {turned:.3g} mrad{when}. Shown × {factor:g}."
+    sigma = "" if doubt is None else f" ± {number(doubt * 1e3, 2)}"
+    return f"Tip moves {number(moved)}{sigma} mm and turns {number(turned, 3)} mrad{when}. Shown × {factor:g}."
 
 
 def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterator[str]:
@@ -299,10 +299,10 @@ def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterat
     if arm.flexures:
         left = float(np.linalg.norm(shown.remainder[:3]) * 1e3)
         yield f"Deflections are drawn {factor:g} times as large as they are; the rigid arm is to scale."
-        yield f"Shares are first order; together they miss the displacement by {left:.2g} mm."
+        yield f"Shares are first order; together they miss the displacement by {number(left, 2)} mm."
         if shown.corrected.any():
             size = float(np.linalg.norm(shown.corrected[:3]) * 1e3)
-            yield f"Beside them the calibrated geometry moves the tip by {size:.3g} mm."
+            yield f"Beside them the calibrated geometry moves the tip by {number(size, 3)} mm."
     if len(motion.frames) < motion.rows:
         yield f"{len(motion.frames)} of {motion.rows} rows are drawn; the figures are of the worst of all rows."
     if shown.covariance is not None:

@@ -64,7 +64,7 @@ def view(
 
 
 def _still(arm: Arm, q: ArrayLike | None, payload: str | Payload | None, known: Mapping[str, float]) -> Motion:
-    here = np.clip(np.zeros(len(arm.joint_names)), arm.robot.lower, arm.robot.upper) if q is None else q
+    here = arm.position() if q is None else q
     return Motion(np.zeros(1), (arm.deflection(here, payload, covariates=settled(arm, known)),), 0, 1)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arm import Arm
+from armflex.conventions import number
 from armflex.effects.remember import settled
 from armflex.errors import InputError
 from armflex.view.arm_scene import SCALE, VERDICTS, Motion, arm_scene
@@ -93,7 +94,7 @@ def _by_size(found: WorkspaceMap) -> list[tuple[LegendRow, np.ndarray]]:
     edges = np.linspace(0.0, np.nanmax(found.worst), len(SCALE) + 1)
     answered = found.answered > 0
     step = np.where(answered, np.searchsorted(edges[1:-1], found.worst), -1)
-    texts = [f"{low * 1e3:.3g} to {high * 1e3:.3g} mm" for low, high in pairwise(edges)]
+    texts = [f"{number(low * 1e3, 3)} to {number(high * 1e3, 3)} mm" for low, high in pairwise(edges)]
     groups = [_group(color, text, step == i) for i, (color, text) in enumerate(zip(SCALE, texts, strict=True))]
     return groups if answered.all() else [*groups, _group(VERDICTS["fail"], "refused", ~answered)]
 

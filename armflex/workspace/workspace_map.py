@@ -16,7 +16,7 @@ from armflex.arm import Arm
 from armflex.calibrate.draw import draw_arms
 from armflex.calibrate.spread import without_declared_doubt
 from armflex.check import COVERAGE
-from armflex.conventions import Array
+from armflex.conventions import Array, number
 from armflex.digest import digest
 from armflex.effects.remember import settled
 from armflex.errors import Flag, InputError, UnknownNameError
@@ -103,7 +103,7 @@ class WorkspaceMap:
 
     def __repr__(self) -> str:
         """One line: how much was asked, and the largest displacement."""
-        most = f"up to {self.worst[self.worst_voxel] * 1e3:.4g} mm" if self.answered.any() else "nowhere"
+        most = f"up to {number(self.worst[self.worst_voxel] * 1e3)} mm" if self.answered.any() else "nowhere"
         size = f"{self.rows} configurations, {len(self.payloads)} payloads, {len(self)} voxels of {self.voxel:g} m"
         return f"<WorkspaceMap: {size}, {self.tip} moves {most}>"
 
