@@ -15,7 +15,7 @@ from armflex.calibrate.fit import Fit
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects import CATALOGUE
 from armflex.trace.accept import held_out, improvement, null_maximum, pose_folds, session_folds, sessions_held_out
-from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, screen, sift
+from armflex.trace.candidates import Candidate, bank, candidates_of, screen, sift
 from armflex.trace.exchange import SAME, equivalents, leave_out
 from armflex.trace.localise import NOTICED, localise
 from armflex.trace.polish import polish
@@ -151,7 +151,7 @@ def test_chance_exceeds_the_null_as_often_as_it_should(before):
     ranks = []
     for seed in range(60):
         projection = noisy(known, seed)
-        sifted = Sifted(candidates, projection, known.half @ candidates.columns)
+        sifted = sift(candidates, projection)
         best = screen(sifted).evidence.max()
         ranks.append((1 + (null_maximum(sifted, before.groups, seed=seed, flips=99) >= best).sum()) / 100.0)
     # A residual has lost what was fitted, and its flips lose that once more: a little smaller than chance is.

@@ -47,7 +47,7 @@ def null_maximum(
     if not any(competes):
         return np.full(flips, -np.inf)
     rows = np.repeat(signs[groups], len(projection.residual) // len(groups), axis=0)
-    gains = sifted.gains(projection.residual[:, None] * rows, stationary=False)
+    gains = sifted.gains(projection.residual[:, None] * rows)
     worth = evidence(gains, projection.objective, projection.count, sifted.bank.parameters[:, None])
     return np.asarray(worth)[competes].max(axis=0)
 
