@@ -230,13 +230,14 @@ class TwistLaw:
         """Return (M, k, 6) twists per acting amplitude in the measured rows."""
         return self.basis(*self._asked(spot, inner, view, scene))[:, list(spot.terms)]
 
-    def along(self, spot: Spot, inner: Values, view: View, scene: Scene) -> tuple[Array, Array] | None:
-        """Return (k, M) numbers and the (6,) twist they multiply, as `features`; None where there is no such twist."""
-        if not isinstance(self.basis, Along):
-            return None
-        here, wrench, row, inner = self._asked(spot, inner, view, scene)
-        shapes = self.basis.shapes(here, wrench, row, inner)
-        return np.stack([shapes[i] for i in spot.terms]), self.basis.direction(here, inner)
+    def of_load(self, spot: Spot) -> bool:
+        """Return whether a twist depends on the load, now or before, and not on the columns of its spot alone."""
+        return self.loaded or (self.memory is not None and not spot.covariates)
+
+    def shapes(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
+        """Return the (k, M) numbers, one per amplitude, of a law whose basis is `Along` one direction."""
+        assert isinstance(self.basis, Along)
+        return np.array(self.basis.shapes(*self._asked(spot, inner, view, scene)))
 
     def _asked(self, spot: Spot, inner: Values, view: View, scene: Scene) -> tuple[Here, Array, Row, Values]:
         """Return what the basis is asked about the measured rows."""

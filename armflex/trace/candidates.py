@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
-from armflex.effects.law import Effect, EffectLaw, LoadLaw, TwistLaw, Values, full
+from armflex.effects.law import Along, Effect, EffectLaw, LoadLaw, TwistLaw, Values, full
 from armflex.effects.scene import Scene
 from armflex.effects.spot import Spot
 from armflex.trace.projection import Projection, evidence
@@ -28,6 +28,8 @@ class Candidate:
     @property
     def parameters(self) -> int:
         """How many numbers it takes: amplitudes, and inner parameters that are searched and in use, or not as usual."""
+        if not self.law.inner:
+            return len(self.spot.terms)
         inner = zip(self.law.inner, self.inner, strict=True)
         unusual = sum(one.usual is not None and value != one.usual for one, value in inner)
         return len(self.spot.terms) + len(self.searched) + unusual
@@ -145,12 +147,19 @@ class Bank:
         An answer is whitened once for all of them, and a twist in one direction takes one number a row, not six.
         """
         view, held = self.fit.view, 0
+        shared: dict[tuple[str, tuple[str, ...], Values], Array] = {}
         waiting: dict[tuple[type, str, bytes], list[tuple[int, Array]]] = {}
         for index, candidate in enumerate(self.candidates):
             law, spot, inner, direction = candidate.law, candidate.spot, candidate.inner, b""
-            along = law.along(spot, inner, view, self.scene) if isinstance(law, TwistLaw) else None
-            if along is not None:
-                found, direction = along[0], along[1].tobytes()
+            if isinstance(law, TwistLaw) and isinstance(law.basis, Along):
+                direction = law.basis.direction(self.scene.here(spot, view.setup.arm), inner).tobytes()
+                if law.of_load(spot):
+                    found = law.shapes(spot, inner, view, self.scene)[list(spot.terms)]
+                else:  # the same at every site
+                    key = (law.name, spot.covariates, inner)
+                    if key not in shared:
+                        shared[key] = law.shapes(spot, inner, view, self.scene)
+                    found = shared[key] if len(spot.terms) == len(shared[key]) else shared[key][list(spot.terms)]
             elif isinstance(law, TwistLaw | LoadLaw):
                 found = law.features(spot, inner, view, self.scene)
             else:
@@ -201,7 +210,7 @@ def candidates_of(laws: Iterable[EffectLaw], scene: Scene) -> Iterator[Candidate
     """Yield every candidate of some laws in a campaign."""
     for law in laws:
         for spot in law.spots(scene):
-            for inner in grid(law, spot, scene):
+            for inner in grid(law, spot, scene) if law.inner else ((),):
                 yield Candidate(law, spot, inner)
 
 
