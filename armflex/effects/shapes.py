@@ -73,7 +73,7 @@ def follow(time: Array, values: Array, lag: float) -> Array:
     order = np.argsort(time, kind="stable")
     step, known = np.diff(time[order]), values[order]
     moves = step > 0.0
-    ahead = lag * np.diff(known) / np.where(moves, step, 1.0)
+    ahead = np.diff(known) / np.where(moves, step, 1.0) * lag
     state = np.empty(len(values))
     state[order] = stepper(lag_behind)(known, ahead, np.where(moves, np.exp(-step / lag), np.nan))
     return state

@@ -85,6 +85,12 @@ class Part:
             return self.shapes @ others.T
         return self.shapes @ np.einsum("frd,rd->fr", others.reshape(len(others), *self.answer.shape), self.answer).T
 
+    def flipped(self, residual: Array, signs: Array) -> Array:
+        """Return the (K, F) products of the columns with a (n,) residual, M rows of it taken with (M, F) signs."""
+        if self.answer is None:
+            return self.shapes @ with_signs(residual, signs)
+        return self.shapes @ ((residual.reshape(self.answer.shape) * self.answer).sum(axis=1)[:, None] * signs)
+
     def squares(self, some: np.ndarray) -> Array:
         """Return the (g, k, k) products among themselves of (g, k) of the columns."""
         shapes = self.shapes[some]
@@ -186,6 +192,11 @@ class Bank:
         return Part(groups, places, columns.transpose(1, 0, 2).reshape(len(places), -1), None)
 
 
+def with_signs(residual: Array, signs: Array) -> Array:
+    """Return a (n,) residual with (M, F) signs of its M rows, (n, F)."""
+    return (residual.reshape(len(signs), -1, 1) * signs[:, None]).reshape(len(residual), -1)
+
+
 def candidate_columns(candidate: Candidate, fit: Fit, scene: Scene) -> Array:
     """Return the (n, k) whitened and weighted columns of a candidate at a fit."""
     return whiten(candidate.law.columns(candidate.spot, candidate.inner, fit.view, scene), fit)
@@ -266,14 +277,18 @@ class Sifted:
             found.append((groups, _factors(inside, whole, self.projection.shy)))
         return found
 
-    def gains(self, residuals: Array | None = None) -> Array:
-        """Return the (G, F) gains of all candidates for (n, F) residuals, projected; else (G, 1) for the fit's own."""
-        if residuals is None:
+    def gains(self, signs: Array | None = None) -> Array:
+        """Return the (G, F) gains of all candidates for the fit's residual, its rows with (M, F) signs if any.
+
+        A residual with other signs is projected: it is no longer that of the fit.
+        """
+        if signs is None:
             scores = self.scores[:, None]
         else:
-            scores = -self.seen @ (self.projection.half @ residuals)
+            residual = self.projection.residual
+            scores = -self.seen @ (self.projection.half @ with_signs(residual, signs))
             for part in self.bank.parts:
-                scores[part.places] += part.products(residuals.T)
+                scores[part.places] += part.flipped(residual, signs)
         gains = np.zeros((len(self.bank.candidates), scores.shape[1]))
         for groups, factors in self.solvers:
             gains[groups] = ((factors.transpose(0, 2, 1) @ scores[self._places(groups, factors)]) ** 2).sum(axis=1)
