@@ -19,6 +19,13 @@ loads = arrays(float, st.integers(1, 40), elements=st.floats(-100.0, 100.0, widt
 radii = st.floats(0.015625, 50.0, width=32)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """Compiling takes longer than one example may."""
+    follow(np.arange(2.0), np.zeros(2), LAG)
+    play(np.zeros(1), 1.0)
+
+
 def clock(seed: int, count: int = 300) -> np.ndarray:
     return np.cumsum(np.random.default_rng(seed).exponential(60.0, count))
 

@@ -11,10 +11,14 @@ import numpy as np
 
 from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
-from armflex.effects.law import Along, Effect, EffectLaw, LoadLaw, TwistLaw, Values, full
+from armflex.effects.law import Along, Effect, EffectLaw, Inner, LoadLaw, TwistLaw, Values, full
 from armflex.effects.scene import Scene
 from armflex.effects.spot import Spot
 from armflex.trace.projection import Projection, evidence
+
+
+def _is_searched(inner: Inner, value: float) -> bool:
+    return inner.polished and not (inner.positive and value <= 0.0)
 
 
 @dataclass(frozen=True)
@@ -28,20 +32,16 @@ class Candidate:
     @property
     def parameters(self) -> int:
         """How many numbers it takes: amplitudes, and inner parameters that are searched and in use, or not as usual."""
-        if not self.law.inner:
-            return len(self.spot.terms)
-        inner = zip(self.law.inner, self.inner, strict=True)
-        unusual = sum(one.usual is not None and value != one.usual for one, value in inner)
-        return len(self.spot.terms) + len(self.searched) + unusual
+        count = len(self.spot.terms)
+        for inner, value in zip(self.law.inner, self.inner, strict=True):
+            count += _is_searched(inner, value) + (inner.usual is not None and value != inner.usual)
+        return count
 
     @property
     def searched(self) -> tuple[int, ...]:
         """Inner parameters that are searched; a positive one at zero is switched off."""
-        return tuple(
-            i
-            for i, (inner, value) in enumerate(zip(self.law.inner, self.inner, strict=True))
-            if inner.polished and not (inner.positive and value <= 0.0)
-        )
+        pairs = zip(self.law.inner, self.inner, strict=True)
+        return tuple(i for i, (inner, value) in enumerate(pairs) if _is_searched(inner, value))
 
     def effect(self, amplitudes: Array) -> Effect:
         """Return the effect with amplitudes of the acting terms."""
