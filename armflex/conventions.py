@@ -35,6 +35,7 @@ LARGEST = 1e30
 
 SMALLEST_STD = 1e-15
 """No standard deviation is below this in SI units: a proton is wider [m]. The inverse of its square is within reach."""
+
 RESOLUTION = 1e-12
 """Metres and radians below this are rounding: an arm's are of the order of one, told to 2e-16 of it, and a solution is
 some hundreds of operations away from them."""

@@ -12,10 +12,18 @@ from hypothesis.extra.numpy import arrays
 
 from armflex.effects.hysteresis import play
 from armflex.effects.shapes import follow
+from armflex.effects.stepping import play_in, stepper
 
 LAG = 1800.0
 loads = arrays(float, st.integers(1, 40), elements=st.floats(-100.0, 100.0, width=32))
 radii = st.floats(0.015625, 50.0, width=32)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """Compiling takes longer than one example may."""
+    follow(np.arange(2.0), np.zeros(2), LAG)
+    play(np.zeros(1), 1.0)
 
 
 def clock(seed: int, count: int = 300) -> np.ndarray:
@@ -79,6 +87,40 @@ def test_lag_is_linear(one, other):
     time = clock(5, 15)
     together = follow(time, 2.0 * one - other, LAG)
     np.testing.assert_allclose(together, 2.0 * follow(time, one, LAG) - follow(time, other, LAG), atol=1e-10)
+
+
+def row_by_row(time: np.ndarray, values: np.ndarray, lag: float) -> np.ndarray:
+    """The recursion as it is written down, a row at a time."""
+    order = np.argsort(time, kind="stable")
+    state, y, before = np.empty(len(values)), values[order[0]], order[0]
+    for i in order:
+        step = time[i] - time[before]
+        if step > 0.0:
+            slope, decay = (values[i] - values[before]) / step, np.exp(-step / lag)
+            y = values[i] - slope * lag + (y - values[before] + slope * lag) * decay
+        state[i], before = y, i
+    return state
+
+
+@given(st.lists(st.floats(0.0, 1e5), min_size=1, max_size=40), st.floats(1.0, 1e6), st.integers(0, 99))
+def test_lag_is_the_recursion_row_by_row(times, lag, seed):
+    """To the last bit, also where rows share a time or are not in its order."""
+    time = np.repeat(times, np.random.default_rng(seed).integers(1, 3, len(times)))
+    values = np.random.default_rng(seed).normal(20.0, 4.0, len(time))
+    np.testing.assert_array_equal(follow(time, values, lag), row_by_row(time, values, lag))
+
+
+@given(loads, radii)
+def test_compiled_play_is_what_is_written_down(load, radius):
+    np.testing.assert_array_equal(play(load, radius), play_in(np.asarray(load, dtype=float), radius))
+
+
+def test_states_are_had_without_a_place_to_keep_compiled_code(monkeypatch):
+    def homeless(**options):
+        raise RuntimeError("cannot cache function: no locator available")
+
+    monkeypatch.setattr("numba.njit", homeless)
+    assert stepper.__wrapped__(play_in) is play_in
 
 
 def test_a_short_lag_is_no_lag_and_a_long_one_stays():

@@ -14,8 +14,9 @@ from armflex import calibrate, load_arm, read_measurements
 from armflex.calibrate.fit import Fit
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects import CATALOGUE
+from armflex.effects.catalogue import EVERY
 from armflex.trace.accept import held_out, improvement, null_maximum, pose_folds, session_folds, sessions_held_out
-from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, screen, sift
+from armflex.trace.candidates import Bank, Candidate, bank, candidates_of, screen, sift
 from armflex.trace.exchange import SAME, equivalents, leave_out
 from armflex.trace.localise import NOTICED, localise
 from armflex.trace.polish import polish
@@ -118,6 +119,50 @@ def test_gain_is_the_fall_of_a_refit(name, before):
         np.testing.assert_allclose(amplitudes, values[len(fit.prior) :], rtol=1e-3, atol=1e-3 * np.abs(values).max())
 
 
+@pytest.fixture(scope="module")
+def everything(before) -> Bank:
+    """The catalogue and the shapes, every third candidate of them."""
+    laws = [law for law in EVERY.values() if law.name not in ("unnamed_bump", "unnamed_wave")]
+    return bank(list(candidates_of(laws, before.scene))[::3], before.fit, before.scene)
+
+
+def test_a_bank_has_every_candidates_columns(everything):
+    """What is computed once for a site, or for all of them, is what each candidate has by itself."""
+    columns, starts = everything.columns, everything.starts
+    assert np.isfinite(columns).all() and len({candidate.law.name for candidate in everything.candidates}) > 30
+    for index in range(len(everything.candidates)):
+        alone, found = everything.group(index), columns[:, starts[index] : starts[index + 1]]
+        np.testing.assert_allclose(found, alone, rtol=1e-9, atol=1e-12 * np.abs(alone).max())
+
+
+def test_what_is_kept_of_a_bank_is_what_its_columns_give(everything, before):
+    projection, columns = project(before.fit), everything.columns
+    sifted = sift(everything, projection)
+    seen = projection.half @ columns
+    sizes = np.sqrt((columns**2).sum(axis=0))
+    np.testing.assert_allclose(sifted.seen.T, seen, rtol=1e-9, atol=1e-9 * sizes.max())
+    np.testing.assert_allclose(sifted.scores, columns.T @ projection.residual, rtol=1e-9, atol=1e-9 * sizes.max())
+    assert sorted(np.concatenate([groups for groups, _ in sifted.squares])) == list(range(len(everything.candidates)))
+    for groups, squares in sifted.squares:
+        for group, square in zip(groups, squares, strict=True):
+            own = everything.group(group)
+            np.testing.assert_allclose(square, own.T @ own, rtol=1e-9, atol=1e-12 * np.abs(own.T @ own).max())
+
+
+def test_a_bank_too_large_to_keep_gives_the_same(everything, before, monkeypatch):
+    """Columns made again, a few at a time, are the same columns."""
+    projection = project(before.fit)
+    whole = sift(everything, projection)
+    monkeypatch.setattr("armflex.trace.candidates.KEPT", 1000)
+    monkeypatch.setattr("armflex.trace.candidates.FLUSHED", 20_000)
+    again = bank(everything.candidates, before.fit, before.scene)
+    assert again.parts is not again.parts and len(list(again.parts)) > 2 * len(list(everything.parts))
+    streamed = sift(again, projection)
+    np.testing.assert_allclose(screen(streamed).gains, screen(whole).gains, rtol=1e-6, atol=1e-9)
+    nulls = [null_maximum(one, before.groups, flips=20) for one in (streamed, whole)]
+    np.testing.assert_allclose(*nulls, rtol=1e-6)
+
+
 def test_gain_of_the_truth_is_what_adding_it_brings(before, after, backlash):
     """The whole fit, arm and all: linear to a few percent."""
     projection = project(before.fit)
@@ -151,7 +196,7 @@ def test_chance_exceeds_the_null_as_often_as_it_should(before):
     ranks = []
     for seed in range(60):
         projection = noisy(known, seed)
-        sifted = Sifted(candidates, projection, known.half @ candidates.columns)
+        sifted = sift(candidates, projection)
         best = screen(sifted).evidence.max()
         ranks.append((1 + (null_maximum(sifted, before.groups, seed=seed, flips=99) >= best).sum()) / 100.0)
     # A residual has lost what was fitted, and its flips lose that once more: a little smaller than chance is.

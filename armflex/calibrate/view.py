@@ -83,6 +83,16 @@ class View:
     def _to_twist(self) -> dict[str, Array]:
         return {}
 
+    def to_load(self, link: str) -> Array:
+        """Return (M, d, 6) changes of the readings per wrench at a link's origin, base axes."""
+        if link not in self._to_load:
+            self._to_load[link] = self.answer(self.line.link_loads[:, self.line.link_names.index(link)])
+        return self._to_load[link]
+
+    @cached_property
+    def _to_load(self) -> dict[str, Array]:
+        return {}
+
 
 def look(
     setup: Setup,

@@ -10,9 +10,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from armflex.printable import printable
-
 from armflex.conventions import number as number
+from armflex.printable import printable
 
 NARROWEST = 130
 """Columns to lay out for where the output is no terminal."""

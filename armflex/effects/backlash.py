@@ -9,5 +9,5 @@ BACKLASH = TwistLaw(
     "backlash",
     lambda scene: at_drives(scene, "approach_{joint}"),
     (Amplitude("gap", "{m}"),),
-    lambda here, wrench, row, inner: on_drive(here, 0.5 * approach(here, row)),
+    on_drive(lambda here, wrench, row, inner: (0.5 * approach(here, row),)),
 )

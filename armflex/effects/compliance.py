@@ -7,7 +7,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.effects.law import Amplitude, TwistLaw, Values
 from armflex.effects.scene import AXES, Scene
-from armflex.effects.shapes import TURNS, along, at_joints, on_axis, unit_twists
+from armflex.effects.shapes import TURNS, along, at_joints, unit_twists
 from armflex.effects.spot import Here, Spot
 from armflex.laws import Row
 
@@ -18,7 +18,8 @@ def _places(scene: Scene) -> list[Spot]:
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    return np.concatenate([on_axis(here, along(here, wrench)), unit_twists(wrench)], axis=-2)
+    single = along(here, wrench)[..., None, None] * here.direction
+    return np.concatenate([single, unit_twists(wrench)], axis=-2)
 
 
 COMPLIANCE = TwistLaw(

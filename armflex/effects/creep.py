@@ -25,8 +25,10 @@ CREEP = TwistLaw(
     "creep",
     _places,
     (Amplitude("c", "{m}/{w}"),),
-    lambda here, wrench, row, inner: on_axis(
-        here, along(here, wrench) * np.log1p(np.maximum(row.covariate("hold"), 0.0) / inner[0])
+    on_axis(
+        lambda here, wrench, row, inner: (
+            along(here, wrench) * np.log1p(np.maximum(row.covariate("hold"), 0.0) / inner[0]),
+        )
     ),
     (Inner("t0", "s", _times),),
     loaded=True,

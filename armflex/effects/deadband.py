@@ -9,7 +9,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.effects.law import Amplitude, Inner, TwistLaw, Values
 from armflex.effects.scene import AXES, AXES_TURN, Scene
-from armflex.effects.shapes import TURNS, along, at_joints, on_axis
+from armflex.effects.shapes import TURNS, along, at_joints
 from armflex.effects.spot import Here, Spot
 from armflex.laws import Row
 
@@ -26,7 +26,7 @@ def _loads(spot: Spot, scene: Scene) -> Iterable[float]:
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    single = on_axis(here, np.clip(along(here, wrench) / inner[0], -1.0, 1.0))
+    single = np.clip(along(here, wrench) / inner[0], -1.0, 1.0)[..., None, None] * here.direction
     turning = np.clip(wrench / inner[0], -1.0, 1.0)[..., None, :] * np.eye(6)[3:]
     return np.concatenate([single, turning], axis=-2)
 

@@ -19,5 +19,5 @@ ENCODER_ECCENTRICITY = TwistLaw(
     "encoder_eccentricity",
     _places,
     (Amplitude("A", "rad"), Amplitude("B", "rad")),
-    lambda here, wrench, row, inner: on_drive(here, np.sin(own_position(here, row)), np.cos(own_position(here, row))),
+    on_drive(lambda here, wrench, row, inner: (np.sin(own_position(here, row)), np.cos(own_position(here, row)))),
 )

@@ -11,5 +11,5 @@ ENCODER_OFFSET = TwistLaw(
     "encoder_offset",
     at_drives,
     (Amplitude("offset", "{m}"),),
-    lambda here, wrench, row, inner: on_drive(here, np.ones(wrench.shape[:-1])),
+    on_drive(lambda here, wrench, row, inner: (np.ones(wrench.shape[:-1]),)),
 )

@@ -9,5 +9,5 @@ ENCODER_SCALE = TwistLaw(
     "encoder_scale",
     lambda scene: at_drives(scene, "q_{joint}"),
     (Amplitude("scale", "1"),),
-    lambda here, wrench, row, inner: on_drive(here, own_position(here, row)),
+    on_drive(lambda here, wrench, row, inner: (own_position(here, row),)),
 )

@@ -11,16 +11,16 @@ from armflex.effects.spot import Here, with_terms
 from armflex.laws import Row
 
 
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
     across = wrench * (1.0 - here.direction)
     force, moment = np.linalg.norm(across[..., :3], axis=-1), np.linalg.norm(across[..., 3:], axis=-1)
-    return on_axis(here, force, moment, along(here, wrench) ** 2)
+    return force, moment, along(here, wrench) ** 2
 
 
 EVEN_IN_LOAD = TwistLaw(
     "even_in_load",
     lambda scene: with_terms(at_joints(scene), (0,), (1,), (2,)),
     (Amplitude("c_force", "{m}/N"), Amplitude("c_moment", "{m}/Nm"), Amplitude("c_square", "{m}/{w}^2")),
-    _basis,
+    on_axis(_shapes),
     loaded=True,
 )

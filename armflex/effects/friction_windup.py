@@ -12,8 +12,8 @@ FRICTION_WINDUP = TwistLaw(
     "friction_windup",
     lambda scene: with_terms(at_drives(scene, "approach_{joint}"), (0, 1), (1,)),
     (Amplitude("a", "{m}"), Amplitude("b", "{m}/{w}")),
-    lambda here, wrench, row, inner: on_drive(
-        here, approach(here, row), approach(here, row) * np.abs(wrench @ here.drive)
+    on_drive(
+        lambda here, wrench, row, inner: (approach(here, row), approach(here, row) * np.abs(wrench @ here.drive)),
     ),
     loaded=True,
 )

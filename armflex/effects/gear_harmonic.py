@@ -26,8 +26,11 @@ GEAR_HARMONIC = TwistLaw(
     "gear_harmonic",
     lambda scene: with_terms(at_drives(scene, "q_{joint}"), (0, 1)),
     (Amplitude("A", "{m}"), Amplitude("B", "{m}")),
-    lambda here, wrench, row, inner: on_drive(
-        here, np.sin(inner[0] * own_position(here, row)), np.cos(inner[0] * own_position(here, row))
+    on_drive(
+        lambda here, wrench, row, inner: (
+            np.sin(inner[0] * own_position(here, row)),
+            np.cos(inner[0] * own_position(here, row)),
+        )
     ),
     (Inner("k", "1", _orders),),
 )

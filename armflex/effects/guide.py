@@ -44,17 +44,17 @@ def _ends(spot: Spot, scene: Scene) -> Iterable[float]:
     return (float(values.max()), float(values.min()))
 
 
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
     load = along(here, wrench)
     overlap = inner[1] + np.abs(column_of(row, here.spot.covariates[0]) - inner[2])
-    return on_axis(here, np.clip(load / inner[0], -1.0, 1.0) / overlap, load / overlap)
+    return np.clip(load / inner[0], -1.0, 1.0) / overlap, load / overlap
 
 
 GUIDE = TwistLaw(
     "unnamed_guide",
     _places,
     (Amplitude("g", "rad m", positive=True), Amplitude("c", "rad m/Nm", positive=True)),
-    _basis,
+    on_axis(_shapes),
     (
         Inner("tau0", "Nm", _loads),
         Inner("spare", "m", _spare),

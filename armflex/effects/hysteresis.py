@@ -11,16 +11,13 @@ from armflex.effects.law import Amplitude, Inner, Memory, TwistLaw, Values
 from armflex.effects.scene import AXES, Scene
 from armflex.effects.shapes import along, at_joints, on_axis
 from armflex.effects.spot import Here, Spot
+from armflex.effects.stepping import play_in, stepper
 from armflex.laws import Row
 
 
 def play(load: Array, radius: float) -> Array:
     """Return (N,) the play operator of a (N,) load in row order, at rest at zero before the first row."""
-    state, found = 0.0, np.empty(len(load))
-    for i, value in enumerate(load):
-        state = min(max(state, value - radius), value + radius)
-        found[i] = state
-    return found
+    return stepper(play_in)(np.asarray(load, dtype=float), float(radius))
 
 
 def _state(spot: Spot, inner: Values) -> str:
@@ -40,7 +37,7 @@ HYSTERESIS = TwistLaw(
     "hysteresis",
     at_joints,
     (Amplitude("gain", "{m}/{w}"),),
-    lambda here, wrench, row, inner: on_axis(here, row.covariate(_state(here.spot, inner))),
+    on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.spot, inner)),)),
     (Inner("radius", "{w}", _radii),),
     memory=Memory(_state, _remember, "{w}"),
 )

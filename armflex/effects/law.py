@@ -6,14 +6,14 @@ at a site, `LoadLaw` a load on a link; `ModelLaw` changes the model itself (mass
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.effects.spot import Here, Spot
+from armflex.effects.spot import Here, Spot, link_of
 from armflex.laws import Row
 
 if TYPE_CHECKING:
@@ -145,13 +145,40 @@ class Effect:
 Basis = Callable[[Here, Array, Row, Values], Array]
 """(here, (..., 6) wrench at the site, row, inner) -> (..., k, 6) twist per amplitude, local axes."""
 
+Shapes = Callable[[Here, Array, Row, Values], Sequence[Array]]
+"""(here, (..., 6) wrench at the site, row, inner) -> one (...,) number per amplitude."""
+
+
+@dataclass(frozen=True)
+class Along:
+    """A basis whose twists all have one direction, whatever the row: numbers times a constant twist.
+
+    Attributes:
+        shapes: The numbers.
+        direction: (6,) twist in the site's frame, by place and inner parameters.
+    """
+
+    shapes: Shapes
+    direction: Callable[[Here, Values], Array]
+
+    def __call__(self, here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+        """Return the (..., k, 6) twist per amplitude."""
+        shapes = self.shapes(here, wrench, row, inner)
+        if len(shapes) == 1:  # the usual case, and numpy takes its time to stack
+            return np.asarray(shapes[0])[..., None, None] * self.direction(here, inner)
+        return np.stack(np.broadcast_arrays(*shapes), axis=-1)[..., None] * self.direction(here, inner)
+
+
 Remember = Callable[[Here, Array, Row, Values], Array]
 """(here, (N, 6) wrench at the site, N rows in the order driven, inner) -> (N,) state."""
 
 
 @dataclass(frozen=True)
 class Memory:
-    """A state that depends on the rows before: `name` of the derived covariate, and how it follows."""
+    """A state that depends on the rows before: `name` of the derived covariate, and how it follows.
+
+    It follows the spot's first column where there is one, else the load.
+    """
 
     name: Callable[[Spot, Values], str]
     remember: Remember
@@ -197,16 +224,32 @@ class TwistLaw:
     def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
         """Return (M, d, k) changes of the readings per acting amplitude."""
         features = self.features(spot, inner, view, scene)
-        return view.to_twist(spot.site) @ features.transpose(0, 2, 1)
+        return self.answer(spot, view) @ features.transpose(0, 2, 1)
+
+    def answer(self, spot: Spot, view: View) -> Array:
+        """Return (M, d, 6) changes of the readings per twist at a spot's site."""
+        return view.to_twist(spot.site)
 
     def features(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
         """Return (M, k, 6) twists per acting amplitude in the measured rows."""
-        here, wrench = scene.here(spot, view.setup.arm), scene.wrench(view, spot.site)
-        row = scene.row
+        return self.basis(*self._asked(spot, inner, view, scene))[:, list(spot.terms)]
+
+    def of_load(self, spot: Spot) -> bool:
+        """Return whether a twist depends on the load, now or before, and not on the columns of its spot alone."""
+        return self.loaded or (self.memory is not None and not spot.covariates)
+
+    def shapes(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
+        """Return the (k, M) numbers, one per amplitude, of a law whose basis is `Along` one direction."""
+        assert isinstance(self.basis, Along)
+        return np.array(self.basis.shapes(*self._asked(spot, inner, view, scene)))
+
+    def _asked(self, spot: Spot, inner: Values, view: View, scene: Scene) -> tuple[Here, Array, Row, Values]:
+        """Return what the basis is asked about the measured rows."""
+        here, row = scene.here(spot, view.setup.arm), scene.row_at(view)
         if self.memory:
-            state = {self.memory.name(spot, inner): self.memory.remember(here, wrench, row, inner)}
-            row = Row(row.q, row.joint_index, {**row.covariates, **state})
-        return self.basis(here, wrench, row, inner)[view.rows][:, list(spot.terms)]
+            state = scene.remembered(self.memory, spot, inner, view)[view.rows]
+            row = Row(row.q, row.joint_index, {**row.covariates, self.memory.name(spot, inner): state})
+        return here, view.line.load_at(spot.site), row, inner
 
     def apply(self, effect: Effect, setup: Setup) -> Setup:
         """Return the setup with the effect among those of its arm."""
@@ -241,9 +284,17 @@ class LoadLaw:
 
     def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
         """Return (M, d, k) changes of the readings per acting amplitude."""
+        features = self.features(spot, inner, view, scene)
+        return self.answer(spot, view) @ features.transpose(0, 2, 1)
+
+    def answer(self, spot: Spot, view: View) -> Array:
+        """Return (M, d, 6) changes of the readings per wrench at the origin of a spot's link, base axes."""
+        return view.to_load(link_of(spot.site, view.setup.arm.robot))
+
+    def features(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
+        """Return (M, k, 6) wrenches per acting amplitude in the measured rows."""
         here, index = scene.here(spot, view.setup.arm), view.line.link_names.index(scene.link(spot.site))
-        wrenches = self.pull(here, view.line.links[:, index], inner)[:, list(spot.terms)]
-        return view.answer(view.line.link_loads[:, index] @ wrenches.transpose(0, 2, 1))
+        return self.pull(here, view.line.links[:, index], inner)[:, list(spot.terms)]
 
     def apply(self, effect: Effect, setup: Setup) -> Setup:
         """Return the setup with the effect among those of its arm."""

@@ -20,7 +20,7 @@ def _places(scene: Scene) -> list[Spot]:
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
     lever = pose[..., :3, :3] @ middle_of(here)
     way = np.array(inner[:3]) - pose[..., :3, 3] - lever
-    distance = np.linalg.norm(way, axis=-1, keepdims=True)
+    distance = np.sqrt((way * way).sum(axis=-1, keepdims=True))
     return force_at(way / np.maximum(distance, 1e-9) / np.maximum(distance**2 + inner[3] ** 2, 1e-6), lever)
 
 

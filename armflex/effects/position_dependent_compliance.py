@@ -15,16 +15,16 @@ def _places(scene: Scene) -> list[Spot]:
     return with_terms(spots, (0,), (0, 1))
 
 
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
     load, position = along(here, wrench), own_position(here, row)
-    return on_axis(here, position * load, position**2 * load)
+    return position * load, position**2 * load
 
 
 POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     "position_dependent_compliance",
     _places,
     (Amplitude("C1", "{m}/{w} per q"), Amplitude("C2", "{m}/{w} per q^2")),
-    _basis,
+    on_axis(_shapes),
     loaded=True,
     linear=True,
 )

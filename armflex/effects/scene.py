@@ -18,6 +18,7 @@ from armflex.robot import Robot
 if TYPE_CHECKING:
     from armflex.arm import Arm
     from armflex.calibrate.view import View
+    from armflex.effects.law import Memory, Values
     from armflex.measured.measurements import Measurements
 
 TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
@@ -122,7 +123,39 @@ class Scene:
 
     def here(self, spot: Spot, arm: Arm) -> Here:
         """Return what is known about the arm at a spot."""
-        return resolve(spot, arm.robot, arm.flexures)
+        known = self._heres.get(spot)
+        if known is None or known[0] is not arm:
+            self._heres[spot] = known = (arm, resolve(spot, arm.robot, arm.flexures))
+        return known[1]
+
+    @cached_property
+    def _heres(self) -> dict[Spot, tuple[Arm, Here]]:
+        return {}
+
+    def row_at(self, view: View) -> Row:
+        """Return what is known in a view's rows."""
+        key = view.rows.tobytes()
+        if key not in self._rows:
+            self._rows[key] = self.row.some(view.rows)
+        return self._rows[key]
+
+    @cached_property
+    def _rows(self) -> dict[bytes, Row]:
+        return {}
+
+    def remembered(self, memory: Memory, spot: Spot, inner: Values, view: View) -> Array:
+        """Return the (N,) state of a memory at a spot; one of a column is the same at every spot, and kept."""
+        here = self.here(spot, view.setup.arm)
+        if not spot.covariates:
+            return memory.remember(here, self.wrench(view, spot.site), self.row, inner)
+        key = (memory, spot.covariates, inner)
+        if key not in self._states:
+            self._states[key] = memory.remember(here, self.wrenches[spot.site], self.row, inner)
+        return self._states[key]
+
+    @cached_property
+    def _states(self) -> dict[tuple[Memory, tuple[str, ...], Values], Array]:
+        return {}
 
     def wrench(self, view: View, site: str) -> Array:
         """Return the (N, 6) wrench at a site: the view's own where it has a row, else that of the scene."""

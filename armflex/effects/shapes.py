@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.effects.law import Inner, Memory, Values
+from armflex.effects.law import Along, Inner, Memory, Shapes, Values
 from armflex.effects.scene import AXES, Scene, column_of
 from armflex.effects.spot import BASE, Here, Spot, drive_axis
+from armflex.effects.stepping import lag_behind, stepper
 from armflex.laws import Row
 
 LAGS = (600.0, 1800.0, 5400.0, 10800.0)
@@ -23,21 +24,14 @@ TURNS = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
 """Turning axes that laws act about together."""
 
 
-def on_axis(here: Here, *shapes: Array) -> Array:
-    """Return (..., k, 6) twists of (...,) shapes along the spot's axis."""
-    return _rows(shapes) * here.direction
+def on_axis(shapes: Shapes) -> Along:
+    """Return the basis of (...,) shapes along the spot's axis."""
+    return Along(shapes, lambda here, inner: here.direction)
 
 
-def on_drive(here: Here, *shapes: Array) -> Array:
-    """Return (..., k, 6) twists of (...,) shapes along the joint's own motion."""
-    return _rows(shapes) * here.drive
-
-
-def _rows(shapes: tuple[Array, ...]) -> Array:
-    """Return k (...,) shapes as (..., k, 1)."""
-    if len(shapes) == 1:  # the usual case, and numpy takes its time to stack
-        return np.asarray(shapes[0])[..., None, None]
-    return np.stack(np.broadcast_arrays(*shapes), axis=-1)[..., None]
+def on_drive(shapes: Shapes) -> Along:
+    """Return the basis of (...,) shapes along the joint's own motion."""
+    return Along(shapes, lambda here, inner: here.drive)
 
 
 def along(here: Here, wrench: Array) -> Array:
@@ -77,14 +71,11 @@ def lagged(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 def follow(time: Array, values: Array, lag: float) -> Array:
     """Return (N,) y of y' = (x - y) / lag, x straight between the rows, y = x at the earliest."""
     order = np.argsort(time, kind="stable")
+    step, known = np.diff(time[order]), values[order]
+    moves = step > 0.0
+    ahead = np.diff(known) / np.where(moves, step, 1.0) * lag
     state = np.empty(len(values))
-    y, before = values[order[0]], order[0]
-    for i in order:
-        step = time[i] - time[before]
-        if step > 0.0:
-            slope, decay = (values[i] - values[before]) / step, np.exp(-step / lag)
-            y = values[i] - slope * lag + (y - values[before] + slope * lag) * decay
-        state[i], before = y, i
+    state[order] = stepper(lag_behind)(known, ahead, np.where(moves, np.exp(-step / lag), np.nan))
     return state
 
 

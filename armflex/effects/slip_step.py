@@ -25,6 +25,6 @@ SLIP_STEP = TwistLaw(
     "slip_step",
     lambda scene: at_joints(scene, covariate="time") if scene.timed else [],
     (Amplitude("size", "{m}"),),
-    lambda here, wrench, row, inner: on_axis(here, np.where(row.covariate("time") >= inner[0], 1.0, 0.0)),
+    on_axis(lambda here, wrench, row, inner: (np.where(row.covariate("time") >= inner[0], 1.0, 0.0),)),
     (Inner("at", "s", _times, positive=False, smooth=False),),
 )

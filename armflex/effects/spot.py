@@ -119,7 +119,8 @@ def drive_axis(joint: Joint) -> str:
 
 def resolve(spot: Spot, robot: Robot, flexures: Sequence[Flexure]) -> Here:
     """Return what is known about an arm at a spot."""
-    laws = [flexure.law for flexure in flexures if same_site(flexure.site, site_of(spot.site, robot))]
+    place = site_of(spot.site, robot)
+    laws = [flexure.law for flexure in flexures if same_site(flexure.site, place)]
     return Here(spot, robot, laws[-1] if laws else None)
 
 

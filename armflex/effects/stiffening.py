@@ -12,8 +12,11 @@ STIFFENING = TwistLaw(
     "stiffening",
     lambda scene: with_terms(at_joints(scene), (0,), (1,), (0, 1)),
     (Amplitude("c2", "{m}/{w}^2"), Amplitude("c3", "{m}/{w}^3")),
-    lambda here, wrench, row, inner: on_axis(
-        here, along(here, wrench) * np.abs(along(here, wrench)), along(here, wrench) ** 3
+    on_axis(
+        lambda here, wrench, row, inner: (
+            along(here, wrench) * np.abs(along(here, wrench)),
+            along(here, wrench) ** 3,
+        )
     ),
     loaded=True,
 )

@@ -8,24 +8,22 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.effects.law import Amplitude, Inner, TwistLaw, Values
+from armflex.effects.law import Along, Amplitude, Inner, TwistLaw, Values
 from armflex.effects.scene import AXES_TURN
 from armflex.effects.shapes import LAGGED, WARM, at_links, warmth, with_temperature
 from armflex.effects.spot import Here
-from armflex.laws import Row
 
 
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+def _direction(here: Here, inner: Values) -> Array:
     turn = here.direction[3:]
-    shift = np.cross(turn, (1.0 - inner[0]) * here.length)
-    return (np.asarray(warmth(here, row, *inner[1:]))[..., None] * np.concatenate([shift, turn]))[..., None, :]
+    return np.concatenate([np.cross(turn, (1.0 - inner[0]) * here.length), turn])
 
 
 THERMAL_BENDING = TwistLaw(
     "thermal_bending",
     lambda scene: with_temperature(lambda name: at_links(scene, AXES_TURN, name), scene),
     (Amplitude("beta", "rad/K"),),
-    _basis,
+    Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
     (Inner("along", "1", lambda spot, scene: (1.0, 0.5, 0.0), polished=False, usual=1.0), *WARM),
     memory=LAGGED,
 )

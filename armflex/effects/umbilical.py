@@ -21,7 +21,7 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
     """Return k (|d| - rest) along d, the way from the hook on the link to the anchor; slack pushes nothing."""
     lever = pose[..., :3, :3] @ (inner[4] * end_of(here))
     way = np.array(inner[:3]) - pose[..., :3, 3] - lever
-    distance = np.linalg.norm(way, axis=-1, keepdims=True)
+    distance = np.sqrt((way * way).sum(axis=-1, keepdims=True))
     stretched = np.maximum(distance - inner[3], 0.0) / np.maximum(distance, 1e-9)
     return force_at(stretched * way, lever)
 

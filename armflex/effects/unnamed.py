@@ -6,7 +6,7 @@ recorded range; outside it they stay at their end values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 import numpy as np
@@ -31,52 +31,51 @@ def suspects(scene: Scene) -> tuple[str, ...]:
     return (*scene.recorded, *(f"q_{joint}" for joint in scene.joints))
 
 
-def hats(values: Array, low: float, high: float, count: int) -> list[Array]:
-    """Return `count` (...,) piecewise straight functions; the last of all is left out, so they sum to no constant."""
-    knots = np.linspace(low, high, count + 1)
-    inside = np.clip(values, low, high)
-    tents = [np.interp(inside, knots, row) for row in np.eye(count + 1)]
-    return tents[:-1]
+def hats(values: Array, low: float, high: float, count: int) -> Array:
+    """Return (count, ...) piecewise straight functions; the last of all is left out, so they sum to no constant."""
+    place = (np.clip(values, low, high) - low) * (count / (high - low if high > low else 1.0))
+    knots = np.arange(count, dtype=float).reshape(-1, *(1,) * np.ndim(place))
+    return np.maximum(1.0 - np.abs(place - knots), 0.0)
 
 
-def _spline(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    return on_axis(here, *hats(column_of(row, here.spot.covariates[0]), *inner, KNOTS))
+def _spline(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
+    return hats(column_of(row, here.spot.covariates[0]), *inner, KNOTS)
 
 
-def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
     load = along(here, wrench)
-    return on_axis(here, *(hat * load for hat in hats(column_of(row, here.spot.covariates[0]), *inner, KNOTS)))
+    return hats(column_of(row, here.spot.covariates[0]), *inner, KNOTS) * load
 
 
-def _bump(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+def _bump(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
     away = (column_of(row, here.spot.covariates[0]) - inner[0]) / inner[1]
-    return on_axis(here, np.exp(-0.5 * away**2) * np.ones(wrench.shape[:-1]))
+    return (np.exp(-0.5 * away**2) * np.ones(wrench.shape[:-1]),)
 
 
-def _wave(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+def _wave(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
     angle = inner[0] * column_of(row, here.spot.covariates[0])
-    return on_axis(here, np.sin(angle), np.cos(angle))
+    return np.sin(angle), np.cos(angle)
 
 
-def _level(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    return on_axis(here, column_of(row, here.spot.covariates[0]) * np.ones(wrench.shape[:-1]))
+def _level(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
+    return (column_of(row, here.spot.covariates[0]) * np.ones(wrench.shape[:-1]),)
 
 
-def _line(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+def _line(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
     away = column_of(row, here.spot.covariates[0]) - inner[0]
-    return on_axis(here, away * np.ones(wrench.shape[:-1]), away**2 * np.ones(wrench.shape[:-1]))
+    return away * np.ones(wrench.shape[:-1]), away**2 * np.ones(wrench.shape[:-1])
 
 
-def _product(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+def _product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
     first, second = (column_of(row, name) for name in here.spot.covariates)
     tents = hats(first, inner[0], inner[1], KNOTS)
-    return on_axis(here, *tents, *(tent * (second - inner[2]) for tent in [*tents, 1.0 - sum(tents)]))
+    return (*tents, *(tent * (second - inner[2]) for tent in [*tents, 1.0 - sum(tents)]))
 
 
-def _wave_product(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+def _wave_product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
     first, second = (column_of(row, name) for name in here.spot.covariates)
     sine, cosine = np.sin(inner[0] * first), np.cos(inner[0] * first)
-    return on_axis(here, *(wave * factor for factor in (1.0, second - inner[1]) for wave in (sine, cosine)))
+    return [wave * factor for factor in (1.0, second - inner[1]) for wave in (sine, cosine)]
 
 
 def lowest(spot: Spot, scene: Scene, place: int = 0) -> Iterable[float]:
@@ -131,14 +130,14 @@ SPLINE = TwistLaw(
     "unnamed_shape",
     partial(_with_all, everywhere, KNOTS),
     tuple(Amplitude(name, "{m}") for name in TENTS),
-    _spline,
+    on_axis(_spline),
     (LOW, HIGH),
 )
 SPLINE_COMPLIANCE = TwistLaw(
     "unnamed_compliance",
     partial(_with_all, everywhere, KNOTS),
     tuple(Amplitude(name, "{m}/{w}") for name in TENTS),
-    _spline_compliance,
+    on_axis(_spline_compliance),
     (LOW, HIGH),
     loaded=True,
 )
@@ -146,7 +145,7 @@ BUMP = TwistLaw(
     "unnamed_bump",
     everywhere,
     (Amplitude("height", "{m}"),),
-    _bump,
+    on_axis(_bump),
     (
         Inner("centre", "as recorded", _centres, positive=False),
         Inner("width", "as recorded", _widths),
@@ -156,28 +155,28 @@ WAVE = TwistLaw(
     "unnamed_wave",
     partial(_with_all, everywhere, 2),
     (Amplitude("A", "{m}"), Amplitude("B", "{m}")),
-    _wave,
+    on_axis(_wave),
     (Inner("k", "per recorded", _waves),),
 )
 LINE = TwistLaw(
     "unnamed_line",
     everywhere,
     (Amplitude("slope", "{m} per recorded"), Amplitude("curvature", "{m} per recorded^2")),
-    _line,
+    on_axis(_line),
     (MIDDLE,),
 )
 PRODUCT = TwistLaw(
     "unnamed_product",
     lambda scene: [],
     tuple(Amplitude(f"a{i}", "{m}") for i in range(2 * KNOTS + 1)),
-    _product,
+    on_axis(_product),
     (LOW, HIGH, MIDDLE),
 )
 WAVE_PRODUCT = TwistLaw(
     "unnamed_wave_product",
     lambda scene: [],
     tuple(Amplitude(name, "{m}" + unit) for name, unit in zip("ABCD", ("", "", *2 * (" per recorded",)), strict=True)),
-    _wave_product,
+    on_axis(_wave_product),
     (Inner("k", "per recorded", _waves), MIDDLE),
 )
 
@@ -185,7 +184,7 @@ LEVEL = TwistLaw(
     "unnamed_level",
     lambda scene: [Spot(site, axis, (name,)) for site, axis in shaped_places(scene) for name in scene.levels],
     (Amplitude("step", "{m}"),),
-    _level,
+    on_axis(_level),
 )
 
 SHAPES = {law.name: law for law in (GUIDE, LEVEL, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, WAVE_PRODUCT, PRODUCT)}

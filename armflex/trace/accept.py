@@ -46,8 +46,7 @@ def null_maximum(
     competes = [laws is None or candidate.law.name in laws for candidate in sifted.bank.candidates]
     if not any(competes):
         return np.full(flips, -np.inf)
-    rows = np.repeat(signs[groups], len(projection.residual) // len(groups), axis=0)
-    gains = sifted.gains(projection.residual[:, None] * rows, stationary=False)
+    gains = sifted.gains(signs[groups])
     worth = evidence(gains, projection.objective, projection.count, sifted.bank.parameters[:, None])
     return np.asarray(worth)[competes].max(axis=0)
 

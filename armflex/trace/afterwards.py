@@ -33,6 +33,7 @@ AS_LIKELY = 3.0
 def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
     """Return laws and sites of which fitted parameters take over all but nothing, with the parameter that does most."""
     bank, projection = looked.named.bank, looked.projection
+    whole, inside = _left_over(looked)
     sizes = np.sqrt((projection.columns**2).sum(axis=0))
     found: dict[tuple[str, str], Unidentifiable] = {}
     added = {(block.effect.law.name, block.effect.spot) for block in state.effects}
@@ -40,11 +41,9 @@ def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
         key = (candidate.law.name, candidate.spot.place)
         if key in found or bank.sizes[index] != 1 or (candidate.law.name, candidate.spot) in added:
             continue
-        column = bank.group(index)
-        inside, whole = projection.information(column)
-        if whole[0] > 0.0 and inside[0, 0] > ALMOST * whole[0]:
+        if whole[index] > 0.0 and inside[index] > ALMOST * whole[index]:
             continue
-        found[key] = Unidentifiable(*key, _reason(column[:, 0], projection.columns, sizes, state))
+        found[key] = Unidentifiable(*key, _reason(bank.group(index)[:, 0], projection.columns, sizes, state))
     return tuple(found.values())
 
 
@@ -63,22 +62,33 @@ def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
     noise = max(1.0, looked.projection.objective / looked.projection.count)
     found: dict[str, list[float]] = {}
     single = np.flatnonzero(bank.sizes == 1)
-    columns = bank.columns[:, bank.starts[single]]
-    inside = (columns**2).sum(axis=0) - ((looked.projection.half @ columns) ** 2).sum(axis=0)
-    raw = _raw_rms(bank, single, state)
-    for place, index in enumerate(single):
-        if inside[place] > ALMOST * float(columns[:, place] @ columns[:, place]):
-            size = float(np.sqrt(SHOWN * noise / inside[place]) * raw[place])
+    whole, inside = _left_over(looked)
+    raw = _raw_rms(bank, state)
+    for index in single:
+        if inside[index] > ALMOST * whole[index]:
+            size = float(np.sqrt(SHOWN * noise / inside[index]) * raw[index])
             found.setdefault(bank.candidates[index].law.name, []).append(size)
     return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in found.items())
 
 
-def _raw_rms(bank: Bank, groups: np.ndarray, state: State) -> np.ndarray:
-    """Return the RMS of the 3-D motion of the target per unit of each group's amplitude [m]."""
-    fit = state.fit
+def _left_over(looked: Round) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (G,) squares of the first column of every named candidate, and what the fit leaves of them."""
+    named = looked.sifted[0]
+    whole = np.zeros(len(named.bank.candidates))
+    for groups, squares in named.squares:
+        whole[groups] = squares[:, 0, 0]
+    return whole, whole - (named.seen[named.bank.starts[:-1]] ** 2).sum(axis=1)
+
+
+def _raw_rms(bank: Bank, state: State) -> np.ndarray:
+    """Return the (G,) RMS of the 3-D motion of the target per unit of each group's first amplitude [m]."""
+    fit, sizes = state.fit, np.zeros(len(bank.candidates))
     scale = fit.view.sigma[:, :3] / np.sqrt(fit.weights)[:, None]
-    columns = bank.columns[:, bank.starts[groups]].reshape(*fit.view.sigma.shape, -1)[:, :3] * scale[:, :, None]
-    return np.sqrt((columns**2).sum(axis=1).mean(axis=0))
+    for part in bank.parts:
+        first = np.isin(part.places, bank.starts[:-1])
+        columns = part.columns[:, first].reshape(*fit.view.sigma.shape, -1)[:, :3] * scale[:, :, None]
+        sizes[part.groups] = np.sqrt((columns**2).sum(axis=1).mean(axis=0))
+    return sizes
 
 
 def unexplained(state: State, looked: Round) -> Unexplained | None:

@@ -11,10 +11,14 @@ import numpy as np
 
 from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
-from armflex.effects.law import Effect, EffectLaw, Values, full
+from armflex.effects.law import Along, Effect, EffectLaw, Inner, LoadLaw, TwistLaw, Values, full
 from armflex.effects.scene import Scene
 from armflex.effects.spot import Spot
 from armflex.trace.projection import Projection, evidence
+
+
+def _is_searched(inner: Inner, value: float) -> bool:
+    return inner.polished and not (inner.positive and value <= 0.0)
 
 
 @dataclass(frozen=True)
@@ -28,42 +32,94 @@ class Candidate:
     @property
     def parameters(self) -> int:
         """How many numbers it takes: amplitudes, and inner parameters that are searched and in use, or not as usual."""
-        inner = zip(self.law.inner, self.inner, strict=True)
-        unusual = sum(one.usual is not None and value != one.usual for one, value in inner)
-        return len(self.spot.terms) + len(self.searched) + unusual
+        count = len(self.spot.terms)
+        for inner, value in zip(self.law.inner, self.inner, strict=True):
+            count += _is_searched(inner, value) + (inner.usual is not None and value != inner.usual)
+        return count
 
     @property
     def searched(self) -> tuple[int, ...]:
         """Inner parameters that are searched; a positive one at zero is switched off."""
-        return tuple(
-            i
-            for i, (inner, value) in enumerate(zip(self.law.inner, self.inner, strict=True))
-            if inner.polished and not (inner.positive and value <= 0.0)
-        )
+        pairs = zip(self.law.inner, self.inner, strict=True)
+        return tuple(i for i, (inner, value) in enumerate(pairs) if _is_searched(inner, value))
 
     def effect(self, amplitudes: Array) -> Effect:
         """Return the effect with amplitudes of the acting terms."""
         return Effect(self.law, self.spot, full(amplitudes, self.spot, len(self.law.amplitudes)) + self.inner)
 
 
+FLUSHED = 2**22
+"""Numbers of a bank's columns that are made at a time."""
+
+KEPT = 2**24
+"""Numbers up to which a bank keeps its columns; more are made again whenever they are asked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Some columns of a bank: each one number a row, times the same answer of the readings.
+
+    Attributes:
+        groups: (g,) which candidates, in this order.
+        places: (K,) which columns of the bank.
+        shapes: (K, R) numbers.
+        answer: (R, d) whitened and weighted change of the readings per unit; None where rows are single readings and
+            it is 1.
+    """
+
+    groups: np.ndarray
+    places: np.ndarray
+    shapes: Array
+    answer: Array | None
+
+    @property
+    def columns(self) -> Array:
+        """(n, K) the columns themselves."""
+        if self.answer is None:
+            return self.shapes.T
+        return (self.answer[:, :, None] * self.shapes.T[:, None, :]).reshape(-1, len(self.places))
+
+    def products(self, others: Array) -> Array:
+        """Return the (K, F) products of the columns with (F, n) others."""
+        if self.answer is None:
+            return self.shapes @ others.T
+        return self.shapes @ np.einsum("frd,rd->fr", others.reshape(len(others), *self.answer.shape), self.answer).T
+
+    def flipped(self, residual: Array, signs: Array) -> Array:
+        """Return the (K, F) products of the columns with a (n,) residual, M rows of it taken with (M, F) signs."""
+        if self.answer is None:
+            return self.shapes @ with_signs(residual, signs)
+        return self.shapes @ ((residual.reshape(self.answer.shape) * self.answer).sum(axis=1)[:, None] * signs)
+
+    def squares(self, some: np.ndarray) -> Array:
+        """Return the (g, k, k) products among themselves of (g, k) of the columns."""
+        shapes = self.shapes[some]
+        weighted = shapes if self.answer is None else shapes * (self.answer**2).sum(axis=1)
+        return weighted @ shapes.transpose(0, 2, 1)
+
+
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """Candidates with their whitened columns at one fit.
+    """Candidates with their whitened columns at one fit: n rows, K columns in all.
 
     Attributes:
         candidates: One per group of columns.
-        columns: (n, K) all columns side by side.
-        starts: (G + 1,) first column of every group.
+        fit, scene: Where the columns are made.
     """
 
     candidates: tuple[Candidate, ...]
-    columns: Array
-    starts: np.ndarray
+    fit: Fit
+    scene: Scene
 
     @cached_property
     def sizes(self) -> np.ndarray:
         """(G,) columns of each group."""
-        return np.diff(self.starts)
+        return np.array([len(candidate.spot.terms) for candidate in self.candidates], dtype=int)
+
+    @cached_property
+    def starts(self) -> np.ndarray:
+        """(G + 1,) first column of every group."""
+        return np.concatenate([[0], np.cumsum(self.sizes)]).astype(int)
 
     @cached_property
     def parameters(self) -> np.ndarray:
@@ -72,7 +128,73 @@ class Bank:
 
     def group(self, index: int) -> Array:
         """Return the (n, k) columns of one candidate."""
-        return self.columns[:, self.starts[index] : self.starts[index + 1]]
+        return candidate_columns(self.candidates[index], self.fit, self.scene)
+
+    @property
+    def columns(self) -> Array:
+        """(n, K) all columns side by side; to go through `parts` takes less memory."""
+        columns = np.empty((self.fit.residual.size, self.starts[-1]))
+        for part in self.parts:
+            columns[:, part.places] = part.columns
+        return columns
+
+    @property
+    def parts(self) -> Iterable[Part]:
+        """All columns, part by part."""
+        return self._kept if self.starts[-1] * len(self.fit.view.rows) <= KEPT else self._made()
+
+    @cached_property
+    def _kept(self) -> tuple[Part, ...]:
+        return tuple(self._made())
+
+    def _made(self) -> Iterator[Part]:
+        """Yield the columns, those with the same answer of the readings together.
+
+        An answer is whitened once for all of them, and a twist in one direction takes one number a row, not six.
+        """
+        view, held = self.fit.view, 0
+        shared: dict[tuple[str, tuple[str, ...], Values], Array] = {}
+        waiting: dict[tuple[type, str, bytes], list[tuple[int, Array]]] = {}
+        for index, candidate in enumerate(self.candidates):
+            law, spot, inner, direction = candidate.law, candidate.spot, candidate.inner, b""
+            if isinstance(law, TwistLaw) and isinstance(law.basis, Along):
+                direction = law.basis.direction(self.scene.here(spot, view.setup.arm), inner).tobytes()
+                if law.of_load(spot):
+                    found = law.shapes(spot, inner, view, self.scene)[list(spot.terms)]
+                else:  # the same at every site
+                    key = (law.name, spot.covariates, inner)
+                    if key not in shared:
+                        shared[key] = law.shapes(spot, inner, view, self.scene)
+                    found = shared[key] if len(spot.terms) == len(shared[key]) else shared[key][list(spot.terms)]
+            elif isinstance(law, TwistLaw | LoadLaw):
+                found = law.features(spot, inner, view, self.scene)
+            else:
+                found = candidate_columns(candidate, self.fit, self.scene)
+            waiting.setdefault((type(law), spot.site, direction), []).append((index, found))
+            held += found.size
+            if held > FLUSHED:
+                yield from (self._part(direction, some) for (_, _, direction), some in waiting.items())
+                waiting, held = {}, 0
+        yield from (self._part(direction, some) for (_, _, direction), some in waiting.items())
+
+    def _part(self, direction: bytes, some: Sequence[tuple[int, Array]]) -> Part:
+        """Return the columns of candidates at one site from what each of them brings, by its number."""
+        groups, brought = np.array([index for index, _ in some]), [found for _, found in some]
+        first, view = self.candidates[groups[0]], self.fit.view
+        places = np.concatenate([np.arange(self.starts[i], self.starts[i + 1]) for i in groups])
+        if direction:
+            answer = view.to_twist(first.spot.site) @ np.frombuffer(direction) * _scale(self.fit)
+            return Part(groups, places, np.concatenate(brought), answer)
+        if not isinstance(first.law, TwistLaw | LoadLaw):
+            return Part(groups, places, np.hstack(brought).T.copy(), None)
+        answer = first.law.answer(first.spot, view) * _scale(self.fit)[:, :, None]
+        columns = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
+        return Part(groups, places, columns.transpose(1, 0, 2).reshape(len(places), -1), None)
+
+
+def with_signs(residual: Array, signs: Array) -> Array:
+    """Return a (n,) residual with (M, F) signs of its M rows, (n, F)."""
+    return (residual.reshape(len(signs), -1, 1) * signs[:, None]).reshape(len(residual), -1)
 
 
 def candidate_columns(candidate: Candidate, fit: Fit, scene: Scene) -> Array:
@@ -82,8 +204,12 @@ def candidate_columns(candidate: Candidate, fit: Fit, scene: Scene) -> Array:
 
 def whiten(columns: Array, fit: Fit) -> Array:
     """Return (n, k) whitened and weighted (M, d, k) columns."""
-    scale = np.sqrt(fit.weights)[:, None] / fit.view.sigma
-    return (columns * scale[:, :, None]).reshape(fit.view.residual.size, -1)
+    return (columns * _scale(fit)[:, :, None]).reshape(fit.view.residual.size, -1)
+
+
+def _scale(fit: Fit) -> Array:
+    """Return the (M, d) factors that whiten and weight readings."""
+    return np.sqrt(fit.weights)[:, None] / fit.view.sigma
 
 
 def grid(law: EffectLaw, spot: Spot, scene: Scene) -> Iterator[Values]:
@@ -95,16 +221,13 @@ def candidates_of(laws: Iterable[EffectLaw], scene: Scene) -> Iterator[Candidate
     """Yield every candidate of some laws in a campaign."""
     for law in laws:
         for spot in law.spots(scene):
-            for inner in grid(law, spot, scene):
+            for inner in grid(law, spot, scene) if law.inner else ((),):
                 yield Candidate(law, spot, inner)
 
 
 def bank(candidates: Iterable[Candidate], fit: Fit, scene: Scene) -> Bank:
     """Return candidates with their columns at a fit."""
-    known = tuple(candidates)
-    parts = [candidate_columns(candidate, fit, scene) for candidate in known]
-    starts = np.concatenate([[0], np.cumsum([part.shape[1] for part in parts])]).astype(int)
-    return Bank(known, np.hstack([np.zeros((fit.residual.size, 0)), *parts]), starts)
+    return Bank(tuple(candidates), fit, scene)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,39 +251,52 @@ class Screening:
 
 @dataclass(frozen=True, eq=False)
 class Sifted:
-    """A bank, projected: everything that does not depend on the residual."""
+    """A bank, projected: what later steps need of its columns.
+
+    Attributes:
+        bank: The candidates.
+        projection: Of the fit.
+        seen: (K, P) X'A L^-T.
+        scores: (K,) products of the columns with the fit's own residual.
+        squares: For every group size: groups, and (g, k, k) products of their columns among themselves.
+    """
 
     bank: Bank
     projection: Projection
     seen: Array
-    """(P, K) L^-1 A'X."""
-
-    def score(self, residuals: Array, stationary: bool) -> Array:
-        """Return (K, F) scores of (n, F) residuals, projected where they are not those of the fit itself."""
-        raw = self.bank.columns.T @ residuals
-        return raw if stationary else raw - self.seen.T @ (self.projection.half @ residuals)
+    scores: Array
+    squares: tuple[tuple[np.ndarray, Array], ...]
 
     @cached_property
     def solvers(self) -> list[tuple[np.ndarray, Array]]:
         """For every group size: groups, and (g, k, k) factors W with gain = |W' score|^2."""
         found = []
-        for size in np.unique(self.bank.sizes):
-            groups = np.flatnonzero(self.bank.sizes == size)
-            places = self.bank.starts[groups][:, None] + np.arange(size)
-            columns = self.bank.columns[:, places].transpose(1, 2, 0)
-            seen = self.seen[:, places].transpose(1, 2, 0)
-            whole = columns @ columns.transpose(0, 2, 1)
-            found.append((groups, _factors(whole - seen @ seen.transpose(0, 2, 1), whole, self.projection.shy)))
+        for groups, whole in self.squares:
+            seen = self.seen[self._places(groups, whole)]
+            inside = whole - seen @ seen.transpose(0, 2, 1)
+            found.append((groups, _factors(inside, whole, self.projection.shy)))
         return found
 
-    def gains(self, residuals: Array, stationary: bool = True) -> Array:
-        """Return the (G, F) gains of all candidates for (n, F) residuals."""
-        scores = self.score(residuals, stationary)
-        gains = np.zeros((len(self.bank.candidates), residuals.shape[1]))
+    def gains(self, signs: Array | None = None) -> Array:
+        """Return the (G, F) gains of all candidates for the fit's residual, its rows with (M, F) signs if any.
+
+        A residual with other signs is projected: it is no longer that of the fit.
+        """
+        if signs is None:
+            scores = self.scores[:, None]
+        else:
+            residual = self.projection.residual
+            scores = -self.seen @ (self.projection.half @ with_signs(residual, signs))
+            for part in self.bank.parts:
+                scores[part.places] += part.flipped(residual, signs)
+        gains = np.zeros((len(self.bank.candidates), scores.shape[1]))
         for groups, factors in self.solvers:
-            places = self.bank.starts[groups][:, None] + np.arange(factors.shape[1])
-            gains[groups] = ((factors.transpose(0, 2, 1) @ scores[places]) ** 2).sum(axis=1)
+            gains[groups] = ((factors.transpose(0, 2, 1) @ scores[self._places(groups, factors)]) ** 2).sum(axis=1)
         return gains
+
+    def _places(self, groups: np.ndarray, matrices: Array) -> np.ndarray:
+        """Return the (g, k) columns of groups of a size."""
+        return self.bank.starts[groups][:, None] + np.arange(matrices.shape[1])
 
 
 def _factors(inside: Array, whole: Array, shy: float) -> Array:
@@ -175,12 +311,28 @@ def _factors(inside: Array, whole: Array, shy: float) -> Array:
 
 def sift(candidates: Bank, projection: Projection) -> Sifted:
     """Return a bank projected on a fit."""
-    return Sifted(candidates, projection, projection.half @ candidates.columns)
+    count = int(candidates.starts[-1])
+    seen, scores = np.empty((count, len(projection.precision))), np.empty(count)
+    squares: dict[int, list[tuple[np.ndarray, Array]]] = {}
+    for part in candidates.parts:
+        seen[part.places] = part.products(projection.half)
+        scores[part.places] = part.products(projection.residual[None])[:, 0]
+        sizes = candidates.sizes[part.groups]
+        starts = np.cumsum(sizes) - sizes
+        for size in np.unique(sizes).tolist():
+            some = sizes == size
+            whole = part.squares(starts[some][:, None] + np.arange(size))
+            squares.setdefault(size, []).append((part.groups[some], whole))
+    joined = tuple(
+        (np.concatenate([groups for groups, _ in found]), np.concatenate([whole for _, whole in found]))
+        for found in squares.values()
+    )
+    return Sifted(candidates, projection, seen, scores, joined)
 
 
 def screen(sifted: Sifted) -> Screening:
     """Return what every candidate could explain of the fit's residual."""
-    gains = sifted.gains(sifted.projection.residual[:, None])[:, 0]
+    gains = sifted.gains()[:, 0]
     projection, parameters = sifted.projection, sifted.bank.parameters
     worth = evidence(gains, projection.objective, projection.count, parameters)
     return Screening(sifted.bank, gains, np.asarray(worth))

@@ -55,7 +55,7 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, pr
     if not _is_small(law.features(spot, candidate.inner, fit.view, scene), amplitudes):
         return False
     if law.name == "hysteresis":
-        return _is_stiff(np.abs(amplitudes[0]) * resolve(spot, fit.setup.arm.robot, ()).direction)
+        return bool(_is_stiff(np.abs(amplitudes[0]) * resolve(spot, fit.setup.arm.robot, ()).direction))
     if not law.loaded or law.memory is not None:
         return True
     return _gives(candidate.effect(amplitudes), fit, scene, present)
@@ -84,23 +84,21 @@ def _gives(effect: Effect, fit: Fit, scene: Scene, present: bool) -> bool:
     own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
     total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
     total = np.broadcast_to(total, own.shape) + (0.0 if present else own)
-    good = [
-        _is_stiff(np.diag(a)) and (effect.law.name in FREE or _is_compliance(b))
-        for a, b in zip(own, total, strict=True)
-    ]
-    return 2 * sum(good) >= len(good)
+    good = _is_stiff(np.einsum("...ii->...i", own)) & (effect.law.name in FREE or _is_compliance(total))
+    return bool(2 * good.sum() >= len(some))
 
 
-def _is_stiff(own: Array) -> bool:
-    """Return whether a (6,) compliance is no softer than a joint can be."""
-    return bool((own[:3] < SOFT * SOFTEST[0]).all() and (own[3:] < SOFT * SOFTEST[1]).all())
+def _is_stiff(own: Array) -> np.ndarray:
+    """Return (...,) whether a (..., 6) compliance is no softer than a joint can be."""
+    return (own < SOFT * np.repeat(SOFTEST, 3)).all(axis=-1)
 
 
-def _is_compliance(tangent: Array) -> bool:
-    """Return whether a (6, 6) derivative of twist by wrench has a positive diagonal and couplings within its means."""
-    own = np.diag(tangent)
-    if (own < -1e-9 * np.abs(own).max(initial=0.0)).any():
-        return False
-    most = np.sqrt(np.outer(np.maximum(own, 0.0), np.maximum(own, 0.0)))
-    coupled = np.abs(0.5 * (tangent + tangent.T)) - np.diag(np.abs(own))
-    return bool((coupled <= SLACK * most + 1e-9 * np.abs(tangent).max(initial=0.0)).all())
+def _is_compliance(tangents: Array) -> np.ndarray:
+    """Return (R,) whether (R, 6, 6) derivatives of twist by wrench have a positive diagonal, couplings within it."""
+    own = np.einsum("rii->ri", tangents)
+    positive = (own >= -1e-9 * np.abs(own).max(axis=1, keepdims=True)).all(axis=1)
+    held = np.maximum(own, 0.0)
+    most = SLACK * np.sqrt(held[:, :, None] * held[:, None, :])
+    coupled = np.abs(0.5 * (tangents + tangents.transpose(0, 2, 1))) - np.abs(own)[:, :, None] * np.eye(6)
+    least = 1e-9 * np.abs(tangents).max(axis=(1, 2), keepdims=True)
+    return positive & (coupled <= most + least).all(axis=(1, 2))
