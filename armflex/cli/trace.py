@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
+from armflex.calibrate.effect_block import numbered
 from armflex.calibrate.file import write_traced
 from armflex.cli.options import (
     Command,
@@ -118,16 +119,17 @@ def _values(found: Found) -> list[str]:
 
 def _remarks(found: Trace) -> Iterator[str]:
     yield from _left_out(found)
-    for one in found.found:
+    for one, block in zip(found.found, found.state.effects, strict=True):
+        title = f"{one.effect.title}{numbered(block.number)}"
         if one.witness:
             yield (
-                f"{one.effect.title} is believed because fitted parameters no longer strain against their priors; "
+                f"{title} is believed because fitted parameters no longer strain against their priors; "
                 "held-out rows are not predicted clearly better."
             )
         rivals = list(dict.fromkeys(effect.title for effect, _ in one.equivalent))
         if rivals:
             more = f", and {len(rivals) - 3} more" if len(rivals) > 3 else ""
-            yield f"These data do not tell {one.effect.title} from {', '.join(rivals[:3])}{more}."
+            yield f"These data do not tell {title} from {', '.join(rivals[:3])}{more}."
     if found.unexplained is not None:
         yield _left(found.unexplained)
     elif not found.found:
