@@ -26,6 +26,7 @@ from armflex.cli.options import (
 from armflex.cli.tables import console, number, print_table
 from armflex.effects.effect_file import names_of
 from armflex.effects.law import Effect
+from armflex.effects.remember import derived_directions
 from armflex.effects.spot import LINK
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
@@ -63,7 +64,7 @@ def command(
     measurements = read_measurements(measurements_path, arm, points=points)
     found = trace(arm, measurements, report=_say(), keep=keep)
     print_trace(found)
-    show_flags(measurements.flags)
+    show_flags((*measurements.flags, *derived_directions(found.arm, measurements, found.rows)))
     write_json(json_path, as_json(found))
     write_traced(arm_path, found, output)
     if report_path is not None:

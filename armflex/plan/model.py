@@ -29,7 +29,7 @@ from armflex.calibrate.view import Setup, View, look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.effects.scene import Scene
-from armflex.errors import InputError, listing
+from armflex.errors import Flag, InputError, listing
 from armflex.laws.learned import LearnedLaw
 from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
@@ -55,6 +55,7 @@ class Before:
         weights: (M,) what every row counts beside the others, 0 where nothing was read.
         fit: The campaign's fit.
         noise: Standard deviation of the readings over the stated one, 1 or more.
+        flags: Doubts about the campaign.
     """
 
     setup: Setup
@@ -64,6 +65,7 @@ class Before:
     weights: Array | None = None
     fit: Fit | None = None
     noise: float = 1.0
+    flags: tuple[Flag, ...] = ()
 
     def seen_by(self, setup: Setup) -> Before:
         """Return the same as another arm or instrument has it."""
@@ -89,7 +91,8 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     view = look(fitted.setup, after, np.arange(len(after)))
     weights = np.zeros(len(after))
     weights[fitted.view.rows] = fitted.weights
-    return Before(fitted.setup, after, view, scene_of(view, after), weights, fitted, max(found.scatter, 1.0))
+    scene, noise = scene_of(view, after), max(found.scatter, 1.0)
+    return Before(fitted.setup, after, view, scene, weights, fitted, noise, found.flags)
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,6 +73,7 @@ class _Task:
 def _task(before: Before, asked: Question, effects: Sequence[Effect]) -> _Task:
     arm = before.setup.arm
     reach, doubts = reach_of(before, asked, effects)
+    doubts = (*before.flags, *doubts)
     offer = spread(reach, before.setup, OFFERED, asked.seed)
     if len(offer.rows) < asked.rows:
         raise InputError(f"{asked.rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")

@@ -150,6 +150,8 @@ def add(state: State, found: Polished) -> State:
     """Return the state with a candidate added, or joined to the effect that it widens, and everything refitted."""
     values = _beginning(state, found)
     what = found.candidate.effect(found.amplitudes)
+    derived = tuple(name for name in what.spot.covariates if name in state.measurements.derived)
+    what = replace(what, derived=derived)
     starts = [values[state.fit.places(block)] for block in state.effects]
     widened = [i for i, block in enumerate(state.effects) if _is_same_law(block.effect, what)]
     place = widened[0] if widened else len(starts)

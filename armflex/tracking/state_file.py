@@ -20,7 +20,7 @@ from armflex.tracking.watch import Anchor, Change, Watch
 from armflex.whole_file import write_whole
 
 KEY, FORMAT = "armflex", "armflex-tracker-2"
-PLAIN = ("count", "outliers", "session", "time", "timed", "clock", "drifted", "waiting", "patience")
+PLAIN = ("count", "outliers", "session", "time", "timed", "clock", "drifted", "waiting", "patience", "q", "approach")
 """What of a state is told as it is."""
 
 Tensors = dict[str, np.ndarray]
