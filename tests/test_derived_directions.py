@@ -29,6 +29,7 @@ from armflex import (
 )
 from armflex.calibrate.file import write_calibrated, write_traced
 from armflex.errors import ArmFileError, MissingCovariateError
+from armflex.trajectory import write_trajectory
 
 GAP, COUNT, STILL = 1.4e-3, 90, 3
 """Play of J2 [rad], rows, and how many of the first ones are over before J2 moves."""
@@ -159,14 +160,19 @@ def test_a_plan_after_a_campaign_without_directions(arm: Arm, rows: Measurements
     assert found.reach.approached == ("J2",) and found.std_after.max() < np.inf
 
 
-def test_a_path_says_that_directions_are_its_own(arm: Arm) -> None:
+def test_a_path_says_that_directions_are_its_own(armflex: Run, arm: Arm, traced: Path, tmp_path: Path) -> None:
     q = np.array([[0.1, 0.2, 0.3], [0.4, 0.4, 0.5], [0.2, 0.7, 0.4]])
     path = Trajectory(arm.joint_names, np.arange(3.0), q, ("none",) * 3, ("a", "b", "c"))
     told = replace(path, covariates={"approach_J2": np.array([1.0, 1.0, 1.0])})
-    for ask in (lambda one: check(arm, one, 0.05), lambda one: compensate(arm, one)):
+    asks = (lambda one: check(arm, one, 0.05), lambda one: compensate(arm, one), lambda one: plan(arm, 3, along=one))
+    for ask in asks:
         (flag,) = [flag for flag in ask(path).flags if flag.code == "approach_derived"]
         assert flag.text.startswith("approach_J2 is not given") and "1 row does not" in flag.text
         assert "approach_derived" not in [flag.code for flag in ask(told).flags]
+    write_trajectory(path, tmp_path / "t.csv")
+    asked = ("view", traced, "--traj", "t.csv", "-o", "v.html")
+    said = [fine(armflex(*asked, *more)) for more in ((), ("--covariates", "approach_J2=1"))]
+    assert ["approach_J2 is not given" in one.stderr for one in said] == [True, False]
 
 
 def test_a_tracker_takes_directions_from_its_readings(arm: Arm, folder: Path) -> None:

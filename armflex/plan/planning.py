@@ -73,7 +73,8 @@ class _Task:
 def _task(before: Before, asked: Question, effects: Sequence[Effect]) -> _Task:
     arm = before.setup.arm
     reach, doubts = reach_of(before, asked, effects)
-    doubts = (*before.flags, *doubts)
+    path = () if asked.along is None else asked.along.derived_directions(arm)
+    doubts = (*before.flags, *path, *doubts)
     offer = spread(reach, before.setup, OFFERED, asked.seed)
     if len(offer.rows) < asked.rows:
         raise InputError(f"{asked.rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")
