@@ -169,6 +169,11 @@ def test_a_path_says_that_directions_are_its_own(armflex: Run, arm: Arm, traced:
         (flag,) = [flag for flag in ask(path).flags if flag.code == "approach_derived"]
         assert flag.text.startswith("approach_J2 is not given") and "1 row does not" in flag.text
         assert "approach_derived" not in [flag.code for flag in ask(told).flags]
+    first, known = (next(p for p in check(arm, one, 0.05).via_points if p.name == "a") for one in (path, told))
+    ends = [arm.deflection(q[0], covariates={"approach_J2": side}).displacement[:3] for side in (-1.0, 1.0)]
+    along = ends[0] + ends[1]
+    half = 0.5 * (ends[1] - ends[0]) @ along / np.linalg.norm(along)
+    assert first.sigma_m == pytest.approx(np.hypot(half, known.sigma_m), rel=0.02) and abs(half) > 5.0 * known.sigma_m
     write_trajectory(path, tmp_path / "t.csv")
     asked = ("view", traced, "--traj", "t.csv", "-o", "v.html")
     said = [fine(armflex(*asked, *more)) for more in ((), ("--covariates", "approach_J2=1"))]

@@ -15,7 +15,7 @@ from armflex.calibrate.effect_block import EffectBlock, numbers_of
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.instrument_blocks import MOUNTING, FrameBlock, MountingBlock, SessionBlock, TargetBlock
 from armflex.calibrate.law_block import LAW, LawBlock, learned_laws
-from armflex.calibrate.view import Setup, View, look
+from armflex.calibrate.view import Setup, View, look, untold_shifts
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects.remember import known_rows
@@ -132,6 +132,8 @@ def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None,
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
         covariance += along[:, :, None] * along[:, None]
     covariance[:, :3, :3] += arm.certainty.misfit**2 * np.eye(3)
+    shifts = untold_shifts(view.setup, rows)
+    covariance += np.einsum("knd,kne->nde", shifts, shifts)
     doubts = (_open(arm.certainty, "leaves them out"),) if arm.certainty.leaves_open(columns).any() else ()
     return covariance, (*doubts, *_lacking(arm.certainty))
 
