@@ -120,8 +120,8 @@ def _values(found: Found) -> list[str]:
 
 def _remarks(found: Trace) -> Iterator[str]:
     yield from _left_out(found)
-    for one, block in zip(found.found, found.state.effects, strict=True):
-        title = f"{one.effect.title}{numbered(block.number)}"
+    for one, which in zip(found.found, found.numbers, strict=True):
+        title = f"{one.effect.title}{numbered(which)}"
         if one.witness:
             yield (
                 f"{title} is believed because fitted parameters no longer strain against their priors; "

@@ -171,7 +171,7 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
 
 
 def _effect(trace: Trace, index: int) -> EffectAccount:
-    found, number = trace.found[index], trace.state.effects[index].number
+    found, number = trace.found[index], trace.numbers[index]
     return EffectAccount(
         heading=summary.where_effect(found, number),
         name=labelled(found.effect, number),

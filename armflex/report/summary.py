@@ -23,8 +23,8 @@ def headline(trace: Trace) -> str:
         several = joined([called(one.effect) for one in trace.found[:MOST_NAMED]])
         return f"The arm lacked {len(trace.found)} effects, first of all {several}."
     if trace.found:
-        pairs = zip(trace.found, trace.state.effects, strict=True)
-        parts = [called(one.effect, block.number) + _values(one) for one, block in pairs]
+        pairs = zip(trace.found, trace.numbers, strict=True)
+        parts = [called(one.effect, number) + _values(one) for one, number in pairs]
         return f"The arm lacked {'; and '.join(parts)}."
     if trace.unexplained:
         return f"Something moves this arm that no recorded column explains{_where(trace.unexplained)}."
@@ -57,8 +57,8 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
 
 def further(trace: Trace, accurate: Accuracy) -> list[str]:
     """Return what has to be said beside the result: what is not told apart, what is left, what would have shown."""
-    pairs = zip(trace.found, trace.state.effects, strict=True)
-    said = [_not_told(one, block.number) for one, block in pairs if one.equivalent]
+    pairs = zip(trace.found, trace.numbers, strict=True)
+    said = [_not_told(one, number) for one, number in pairs if one.equivalent]
     said += [
         f"Adding {words(one.effect.law.name).title} hardly lowers the error; it is believed because fitted "
         "parameters no longer strain against what was known of them."
