@@ -19,11 +19,11 @@ MOST_NAMED = 2
 
 def headline(trace: Trace) -> str:
     """Return what was found, in one sentence."""
+    pairs = list(zip(trace.found, trace.numbers, strict=True))
     if len(trace.found) > MOST_NAMED:
-        several = joined([called(one.effect) for one in trace.found[:MOST_NAMED]])
+        several = joined([called(one.effect, number) for one, number in pairs[:MOST_NAMED]])
         return f"The arm lacked {len(trace.found)} effects, first of all {several}."
     if trace.found:
-        pairs = zip(trace.found, trace.numbers, strict=True)
         parts = [called(one.effect, number) + _values(one) for one, number in pairs]
         return f"The arm lacked {'; and '.join(parts)}."
     if trace.unexplained:
