@@ -1,4 +1,9 @@
-"""How well the parameters of a calibrated arm are known, as its file says it."""
+"""How well the parameters of a calibrated arm are known, as its file says it.
+
+`parameters` names what the rows of `covariance` are of: block and parameter, 'compliance A4 ry'. An effect's are
+'effect LAW SITE AXIS PARAMETER'; where the file has several [[effect]]s of one law, site and axis, those from the
+second on have their number before the parameter, in the order of the file: 'effect gear_harmonic A2 rz #2 k'.
+"""
 
 from __future__ import annotations
 

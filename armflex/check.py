@@ -130,7 +130,8 @@ def check(
     """
     if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
         raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
-    trajectory = trajectory.with_constants(arm, covariates or {}).prepared(arm)
+    trajectory = trajectory.with_constants(arm, covariates or {})
+    derived, trajectory = trajectory.derived_directions(arm), trajectory.prepared(arm)
     _check_steps(arm, trajectory)
     judge = _Judge(without_declared_doubt(arm), tolerance, angle, method)
     rows = [sample.point for sample in judge.samples_of([trajectory])[0]]
@@ -144,7 +145,7 @@ def check(
     everything = [*rows, *segments]
     worst = min(everything, key=lambda point: point.badness)
     ok = all(point.verdict == "ok" for point in everything)
-    flags = tuple(judge.flags.values())
+    flags = (*derived, *judge.flags.values())
     return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, judge.samples, flags, tuple(rows))
 
 

@@ -137,7 +137,8 @@ def compensate(
         rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
         gaps = _gaps(arm, trajectory, moved)
     widest = None if gaps is None else float(gaps.max(initial=0.0))
-    flags = (*doubts(moved, rows), *too_fast(arm, trajectory, moved), *too_wide(widest, between))
+    derived = moved.derived_directions(arm)
+    flags = (*derived, *doubts(moved, rows), *too_fast(arm, trajectory, moved), *too_wide(widest, between))
     result = Compensation(moved, rows, match, widest, flags)
     if not (result.ok or best_effort):
         raise UnreachableError(_summary(result), result)

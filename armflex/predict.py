@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.calibrate.spread import fitted_variance, without_declared_doubt
+from armflex.calibrate.view import Setup, untold_shifts
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects.remember import check_covariates, derived_directions, known_rows
 from armflex.errors import Flag, InputError, Place, naming
@@ -61,7 +62,8 @@ def predict(
     Raises:
         InputError: A covariate is a column already, or one that no effect depends on.
         MissingCovariateError: An effect depends on what the rows do not give: a column, a time, the direction that a
-            joint came from where no row before tells.
+            joint came from where no row before tells, unless it was found in such rows (`Effect.derived`): then the
+            joint is taken as halfway, and `sigma` holds that it came from either side.
         ArmflexError: A row cannot be computed; its file and line are named.
     """
     rows = _with_constants(arm, rows, covariates or {})
@@ -79,11 +81,12 @@ def predict(
     instrument = arm.instrument or Instrument()
     tip = np.array([one.pose.homogeneous for one in found])
     fitted, doubts = fitted_variance(arm, rows)
+    untold = (untold_shifts(Setup(arm, instrument), rows)[:, :, :3] ** 2).sum(axis=0)
     return Prediction(
         rows,
         instrument.readings(tip, rows.session),
         np.array([pin.log3(rotation) for rotation in instrument.rotations(tip, rows.session)]),
-        _sigma(found, instrument, fitted),
+        _sigma(found, instrument, fitted, untold),
         np.array([one.displacement for one in found]),
         (*derived, *_flags(arm, rows, found), *doubts),
     )
@@ -107,8 +110,11 @@ def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]
     return replace(rows, **own, approach=np.column_stack(approach), covariates=known, derived=derived)
 
 
-def _sigma(found: list[Deflection], instrument: Instrument, fitted: Array | None) -> Array | None:
-    """Return (N, 3) standard uncertainties of the target's position: the laws' own, and of what was fitted."""
+def _sigma(found: list[Deflection], instrument: Instrument, fitted: Array | None, untold: Array) -> Array | None:
+    """Return (N, 3) standard uncertainties of the target's position: the laws' own, of what was fitted, and `untold`.
+
+    None where neither a law nor a fit has one: what directions leave open would be taken for all of it.
+    """
     if fitted is None and all(one.covariance is None for one in found):
         return None
     rows = []
@@ -117,7 +123,7 @@ def _sigma(found: list[Deflection], instrument: Instrument, fitted: Array | None
         seen = instrument.pose.rotation @ np.hstack([np.eye(3), -lever])
         covariance = np.zeros((6, 6)) if one.covariance is None else one.covariance
         rows.append(np.diag(seen @ covariance @ seen.T))
-    return np.sqrt(np.array(rows) + (0.0 if fitted is None else fitted))
+    return np.sqrt(np.array(rows) + (0.0 if fitted is None else fitted) + untold)
 
 
 def _flags(arm: Arm, rows: Measurements, found: list[Deflection]) -> tuple[Flag, ...]:

@@ -116,7 +116,10 @@ def length_sigma(vectors: Array, covariance: Array) -> Array:
 
 
 def _rows(arm: Arm, q: Array, payloads: Sequence[str | Payload], covariates: Mapping[str, Array]) -> Measurements:
-    """Return configurations as rows of a campaign in which orientations count and nothing was read."""
+    """Return configurations as rows of a campaign in which orientations count and nothing was read.
+
+    A direction of 0 is one that nothing tells: of effects that derive it, the joint came from either side.
+    """
     count, blank = len(q), ("",) * len(q)
     given = dict(covariates)
     return Measurements(
@@ -135,4 +138,5 @@ def _rows(arm: Arm, q: Array, payloads: Sequence[str | Payload], covariates: Map
         hold=given.pop("hold", None),
         covariates=given,
         places=(),
+        derived=tuple(dict.fromkeys(name for effect in arm.effects for name in effect.derived)),
     )

@@ -11,12 +11,10 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.effects.remember import check_covariates, known_rows
-from armflex.effects.scene import last_motion
-from armflex.errors import InputError, Place, ShapeError, TableError, UnknownNameError, did_you_mean, listing
+from armflex.effects.remember import check_covariates, derived_direction, known_rows
+from armflex.effects.scene import APPROACH, last_motion
+from armflex.errors import Flag, InputError, Place, ShapeError, TableError, UnknownNameError, did_you_mean, listing
 from armflex.measured.table import Table, read_table, write_table
-
-APPROACH = "approach_"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +122,13 @@ class Trajectory:
         # A payload's mass goes with the payload, and time with the rows.
         kept = {name: values for name, values in known.items() if name not in ("payload_mass", "time")}
         return replace(ordered, covariates=kept)
+
+    def derived_directions(self, arm: Arm) -> tuple[Flag, ...]:
+        """Return a flag for every direction that the arm's effects depend on and no column gives."""
+        moved = self.known
+        asked = dict.fromkeys(name for effect in arm.effects for name in effect.spot.covariates)
+        names = [name for name in asked if name.startswith(APPROACH) and name not in self.covariates]
+        return tuple(derived_direction(name, int((moved[name] == 0.0).sum())) for name in names)
 
     def motion(self, i: int) -> dict[str, Array | None]:
         """Return row i's velocities and accelerations as `Arm.deflection` takes them."""

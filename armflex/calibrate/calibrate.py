@@ -21,7 +21,7 @@ from armflex.calibrate.weigh import ROUNDS, Weighed
 from armflex.conventions import Array
 from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.law import LoadLaw, TwistLaw
-from armflex.effects.remember import derived_directions, known_rows
+from armflex.effects.remember import derived_directions, known_rows, without_direction
 from armflex.errors import Flag, InputError, Place, UnsupportedError, listing
 from armflex.laws.learned import Seen
 from armflex.measured.instrument import Instrument, fit_frame, fit_mounting
@@ -53,7 +53,8 @@ class Calibration:
         fit: The fit itself: values, covariance, residuals.
         placed: The rows as the declared arm explains them, only the instrument's frame fitted.
         measurements: The campaign.
-        flags: Doubts about the learned laws: a search that did not settle.
+        flags: Doubts: directions that the order of the rows stood in for, a search for a learned law that did not
+            settle.
     """
 
     arm: Arm
@@ -128,7 +129,7 @@ def calibrate(
 
     Readings that scatter more than they state, because the arm lacks something, are weighed by their scatter: else what
     is free would be driven far beyond its prior to make up for it. An arm that was calibrated before is fitted about
-    what it was calibrated to.
+    what it was calibrated to. Rows that do not tell a direction which an effect derives from their order are left out.
 
     Args:
         arm: The arm as declared; its prior says what may move and how far.
@@ -147,8 +148,7 @@ def calibrate(
         UnsupportedError: The arm has effects that change masses, gravity or the instrument.
         ConvergenceError: The fit did not settle.
     """
-    used = np.flatnonzero(measurements.measured) if rows is None else rows
-    _check_fit(arm, measurements, used)
+    used, derived = _usable(arm, measurements, rows)
     declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.name in FRAMES]
     laws = None if keep else law_block(declared, placed, seen)
@@ -160,7 +160,7 @@ def calibrate(
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
     calibrated = replace(settled(found.setup.arm, found), **known)
-    return Calibration(calibrated, found, placed, measurements, flags)
+    return Calibration(calibrated, found, placed, measurements, (*derived, *flags))
 
 
 def _fit(
@@ -187,8 +187,7 @@ def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:
     Raises:
         As `calibrate`, before its fit.
     """
-    used = np.flatnonzero(measurements.measured)
-    _check_fit(arm, measurements, used)
+    used = _usable(arm, measurements, None)[0]
     laws = law_block(*_placed(replace(arm, certainty=None), measurements, used))
     return {} if laws is None else {name: law.seen for name, law in zip(laws.flexures, laws.laws, strict=True)}
 
@@ -201,8 +200,11 @@ def _placed(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Set
     return declared, view
 
 
-def _check_fit(arm: Arm, measurements: Measurements, used: np.ndarray) -> None:
-    """Raise where an arm cannot be fitted to some rows of a campaign; see `calibrate`."""
+def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tuple[np.ndarray, tuple[Flag, ...]]:
+    """Return the rows that an arm can be fitted to, and doubts about them; raise where it cannot, see `calibrate`."""
+    asked = np.flatnonzero(measurements.measured) if rows is None else rows
+    untold = without_direction([effect for effect in arm.effects if effect.derived], measurements)[asked]
+    used = asked[~untold]
     if len(used) < FEWEST_ROWS:
         raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
     fixed = [effect.name for effect in arm.effects if not isinstance(effect.law, TwistLaw | LoadLaw)]
@@ -210,7 +212,11 @@ def _check_fit(arm: Arm, measurements: Measurements, used: np.ndarray) -> None:
         text = f"effects that change the model itself cannot be fitted about: {listing(fixed)}"
         others = listing(name for name, law in CATALOGUE.items() if not isinstance(law, TwistLaw | LoadLaw))
         raise UnsupportedError(f"{text} (such are {others}); leave them out of the arm that is fitted")
-    derived_directions(arm, measurements, used)
+    flags = derived_directions(arm, measurements, used)
+    if untold.any():
+        text = f"{untold.sum()} rows are left out: nothing tells from where a joint came before it first moved"
+        flags = (*flags, Flag("direction_unknown", text))
+    return used, flags
 
 
 def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup:

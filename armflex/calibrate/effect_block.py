@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +33,7 @@ class EffectBlock:
         scene: The campaign; None where the block is only applied.
         ordinal: Place of the effect among the arm's.
         prior: (k,) standard deviations of its values about zero; see `shy_prior`.
+        number: Which it is among the arm's effects of the same name, from 1 on; see `numbers_of`.
     """
 
     effect: Effect
@@ -39,11 +42,12 @@ class EffectBlock:
     ordinal: int
     prior: Array
     logarithmic: bool = False
+    number: int = 1
 
     @property
     def name(self) -> str:
-        """Law, site and axis."""
-        return f"effect {self.effect.name}"
+        """Law, site and axis, and its number where it is not the first such one: 'effect gear_harmonic A2 rz #2'."""
+        return f"effect {self.effect.name}{numbered(self.number)}"
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -94,6 +98,24 @@ class EffectBlock:
             scale = abs(effect.named[label]) if inner is not None and inner.positive else 1.0
             found[label] = float(deviation) * scale
         return found
+
+
+def numbers_of(effects: Sequence[Effect]) -> tuple[int, ...]:
+    """Return for each of an arm's effects which of its name (law, site and axis) it is, in their order, from 1 on.
+
+    A joint may have several harmonics, and a name tells them apart by nothing else.
+    """
+    met: Counter[str] = Counter()
+    numbers = []
+    for effect in effects:
+        met[effect.name] += 1
+        numbers.append(met[effect.name])
+    return tuple(numbers)
+
+
+def numbered(number: int) -> str:
+    """Return how a number ends an effect's name: ' #2', and nothing for the first."""
+    return f" #{number}" if number > 1 else ""
 
 
 def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:

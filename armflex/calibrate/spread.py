@@ -11,11 +11,11 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.calibrate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
 from armflex.calibrate.blocks import Block, joint_units
-from armflex.calibrate.effect_block import EffectBlock
+from armflex.calibrate.effect_block import EffectBlock, numbers_of
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.instrument_blocks import MOUNTING, FrameBlock, MountingBlock, SessionBlock, TargetBlock
 from armflex.calibrate.law_block import LAW, LawBlock, learned_laws
-from armflex.calibrate.view import Setup, View, look
+from armflex.calibrate.view import Setup, View, look, untold_shifts
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects.remember import known_rows
@@ -47,8 +47,8 @@ def certainty_of(fit: Fit) -> Certainty:
     Where the declared arm was fitted before, what is known of it stays known; only frames are of one campaign.
     """
     random = [block for block in fit.blocks if block.name.startswith(f"{RANDOM} ")]
-    names = {block.name for block in random}
-    kept = np.array([i for i, (block, _) in enumerate(fit.labels) if block not in names], dtype=int)
+    own = np.concatenate([np.zeros(0, dtype=int), *(fit.places(block) for block in random)])
+    kept = np.setdiff1d(np.arange(len(fit.values)), own)
     labels = tuple(f"{block} {label}" for block, label in (fit.labels[i] for i in kept))
     unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None
     known = fit.posterior
@@ -132,6 +132,8 @@ def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None,
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
         covariance += along[:, :, None] * along[:, None]
     covariance[:, :3, :3] += arm.certainty.misfit**2 * np.eye(3)
+    shifts = untold_shifts(view.setup, rows)
+    covariance += np.einsum("knd,kne->nde", shifts, shifts)
     doubts = (_open(arm.certainty, "leaves them out"),) if arm.certainty.leaves_open(columns).any() else ()
     return covariance, (*doubts, *_lacking(arm.certainty))
 
@@ -279,16 +281,21 @@ def scene_of(view: View, rows: Measurements) -> Scene:
 
 
 def _effect_blocks(labels: list[str], arm: Arm, scene: Scene | None) -> list[Block]:
-    """Return the blocks of the effects whose parameters the labels name, in order."""
+    """Return the blocks of the effects whose parameters the labels name, in order.
+
+    Files from before effects of one name were numbered name the second as if it were the first: by other amplitudes.
+    """
     blocks: list[Block] = []
-    for ordinal, effect in enumerate(arm.effects):
-        block = EffectBlock(effect, (), scene, ordinal, np.zeros(0))
-        acting = [f"{block.name} {label}" for label in block.labels]
-        if labels[: len(acting)] != acting:
-            continue
-        labels = labels[len(acting) :]
-        names = [f"{block.name} {inner.name}" for inner in effect.law.inner]
-        free = list(takewhile(names.__contains__, labels))
-        blocks.append(replace(block, free=tuple(names.index(name) for name in free)))
-        labels = labels[len(free) :]
+    for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
+        for name in dict.fromkeys((number, 1)):
+            block = EffectBlock(effect, (), scene, ordinal, np.zeros(0), number=name)
+            acting = [f"{block.name} {label}" for label in block.labels]
+            if labels[: len(acting)] != acting:
+                continue
+            labels = labels[len(acting) :]
+            names = [f"{block.name} {inner.name}" for inner in effect.law.inner]
+            free = list(takewhile(names.__contains__, labels))
+            blocks.append(replace(block, free=tuple(names.index(name) for name in free)))
+            labels = labels[len(free) :]
+            break
     return blocks

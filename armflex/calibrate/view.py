@@ -12,8 +12,9 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.effects.law import Effect
-from armflex.effects.remember import known_rows
+from armflex.effects.remember import directions, known_rows
 from armflex.effects.rigid import cross_matrices
+from armflex.effects.scene import APPROACH
 from armflex.effects.spot import same_site, site_of
 from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
@@ -123,6 +124,27 @@ def look(
         sigma = np.hstack([sigma, spread])
         seen = np.concatenate([seen, _seen_rotation(instrument, len(rows))], axis=1)
     return View(setup, rows, line, instrument.points(line.tip), residual, sigma, seen)
+
+
+def untold_shifts(setup: Setup, rows: Measurements) -> Array:
+    """Return (K, N, d) by how much readings are off halfway where nothing tells from which side a joint came [m, rad].
+
+    One for each direction that effects derive from the order of the rows (`Effect.derived`), zero where the rows tell
+    it: the joint came from either side, so it is the standard deviation of what is read, too.
+    """
+    effects = setup.arm.effects
+    untold = {name: unknown for name, effect, unknown in directions(effects, rows) if name in effect.derived}
+    shifts = np.zeros((len(untold), len(rows), 3 if rows.rotation is None else 6))
+    for shift, (name, unknown) in zip(shifts, untold.items(), strict=True):
+        some, sides = np.flatnonzero(unknown), []
+        joint = rows.joint_names.index(name.removeprefix(APPROACH))
+        for side in (-1.0, 1.0) if len(some) else ():
+            approach = rows.approach.copy()
+            approach[some, joint] = side
+            sides.append(look(setup, replace(rows, approach=approach), some).residual)
+        if sides:
+            shift[some] = 0.5 * (sides[0] - sides[1])
+    return shifts
 
 
 def _seen_position(instrument: Instrument, tip: Array) -> Array:

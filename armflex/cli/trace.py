@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
+from armflex.calibrate.effect_block import numbered
 from armflex.calibrate.file import write_traced
 from armflex.cli.options import (
     Command,
@@ -25,6 +26,7 @@ from armflex.cli.options import (
 from armflex.cli.tables import complain, console, number, print_table
 from armflex.effects.effect_file import names_of
 from armflex.effects.law import Effect
+from armflex.effects.remember import derived_directions
 from armflex.effects.spot import LINK
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
@@ -62,7 +64,7 @@ def command(
     measurements = read_measurements(measurements_path, arm, points=points)
     found = trace(arm, measurements, report=_say(), keep=keep)
     print_trace(found)
-    show_flags(measurements.flags)
+    show_flags((*measurements.flags, *derived_directions(found.arm, measurements, found.rows)))
     write_json(json_path, as_json(found))
     write_traced(arm_path, found, output)
     if report_path is not None:
@@ -118,16 +120,17 @@ def _values(found: Found) -> list[str]:
 
 def _remarks(found: Trace) -> Iterator[str]:
     yield from _left_out(found)
-    for one in found.found:
+    for one, which in zip(found.found, found.numbers, strict=True):
+        title = f"{one.effect.title}{numbered(which)}"
         if one.witness:
             yield (
-                f"{one.effect.title} is believed because fitted parameters no longer strain against their priors; "
+                f"{title} is believed because fitted parameters no longer strain against their priors; "
                 "held-out rows are not predicted clearly better."
             )
         rivals = list(dict.fromkeys(effect.title for effect, _ in one.equivalent))
         if rivals:
             more = f", and {len(rivals) - 3} more" if len(rivals) > 3 else ""
-            yield f"These data do not tell {one.effect.title} from {', '.join(rivals[:3])}{more}."
+            yield f"These data do not tell {title} from {', '.join(rivals[:3])}{more}."
     if found.unexplained is not None:
         yield _left(found.unexplained)
     elif not found.found:

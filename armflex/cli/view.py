@@ -17,6 +17,7 @@ from armflex.cli.options import (
     json_option,
     parse_positions,
     progress,
+    show_flags,
     write_json,
 )
 from armflex.cli.tables import console
@@ -66,6 +67,7 @@ def command(
                     arm, trajectory, parse_quantity(tolerance, "length"), progress=tick, covariates=covariates
                 )
         view(arm, trajectory=trajectory, report=report, **shown)
+        show_flags(trajectory.with_constants(arm, covariates).derived_directions(arm))
     written = {"format": "armflex-view-1", "page": str(output), "base": arm.robot.base, "tip": arm.robot.tip}
     write_json(json_path, written)
     console().print(f"Written to {output}; open it in a browser.")

@@ -1,5 +1,8 @@
 """[[effect]] in an arm.toml: what an arm does beyond its flexures, read and written by the catalogue's names.
 
+`derived = ["approach_A2"]` says that what wrote the effect took a direction that it depends on from how the rows before
+moved the joint, because no column gave it: the same is then done wherever rows do not give it.
+
 Where a law makes sense on an arm is asked of the law itself: it lists its spots for a campaign in which everything was
 recorded, and a table must name one of them.
 """
@@ -17,7 +20,7 @@ from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.cross_coupling import CROSS_COUPLING
 from armflex.effects.guide import GUIDE
 from armflex.effects.law import Effect, EffectLaw, Inner, Values, full
-from armflex.effects.scene import AXES, Scene
+from armflex.effects.scene import APPROACH, AXES, Scene
 from armflex.effects.session_frame import SESSION_FRAME
 from armflex.effects.spot import BASE, TOOL, Spot
 from armflex.effects.tool_shift import ALWAYS
@@ -54,12 +57,13 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
     """Return the effect that a [[effect]] table declares.
 
     Args:
-        table: Its keys name, shape, site, axis, partner, covariates, parameters and std.
+        table: Its keys name, shape, site, axis, partner, covariates, derived, parameters and std.
         arm: The arm, its payloads included.
 
     Raises:
         ArmFileError: A law, site, axis, partner, covariate or parameter is unknown to the arm or the law, or missing;
-            a number is not finite, or below zero where that makes no sense.
+            what is derived is no direction that the effect depends on; a number is not finite, or below zero where
+            that makes no sense.
     """
     law = _law(table)
     spots = _partnered(table, law, _on_axis(table, law, _on_site(table, law, _spots(table, law, arm))))
@@ -70,8 +74,9 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
     inner = tuple(_inner(table, inner, values) for inner in law.inner)
     amplitudes = np.array([values[law.amplitudes[i].name] for i in terms])
     _check_std(table, values)
+    derived = _derived(table, law, spot)
     table.finish()
-    return Effect(law, spot, full(amplitudes, spot, len(law.amplitudes)) + inner)
+    return Effect(law, spot, full(amplitudes, spot, len(law.amplitudes)) + inner, derived)
 
 
 def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict[str, Any]:
@@ -87,6 +92,8 @@ def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict
         table["partner"] = effect.spot.partner
     if effect.spot.covariates:
         table["covariates"] = list(effect.spot.covariates)
+    if effect.derived:
+        table["derived"] = list(effect.derived)
     table["parameters"] = effect.named
     if std:
         table["std"] = dict(std)
@@ -239,6 +246,17 @@ def _covariates(table: Declaration, law: EffectLaw, spot: Spot, arm: Arm) -> tup
     return given
 
 
+def _derived(table: Declaration, law: EffectLaw, spot: Spot) -> tuple[str, ...]:
+    """Return the directions that the order of the rows stands in for."""
+    derived = table.texts("derived") if table.has("derived") else ()
+    known = [name for name in spot.covariates if name.startswith(APPROACH)]
+    for name in derived:
+        if name not in known:
+            text = f"{_called(law)} depends on no direction {name!r} there{did_you_mean(name, known)}"
+            raise table.fail("derived", f"{text} (it depends on: {listing(known)})")
+    return derived
+
+
 def _wanted(law: EffectLaw, spot: Spot) -> int:
     """Return how many columns of any name a law takes: a temperature, or what a shape depends on."""
     if law in SHAPES.values():
@@ -248,7 +266,7 @@ def _wanted(law: EffectLaw, spot: Spot) -> int:
 
 def _check_column(table: Declaration, name: str, arm: Arm) -> None:
     """Raise where a column's name is that of a joint's which the arm does not have."""
-    for prefix in ("q_", "approach_"):
+    for prefix in ("q_", APPROACH):
         if name.startswith(prefix) and name.removeprefix(prefix) not in arm.joint_names:
             known = [f"{prefix}{joint}" for joint in arm.joint_names]
             text = f"the arm has no {name!r}{did_you_mean(name, known)} (known: {listing(known)})"

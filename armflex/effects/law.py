@@ -97,11 +97,21 @@ class EffectLaw(Protocol):
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect with its values: all amplitudes (zero where the spot leaves one out), then the inner parameters."""
+    """An effect with its values.
+
+    Attributes:
+        law: What it does.
+        spot: Where.
+        values: All amplitudes (zero where the spot leaves one out), then the inner parameters.
+        derived: Those of the spot's covariates that the order of the rows stood in for where it was found: directions
+            `approach_<joint>`. Where the rows asked about do not give one it is derived in the same way, and before a
+            joint has moved it is either: halfway on average, and as uncertain as both are apart.
+    """
 
     law: EffectLaw
     spot: Spot
     values: Values
+    derived: tuple[str, ...] = ()
 
     @property
     def amplitudes(self) -> Values:

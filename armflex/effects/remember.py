@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.effects.law import Effect, TwistLaw
-from armflex.effects.scene import POSE, Driven, known_columns
+from armflex.effects.scene import APPROACH, POSE, Driven, known_columns
 from armflex.effects.spot import resolve
 from armflex.errors import Flag, InputError, MissingCovariateError, did_you_mean, listing, naming
 from armflex.laws import Row
@@ -82,26 +82,36 @@ def derived_directions(arm: Arm, rows: Measurements, asked: np.ndarray) -> tuple
         asked: Numbers of the rows whose answers count.
 
     Raises:
-        MissingCovariateError: No row before an asked one tells where a joint came from.
+        MissingCovariateError: No row before an asked one tells where a joint came from, and the effect that asks was
+            not found in rows like these; see `Effect.derived`.
     """
     flags: dict[str, Flag] = {}
-    for name, asker, untold in _derived(arm.effects, rows):
+    for name, asker, untold in directions(arm.effects, rows):
         unknown = asked[untold[asked]]
-        if len(unknown):
+        if len(unknown) and name not in asker.derived:
             with naming(rows.places[unknown[0]] if rows.places else f"row {unknown[0]}"):
                 raise MissingCovariateError(name, sorted(set(rows.known) - set(rows.derived) - {POSE}), asker.name)
-        flags[name] = Flag("approach_derived", f"{name} is not given: taken from how the rows before moved the joint")
+        flags[name] = derived_direction(name, len(unknown))
     return tuple(flags.values())
+
+
+def derived_direction(name: str, untold: int) -> Flag:
+    """Return the doubt about a direction that no column gives and some rows do not tell."""
+    text = f"{name} is not given: taken from how the rows before moved the joint"
+    if untold:
+        rows = "row does not tell it, and is" if untold == 1 else "rows do not tell it, and are"
+        text += f"; {untold} {rows} taken as halfway"
+    return Flag("approach_derived", text)
 
 
 def without_direction(effects: Iterable[Effect], rows: Measurements) -> np.ndarray:
     """Return (N,) rows in which no row before tells a direction that an effect depends on: none is taken for it."""
-    return np.any([np.zeros(len(rows), dtype=bool), *(untold for _, _, untold in _derived(effects, rows))], axis=0)
+    return np.any([np.zeros(len(rows), dtype=bool), *(untold for _, _, untold in directions(effects, rows))], axis=0)
 
 
-def _derived(effects: Iterable[Effect], rows: Measurements) -> Iterator[tuple[str, Effect, np.ndarray]]:
+def directions(effects: Iterable[Effect], rows: Measurements) -> Iterator[tuple[str, Effect, np.ndarray]]:
     """Yield every direction that was not recorded, the effect that asks for it, and (N,) where the rows do not tell."""
-    columns = {f"approach_{joint}": i for i, joint in enumerate(rows.joint_names)}
+    columns = {f"{APPROACH}{joint}": i for i, joint in enumerate(rows.joint_names)}
     for effect in effects:
         for name in effect.spot.covariates:
             if name in columns and name in rows.derived:

@@ -30,6 +30,9 @@ STILL = 1e-9
 POSE = "pose_number"
 """Column that numbers the poses; for random twists, not a suspect."""
 
+APPROACH = "approach_"
+"""Begins the name of a column that says from which side a joint came: 1 upwards, -1 downwards, 0 neither."""
+
 LEVEL_OF = "="
 """Parts a text column's name from one of its entries in the name of a column that says where it has that entry."""
 

@@ -40,7 +40,8 @@ def plan(
         rows: How many positions will be read.
         after: What was measured already; an arm that is not calibrated is calibrated with it.
         along: Make the predicted readings along this trajectory as certain as can be instead.
-        between: Tell these two effects apart instead, each spelled LAW:SITE[:AXIS[:PARTNER]], as `trace` names them.
+        between: Tell these two effects apart instead, each spelled LAW:SITE[:AXIS[:PARTNER]], as `trace` names them;
+            the second effect of the arm with such a spelling ends in #2.
         payloads: What may be carried; every payload of the arm, and nothing, when not given.
         covariates: Values that can be set of what effects depend on, by name.
         sigma: Standard deviation of a position read [m]; that of `after`, else 0.2 mm, when not given.

@@ -12,7 +12,7 @@ from armflex.arm import Arm
 from armflex.calibrate import calibrate
 from armflex.calibrate.arm_blocks import ComplianceBlock
 from armflex.calibrate.blocks import Block, FrameBlock, SessionBlock, declared_blocks, places_of
-from armflex.calibrate.effect_block import EffectBlock, effect_columns, shy_prior
+from armflex.calibrate.effect_block import EffectBlock, effect_columns, numbers_of, shy_prior
 from armflex.calibrate.fit import Fit, prior_of
 from armflex.calibrate.law_block import LawBlock, law_block, learned_laws, with_laws
 from armflex.calibrate.robust import whitened_columns
@@ -29,12 +29,15 @@ from armflex.calibrate.view import Setup, View, look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.effects.scene import Scene
-from armflex.errors import InputError, listing
+from armflex.errors import Flag, InputError, listing
 from armflex.laws.learned import LearnedLaw
 from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
 from armflex.plan.information import inverse
 from armflex.plan.offer import Offer, remembers
+
+NOWHERE = -1
+"""Place of an effect that the arm has not among its own."""
 
 ANYWHERE, ANYHOW = 100.0, 3.0
 """Standard deviations [m, rad] of where an instrument stands of which nothing is known."""
@@ -52,6 +55,7 @@ class Before:
         weights: (M,) what every row counts beside the others, 0 where nothing was read.
         fit: The campaign's fit.
         noise: Standard deviation of the readings over the stated one, 1 or more.
+        flags: Doubts about the campaign.
     """
 
     setup: Setup
@@ -61,6 +65,7 @@ class Before:
     weights: Array | None = None
     fit: Fit | None = None
     noise: float = 1.0
+    flags: tuple[Flag, ...] = ()
 
     def seen_by(self, setup: Setup) -> Before:
         """Return the same as another arm or instrument has it."""
@@ -86,12 +91,13 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     view = look(fitted.setup, after, np.arange(len(after)))
     weights = np.zeros(len(after))
     weights[fitted.view.rows] = fitted.weights
-    return Before(fitted.setup, after, view, scene_of(view, after), weights, fitted, max(found.scatter, 1.0))
+    scene, noise = scene_of(view, after), max(found.scatter, 1.0)
+    return Before(fitted.setup, after, view, scene, weights, fitted, noise, found.flags)
 
 
 @dataclass(frozen=True, eq=False)
 class Suspect(EffectBlock):
-    """An effect that is in question: free about its own values, whether or not the arm has it."""
+    """An effect that is in question: free about its own values, whether or not the arm has it (`ordinal` NOWHERE)."""
 
     def columns(self, view: View) -> Array:
         """Return (M, d, k) changes of the readings."""
@@ -193,13 +199,13 @@ def _declared(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> tupl
 
 def _effect_blocks(arm: Arm, offer: Offer, suspects: Sequence[Suspect]) -> list[Block]:
     """Return the blocks of the arm's effects that one row tells something of, without those in question."""
-    asked = {suspect.effect.name for suspect in suspects}
+    asked = {suspect.ordinal for suspect in suspects}
     blocks: list[Block] = []
-    for ordinal, effect in enumerate(arm.effects):
-        if effect.name not in asked and not remembers(effect):
+    for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
+        if ordinal not in asked and not remembers(effect):
             free = free_inner(effect)
             prior = shy_prior(effect, free, offer.view, offer.scene)
-            blocks.append(EffectBlock(effect, free, offer.scene, ordinal, prior))
+            blocks.append(EffectBlock(effect, free, offer.scene, ordinal, prior, number=number))
     return blocks
 
 
@@ -226,13 +232,14 @@ def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
     Raises:
         InputError: The covariance is of other parameters, or of some of the laws that are learned.
     """
-    arm, asked, new = setup.arm, {suspect.name for suspect in suspects}, _new_laws(setup.arm)
+    arm, asked, new = setup.arm, {suspect.ordinal for suspect in suspects}, _new_laws(setup.arm)
     known = rebuilt_blocks(arm.certainty, offer.view, offer.rows)
     if known is None:
         raise InputError(OTHER_PARAMETERS.text)
     frame = [FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement")]
     frames = frame if arm.measurement.frame == "unknown" else []
-    kept = [_without(block, new) for block in known if block.name not in (*FRAMES, *asked)]
+    arms = [block for block in known if block.name not in FRAMES]
+    kept = [_without(one, new) for one in arms if not (isinstance(one, EffectBlock) and one.ordinal in asked)]
     kept = [block for block in kept if block.labels]
     places = np.isin(labels_of(known), labels_of(kept))
     covariance = arm.certainty.covariance[np.ix_(places, places)]

@@ -49,7 +49,7 @@ def make(arm: Arm, after: Measurements | None, asked: Question, progress: Progre
     check(asked)
     tick = progress or (lambda done, total: None)
     effects = [named_effect(text, arm, tuple(asked.covariates)) for text in asked.between or ()]
-    if len({spelled(effect) for effect in effects}) == 1:
+    if effects and effects[0] == effects[1]:
         raise InputError(f"{spelled(effects[0])} is to be told from itself: name two effects")
     task = _task(known_before(arm, after, as_stated=bool(effects)), asked, effects)
     tick(1, ROUNDS + 1)
@@ -71,12 +71,15 @@ class _Task:
 
 
 def _task(before: Before, asked: Question, effects: Sequence[Effect]) -> _Task:
+    arm = before.setup.arm
     reach, doubts = reach_of(before, asked, effects)
+    path = () if asked.along is None else asked.along.derived_directions(arm)
+    doubts = (*before.flags, *path, *doubts)
     offer = spread(reach, before.setup, OFFERED, asked.seed)
     if len(offer.rows) < asked.rows:
         raise InputError(f"{asked.rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")
     before, offer = learning(before, offer)
-    suspects = [suspect_of(effect, offer) for effect in effects]
+    suspects = [suspect_of(effect, arm, offer) for effect in effects]
     refits = [refitted(suspect, before) for suspect in suspects]
     explained = min((max(found.noise, 1.0) for found in refits if found), default=before.noise)
     if explained < before.noise:  # one of them is what makes readings scatter

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from armflex.calibrate.effect_block import numbered
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.measured.measurements import Measurements
@@ -101,17 +102,17 @@ def _between(plan: Plan) -> tuple[str, ...]:
     if not plan.rivals:
         return ()
     one, other = (rival.suspect.effect for rival in plan.rivals)
-    pair, apart = f"{one.title} from {other.title}", float(plan.goal.shown(plan.reached[-1]))
+    titles = [f"{rival.suspect.effect.title}{numbered(rival.suspect.number)}" for rival in plan.rivals]
+    pair, apart = " from ".join(titles), float(plan.goal.shown(plan.reached[-1]))
     told: tuple[str, ...] = ()
     if plan.goal.shown(plan.everything) < TOLD:
         return (f"No tip reading tells {pair}; instead, {instead(one, other)}.",)
     if len(plan.goal.truths) == 1:
         places = np.flatnonzero(plan.goal.truths[0].own)
-        true = one if places[0] in plan.model.place(plan.rivals[0].suspect) else other
-        false = other if true is one else one
+        true = int(places[0] not in plan.model.place(plan.rivals[0].suspect))
         told += (
-            f"Were {false.title} true, {true.title} and what calibration frees would do as well whatever is read; "
-            f"these rows are for the case that it is {true.title}. Otherwise, {instead(one, other)}.",
+            f"Were {titles[1 - true]} true, {titles[true]} and what calibration frees would do as well whatever is "
+            f"read; these rows are for the case that it is {titles[true]}. Otherwise, {instead(one, other)}.",
         )
     if apart < TOLD:
         more = int(np.ceil((len(plan.reached) - 1) * (TOLD / max(apart, 1e-9)) ** 2))

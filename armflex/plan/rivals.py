@@ -1,7 +1,8 @@
-"""Effects to be told apart, as one writes them: LAW:SITE[:AXIS[:PARTNER]], such as backlash:A2:ry.
+"""Effects to be told apart, as one writes them: LAW:SITE[:AXIS[:PARTNER]][#NUMBER], such as backlash:A2:ry.
 
 The parts are `effect`, `site`, `axis` and `partner` of `armflex trace --json` and of [[effect]] in an arm.toml; an
-axis or a partner may be left out where there is only one.
+axis or a partner may be left out where there is only one. The second effect of the arm that would be written like the
+first ends in #2: gear_harmonic:A2:rz#2.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.effect_block import EffectBlock, shy_prior
+from armflex.calibrate.effect_block import EffectBlock, numbered, numbers_of, shy_prior
 from armflex.calibrate.fit import ROUGH, Fit, fit
 from armflex.conventions import Array
 from armflex.effects.catalogue import CATALOGUE
@@ -23,22 +24,20 @@ from armflex.effects.scene import TEMPERATURE, Scene
 from armflex.effects.session_frame import SESSION_FRAME
 from armflex.effects.spot import Spot
 from armflex.errors import InputError, UnknownNameError, UnsupportedError
-from armflex.plan.model import Before, Suspect, answers, free_inner
+from armflex.plan.model import NOWHERE, Before, Suspect, answers, free_inner
 from armflex.plan.offer import Offer, remembers
 
 SHOWS = 5.0
 """RMS of what an effect of unknown size is taken to move the readings by, in their standard deviations."""
 
-NOWHERE = -1
-"""Place of a suspect among the arm's effects."""
-
 CLEAR = 2.0
 """Standard deviations from zero at which an estimate is taken for an effect's size."""
 
 
-def spelled(effect: Effect) -> str:
-    """Return how an effect is written on the command line."""
-    return _spelled(".".join(part for part in names_of(effect.law) if part), effect.spot)
+def spelled(effect: Effect, number: int = 1) -> str:
+    """Return how an effect is written on the command line; `number` is that of `numbers_of`."""
+    name = _spelled(".".join(part for part in names_of(effect.law) if part), effect.spot)
+    return name + numbered(number).lstrip()
 
 
 def _spelled(name: str, spot: Spot) -> str:
@@ -55,12 +54,15 @@ def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
         InputError: More than one place is meant.
         UnsupportedError: What it does depends on the rows before, or on a session that has been.
     """
-    own = [effect for effect in arm.effects if _means(text, spelled(effect))]
+    known = dict(zip(map(spelled, arm.effects, numbers_of(arm.effects)), arm.effects, strict=True))
+    own = [text.strip()] if text.strip() in known else [name for name in known if _means(text, name)]
+    if len(own) > 1:
+        raise InputError(f"{text!r} may be {' or '.join(own[:6])}: say which")
     if own:
-        return own[0]
+        return known[own[0]]
     name = text.partition(":")[0].strip()
     if name not in CATALOGUE:
-        raise UnknownNameError("effect", name, [*CATALOGUE, *map(spelled, arm.effects)])
+        raise UnknownNameError("effect", name, [*CATALOGUE, *known])
     law = CATALOGUE[name]
     if law is SESSION_FRAME:
         raise UnsupportedError("session_frame is of a session that has been: no row still to be measured tells of it")
@@ -106,16 +108,18 @@ class Rival:
     @property
     def name(self) -> str:
         """How it is written."""
-        return spelled(self.suspect.effect)
+        return spelled(self.suspect.effect, self.suspect.number)
 
 
-def suspect_of(effect: Effect, offer: Offer) -> Suspect:
+def suspect_of(effect: Effect, arm: Arm, offer: Offer) -> Suspect:
     """Return an effect in question, with inner parameters amid those that a search would begin with.
 
     Raises:
         UnsupportedError: What it does depends on the rows before.
     """
     law, spot, scene = effect.law, effect.spot, offer.scene
+    ordinal = arm.effects.index(effect) if effect in arm.effects else NOWHERE
+    number = 1 if ordinal == NOWHERE else numbers_of(arm.effects)[ordinal]
     if not any(effect.amplitudes):
         inner = tuple(_usual(one, spot, scene) for one in law.inner)
         effect = replace(effect, values=(*effect.amplitudes, *inner))
@@ -123,7 +127,7 @@ def suspect_of(effect: Effect, offer: Offer) -> Suspect:
         text = f"{effect.title} depends on the rows before: no choice of single rows tells it from another effect"
         raise UnsupportedError(text)
     free = free_inner(effect) if any(effect.amplitudes) else ()
-    return Suspect(effect, free, scene, NOWHERE, shy_prior(effect, free, offer.view, scene))
+    return Suspect(effect, free, scene, ordinal, shy_prior(effect, free, offer.view, scene), number=number)
 
 
 def _usual(inner: Inner, spot: Spot, scene: Scene) -> float:
@@ -139,7 +143,7 @@ def _usual(inner: Inner, spot: Spot, scene: Scene) -> float:
 def refitted(suspect: Suspect, before: Before) -> Fit | None:
     """Return the campaign's fit with a suspect added, None where there is no campaign or the arm has it already."""
     effect, arm = suspect.effect, before.setup.arm
-    if before.fit is None or any(effect.name == other.name for other in arm.effects):
+    if before.fit is None or suspect.ordinal != NOWHERE:
         return None
     prior = shy_prior(effect, (), before.view, before.scene)
     block = EffectBlock(effect, (), before.scene, len(arm.effects), prior)

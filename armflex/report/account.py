@@ -171,10 +171,10 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
 
 
 def _effect(trace: Trace, index: int) -> EffectAccount:
-    found = trace.found[index]
+    found, number = trace.found[index], trace.numbers[index]
     return EffectAccount(
-        heading=summary.where_effect(found),
-        name=labelled(found.effect),
+        heading=summary.where_effect(found, number),
+        name=labelled(found.effect, number),
         words=words(found.effect.law.name),
         values=_values(found),
         sure=summary.sure(found),

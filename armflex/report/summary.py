@@ -19,11 +19,12 @@ MOST_NAMED = 2
 
 def headline(trace: Trace) -> str:
     """Return what was found, in one sentence."""
+    pairs = list(zip(trace.found, trace.numbers, strict=True))
     if len(trace.found) > MOST_NAMED:
-        several = joined([called(one.effect) for one in trace.found[:MOST_NAMED]])
+        several = joined([called(one.effect, number) for one, number in pairs[:MOST_NAMED]])
         return f"The arm lacked {len(trace.found)} effects, first of all {several}."
     if trace.found:
-        parts = [called(one.effect) + _values(one) for one in trace.found]
+        parts = [called(one.effect, number) + _values(one) for one, number in pairs]
         return f"The arm lacked {'; and '.join(parts)}."
     if trace.unexplained:
         return f"Something moves this arm that no recorded column explains{_where(trace.unexplained)}."
@@ -56,7 +57,8 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
 
 def further(trace: Trace, accurate: Accuracy) -> list[str]:
     """Return what has to be said beside the result: what is not told apart, what is left, what would have shown."""
-    said = [_not_told(one) for one in trace.found if one.equivalent]
+    pairs = zip(trace.found, trace.numbers, strict=True)
+    said = [_not_told(one, number) for one, number in pairs if one.equivalent]
     said += [
         f"Adding {words(one.effect.law.name).title} hardly lowers the error; it is believed because fitted "
         "parameters no longer strain against what was known of them."
@@ -74,14 +76,14 @@ def further(trace: Trace, accurate: Accuracy) -> list[str]:
     return said
 
 
-def _not_told(found: Found) -> str:
+def _not_told(found: Found, number: int) -> str:
     rivals = list(dict.fromkeys(called(effect) for effect, _ in found.equivalent))
     own = called(found.effect)
     others = [rival for rival in rivals if rival != own]
     if not others:
         return f"These data do not settle which terms of {words(found.effect.law.name).title} act."
     shown = [*others[:3], f"{len(others) - 3} more"] if len(others) > 3 else others
-    return f"These data do not tell {own} from {joined(shown)}."
+    return f"These data do not tell {called(found.effect, number)} from {joined(shown)}."
 
 
 def left(unexplained: Unexplained) -> str:
@@ -130,7 +132,7 @@ def sure(found: Found) -> str:
     return " ".join(parts)
 
 
-def where_effect(found: Found) -> str:
-    """Return the heading of an effect: its law and its place."""
-    text = called(found.effect)
+def where_effect(found: Found, number: int) -> str:
+    """Return the heading of an effect: its law and its place, and its number where the arm has another such."""
+    text = called(found.effect, number)
     return text[0].upper() + text[1:]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from armflex.calibrate.effect_block import numbered
 from armflex.effects.law import Effect
 from armflex.effects.spot import BASE, LINK, TOOL, Spot
 from armflex.effects.unnamed import SHAPES
@@ -94,14 +95,17 @@ def place_words(spot: Spot) -> str:
     return f"{site_words(spot.site)} ({spot.axis})" if spot.axis else site_words(spot.site)
 
 
-def called(effect: Effect) -> str:
-    """Return an effect in words: 'backlash at A5 (rz)'; one without a name says which column it goes with."""
+def called(effect: Effect, number: int = 1) -> str:
+    """Return an effect in words: 'backlash at A5 (rz)'; one without a name says which column it goes with.
+
+    `number` is which of its name it is in the arm, see `numbers_of`: the second ends in #2.
+    """
     title = words(effect.law.name).title
     if effect.law.name in SHAPES and title.startswith("unnamed "):
         shape, columns = title.removeprefix("unnamed "), " and ".join(effect.spot.covariates)
         title = f"something without a name (a {shape} in {columns})"
     partner = f" with {effect.spot.partner}" if effect.spot.partner else ""
-    return f"{title} at {place_words(effect.spot)}{partner}"
+    return f"{title} at {place_words(effect.spot)}{partner}{numbered(number)}"
 
 
 def units_of(effect: Effect) -> dict[str, str]:
@@ -112,13 +116,13 @@ def units_of(effect: Effect) -> dict[str, str]:
     return dict(zip(effect.named, units, strict=True))
 
 
-def labelled(effect: Effect) -> str:
-    """Return an effect in as few words as tell it from its rivals: law, place, terms, columns."""
+def labelled(effect: Effect, number: int = 1) -> str:
+    """Return an effect in as few words as tell it from its rivals: law, place, number, terms, columns."""
     law, spot = effect.law, effect.spot
     terms = [law.amplitudes[i].name for i in spot.terms]
     which = f" [{' '.join(terms)}]" if 0 < len(terms) < len(law.amplitudes) else ""
     against = f" ~ {', '.join(spot.covariates)}" if law.name in SHAPES else ""
-    return f"{effect.name}{which}{against}"
+    return f"{effect.name}{numbered(number)}{which}{against}"
 
 
 def joined(parts: list[str]) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.calibrate.blocks import Block, SessionBlock
-from armflex.calibrate.effect_block import EffectBlock
+from armflex.calibrate.effect_block import EffectBlock, numbered
 from armflex.calibrate.spread import scene_of
 from armflex.calibrate.view import View, look
 from armflex.conventions import Array
@@ -74,9 +74,10 @@ def next_rows(state: State, rivals: Sequence[Sequence[Effect]]) -> tuple[str, ..
     scene = scene_of(view, offer)
     told = []
     for index, others in enumerate(rivals):
-        own = state.effects[index].at(state.values_of(state.effects[index]))
+        block = state.effects[index]
+        own, number = block.at(state.values_of(block)), block.number
         for rival in others[:RIVALS]:
-            told.append(_in_words(own, _propose(state, index, rival, offer, view, scene), rival, offer))
+            told.append(_in_words(own, number, _propose(state, index, rival, offer, view, scene), rival, offer))
     return tuple(told)
 
 
@@ -163,8 +164,8 @@ def _columns(block: Block, view: View, scene: Scene, offer: Measurements) -> Arr
     return block.columns(view)
 
 
-def _in_words(own: Effect, proposal: Proposal, rival: Effect, offer: Measurements) -> str:
-    pair = f"{own.title} from {rival.title}"
+def _in_words(own: Effect, number: int, proposal: Proposal, rival: Effect, offer: Measurements) -> str:
+    pair = f"{own.title}{numbered(number)} from {rival.title}"
     if proposal.sigmas < TELLING:
         return f"No more rows like those recorded tell {pair}; instead, {instead(own, rival)}."
     i = proposal.row

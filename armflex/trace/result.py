@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, Outlier
+from armflex.calibrate.effect_block import numbers_of
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.view import look, position_rms
 from armflex.conventions import Array
@@ -195,6 +196,12 @@ class Trace:
             Outlier(int(rows[i]), places[rows[i]] if places else None, float(errors[i]), kinds[i])
             for i in np.argsort(-errors)
         )
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Which of its name every effect that was found is in the arm, see `numbers_of`."""
+        known = self.calibration.arm.effects
+        return numbers_of((*known, *(one.effect for one in self.found)))[len(known) :]
 
     def told(self, kind: str) -> int:
         """Return how many outliers are of one kind."""

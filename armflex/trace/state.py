@@ -11,7 +11,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.calibrate import Calibration
-from armflex.calibrate.effect_block import EffectBlock, shy_prior
+from armflex.calibrate.effect_block import EffectBlock, numbers_of, shy_prior
 from armflex.calibrate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.calibrate.view import Setup, look
 from armflex.conventions import Array
@@ -150,6 +150,8 @@ def add(state: State, found: Polished) -> State:
     """Return the state with a candidate added, or joined to the effect that it widens, and everything refitted."""
     values = _beginning(state, found)
     what = found.candidate.effect(found.amplitudes)
+    derived = tuple(name for name in what.spot.covariates if name in state.measurements.derived)
+    what = replace(what, derived=derived)
     starts = [values[state.fit.places(block)] for block in state.effects]
     widened = [i for i, block in enumerate(state.effects) if _is_same_law(block.effect, what)]
     place = widened[0] if widened else len(starts)
@@ -220,6 +222,9 @@ def refit(
     effort: Effort = ROUGH,
 ) -> State:
     """Return the state with these effects, everything fitted together and the campaign looked at again."""
+    known = state.declared.arm.effects
+    numbers = numbers_of((*known, *(block.effect for block in effects)))[len(known) :]
+    effects = tuple(replace(block, number=number) for block, number in zip(effects, numbers, strict=True))
     blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
     fitted = fit(state.declared, blocks, state.measurements, state.rows, start, effort=effort)
     scene = scene_at(fitted, state.measurements)

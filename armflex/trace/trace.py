@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, calibrate
+from armflex.calibrate.effect_block import EffectBlock
 from armflex.calibrate.fit import Fit, robust_limit
 from armflex.calibrate.learn import settled
 from armflex.calibrate.spread import certainty_of
@@ -175,7 +176,7 @@ def _proven(
 ) -> tuple[State, Step] | None:
     """Return the first state that rows it has not seen speak for."""
     for candidate, after in refitted:
-        proof = prove(state, after, null)
+        proof = prove(state, after, null, after.effects[len(state.effects) :] or after.effects)
         if proof.errors_apart > apart and _sessions_agree(proof):
             return after, Step(looked.ranking, proof, False)
         if apart == APART and _witnessed(state, after, candidate) and proof.errors_apart > -APART:
@@ -219,12 +220,10 @@ def _is_settled(state: State) -> bool:
     return state.looked.ranking[0].evidence < ENOUGH
 
 
-def prove(before: State, after: State, null: float) -> Proof:
-    """Return the errors of held-out poses and sessions before and after."""
+def prove(before: State, after: State, null: float, new: Sequence[EffectBlock]) -> Proof:
+    """Return the errors of held-out poses and sessions before and after, and with what became `new` between them."""
     folds, judged = pose_folds(before.groups), believed(before.fit, after.fit)
     poses = [held_out(state.fit, folds, judged=judged) for state in (before, after)]
-    known = {block.name for block in before.effects}
-    new = [block for block in after.effects if block.name not in known] or after.effects
     sessions = sessions_held_out(before.fit, after.fit, new, after.sessions)
     return Proof(poses[0].rms, poses[1].rms, *(sessions or (None, None)), improvement(*poses), null)
 
@@ -291,7 +290,7 @@ def _account(kept: Exchanged, steps: Sequence[Step]) -> tuple[Found, ...]:
     for index, (number, block) in enumerate(zip(kept.steps, state.effects, strict=True)):
         step = steps[number]
         if index in kept.fresh:  # what was proven then was another effect
-            step = replace(step, proof=prove(without(state, index), state, step.proof.null))
+            step = replace(step, proof=prove(without(state, index), state, step.proof.null, [block]))
         values = state.values_of(block)
         std = block.std(values, state.stds_of(block))
         worth, others = equivalents(state, index)

@@ -44,7 +44,8 @@ class Reading:
 
     @classmethod
     def of(cls, measurements: Measurements, row: int, timed: bool = False) -> Reading:
-        """Return a row of a campaign, with its time if wanted."""
+        """Return a row of a campaign, with its time if wanted; a direction that no row before tells is not given."""
+        known = {name: float(values[row]) for name, values in measurements.known.items()}
         turned = measurements.rotation is not None and np.isfinite(measurements.sigma_r[row])
         return cls(
             measurements.q[row],
@@ -55,7 +56,7 @@ class Reading:
             float(measurements.time[row]) if timed else None,
             measurements.rotation[row] if turned else None,
             float(measurements.sigma_r[row]) if turned else None,
-            {name: float(values[row]) for name, values in measurements.known.items()},
+            {name: value for name, value in known.items() if value or name not in measurements.derived},
         )
 
 

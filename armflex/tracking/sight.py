@@ -16,8 +16,9 @@ from armflex.calibrate.arm_blocks import ComplianceBlock, OffsetBlock
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.instrument_blocks import FrameBlock, MountingBlock, TargetBlock
 from armflex.calibrate.law_block import LawBlock
-from armflex.calibrate.view import Setup, look
+from armflex.calibrate.view import Setup, look, untold_shifts
 from armflex.conventions import TWIST_NAMES
+from armflex.effects.remember import derived_directions
 from armflex.statics.linearise import Linearizer
 from armflex.tracking.estimate import Seen
 from armflex.tracking.quick import Quick, middle_of
@@ -66,7 +67,7 @@ def carefully(
     beside: float = 0.0,
     linearizer: Linearizer | None = None,
 ) -> Seen:
-    """Return a reading as a calibration sees it.
+    """Return a reading as a calibration sees it; a direction that it derives and nothing tells makes it less certain.
 
     Args:
         setup: Arm and instrument.
@@ -76,7 +77,9 @@ def carefully(
         beside: Standard deviation of the position beside the reading's own [m].
         linearizer: Of the setup's arm, with the models that it has made.
     """
-    view = look(setup, as_row(reading, setup.arm), np.arange(1), linearizer=linearizer)
+    row = as_row(reading, setup.arm)
+    derived_directions(setup.arm, row, np.arange(1))
+    view = look(setup, row, np.arange(1), linearizer=linearizer)
     columns = np.concatenate([block.columns(view) for block in blocks], axis=2)[0]
     noise = np.diag(view.sigma[0] ** 2)
     noise[:3, :3] += beside**2 * np.eye(3)
@@ -84,6 +87,8 @@ def carefully(
         site, axis, size = unexplained
         along = size * view.to_twist(site)[0, :, TWIST_NAMES.index(axis)]
         noise += np.outer(along, along)
+    shifts = untold_shifts(setup, row)[:, 0]
+    noise += shifts.T @ shifts
     factor = np.linalg.cholesky(noise)
     whitened = np.ascontiguousarray(np.linalg.solve(factor, columns))
     return Seen(np.linalg.solve(factor, view.residual[0]), whitened)

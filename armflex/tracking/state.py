@@ -26,6 +26,8 @@ class State:
         drifted: Clock up to which drift is in the estimate.
         waiting: Readings since then.
         patience: How long drift may wait.
+        q: Joint positions of the last one, None before the first.
+        approach: Direction that each joint last moved in: -1 or 1, 0 where it has not.
         changes: What was announced.
     """
 
@@ -41,6 +43,8 @@ class State:
     drifted: float = 0.0
     waiting: int = 0
     patience: float = 0.0
+    q: list[float] | None = None
+    approach: list[float] | None = None
     changes: list[Change] = field(default_factory=list)
 
     @property

@@ -22,6 +22,7 @@ PLAIN = {
     "time": float | None,
     "timed": bool | None,
     **dict.fromkeys(("clock", "drifted", "patience"), float),
+    **dict.fromkeys(("q", "approach"), list[float] | None),
 }
 """What of a state is told as it is."""
 
@@ -162,6 +163,9 @@ def _problem(state: State) -> str | None:
             len(seen.residual) == (3 if reading.rotation is None else 6)
             for seen, reading in zip(watch.window, watch.readings, strict=False)
         ),
+        "its directions": (state.q is None) == (state.approach is None)
+        and len(state.q or ()) == len(state.approach or ())
+        and set(state.approach or ()) <= {-1.0, 0.0, 1.0},
         "its changes": all(
             0.0 <= change.probability <= 1.0
             and 1 <= change.since <= change.reading <= state.count

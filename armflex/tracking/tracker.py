@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
@@ -12,6 +13,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.digest import digest
+from armflex.effects.scene import APPROACH, last_motion
 from armflex.errors import ArmflexError, InputError, ModelFileError, Place, UnknownNameError
 from armflex.tracking.estimate import Estimate, Seen, estimate_of, recentred, spread, take, widen
 from armflex.tracking.groups import Group
@@ -55,9 +57,10 @@ class Tracker:
 
     It starts from what a calibration left of certainty (`Arm.certainty`), or where there is none from [prior]. Frames
     of the campaign's sessions are left behind: every new session's frame is uncertain as [prior] says. Effects of the
-    arm stay as they are. Directions that it left open are as uncertain as can be until a reading tells of them. A
-    reading that is off counts less; where several agree that a law has changed, the law is announced, and followed from
-    where it changed. What is not among the parameters cannot be told from what is.
+    arm stay as they are; where one derives from which side a joint came (`Effect.derived`), readings tell it by their
+    order unless they give it. Directions of parameters that calibration left open are as uncertain as can be until a
+    reading tells of them. A reading that is off counts less; where several agree that a law has changed, the law is
+    announced, and followed from where it changed. What is not among the parameters cannot be told from what is.
 
     While too little is known to tell a gross reading from a true one (the arm is as declared, or the session is new),
     the readings so far, 48 at most, are judged again by one another after every reading, and no change is announced.
@@ -89,6 +92,7 @@ class Tracker:
         rates = {} if rates is None else rates
         self._variance = _variances(rates, self.labels, self._model.groups)
         self._rates = {name: float(rate) for name, rate in rates.items()}
+        self._derived = tuple({name: None for effect in arm.effects for name in effect.derived})
         self._drifting = np.flatnonzero(self._variance)
         self._state = begun(estimate_of(self._model.known), self._model.point)
         self._sight = self._sight_at(self._state.point)
@@ -159,7 +163,10 @@ class Tracker:
         """
         if not isinstance(reading, Reading):
             raise InputError(f"expected a Reading, got {reading!r}")
+        reading, moved = self._directed(reading)
         seen, clock, state = self._sight(reading), self._clock_at(reading), self._state
+        if self._derived:
+            state.q, state.approach = moved
         if reading.session != state.session:
             self._enter(reading.session)
         state.clock, state.timed = clock, reading.time is not None
@@ -218,6 +225,8 @@ class Tracker:
                 raise InputError(f"{len(state.point)} parameters, expected the arm's {len(tracker.labels)}")
             tracker._state = state
             tracker._sight = tracker._sight_at(state.point)
+            if state.q is not None:
+                arm.check_position(state.q)
             for reading in state.watch.readings:
                 arm.payload(reading.payload)
                 as_row(reading, arm)
@@ -249,6 +258,20 @@ class Tracker:
     def _sight_at(self, point: Array) -> Sight:
         model = self._model
         return Sight(model.setup(point), model.blocks, model.aside.unexplained, self._sigma)
+
+    def _directed(self, reading: Reading) -> tuple[Reading, tuple[list[float], list[float]] | None]:
+        """Return a reading with the directions that effects derive as the readings before tell them, and the motion.
+
+        What a reading gives itself counts; where none before tells a direction, it stays untold.
+        """
+        if not self._derived:
+            return reading, None
+        q, state, names = self._arm.check_position(reading.q)[0], self._state, self._arm.joint_names
+        moved = last_motion(np.array([q if state.q is None else state.q, q]))[1]
+        approach = np.where(moved == 0.0, np.zeros(len(q)) if state.approach is None else state.approach, moved)
+        known = {f"{APPROACH}{name}": side for name, side in zip(names, approach.tolist(), strict=True) if side}
+        told = {name: known[name] for name in self._derived if name in known}
+        return replace(reading, covariates={**told, **reading.covariates}), (q.tolist(), approach.tolist())
 
     def _clock_at(self, reading: Reading) -> float:
         """Return the time that drift goes by, at a reading."""
