@@ -15,10 +15,12 @@ from armflex.certainty import Certainty
 from armflex.certainty_table import read_certainty
 from armflex.conventions import Array
 from armflex.declaration import Declaration
-from armflex.errors import did_you_mean
+from armflex.errors import Flag, did_you_mean
 from armflex.laws.scaled import scaled
 from armflex.measured.instrument import Instrument
 from armflex.robot import Corrections
+
+UNFINISHED = "written while `armflex trace` was still searching: more effects may be missing, none was compared"
 
 
 def read_calibration(table: Declaration, arm: Arm) -> Arm:
@@ -41,6 +43,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     for key in ("measurements_sha256", "rows", "rms_m"):
         table.has(key)
     certainty = read_certainty(table, arm)
+    unfinished = [Flag("unfinished", f"{table.place()}: {UNFINISHED}")] if table.flag("unfinished") else []
     table.finish()
     factors = {name: compliance.numbers(name, (6,)) for name in compliance.table}
     fitted = replace(
@@ -50,6 +53,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         factors=factors,
         instrument=instrument,
         certainty=certainty,
+        flags=(*arm.flags, *unfinished),
     )
     return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
 

@@ -25,6 +25,14 @@ def write_whole(path: Path, data: bytes) -> Path:
     return path
 
 
+def remove(path: Path) -> None:
+    """Remove a file that nobody needs any more; raise `FileError` where that is not possible."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise FileError(Place(path), f"cannot be removed: {error.strerror or error}") from None
+
+
 def _replace(path: Path, data: bytes) -> None:
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:

@@ -22,6 +22,8 @@ def headline(trace: Trace) -> str:
     if len(trace.found) > MOST_NAMED:
         several = joined([called(one.effect) for one in trace.found[:MOST_NAMED]])
         return f"The arm lacked {len(trace.found)} effects, first of all {several}."
+    if not trace.found and trace.withdrawn:
+        return "Nothing that was tried predicts poses not used better than the calibrated arm."
     if trace.found:
         parts = [called(one.effect) + _values(one) for one in trace.found]
         return f"The arm lacked {'; and '.join(parts)}."
@@ -62,6 +64,11 @@ def further(trace: Trace, accurate: Accuracy) -> list[str]:
         "parameters no longer strain against what was known of them."
         for one in trace.found
         if one.witness
+    ]
+    said += [
+        f"Withdrawn: {one.title}. With it poses not used are predicted to {change(*reversed(one.errors))} "
+        "(the calibrated arm)."
+        for one in trace.withdrawn
     ]
     if trace.told("unexplained"):
         said.append(f"{trace.told('unexplained')} readings far off together are left out: nothing explains them.")

@@ -15,6 +15,7 @@ from armflex.effects.law import Effect, EffectLaw, Values, full
 from armflex.effects.scene import Scene
 from armflex.effects.spot import Spot
 from armflex.trace.projection import Projection, evidence
+from armflex.trace.telling import Tell, silent
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,11 @@ class Candidate:
     law: EffectLaw
     spot: Spot
     inner: Values
+
+    @property
+    def name(self) -> str:
+        """Law, site and axis."""
+        return Effect(self.law, self.spot, ()).name
 
     @property
     def parameters(self) -> int:
@@ -99,10 +105,12 @@ def candidates_of(laws: Iterable[EffectLaw], scene: Scene) -> Iterator[Candidate
                 yield Candidate(law, spot, inner)
 
 
-def bank(candidates: Iterable[Candidate], fit: Fit, scene: Scene) -> Bank:
+def bank(candidates: Iterable[Candidate], fit: Fit, scene: Scene, tell: Tell = silent) -> Bank:
     """Return candidates with their columns at a fit."""
-    known = tuple(candidates)
-    parts = [candidate_columns(candidate, fit, scene) for candidate in known]
+    known, parts = tuple(candidates), []
+    for number, candidate in enumerate(known):
+        tell("screening candidates", number, len(known))
+        parts.append(candidate_columns(candidate, fit, scene))
     starts = np.concatenate([[0], np.cumsum([part.shape[1] for part in parts])]).astype(int)
     return Bank(known, np.hstack([np.zeros((fit.residual.size, 0)), *parts]), starts)
 
