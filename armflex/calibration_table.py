@@ -15,13 +15,14 @@ from armflex.certainty import Certainty
 from armflex.certainty_table import read_certainty
 from armflex.conventions import Array
 from armflex.declaration import Declaration
-from armflex.errors import did_you_mean
+from armflex.errors import Flag, did_you_mean
 from armflex.laws.scaled import scaled
 from armflex.measured.instrument import Instrument
 from armflex.robot import Corrections
 
 LARGEST_LOGARITHM = 200.0
 """Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""
+UNFINISHED = "written while `armflex trace` was still searching: more effects may be missing, none was compared"
 
 
 def read_calibration(table: Declaration, arm: Arm) -> Arm:
@@ -43,6 +44,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     )
     _check_campaign(table)
     certainty = read_certainty(table, arm)
+    unfinished = [Flag("unfinished", f"{table.place()}: {UNFINISHED}")] if table.flag("unfinished") else []
     table.finish()
     factors = {name: _factors(compliance, name) for name in compliance.table}
     fitted = replace(
@@ -52,6 +54,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         factors=factors,
         instrument=instrument,
         certainty=certainty,
+        flags=(*arm.flags, *unfinished),
     )
     return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
 

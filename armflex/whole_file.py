@@ -38,6 +38,14 @@ def write_whole(path: Path, data: bytes) -> Path:
     return path
 
 
+def remove(path: Path) -> None:
+    """Remove a file that nobody needs any more; raise `FileError` where that is not possible."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise FileError(Place(path), f"cannot be removed: {error.strerror or error}") from None
+
+
 def is_replaced(path: Path) -> bool:
     """Return whether `write_whole` makes a new file in the path's folder, which must then be writable."""
     there = _status(path)

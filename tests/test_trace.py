@@ -12,10 +12,11 @@ from test_effects import few
 
 from armflex import calibrate, load_arm, read_measurements
 from armflex.calibrate.fit import Fit
+from armflex.calibrate.held_out import held_out, pose_folds
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects import CATALOGUE
 from armflex.effects.catalogue import EVERY
-from armflex.trace.accept import held_out, improvement, null_maximum, pose_folds, session_folds, sessions_held_out
+from armflex.trace.accept import improvement, null_maximum, session_folds, sessions_held_out
 from armflex.trace.candidates import Bank, Candidate, bank, candidates_of, screen, sift
 from armflex.trace.exchange import SAME, equivalents, leave_out
 from armflex.trace.localise import NOTICED, localise

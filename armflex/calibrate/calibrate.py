@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,9 +12,11 @@ from armflex.arm import Arm
 from armflex.calibrate.blocks import Block, declared_blocks
 from armflex.calibrate.enough import check_readings
 from armflex.calibrate.fit import Fit, fit
+from armflex.calibrate.held_out import FOLDS, believed, held_out, pose_folds
 from armflex.calibrate.identify import Parameter, parameters
 from armflex.calibrate.law_block import law_block
 from armflex.calibrate.learn import fit_learning, settled
+from armflex.calibrate.robust import huber_weights
 from armflex.calibrate.spread import FRAMES, INSTRUMENT, certainty_of
 from armflex.calibrate.view import Progress, Setup, View, look, position_rms
 from armflex.calibrate.weigh import ROUNDS, Weighed
@@ -53,8 +55,10 @@ class Calibration:
         fit: The fit itself: values, covariance, residuals.
         placed: The rows as the declared arm explains them, only the instrument's frame fitted.
         measurements: The campaign.
-        flags: Doubts: directions that the order of the rows stood in for, a search for a learned law that did not
-            settle.
+        flags: Doubts: directions that the order of the rows stood in for, a search for learned laws that did not
+            settle, an arm that predicts worse than the declared one.
+        held_out: RMS of the 3-D error on held-out poses, of the declared arm with the instrument placed and of the
+            calibrated one [m]; None where there are too few poses.
     """
 
     arm: Arm
@@ -62,6 +66,7 @@ class Calibration:
     placed: View
     measurements: Measurements
     flags: tuple[Flag, ...] = ()
+    held_out: tuple[float, float] | None = None
 
     @property
     def declared_rms(self) -> float:
@@ -151,7 +156,7 @@ def calibrate(
     used, derived = _usable(arm, measurements, rows)
     declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.name in FRAMES]
-    laws = None if keep else law_block(declared, placed, seen)
+    laws = None if keep else law_block(declared, placed.view, seen)
 
     begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS
     if laws is None:
@@ -160,7 +165,9 @@ def calibrate(
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
     calibrated = replace(settled(found.setup.arm, found), **known)
-    return Calibration(calibrated, found, placed, measurements, (*derived, *flags))
+    errors = _held_out(placed, found, measurements)
+    doubts = (*derived, *flags, *_worse(errors))
+    return Calibration(calibrated, found, placed.view, measurements, doubts, errors)
 
 
 def _fit(
@@ -188,16 +195,38 @@ def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:
         As `calibrate`, before its fit.
     """
     used = _usable(arm, measurements, None)[0]
-    laws = law_block(*_placed(replace(arm, certainty=None), measurements, used))
+    declared, placed = _placed(replace(arm, certainty=None), measurements, used)
+    laws = law_block(declared, placed.view)
     return {} if laws is None else {name: law.seen for name, law in zip(laws.flexures, laws.laws, strict=True)}
 
 
-def _placed(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Setup, View]:
+def _placed(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Setup, Fit]:
     """Return the first guess, and the rows with only the instrument's frame fitted."""
     declared = first_guess(arm, measurements, used)
     frame = [block for block in declared_blocks(declared, measurements) if block.name == INSTRUMENT]
-    view = fit(declared, frame, measurements, used).view if frame else look(declared, measurements, used)
-    return declared, view
+    if frame:
+        return declared, fit(declared, frame, measurements, used)
+    view = look(declared, measurements, used)
+    return declared, Fit(declared, (), np.zeros(0), view, huber_weights(view), ())
+
+
+def _held_out(placed: Fit, found: Fit, measurements: Measurements) -> tuple[float, float] | None:
+    """Return the RMS of the 3-D error on held-out poses, of the declared arm and of the calibrated one [m]."""
+    poses = measurements.pose_number[found.view.rows]
+    if len(np.unique(poses)) < FOLDS:
+        return None
+    folds, judged = pose_folds(poses), believed(placed, found)
+    declared, calibrated = (held_out(one, folds, judged=judged).rms for one in (placed, found))
+    return declared, calibrated
+
+
+def _worse(errors: tuple[float, float] | None) -> Iterator[Flag]:
+    """Yield the doubt about an arm that predicts poses it was not fitted to worse than it did before."""
+    if errors is not None and errors[1] > errors[0]:
+        declared, calibrated = (f"{1e3 * error:.3g} mm" for error in errors)
+        text = f"poses held out are predicted to {calibrated} RMS, by the arm as declared to {declared}"
+        hint = "there are too few poses for what [prior] frees, or it frees too much: use the arm as declared"
+        yield Flag("worse_than_declared", f"{text}: {hint}")
 
 
 def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tuple[np.ndarray, tuple[Flag, ...]]:

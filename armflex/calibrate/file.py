@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +23,7 @@ from armflex.conventions import Array
 from armflex.effects.effect_file import effect_table
 from armflex.measured.measurements import Measurements
 from armflex.storage.array_file import write_arrays
-from armflex.whole_file import write_whole
+from armflex.whole_file import remove, write_whole
 
 if TYPE_CHECKING:
     from armflex.trace.result import Trace
@@ -49,7 +51,8 @@ def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Pa
 def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
     """Write the declared arm.toml with its comments, [calibration], and an [[effect]] for everything that was found.
 
-    What effects change in the model or the instrument is in their tables alone, so nothing is applied twice.
+    What effects change in the model or the instrument is in their tables alone, so nothing is applied twice. What a
+    search has found that still goes on is marked `unfinished` in [calibration].
 
     Args:
         declared: The arm.toml that was traced.
@@ -57,6 +60,8 @@ def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
         path: The arm.toml to write; files named in it are named relative to its folder.
     """
     table = as_table(trace.state.fit, trace.state.measurements, trace.rows, trace.rms)
+    if trace.unfinished:
+        table = {"unfinished": True, **table}
     return _write(declared, table, [effect_table(found.effect, _stated(found.std)) for found in trace.found], path)
 
 
@@ -76,7 +81,28 @@ def _write(declared: Path, calibration: dict[str, Any], effects: Sequence[dict[s
     for effect in effects:
         document["effect"].append(_inline(effect))
     document.append("calibration", tomlkit.item(_with_covariance(calibration, path)))
-    return write_whole(path, tomlkit.dumps(document).encode())
+    passing = _passing(path)
+    written = write_whole(path, tomlkit.dumps(document).encode())
+    for file in passing:
+        if file.name != calibration_file(document):
+            remove(file)
+    return written
+
+
+def calibration_file(document: Mapping[str, Any]) -> str | None:
+    """Return the name of the file beside an arm.toml that holds its covariance, if any."""
+    return document.get("calibration", {}).get("covariance_file")
+
+
+def _passing(path: Path) -> list[Path]:
+    """Return the file beside an unfinished arm.toml that holds its covariance: it goes with that arm.toml."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    name = calibration_file(document)
+    ours = isinstance(name, str) and name.startswith(f"{path.stem}.unfinished-") and Path(name).name == name
+    return [path.with_name(name)] if name and ours else []
 
 
 def _with_covariance(calibration: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -85,10 +111,14 @@ def _with_covariance(calibration: dict[str, Any], path: Path) -> dict[str, Any]:
     if len(covariance) <= MOST_ROWS:
         rows = [_rounded(row[: i + 1]) for i, row in enumerate(covariance)]
         return calibration | {"covariance": rows}
-    beside = path.with_suffix(".covariance.safetensors")
-    digest = write_arrays(beside, LAYOUT, {"covariance": covariance}, {"parameters": calibration["parameters"]})
+    # The arm.toml that is there stays whole until the new one takes its place: it keeps its own covariance.
+    passing = (
+        f".unfinished-{hashlib.sha256(covariance.tobytes()).hexdigest()[:8]}" if calibration.get("unfinished") else ""
+    )
+    beside = path.with_suffix(f"{passing}.covariance.safetensors")
+    written = write_arrays(beside, LAYOUT, {"covariance": covariance}, {"parameters": calibration["parameters"]})
     table = {key: value for key, value in calibration.items() if key != "covariance"}
-    return table | {"covariance_file": beside.name, "covariance_sha256": digest}
+    return table | {"covariance_file": beside.name, "covariance_sha256": written}
 
 
 def _inline(effect: dict[str, Any]) -> Any:

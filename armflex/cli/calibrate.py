@@ -82,13 +82,15 @@ def command(
 def print_calibration(found: Calibration, show_all: bool = False) -> None:
     """Print the error before and after, what was found, and what the data cannot tell."""
     rows = len(found.fit.view.rows)
-    columns = ["", "RMS mm"]
+    columns = ["", "RMS mm", "poses held out mm"]
+    held_out = found.held_out or (None, None)
     figures = [
-        ["declared, instrument placed", found.declared_rms],
-        ["calibrated", found.rms],
-        ["stated noise", found.noise_rms],
+        ["declared, instrument placed", found.declared_rms, held_out[0]],
+        ["calibrated", found.rms, held_out[1]],
+        ["stated noise", found.noise_rms, None],
     ]
-    print_table(f"3-D position error over {rows} rows", columns, [[name, number(rms * 1e3)] for name, rms in figures])
+    cells = [[name, *("-" if rms is None else number(rms * 1e3) for rms in pair)] for name, *pair in figures]
+    print_table(f"3-D position error over {rows} rows", columns, cells)
     chosen = found.parameters if show_all else _remarkable(found)
     if chosen:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "the data say"]
@@ -131,6 +133,9 @@ def as_json(found: Calibration) -> dict[str, Any]:
         "noise_rms_mm": found.noise_rms * 1e3,
         "noise_over_stated": found.scatter,
         "rms_mm": {"declared": found.declared_rms * 1e3, "calibrated": found.rms * 1e3},
+        "held_out_rms_mm": None
+        if found.held_out is None
+        else dict(zip(("declared", "calibrated"), (1e3 * rms for rms in found.held_out), strict=True)),
         "parameters": [
             {
                 "name": p.name,

@@ -46,9 +46,9 @@ def heading(text: str) -> None:
     stream().rule(Text(printable(text), style="bold"), align="left")
 
 
-def complain(text: str) -> None:
-    """Print a line on stderr."""
-    click.echo(printable(text), err=True)
+def complain(text: str, end: str = "\n", over: bool = False) -> None:
+    """Print a line on stderr; `over` writes it over what stands in the terminal's last line."""
+    click.echo(("\r\x1b[K" if over else "") + printable(text) + end, err=True, nl=False)
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +25,8 @@ from armflex.cli.options import (
     json_option,
     keep_option,
     points_options,
+    same_file,
+    say_warning,
     show_flags,
     write_json,
 )
@@ -28,12 +35,14 @@ from armflex.effects.effect_file import names_of
 from armflex.effects.law import Effect
 from armflex.effects.remember import derived_directions
 from armflex.effects.spot import LINK
+from armflex.errors import FileError, InputError
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
 from armflex.trace import trace
 
 if TYPE_CHECKING:
-    from armflex.trace.result import Found, Smallest, Trace, Unexplained
+    from armflex.trace.result import Found, Smallest, Trace, Unexplained, Withdrawn
+    from armflex.trace.telling import Doing
 
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
@@ -47,6 +56,11 @@ MOST_ADVICE = 3
 @click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Traced arm.toml to write.")
 @click.option("--report", "report_path", type=OutputPath(), help="HTML page of what was found to write.")
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on from the last accepted effect of the same command, which was interrupted, killed or ended by an error.",
+)
 @keep_option
 @points_options
 @json_option
@@ -55,30 +69,154 @@ def command(
     measurements_path: Path,
     output: Path,
     report_path: Path | None,
+    resume: bool,
     keep: bool,
     points: PointExport | None,
     json_path: Path | None,
 ) -> None:
-    """Calibrate, find what residual is left, trace it to an effect the arm lacks, add it, and say what it was worth."""
+    """Calibrate, find what residual is left, trace it to an effect the arm lacks, add it, and say what it was worth.
+
+    After every accepted effect the outputs are written, marked unfinished, and beside ARM2.toml (-o) a file
+    ARM2.checkpoint.json, from which --resume goes on; it is removed at the end. Effects with which held-out poses are
+    predicted worse than by the calibrated arm are withdrawn.
+    """
+    outputs = Outputs(arm_path, output, report_path, json_path)
+    kept = _checkpoint(outputs, measurements_path, resume)
     arm = declared_arm(arm_path, "trace", keep)
     measurements = read_measurements(measurements_path, arm, points=points)
-    found = trace(arm, measurements, report=_say(), keep=keep)
-    print_trace(found)
-    show_flags((*measurements.flags, *derived_directions(found.arm, measurements, found.rows)))
-    write_json(json_path, as_json(found))
-    write_traced(arm_path, found, output)
-    if report_path is not None:
-        from armflex.report import write_report  # imports a plotting library
+    finished: list[Trace] = []
+    try:
+        with telling() as (say, progress):
 
-        write_report(found, report_path)
-    names = " and ".join(str(path) for path in (output, report_path) if path)
-    console().print(f"Written to {names}.")
+            def account(found: Trace) -> None:
+                say("writing what was accepted so far" if found.unfinished else "writing")
+                if not found.unfinished:
+                    finished.append(found)
+                outputs.write(found)
+
+            trace(arm, measurements, None, say, keep, kept, resume, account, progress)
+    except BaseException as error:
+        if kept is not None and kept.exists() and not _is_about(error, kept):
+            complain(f"What was accepted is kept in {kept}: the same command with --resume goes on.")
+        raise
+    finally:  # also where it could not be written
+        for found in finished:
+            print_trace(found)
+            derived = derived_directions(found.arm, measurements, found.rows)
+            show_flags((*measurements.flags, *derived, *found.calibration.flags))
+    console().print(f"Written to {' and '.join(str(path) for path in (output, report_path) if path)}.")
 
 
-def _say() -> Callable[[str], None]:
-    """Return the function that says on stderr what is being done, with the seconds that have passed."""
+@dataclass(frozen=True)
+class Outputs:
+    """The files that the command writes."""
+
+    declared: Path
+    arm: Path
+    report: Path | None
+    json: Path | None
+
+    def write(self, found: Trace) -> None:
+        """Write all of them, each whole or not at all.
+
+        A search that goes on is not ended by a full disk: it says so. At the end what can be written is, first.
+
+        Raises:
+            FileError: A file of the finished account cannot be written.
+        """
+        failed: list[Exception] = []
+        for path, write in self._writers(found):
+            if found.unfinished and path.exists() and not path.is_file():
+                continue  # a pipe gets one account
+            try:
+                write()
+            except Exception as error:
+                failed.append(error)
+                if found.unfinished:
+                    say_warning(f"{error}; the search goes on")
+        if failed and not found.unfinished:
+            raise failed[0]
+
+    def _writers(self, found: Trace) -> Iterator[tuple[Path, Callable[[], object]]]:
+        yield self.arm, lambda: write_traced(self.declared, found, self.arm)
+        if self.json is not None:
+            yield self.json, lambda: write_json(self.json, as_json(found))
+        if self.report is not None:
+            from armflex.report import write_report  # imports a plotting library
+
+            report = self.report
+            yield report, lambda: write_report(found, report)
+
+
+def _checkpoint(outputs: Outputs, measurements: Path, resume: bool) -> Path | None:
+    """Return the file that a search is kept in; None where the arm goes to a device or a pipe, beside which is none.
+
+    Raises:
+        InputError: It is another file of the command, or nothing can be resumed.
+    """
+    if outputs.arm.exists() and not outputs.arm.is_file():
+        if resume:
+            raise InputError(
+                f"nothing is kept beside {outputs.arm}, which is no file: --resume has nothing to go on from"
+            )
+        return None
+    kept = outputs.arm.with_suffix(".checkpoint.json")
+    others = (outputs.declared, measurements, outputs.arm, outputs.report, outputs.json)
+    if any(path is not None and same_file(kept, path) for path in others):
+        raise InputError(f"{kept} is where the search is kept while it goes on: name another file")
+    if kept.exists() and not resume:
+        say_warning(f"{kept} is of a search that did not end: this one begins anew, --resume would go on with that one")
+    return kept
+
+
+def _is_about(error: BaseException, path: Path) -> bool:
+    return isinstance(error, FileError) and error.place.file == path
+
+
+EVERY, REDRAWN = 4.0, 0.5
+"""Seconds between lines in a pipe while a stage lasts, and between two looks of the live line in a terminal."""
+
+
+@contextmanager
+def telling() -> Iterator[tuple[Callable[[str], None], Callable[[Doing], None]]]:
+    """Yield the functions that are told what is being done; what they are told goes to stderr, with the seconds passed.
+
+    Every stage is a line. Within one a terminal has a live line; in a pipe there is one now and then. A thread writes
+    them, so that whoever computes need not look at the clock.
+    """
     begun = time.monotonic()
-    return lambda text: complain(f"{time.monotonic() - begun:4.0f} s  {text}")
+    live, over, lock = sys.stderr.isatty(), threading.Event(), threading.Lock()
+    now = {"doing": "", "said": begun}
+
+    def line(text: str, end: str) -> None:
+        with lock:
+            complain(f"{time.monotonic() - begun:4.0f} s  {text}", end, over=live)
+            now["said"] = time.monotonic()
+
+    def say(text: str) -> None:
+        now["doing"] = text
+        line(text, "\n")
+
+    def progress(doing: Doing) -> None:
+        now["doing"] = doing
+
+    def keep_saying() -> None:
+        while not over.wait(REDRAWN):
+            text = str(now["doing"])
+            if live and text:
+                line(text[: shutil.get_terminal_size().columns - 9], "")
+            elif text and time.monotonic() - now["said"] >= EVERY - REDRAWN:
+                line(text, "\n")
+
+    thread = threading.Thread(target=keep_saying, daemon=True)
+    thread.start()
+    try:
+        yield say, progress
+    finally:
+        over.set()
+        thread.join()
+        if live:
+            complain("", "", over=True)
 
 
 def print_trace(found: Trace) -> None:
@@ -131,9 +269,15 @@ def _remarks(found: Trace) -> Iterator[str]:
         if rivals:
             more = f", and {len(rivals) - 3} more" if len(rivals) > 3 else ""
             yield f"These data do not tell {title} from {', '.join(rivals[:3])}{more}."
+    for gone in found.withdrawn:
+        calibrated, after = (number(rms * 1e3, 4) for rms in gone.errors)
+        yield (
+            f"Withdrawn: {gone.title}; with it poses held out are predicted to {after} mm, "
+            f"by the calibrated arm to {calibrated} mm."
+        )
     if found.unexplained is not None:
         yield _left(found.unexplained)
-    elif not found.found:
+    elif not found.found and not found.withdrawn:
         yield "Nothing is missing that these data could show."
     if found.smallest:
         yield _smallest(found.smallest)
@@ -177,6 +321,7 @@ def as_json(found: Trace) -> dict[str, Any]:
     """Return a trace for programs: RMS in mm, parameters SI."""
     return {
         "format": "armflex-trace-1",
+        **({"unfinished": True} if found.unfinished else {}),
         "rows": len(found.rows),
         "noise_rms_mm": found.noise_rms * 1e3,
         "rms_mm": {
@@ -197,7 +342,22 @@ def as_json(found: Trace) -> dict[str, Any]:
             {"row": one.row, "place": str(one.place), "error_mm": one.error_m * 1e3, "kind": one.kind}
             for one in found.outliers
         ],
+        "held_out_chosen_again_rms_mm": None
+        if found.compared is None
+        else {"calibrated": found.compared.before * 1e3, "after": found.compared.after * 1e3},
+        "withdrawn": [_withdrawn_json(one) for one in found.withdrawn],
     }
+
+
+def _withdrawn_json(one: Withdrawn) -> dict[str, Any]:
+    """Return what was taken out again, and the held-out errors for which it was."""
+    calibrated, after = one.errors
+    if one.effect is not None:
+        what = _place_json(one.effect)
+    else:
+        assert one.random is not None
+        what = {"effect": "random_twist", "site": one.random.site.removeprefix(LINK), "axis": one.random.axis}
+    return {**what, "held_out_rms_mm": {"calibrated": calibrated * 1e3, "after": after * 1e3}}
 
 
 def _effect_json(found: Found) -> dict[str, Any]:

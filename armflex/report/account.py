@@ -71,6 +71,7 @@ class Account:
     outliers: Table
     doubts: list[str]
     next_measurement: Sequence[str]
+    unfinished: bool
     version: str
 
 
@@ -97,6 +98,7 @@ def account(trace: Trace) -> Account:
         outliers=_outliers(trace),
         doubts=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
         next_measurement=trace.next_measurement,
+        unfinished=trace.unfinished,
         version=__version__,
     )
 
@@ -156,8 +158,10 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
     """Return name, before and after of every error there is; where nothing was found, name and value."""
     found = trace.found
     sessions = trace.held_out_sessions or (None, None)
+    again = (None, None) if trace.compared is None else (trace.compared.before, trace.compared.after)
     rows = [
         ("Poses held out", *(millimetres(errors.rms, errors.std) for errors in (accurate.before, accurate.after))),
+        ("Poses held out, effects chosen without them", *(millimetres(one) for one in again)),
         ("Whole sessions held out", *(millimetres(one) for one in sessions)),
         ("Readings that were fitted", *(millimetres(one) for one in accurate.fitted)),
         ("As declared, only the instrument placed ", millimetres(trace.declared_rms), ""),

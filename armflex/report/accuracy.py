@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armflex.calibrate.held_out import held_out, pose_folds
 from armflex.conventions import Array
 from armflex.measured.measurements import Measurements
 from armflex.measured.repeats import Scatter, repeats
-from armflex.trace.accept import held_out, pose_folds
 from armflex.trace.result import Trace
 
 

@@ -23,6 +23,8 @@ def headline(trace: Trace) -> str:
     if len(trace.found) > MOST_NAMED:
         several = joined([called(one.effect, number) for one, number in pairs[:MOST_NAMED]])
         return f"The arm lacked {len(trace.found)} effects, first of all {several}."
+    if not trace.found and trace.withdrawn:
+        return "Nothing that was tried predicts poses not used better than the calibrated arm."
     if trace.found:
         parts = [called(one.effect, number) + _values(one) for one, number in pairs]
         return f"The arm lacked {'; and '.join(parts)}."
@@ -64,6 +66,11 @@ def further(trace: Trace, accurate: Accuracy) -> list[str]:
         "parameters no longer strain against what was known of them."
         for one in trace.found
         if one.witness
+    ]
+    said += [
+        f"Withdrawn: {one.title}. With it poses not used are predicted to {change(*reversed(one.errors))} "
+        "(the calibrated arm)."
+        for one in trace.withdrawn
     ]
     if trace.told("unexplained"):
         said.append(f"{trace.told('unexplained')} readings far off together are left out: nothing explains them.")

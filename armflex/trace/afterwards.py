@@ -91,19 +91,24 @@ def _raw_rms(bank: Bank, state: State) -> np.ndarray:
     return sizes
 
 
-def unexplained(state: State, looked: Round) -> Unexplained | None:
-    """Return what is left above the noise without a cause, None when nothing is."""
+def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | None:
+    """Return what is left above the noise without a cause, None when nothing is.
+
+    Args:
+        state: The final fit.
+        places: Where a random twist would explain its residual, the likeliest first.
+    """
     if state.random is not None:
         random = state.random
         left = predictable_residual(state) - state.fit.view.residual
         rms = position_rms(left)
         return Unexplained(random.site, random.axis, random.std, random.units[0], rms, random.alike)
-    place = looked.places[0]
+    place = places[0]
     if place.ratio < NOTICED:
         return _beyond_repeats(state)
     unit = "m" if place.axis.startswith("d") else "rad"
     rms = place.std * _lever(state, place)
-    return Unexplained(place.site, place.axis, place.std, unit, rms, as_likely(looked.places))
+    return Unexplained(place.site, place.axis, place.std, unit, rms, as_likely(places))
 
 
 def _beyond_repeats(state: State) -> Unexplained | None:

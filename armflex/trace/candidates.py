@@ -15,6 +15,7 @@ from armflex.effects.law import Along, Effect, EffectLaw, Inner, LoadLaw, TwistL
 from armflex.effects.scene import Scene
 from armflex.effects.spot import Spot
 from armflex.trace.projection import Projection, evidence
+from armflex.trace.telling import Tell, silent
 
 
 def _is_searched(inner: Inner, value: float) -> bool:
@@ -28,6 +29,11 @@ class Candidate:
     law: EffectLaw
     spot: Spot
     inner: Values
+
+    @property
+    def name(self) -> str:
+        """Law, site and axis."""
+        return Effect(self.law, self.spot, ()).name
 
     @property
     def parameters(self) -> int:
@@ -105,11 +111,13 @@ class Bank:
     Attributes:
         candidates: One per group of columns.
         fit, scene: Where the columns are made.
+        tell: Called with how many of them are.
     """
 
     candidates: tuple[Candidate, ...]
     fit: Fit
     scene: Scene
+    tell: Tell = silent
 
     @cached_property
     def sizes(self) -> np.ndarray:
@@ -156,6 +164,7 @@ class Bank:
         shared: dict[tuple[str, tuple[str, ...], Values], Array] = {}
         waiting: dict[tuple[type, str, bytes], list[tuple[int, Array]]] = {}
         for index, candidate in enumerate(self.candidates):
+            self.tell("screening candidates", index, len(self.candidates))
             law, spot, inner, direction = candidate.law, candidate.spot, candidate.inner, b""
             if isinstance(law, TwistLaw) and isinstance(law.basis, Along):
                 direction = law.basis.direction(self.scene.here(spot, view.setup.arm), inner).tobytes()
@@ -225,9 +234,9 @@ def candidates_of(laws: Iterable[EffectLaw], scene: Scene) -> Iterator[Candidate
                 yield Candidate(law, spot, inner)
 
 
-def bank(candidates: Iterable[Candidate], fit: Fit, scene: Scene) -> Bank:
-    """Return candidates with their columns at a fit."""
-    return Bank(tuple(candidates), fit, scene)
+def bank(candidates: Iterable[Candidate], fit: Fit, scene: Scene, tell: Tell = silent) -> Bank:
+    """Return candidates with their columns at a fit, which are made when they are asked for."""
+    return Bank(tuple(candidates), fit, scene, tell)
 
 
 @dataclass(frozen=True, eq=False)

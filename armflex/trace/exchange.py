@@ -45,6 +45,11 @@ class Exchanged:
     fresh: frozenset[int] = frozenset()
 
 
+def worth_of(state: State, index: int) -> float:
+    """Return the evidence of one effect beside the others."""
+    return _beside_others(state, index)[1]
+
+
 def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
     """Return the projection of the fit with some effects' columns and values taken out, and those columns' places."""
     fit = state.fit
@@ -62,10 +67,11 @@ def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]
     """Return the evidence of some effects beside the others, and the best candidates that could take their place."""
     themselves = [_candidate(state, state.effects[index]) for index in indices]
     projection, worth = _beside_others(state, *indices)
-    screened = screen(sift(bank(_alternatives(themselves, state), state.fit, state.scene), projection))
+    screened = screen(sift(bank(_alternatives(themselves, state), state.fit, state.scene, state.tell), projection))
     rivals = []
-    for i in best_per_spot(screened, COMPARED + 1):
+    for number, i in enumerate(best_per_spot(screened, COMPARED + 1)):
         candidate = screened.bank.candidates[i]
+        state.tell(f"refining {candidate.name}", number, COMPARED + 1)
         if not any(_same_place(candidate, one) for one in themselves):
             rivals.append(polish(candidate, state.fit, state.scene, projection))
     return worth, tuple(sorted(rivals, key=lambda one: -one.evidence))
@@ -182,7 +188,7 @@ def _information(trial: State, state: State) -> float:
 def _pruned(state: State, say: Callable[[str], None]) -> Exchanged:
     steps = list(range(len(state.effects)))
     while state.effects:
-        worths = [_beside_others(state, i)[1] for i in range(len(state.effects))]
+        worths = [worth_of(state, i) for i in range(len(state.effects))]
         weakest = int(np.argmin(worths))
         if worths[weakest] >= SAME:
             break

@@ -12,12 +12,13 @@ from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, Outlier
 from armflex.calibrate.effect_block import numbers_of
 from armflex.calibrate.fit import Fit
+from armflex.calibrate.held_out import believed
 from armflex.calibrate.view import look, position_rms
 from armflex.conventions import Array
 from armflex.effects.law import Effect
-from armflex.trace.accept import believed
 from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished
+from armflex.trace.pose_block import PoseBlock
 from armflex.trace.state import State, lost_rows
 
 
@@ -39,6 +40,68 @@ class Proof:
     sessions_after: float | None
     errors_apart: float
     null: float
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What is kept of an accepted effect; a search itself is hundreds of megabytes."""
+
+    ranking: tuple[Polished, ...]
+    proof: Proof
+    witness: bool
+
+
+@dataclass(frozen=True)
+class Compared:
+    """RMS of the 3-D error on held-out poses, of the calibrated arm and with what was found [m].
+
+    Attributes:
+        before, after: Laws, places and values inside laws chosen, and all fitted, without the poses; over every row
+            that either comes near.
+        linear_before, linear_after: Values inside laws as they are, all else fitted without the poses; over the rows
+            that the fits use.
+    """
+
+    before: float
+    after: float
+    linear_before: float
+    linear_after: float
+
+    @property
+    def worse(self) -> bool:
+        """Whether what was found makes it worse, in either way."""
+        return self.after > self.before or self.linear_after > self.linear_before
+
+
+@dataclass(frozen=True, eq=False)
+class Withdrawn:
+    """What was accepted and taken out again, because held-out poses were predicted worse with it.
+
+    Attributes:
+        effect: With the values that it had; None where it was a random twist.
+        random: The random twist.
+        compared: The errors with it.
+    """
+
+    effect: Effect | None
+    random: PoseBlock | None
+    compared: Compared
+
+    @property
+    def title(self) -> str:
+        """What it is in words."""
+        if self.effect is not None:
+            return self.effect.title
+        assert self.random is not None
+        return f"random twist at {self.random.site} ({self.random.axis})"
+
+    @property
+    def errors(self) -> tuple[float, float]:
+        """RMS on held-out poses of the calibrated arm and with it [m], as it is worse."""
+        found = self.compared
+        if found.after > found.before:
+            return found.before, found.after
+        return found.linear_before, found.linear_after
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +190,10 @@ class Trace:
         held_out_before, held_out_after: RMS of the 3-D error on held-out poses [m].
         held_out_sessions: The same before and after with whole sessions held out, None where none can judge.
         next_measurement: What to measure next, in words.
+        compared: Held-out poses, everything chosen and fitted without them; None where nothing was added.
+        withdrawn: What was accepted and taken out again, because held-out poses were predicted worse with it.
+        unfinished: Whether the search was still going on: what else would do, what could not be told and what to
+            measure next is not worked out yet.
     """
 
     arm: Arm
@@ -143,6 +210,9 @@ class Trace:
     held_out_after: float
     held_out_sessions: tuple[float, float] | None
     next_measurement: tuple[str, ...]
+    compared: Compared | None = None
+    withdrawn: tuple[Withdrawn, ...] = ()
+    unfinished: bool = False
 
     @cached_property
     def believed(self) -> np.ndarray:

@@ -29,6 +29,7 @@ from armflex.trace.localise import RandomTwist, localise
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import Projection, project
 from armflex.trace.sensible import sensible
+from armflex.trace.telling import Tell, silent
 
 REFINED = 14
 """Best candidates whose inner parameters are refined."""
@@ -130,6 +131,17 @@ class Round:
         return preferred(self._some(NAMED, first.evidence - PREFERRED) or self.ranking)
 
     @property
+    def could(self) -> bool:
+        """Whether the contender may leave nothing unexplained."""
+        excess = self.projection.objective - self.projection.count
+        return self.contender is not None and self.contender.gain > MUCH * excess
+
+    @property
+    def first(self) -> Polished:
+        """The candidate that is looked at first."""
+        return self.contender if self.contender is not None and self.could else self.best
+
+    @property
     def shortlist(self) -> tuple[Polished, ...]:
         """`best` and what comes close to it, as far as the data can tell them apart at all."""
         best = self.best
@@ -173,29 +185,49 @@ def _size(one: Polished) -> float:
     return float(np.abs(one.amplitudes).sum())
 
 
-def search(fit: Fit, scene: Scene, groups: np.ndarray) -> Round:
+def search(fit: Fit, scene: Scene, groups: np.ndarray, tell: Tell = silent) -> Round:
     """Return what the catalogue and free shapes could explain of a fit's residual.
 
     Args:
         fit: The fit with everything that is known so far.
         scene: The campaign.
         groups: (M,) pose number of every measured row.
+        tell: Called with how far it has come.
     """
     projection = project(fit)
-    named = bank(candidates_of((*LAWS, GUIDE), scene), fit, scene)
-    free = bank(candidates_of((LEVEL, LINE, SPLINE, SPLINE_COMPLIANCE), scene), fit, scene)
+    named = bank(candidates_of((*LAWS, GUIDE), scene), fit, scene, tell)
+    free = bank(candidates_of((LEVEL, LINE, SPLINE, SPLINE_COMPLIANCE), scene), fit, scene, tell)
+    tell("projecting candidates", 0, 0)
     sifted = (sift(named, projection), sift(free, projection))
     screened, shaped = (screen(one) for one in sifted)
     places = localise(fit, scene, projection, groups)
     chosen = _possible(screened, fit, scene, projection, REFINED)
     chosen += _possible(shaped, fit, scene, projection, 3)
-    second = _second_look(shaped, places, fit, scene, projection, float(screened.gains.max(initial=0.0)))
+    second = _second_look(shaped, places, fit, scene, projection, float(screened.gains.max(initial=0.0)), tell)
     for tried, most in zip(second, SECOND_BEST, strict=False):
         chosen += _best(tried, most)
-    refined = [polish(candidate, fit, scene, projection) for candidate in chosen]
+    refined = []
+    for number, candidate in enumerate(chosen):
+        tell(f"refining {candidate.name}", number, len(chosen))
+        refined.append(polish(candidate, fit, scene, projection))
     ranking = tuple(sorted(refined, key=lambda one: -one.evidence))
-    plain = PLAIN if len(set(scene.sessions)) > 1 else PLAIN - TIMED
-    return Round(projection, screened, (*sifted, *second), places, ranking, plain)
+    return Round(projection, screened, (*sifted, *second), places, ranking, _plain(scene))
+
+
+def searched(sifted: Sifted, fit: Fit, scene: Scene, most: int) -> Round:
+    """Return the round of some candidates alone, the best for every law and spot that is possible, none refined."""
+    screened, projection = screen(sifted), sifted.projection
+    found = []
+    for index in best_per_spot(screened, most):
+        candidate, gain = screened.bank.candidates[index], float(screened.gains[index])
+        amplitudes = projection.gain(screened.bank.group(index))[1]
+        if gain > 0.0 and sensible(candidate, amplitudes, fit, scene):
+            found.append(Polished(candidate, gain, float(screened.evidence[index]), amplitudes, ()))
+    return Round(projection, screened, (sifted,), (), tuple(found), _plain(scene))
+
+
+def _plain(scene: Scene) -> frozenset[str]:
+    return PLAIN if len(set(scene.sessions)) > 1 else PLAIN - TIMED
 
 
 def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projection, most: int) -> list[Candidate]:
@@ -212,7 +244,13 @@ def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projectio
 
 
 def _second_look(
-    shaped: Screening, places: tuple[RandomTwist, ...], fit: Fit, scene: Scene, projection: Projection, most: float
+    shaped: Screening,
+    places: tuple[RandomTwist, ...],
+    fit: Fit,
+    scene: Scene,
+    projection: Projection,
+    most: float,
+    tell: Tell,
 ) -> list[Sifted]:
     """Return waves and bumps where a free shape did well, and products of columns where much is left, projected."""
     spots = {
@@ -226,12 +264,12 @@ def _second_look(
         for spot in sorted(spots, key=str)
         for inner in grid(law, spot, scene)
     )
-    found = [sift(bank(tried, fit, scene), projection)]
+    found = [sift(bank(tried, fit, scene, tell), projection)]
     excess = projection.objective - projection.count
     if most < MUCH * excess:
-        products = sift(bank(_products(places, scene), fit, scene), projection)
+        products = sift(bank(_products(places, scene), fit, scene, tell), projection)
         waves = _product_waves(_best(products, 1), places, scene)
-        found += [products, sift(bank(waves, fit, scene), projection)]
+        found += [products, sift(bank(waves, fit, scene, tell), projection)]
     return found
 
 

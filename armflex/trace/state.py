@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from armflex.trace.pose_block import PoseBlock
 from armflex.trace.projection import project
 from armflex.trace.search import Round, search
 from armflex.trace.sensible import sensible
+from armflex.trace.telling import Tell, silent, tell_steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,7 @@ class State:
         fit: All of them together.
         scene: The campaign as the catalogue sees it, at this fit.
         heed: Whether rows that are far off in company stay in use; see `lost_beams`.
+        tell: Called with how far a search or a fit has come.
     """
 
     measurements: Measurements
@@ -56,6 +58,7 @@ class State:
     fit: Fit
     scene: Scene
     heed: bool = True
+    tell: Tell = silent
 
     @cached_property
     def groups(self) -> np.ndarray:
@@ -90,14 +93,14 @@ class State:
     @cached_property
     def looked(self) -> Round:
         """What the catalogue and free shapes could still explain."""
-        return search(self.fit, self.scene, self.groups)
+        return search(self.fit, self.scene, self.groups, self.tell)
 
 
-def begin(calibration: Calibration) -> State:
+def begin(calibration: Calibration, tell: Tell = silent) -> State:
     """Return the state after a calibration `as_stated`: nothing added, lost beams left out."""
     fitted, measurements = calibration.fit, calibration.measurements
     rows, scene = fitted.view.rows, scene_at(fitted, measurements)
-    state = State(measurements, rows, rows, fitted.declared, fitted.blocks, (), None, fitted, scene)
+    state = State(measurements, rows, rows, fitted.declared, fitted.blocks, (), None, fitted, scene, tell=tell)
     return sorted_out(state, THOROUGH)
 
 
@@ -226,7 +229,8 @@ def refit(
     numbers = numbers_of((*known, *(block.effect for block in effects)))[len(known) :]
     effects = tuple(replace(block, number=number) for block, number in zip(effects, numbers, strict=True))
     blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
-    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, effort=effort)
+    tell = partial(tell_steps, state.tell)
+    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, tell, effort)
     scene = scene_at(fitted, state.measurements)
     return replace(state, effects=effects, random=random, fit=fitted, scene=scene)
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -12,22 +14,26 @@ from armflex.arm import Arm
 from armflex.calibrate.calibrate import Calibration, calibrate
 from armflex.calibrate.effect_block import EffectBlock
 from armflex.calibrate.fit import Fit, robust_limit
+from armflex.calibrate.held_out import believed, held_out, pose_folds
 from armflex.calibrate.learn import settled
 from armflex.calibrate.spread import certainty_of
 from armflex.calibrate.view import look
+from armflex.effects.law import Effect
 from armflex.effects.scene import POSE
-from armflex.errors import ArmflexError
+from armflex.errors import ArmflexError, FileError
 from armflex.measured.measurements import Measurements
-from armflex.trace.accept import believed, held_out, improvement, null_maximum, pose_folds, sessions_held_out
+from armflex.trace.accept import improvement, null_maximum, sessions_held_out
 from armflex.trace.advice import lacking
 from armflex.trace.afterwards import as_likely, not_identifiable, smallest, unexplained
-from armflex.trace.exchange import Exchanged, equivalents, exchanged
-from armflex.trace.localise import NOTICED, RandomTwist
+from armflex.trace.checkpoint import Progress, identity, read_checkpoint, restored, write_checkpoint
+from armflex.trace.exchange import Exchanged, equivalents, exchanged, worth_of
+from armflex.trace.localise import NOTICED, RandomTwist, localise
 from armflex.trace.next_measurement import next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
-from armflex.trace.result import Found, Proof, Trace, Unexplained
-from armflex.trace.search import MUCH, NAMED, SECOND, TIE, Round, plainest
+from armflex.trace.projection import project
+from armflex.trace.result import Found, Proof, Step, Trace, Unexplained
+from armflex.trace.search import NAMED, SECOND, TIE, Round, plainest
 from armflex.trace.state import (
     State,
     add,
@@ -40,9 +46,9 @@ from armflex.trace.state import (
     with_random,
     without,
 )
-
-Report = Callable[[str], None]
-"""Called with what is being done."""
+from armflex.trace.telling import Doing, Report, Teller, tell_steps
+from armflex.trace.withdraw import never_worse
+from armflex.whole_file import remove
 
 MOST_EFFECTS = 12
 ENOUGH = 16.0
@@ -64,40 +70,81 @@ APART, FAR_APART = 2.0, 4.0
 """Standard errors by which held-out errors must fall, and by which where a random twist would explain more."""
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
-    """What is kept of an accepted effect; a search itself is hundreds of megabytes."""
-
-    ranking: tuple[Polished, ...]
-    proof: Proof
-    witness: bool
-
-
 def trace(
     arm: Arm,
     measurements: Measurements,
     rows: np.ndarray | None = None,
     report: Report | None = None,
     keep: bool = False,
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    account: Callable[[Trace], None] | None = None,
+    progress: Callable[[Doing], None] | None = None,
 ) -> Trace:
     """Return the traced arm and its account; `armflex.trace` says what goes in."""
-    say = report or (lambda text: None)
+    teller = Teller(report, progress)
+    say = teller.stage
     say("calibrating")
-    calibration = calibrate(arm, measurements, rows, keep=keep, as_stated=True)
-    state = begin(calibration)
-    first = state.fit
-    looked = _look(state, say)
-    places = looked.places
-    steps: list[Step] = []
-    while len(steps) < MOST_EFFECTS:
-        taken = _round(state, looked, say)
-        if taken is None:
-            break
-        state, step = taken
-        if step is not None and len(state.effects) > len(steps):  # else it widened one whose proof is known
-            steps.append(step)
-        looked = _look(state, say)
-    return _conclude(calibration, first, state, places, steps, say)
+    about = identity(arm, measurements, rows, keep) if checkpoint else {}
+    said = read_checkpoint(checkpoint, about) if checkpoint and resume else None
+    steps = partial(tell_steps, teller.step)
+    calibration = calibrate(arm, measurements, rows, steps, keep=keep, as_stated=True)
+    begun = begin(calibration, teller.step)
+    first, places = begun.fit, localise(begun.fit, begun.scene, project(begun.fit), begun.groups)
+    found = Progress(begun, scenes=(begun.scene,))
+    if checkpoint and said is not None:
+        found = restored(checkpoint, said, begun)
+        say(f"going on with {len(found.state.effects)} effects")
+    elif checkpoint and not checkpoint.exists():  # that of another search stays until there is something to keep
+        write_checkpoint(checkpoint, about, found)
+    _tell_figures(teller, first, found)
+    while not found.ended and len(found.steps) < MOST_EFFECTS:
+        known = found.state.effects
+        found = _next(found, say)
+        if checkpoint:
+            try:
+                write_checkpoint(checkpoint, about, found)
+            except FileError as error:  # a full disk: ended here, the search would lose what it just found
+                say(f"{error}; the search goes on")
+        if found.state.effects != known:
+            _tell_figures(teller, first, found)
+            if account is not None:
+                _pass_on(account, partial(_so_far, calibration, first, found.state, places, found.steps), say)
+    traced = _conclude(calibration, first, found.state, places, found.steps, say)
+    if account is not None:
+        account(traced)
+    if checkpoint:
+        remove(checkpoint)
+    return traced
+
+
+def _next(found: Progress, say: Report) -> Progress:
+    """Return the progress after one more round, ended where nothing is left to be done."""
+    state = found.state
+    taken = _round(state, _look(state, say), say)
+    if taken is None:
+        return replace(found, ended=True)
+    state, step = taken
+    # Else it widened an effect whose proof is known, or set something aside.
+    added = step is not None and len(state.effects) > len(found.steps)
+    return found.after(state, [*found.steps, step] if step is not None and added else found.steps)
+
+
+def _pass_on(account: Callable[[Trace], None], so_far: Callable[[], Trace], say: Report) -> None:
+    """Hand on the account so far; a search is not ended because there is none yet."""
+    try:
+        found = so_far()
+    except ArmflexError as error:
+        say(f"no account so far: {error}")
+        return
+    account(found)
+
+
+def _tell_figures(teller: Teller, first: Fit, found: Progress) -> None:
+    """Say what there is so far: effects, and the error with them."""
+    state, proofs = found.state, [step.proof for step in found.steps]
+    unseen = proofs[-1].after if proofs else held_out(first, pose_folds(state.groups)).rms
+    teller.has(tuple(block.effect.title for block in state.effects), state.fit.rms, unseen)
 
 
 def _round(state: State, looked: Round, say: Report) -> tuple[State, Step | None] | None:
@@ -166,7 +213,10 @@ def _beyond_chance(state: State, looked: Round, best: Polished) -> float | None:
         return None
     # Chance gives a few laws less to boast of than all of them; what the best was chosen among is what counts.
     laws = looked.plain if best.candidate.law.name in looked.plain else None
-    null = max(float(null_maximum(sifted, state.groups, laws).max()) for sifted in looked.sifted)
+    null = -np.inf
+    for number, sifted in enumerate(looked.sifted):
+        state.tell("what chance gives", number, len(looked.sifted))
+        null = max(null, float(null_maximum(sifted, state.groups, laws).max()))
     margin = MARGIN + SOUGHT * (best.candidate.law in SECOND)
     return null if best.evidence >= null + margin else None
 
@@ -186,8 +236,7 @@ def _proven(
 
 def _refitted(state: State, looked: Round, say: Report) -> list[tuple[Polished, State]]:
     """Return the shortlist with everything refitted, the best first; a contender before it where nothing is left."""
-    could = looked.contender is not None and looked.contender.gain > MUCH * _excess(looked)
-    contender = _added(state, [looked.contender], say) if could else []
+    contender = _added(state, [looked.first], say) if looked.could else []
     if contender and _is_settled(contender[0][1]):
         return contender
     return _in_order(_added(state, looked.shortlist, say), robust_limit(state.fit.view)) or contender
@@ -240,38 +289,73 @@ def _witnessed(before: State, after: State, candidate: Polished) -> bool:
     return strain[0] - strain[1] > 0.5 * candidate.gain
 
 
+def _so_far(
+    calibration: Calibration, first: Fit, state: State, places: tuple[RandomTwist, ...], steps: Sequence[Step]
+) -> Trace:
+    """Return the account of a search that goes on: what was accepted, with what is known without comparing it."""
+    found = []
+    for index, step in enumerate(steps):
+        found.append(_found(state, index, step, worth_of(state, index), ()))
+    left = unexplained(state, localise(state.fit, state.scene, project(state.fit), state.groups))
+    return replace(_summed_up(calibration, first, state, places, tuple(found), left), unfinished=True)
+
+
 def _conclude(
     calibration: Calibration,
     first: Fit,
     state: State,
     places: tuple[RandomTwist, ...],
-    steps: list[Step],
+    steps: Sequence[Step],
     say: Report,
 ) -> Trace:
     """Return the account of a search that has come to its end, after second thoughts about what it added."""
+    say("putting effects in each other's places")
     kept = exchanged(state, say)
     kept = replace(kept, state=sorted_out(kept.state))
+    kept, withdrawn, compared = never_worse(first, kept, steps, say)
     state, looked = kept.state, _look(kept.state, say)  # which costs nothing where nothing changed
     say("comparing what else would do")
     found = _account(kept, steps)
+    left = unexplained(state, looked.places) or _far_together(state)
+    summed = _summed_up(calibration, first, state, places, found, left)
+    say("looking what could not be told, and what to measure next")
+    rivals = [[rival for rival, _ in one.equivalent] for one in found]
+    return replace(
+        summed,
+        not_identifiable=not_identifiable(looked, state),
+        smallest=smallest(looked, state),
+        next_measurement=(*next_rows(state, rivals), *lacking(state.measurements)),
+        compared=compared,
+        withdrawn=withdrawn,
+    )
+
+
+def _summed_up(
+    calibration: Calibration,
+    first: Fit,
+    state: State,
+    places: tuple[RandomTwist, ...],
+    found: tuple[Found, ...],
+    left: Unexplained | None,
+) -> Trace:
+    """Return the account without what a search for more, and for what else would do, has to tell."""
     before = fitted_to(first, state.measurements, state.rows)
     folds, judged = pose_folds(state.groups), believed(before, state.fit)
-    rivals = [[rival for rival, _ in one.equivalent] for one in found]
     return Trace(
         _traced(calibration, state, found),
         calibration,
         before,
         state,
         found,
-        unexplained(state, looked) or _far_together(state),
+        left,
         places,
-        not_identifiable(looked, state),
-        smallest(looked, state),
+        (),
+        (),
         state.fit.noise,
         held_out(before, folds, judged=judged).rms,
         held_out(state.fit, folds, judged=judged).rms,
         sessions_held_out(before, state.fit, state.effects, state.sessions),
-        (*next_rows(state, rivals), *lacking(state.measurements)),
+        (),
     )
 
 
@@ -287,15 +371,20 @@ def _far_together(state: State) -> Unexplained | None:
 def _account(kept: Exchanged, steps: Sequence[Step]) -> tuple[Found, ...]:
     """Return what is to be said about every effect, in the order added."""
     found, state = [], kept.state
-    for index, (number, block) in enumerate(zip(kept.steps, state.effects, strict=True)):
+    for index, number in enumerate(kept.steps):
         step = steps[number]
         if index in kept.fresh:  # what was proven then was another effect
-            step = replace(step, proof=prove(without(state, index), state, step.proof.null, [block]))
-        values = state.values_of(block)
-        std = block.std(values, state.stds_of(block))
+            step = replace(step, proof=prove(without(state, index), state, step.proof.null, [state.effects[index]]))
         worth, others = equivalents(state, index)
-        found.append(Found(block.at(values), std, worth, step.proof, others, step.ranking, step.witness))
+        found.append(_found(state, index, step, worth, others))
     return tuple(found)
+
+
+def _found(state: State, index: int, step: Step, worth: float, others: tuple[tuple[Effect, float], ...]) -> Found:
+    block = state.effects[index]
+    values = state.values_of(block)
+    std = block.std(values, state.stds_of(block))
+    return Found(block.at(values), std, worth, step.proof, others, step.ranking, step.witness)
 
 
 def _traced(calibration: Calibration, state: State, found: tuple[Found, ...]) -> Arm:

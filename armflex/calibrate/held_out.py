@@ -1,0 +1,100 @@
+"""Errors on rows that a fit has not seen, in the linear problem about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.calibrate.fit import Fit
+from armflex.calibrate.robust import huber_weights, robust_limit
+from armflex.calibrate.view import View
+from armflex.conventions import Array
+
+FOLDS = 5
+
+BELIEVED = 0.5
+"""Robust weight below which a row is left out of held-out errors: a lost beam says nothing about a model."""
+
+
+def near(*views: View) -> np.ndarray:
+    """Return (M,) rows that one or more of several views of the same rows come near, by the limit of the closest.
+
+    A row that only an effect explains speaks for it, one that it alone spoils against it, and a beam that every view
+    misses about none of them.
+    """
+    limit = min(robust_limit(view) for view in views)
+    return np.any([huber_weights(view, limit) > BELIEVED for view in views], axis=0)
+
+
+def believed(*fits: Fit) -> np.ndarray:
+    """Return (M,) rows that one or more of several fits to the same rows come near; see `near`."""
+    return near(*(fit.view for fit in fits))
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Errors on rows that a fit has not seen.
+
+    Attributes:
+        squares: (M,) squared 3-D error of every row [m^2].
+        believed: (M,) False for rows that say nothing about a model.
+    """
+
+    squares: Array
+    believed: np.ndarray
+
+    @property
+    def rms(self) -> float:
+        """RMS of the 3-D error over believed rows [m]."""
+        return self.rms_of(self.believed)
+
+    def rms_of(self, rows: np.ndarray) -> float:
+        """Return the RMS of the 3-D error over the believed among (M,) rows [m]."""
+        return float(np.sqrt(self.squares[self.believed & rows].mean()))
+
+
+def held_out(
+    fit: Fit, folds: np.ndarray, refitted: Sequence[np.ndarray] | None = None, judged: np.ndarray | None = None
+) -> HeldOut:
+    """Return the errors of every row predicted from the other folds, in the linear problem about the fit.
+
+    Args:
+        fit: The fit; its columns and robust weights are used as they are.
+        folds: (M,) fold of every row.
+        refitted: For every fold, parameters that may follow the fold's own rows (a session's frame), if any.
+        judged: (M,) rows that count, see `believed`; those that this fit believes when not given.
+    """
+    size = fit.view.residual.shape[1]
+    data = fit.residual + fit.columns @ fit.values
+    precision = fit.prior**-2.0
+    left = np.empty(len(data))
+    for number in range(int(folds.max()) + 1):
+        own = np.repeat(folds == number, size)
+        values = solved(fit.columns[~own], precision, data[~own])
+        error = data[own] - fit.columns[own] @ values
+        if refitted is not None and len(refitted[number]):
+            some = refitted[number]
+            error = error - fit.columns[np.ix_(own, some)] @ solved(
+                fit.columns[np.ix_(own, some)], precision[some], error
+            )
+        left[own] = error
+    errors = left.reshape(-1, size)[:, :3] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, :3]
+    return HeldOut((errors**2).sum(axis=1), fit.weights > BELIEVED if judged is None else judged)
+
+
+def solved(columns: Array, precision: Array, data: Array) -> Array:
+    """Return the (P,) values that explain (n,) whitened readings by (n, P) columns best, with their prior precision."""
+    normal = columns.T @ columns + np.diag(precision)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scaled = normal * np.outer(scale, scale) + 1e-13 * np.eye(len(scale))
+    return scale * np.linalg.solve(scaled, scale * (columns.T @ data))
+
+
+def pose_folds(groups: np.ndarray, count: int = FOLDS, seed: int = 0) -> np.ndarray:
+    """Return (M,) folds that keep the rows of a pose together."""
+    poses = np.unique(groups)
+    order = np.random.default_rng(seed).permutation(len(poses))
+    fold = dict(zip(poses[order].tolist(), (np.arange(len(poses)) % min(count, len(poses))).tolist(), strict=True))
+    return np.array([fold[group] for group in groups.tolist()])

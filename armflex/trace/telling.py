@@ -1,0 +1,85 @@
+"""What a search says while it goes on: which stage it is at, how far in it, and what it has so far."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+Report = Callable[[str], None]
+"""Called with what is being done, once for every stage."""
+
+Tell = Callable[[str, int, int], None]
+"""Called within a stage, often: with what is tried, how many were, and of how many (0 where nobody knows)."""
+
+
+def silent(trying: str, done: int, total: int) -> None:
+    """Say nothing."""
+
+
+def tell_steps(tell: Tell, done: int, most: int) -> None:
+    """Tell the steps of a fit, which ends long before it has taken as many as it may."""
+    tell(f"step {done}", 0, 0)
+
+
+@dataclass(frozen=True)
+class Doing:
+    """What a search is at, and what it has.
+
+    Attributes:
+        stage: In words.
+        trying: What is tried within it, '' where nothing is said.
+        done, total: How many were tried, and of how many; 0 where nobody knows.
+        effects: Those accepted so far, in words.
+        rms: RMS of the 3-D error of the fitted rows with them [m], None before the first fit.
+        held_out: The same on held-out poses [m].
+    """
+
+    stage: str = ""
+    trying: str = ""
+    done: int = 0
+    total: int = 0
+    effects: tuple[str, ...] = ()
+    rms: float | None = None
+    held_out: float | None = None
+
+    def __str__(self) -> str:
+        count = f"{self.done} of {self.total}" if self.total else ""
+        within = ", ".join(part for part in (self.trying, count) if part)
+        return ": ".join(part for part in (self.stage, within) if part) + self._has
+
+    @property
+    def _has(self) -> str:
+        if self.rms is None:
+            return ""
+        held_out = "" if self.held_out is None else f", held out {self.held_out * 1e3:.3g} mm"
+        count = f"{len(self.effects)} effect{'' if len(self.effects) == 1 else 's'}"
+        return f" [{count}; RMS {self.rms * 1e3:.3g} mm{held_out}]"
+
+
+class Teller:
+    """Hands on what a search is at; it costs a call, so that the innermost loops may say it."""
+
+    def __init__(self, report: Report | None, progress: Callable[[Doing], None] | None) -> None:
+        self.report = report
+        self.progress = progress
+        self.doing = Doing()
+
+    def stage(self, text: str) -> None:
+        """Say that a stage begins."""
+        if self.report:
+            self.report(text)
+        self._say(replace(self.doing, stage=text, trying="", done=0, total=0))
+
+    def step(self, trying: str, done: int, total: int) -> None:
+        """Say how far it has come."""
+        if self.progress:
+            self._say(replace(self.doing, trying=trying, done=done, total=total))
+
+    def has(self, effects: tuple[str, ...], rms: float, held_out: float | None) -> None:
+        """Say what there is so far."""
+        self._say(replace(self.doing, effects=effects, rms=rms, held_out=held_out))
+
+    def _say(self, doing: Doing) -> None:
+        self.doing = doing
+        if self.progress:
+            self.progress(doing)
