@@ -189,6 +189,13 @@ def test_a_long_text_in_many_rows_of_parquet_is_held_once() -> None:
     assert judge(lambda: read_trajectory(path, arm()), path)
 
 
+def test_rows_of_a_path_that_are_no_time_apart() -> None:
+    rows = [",".join(row) for row in PATH]
+    path = written("path.csv", "\n".join([",".join(PATH_HEADER), rows[0], rows[1].replace("1.0", "1e-320", 1)]))
+    with pytest.raises(TableError, match=r"path\.csv:3: time does not increase, by 1e-09 s at least"):
+        read_trajectory(path, arm())
+
+
 def test_numbers_of_a_table_beyond_everything() -> None:
     row = ",".join(PATH[0]).replace("0.1", "-1e31", 1)
     path = written("path.csv", f"{','.join(PATH_HEADER)}\n{row}\n")
