@@ -55,10 +55,13 @@ UNITS: dict[str, dict[str, float]] = {
 }
 """Kind of quantity -> unit -> factor to SI."""
 
-NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
-"""A plain decimal number; `float()` would also take '1_000', 'nan' and full-width digits."""
+NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+"""A plain decimal number; `float()` would also take '1_000', 'nan' and full-width digits.
 
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ]*)\s*")
+Its digits can be read in one way only: a long cell that is no number costs no more than one that is.
+"""
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ]*)\s*")
 
 
 def parse_quantity(text: str, kind: str) -> float:

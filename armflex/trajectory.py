@@ -16,6 +16,9 @@ from armflex.effects.scene import APPROACH, last_motion
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, UnknownNameError, did_you_mean, listing
 from armflex.measured.table import Table, read_table, write_table
 
+SHORTEST = 1e-9
+"""No controller's rows follow each other sooner [s]; speeds over less may be beyond all numbers."""
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -266,8 +269,9 @@ def check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:
 
 def _check_time(table: Table) -> None:
     steps = np.diff(table.numbers("time"))
-    if len(steps) and not (steps > 0.0).all():
-        raise TableError(Place(table.path, table.lines[int(np.argmin(steps > 0.0)) + 1]), "time does not increase")
+    if len(steps) and not (steps >= SHORTEST).all():
+        line = table.lines[int(np.argmin(steps >= SHORTEST)) + 1]
+        raise TableError(Place(table.path, line), f"time does not increase, by {SHORTEST:g} s at least")
 
 
 def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:

@@ -293,7 +293,7 @@ def mutated_cells(
             for cells in body:
                 cells[column], cells[other] = cells[other], cells[column]
         elif how == "row":
-            body[row : row + 1] = [list(body[row])] * draw(st.sampled_from((0, 2, 3)))
+            body[row : row + 1] = [list(body[row]) for _ in range(draw(st.sampled_from((0, 2, 3))))]
         else:
             other = draw(st.integers(0, len(body) - 1))
             body[row], body[other] = body[other], body[row]

@@ -12,7 +12,8 @@ from harness import as_toml, judge, judge_command, limited, written
 from seeds import ARM, PATH, PATH_HEADER, arm, declared, quietly, traced
 
 from armflex import load_arm, read_trajectory
-from armflex.errors import ArmFileError, TableError
+from armflex.conventions import NUMBER, parse_quantity
+from armflex.errors import ArmFileError, TableError, UnitError
 
 PLAIN = ARM.replace("LEARN", "").partition("[[effect]]")[0]
 
@@ -166,6 +167,21 @@ def test_a_long_text_in_many_rows_of_parquet_is_held_once() -> None:
     parquet.write_table(pa.table({"time": np.arange(float(count)), **columns, "via": long}), path)
     assert path.stat().st_size < 2_000_000
     assert judge(lambda: read_trajectory(path, arm()), path)
+
+
+def test_a_long_row_of_digits_that_is_no_number_takes_no_time() -> None:
+    with limited(seconds=1.0):
+        assert not NUMBER.fullmatch("9" * 100_000 + "x")
+        assert NUMBER.fullmatch("9" * 100_000)
+        with pytest.raises(UnitError):
+            parse_quantity("9" * 100_000 + "!", "length")
+
+
+def test_rows_of_a_path_that_are_no_time_apart() -> None:
+    rows = [",".join(row) for row in PATH]
+    path = written("path.csv", "\n".join([",".join(PATH_HEADER), rows[0], rows[1].replace("1.0", "1e-320", 1)]))
+    with pytest.raises(TableError, match=r"path\.csv:3: time does not increase, by 1e-09 s at least"):
+        read_trajectory(path, arm())
 
 
 def test_numbers_of_a_table_beyond_everything() -> None:
