@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 
@@ -115,9 +115,9 @@ class Bank:
     """
 
     candidates: tuple[Candidate, ...]
-    fit: Fit
-    scene: Scene
-    tell: Tell = silent
+    fit: Fit = field(repr=False)
+    scene: Scene = field(repr=False)
+    tell: Tell = field(default=silent, repr=False)
 
     @cached_property
     def sizes(self) -> np.ndarray:
