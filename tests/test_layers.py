@@ -22,7 +22,20 @@ ROOMS = (
 )
 """From the ground up."""
 
-UPWARD: tuple[str, ...] = ()
+UPWARD = (
+    *("arm_doubts->arm", "arm_file->calibrate", "batch->arm", "batch->arm_doubts"),
+    *("batch->calibrate", "calibrate->learning", "calibrate->trace", "calibration_table->calibrate"),
+    *(
+        "calibration_table->certainty_table",
+        "certainty_table->calibrate",
+        "compensate_doubts->compensate",
+        "effects->arm",
+    ),
+    *("effects->calibrate", "effects->statics", "measured->arm", "measured->effects"),
+    *("measured->trajectory", "plan->workspace", "statics->arm", "statics->arm_doubts"),
+    *("statics->batch", "storage->parallel", "trajectory->arm", "trajectory->effects"),
+    *("workspace->view"),
+)
 """Imports that point up today. None may be added; one that is gone must go from here."""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 import threading
 import time
@@ -30,7 +29,7 @@ from armflex.cli.options import (
     show_flags,
     write_json,
 )
-from armflex.cli.tables import complain, console, number, print_table
+from armflex.cli.tables import complain, console, number, print_table, stream
 from armflex.effects.effect_file import names_of
 from armflex.effects.law import Effect
 from armflex.effects.remember import derived_directions
@@ -204,7 +203,7 @@ def telling() -> Iterator[tuple[Callable[[str], None], Callable[[Doing], None]]]
         while not over.wait(REDRAWN):
             text = str(now["doing"])
             if live and text:
-                line(text[: shutil.get_terminal_size().columns - 9], "")
+                line(text[: stream(stderr=True).width - 9], "")
             elif text and time.monotonic() - now["said"] >= EVERY - REDRAWN:
                 line(text, "\n")
 

@@ -12,7 +12,7 @@ import numpy as np
 from click.core import ParameterSource
 
 from armflex.cli.options import Choice, Command, OutputPath, PathArgument, json_option, progress, show_flags, write_json
-from armflex.cli.tables import console, number, print_table
+from armflex.cli.tables import complain, console, number, print_table
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import InputError
 from armflex.laws.declared import read_assembly
@@ -81,9 +81,8 @@ def command(
     if model == "auto":
         tried = "; ".join(rival.name for rival in rivals(options))
         starts = f"from {affordable_starts(options, data.deflections.size)} of {options.starts} starts"
-        click.echo(
-            f"comparing on {len(data)} rows: {tried}, {starts}: as many as it has measured numbers for each neuron",
-            err=True,
+        complain(
+            f"comparing on {len(data)} rows: {tried}, {starts}: as many as it has measured numbers for each neuron"
         )
     with progress("learning") as tick:
         result = train(data, model, structure, options, tick)
