@@ -21,8 +21,8 @@ from armflex.digest import digest
 from armflex.effects.remember import settled
 from armflex.errors import Flag, InputError, UnknownNameError
 from armflex.kept import Manifest
+from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import in_order
-from armflex.statics.equilibrium import METHODS
 from armflex.version import __version__
 from armflex.workspace.configurations import MOST_ROWS, Configurations, default_voxel, drawn_range, furthest
 from armflex.workspace.question import REASONS, Answer, Question, answers, sigmas
