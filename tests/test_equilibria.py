@@ -54,7 +54,7 @@ class Rows:
 
     def together(self) -> Equilibria:
         found = respond(self.arm, self.row.q, self.carried, self.row.covariates)
-        return Equilibria(found.flexure_twists, found.flexure_wrenches.reshape(len(self.cases), -1))
+        return Equilibria(found.flexure_twists, found.flexure_wrenches.reshape(found.flexure_twists.shape))
 
     def alone(self, i: int) -> Equilibrium:
         return find_equilibrium(self.mechanics[i], self.stack, self.cases[i], self.row.some(i))

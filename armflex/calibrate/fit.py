@@ -340,7 +340,7 @@ class _Task:
         for _ in range(trials):
             with contextlib.suppress(ArmflexError):
                 step = problem.step(damping)
-                trial = self.at(moved(self.blocks, here.values, step), here.view.rows, here.view)
+                trial = self.at(moved(self.blocks, here.values, step), here.view.rows)
                 after = self.cost(trial, limit)
                 if after <= before + 1e-9 * abs(before):
                     kept = (before - after) / problem.promised(step)

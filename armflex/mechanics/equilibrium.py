@@ -184,7 +184,7 @@ def _exact(problem: _Problem, tolerance: float) -> Equilibrium:
 
 
 def _fixed_point(problem: _Problem, tolerance: float) -> Equilibrium:
-    found, history = _settled(problem, MAX_FIXED_POINT, GROWTH)
+    found, history = _settled(problem, MAX_FIXED_POINT - 1, GROWTH)
     if found is None:
         raise ConvergenceError("the fixed point did not converge; Newton may", history)
     return found

@@ -61,13 +61,17 @@ in_order = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 class Arm(NamedTuple):
-    """Numbers of an arm with a payload, and the dead wrenches on its links; see `Chain` and `Pushes`."""
+    """Numbers of an arm with a payload, and the dead wrenches on its links; see `Chain` and `Pushes`.
+
+    `acting` is as long as there are wrenches: a tuple for none, so that the compiler leaves the loops over them out.
+    """
 
     elements: Array
     kinds: Array
     flexures: int
     links: Array
     wrenches: Array
+    acting: Array
 
 
 class Laws(NamedTuple):
@@ -111,14 +115,15 @@ def room_for(flexures: int, links: int, lanes: int, rooms: int = 1) -> Array:
 
 @jit
 def solve_one(
-    elements, kinds, links, wrenches, compliance, offset, neurons, starts, bounds, room, hidden, exact, q, twists,
-    displacement,
+    elements, kinds, links, wrenches, acting, compliance, offset, neurons, starts, bounds, room, hidden, exact, q,
+    twists, displacement,
 ):  # fmt: skip
     """Fill the (6,) displacement and the (n, 6) twists at (nq,) positions; return whether it converged."""
     for j in range(len(q)):
         if not bounds[0, j] <= q[j] <= bounds[1, j]:
             return False
-    arm, laws = Arm(elements, kinds, len(twists), links, wrenches), Laws(compliance, offset, neurons, starts)
+    arm = Arm(elements, kinds, len(twists), links, wrenches, acting)
+    laws = Laws(compliance, offset, neurons, starts)
     here = _divided(room, hidden, len(twists))
     _place(arm, here, q.reshape(1, -1), 0, ONE)
     _weigh(arm, here, False, 0, ONE)
@@ -133,8 +138,8 @@ def solve_one(
 
 @jit
 def solve_many(
-    elements, kinds, links, wrenches, compliance, offset, neurons, starts, rooms, ready, q, exact, displacement, loads,
-    twists, converged,
+    elements, kinds, links, wrenches, acting, compliance, offset, neurons, starts, rooms, ready, q, exact, displacement,
+    loads, twists, converged,
 ):  # fmt: skip
     """Fill (N, 6) displacements, (N, n, 6) loads and twists, and (N,) whether they are solutions, at (N, nq) q.
 
@@ -142,7 +147,7 @@ def solve_many(
     `ready`: the rigid arm need not be placed again, and the arm comes to rest from where it rested.
     """
     lanes, hidden, n = np.arange(LANES), np.empty(len(neurons) * LANES), twists.shape[1]
-    arm, laws = Arm(elements, kinds, n, links, wrenches), Laws(compliance, offset, neurons, starts)
+    arm, laws = Arm(elements, kinds, n, links, wrenches, acting), Laws(compliance, offset, neurons, starts)
     for first in range(0, len(q), len(lanes)):
         here = _divided(rooms[min(first // len(lanes), len(rooms) - 1)], hidden, n)
         if not ready:
@@ -375,7 +380,7 @@ def _place(arm, room, q, first, lanes):
                 for c in range(len(lanes)):
                     moment[carrier, i, c] += mass * tip[0, i, c]
             _shift(moment, carrier, here, mass * elements[k, 16], mass * elements[k, 17], mass * elements[k, 18], lanes)
-        for j in range(len(arm.links)):
+        for j in range(len(arm.acting)):
             if arm.links[j, 0] == k:
                 for i in range(3):
                     for c in range(len(lanes)):
@@ -504,7 +509,7 @@ def _weigh(arm, room, flexed, first, lanes):
         if flexed:
             _lean(room.pull, room, k, lanes)
         _load(arm.elements[k, 19], room, k, lanes)
-    for j in range(len(arm.links)):
+    for j in range(len(arm.acting)):
         _push(arm, room, j, flexed, first, lanes)
 
 
@@ -689,7 +694,7 @@ def sensitivities(elements, kinds, links, wrenches, changes, q, twists, complian
         by_law: To be filled.
         distance: (N,) to be filled with the Frobenius norm of C G E, see the head of this module.
     """
-    n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches)
+    n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches, ())
     here, size = _flexed_room(arm), 6 * n
     matrix, right = np.empty((size, size)), np.empty((size, 6))
     for row in range(len(q)):
@@ -742,7 +747,7 @@ def responses(
         motions: (N, l, 6, 6) change of the tip per wrench at the origin of each of the last l frames, base axes.
         gravity: (N, 6, 3) change of the tip per change of gravity.
     """
-    n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches)
+    n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches, ())
     here, m, wanted = _flexed_room(arm), kinds.shape[1], len(joints) + len(sites) + len(motions) + len(gravity)
     turn, origin, base, own, local = np.empty((3, 3)), np.empty(3), np.empty((6, WIDTH)), np.eye(6), np.empty((6, 6))
     none = np.zeros((n, 6, 6))
@@ -755,20 +760,23 @@ def responses(
             _rigid_field(here.tip, base)
         for k in range(1, m if len(joints) else 1):
             if kinds[0, k] & 3 == TURNS or kinds[0, k] & 3 == SLIDES:
-                _along_joint(arm, here, base, k, joints[row])
+                _along_joint(arm, here, base, k, own, joints[row])
         for f in range(len(places[0])):
             _frame_pose(here, places[0, f], frames[f], turn, origin)
             if len(poses):
                 poses[row, f] = 0.0
                 poses[row, f, :3, :3], poses[row, f, :3, 3], poses[row, f, 3, 3] = turn, origin, 1.0
+            _action(turn, origin, own)
             if len(sites) and f < sites.shape[2]:
-                _action(turn, origin, own)
                 _along(own, here.field[places[1, f]] + base, local, 0, 0)
                 for r in range(6):
                     for a in range(6):
                         sites[row, r, f, a] = local[a, r]
             if len(loads) and f < loads.shape[1]:
-                _local_load(turn, origin, here.load[places[1, f]], loads[row, f])
+                for a in range(6):
+                    loads[row, f, a] = 0.0
+                    for c in range(6):
+                        loads[row, f, a] += own[c, a] * here.load[places[1, f], c]
             link = f - len(places[0]) + motions.shape[1]
             if len(motions) and link >= 0:
                 _point_motion(here.motion[places[0, f]], origin, motions[row, link])
@@ -779,7 +787,7 @@ def responses(
 @jit
 def rigid_tips(elements, kinds, q, poses):
     """Fill the (N, 4, 4) poses of the rigid arm's tip at (N, nq) joint positions."""
-    arm = Arm(elements, kinds, 0, np.empty((0, 2), dtype=np.int64), np.empty((1, 0, 9)))
+    arm = Arm(elements, kinds, 0, np.empty((0, 2), dtype=np.int64), np.empty((1, 0, 9)), ())
     here, m = _flexed_room(arm), kinds.shape[1]
     none, turn = np.empty((0, 6)), np.empty((3, 3))
     for row in range(len(q)):
@@ -1106,21 +1114,15 @@ def _rigid_field(tip, field):
 
 
 @called
-def _along_joint(arm, here, base, k, joints):
+def _along_joint(arm, here, base, k, own, joints):
     """Fill the tip's motion per motion of the joint that element k is."""
-    element, turn, origin, own = arm.elements[k], here.turn[k], here.origin[k], np.zeros(6)
-    for i in range(3):
-        for j in range(3):
-            own[i] += turn[i, j] * element[12 + j]
-    if arm.kinds[0, k] & 3 == TURNS:
-        own[3], own[4], own[5] = own[0], own[1], own[2]
-        own[0] = origin[1] * own[5] - origin[2] * own[4]
-        own[1] = origin[2] * own[3] - origin[0] * own[5]
-        own[2] = origin[0] * own[4] - origin[1] * own[3]
+    _action(here.turn[k], here.origin[k], own)
+    first = 3 if arm.kinds[0, k] & 3 == TURNS else 0
     for r in range(6):
         value = 0.0
         for a in range(6):
-            value += own[a] * (base[a, r] + here.field[k, a, r])
+            for j in range(3):
+                value += own[a, first + j] * arm.elements[k, 12 + j] * (base[a, r] + here.field[k, a, r])
         joints[r, arm.kinds[1, k]] = value
 
 
@@ -1132,17 +1134,6 @@ def _frame_pose(here, element, frame, turn, origin):
         origin[i] = at[i] + before[i, 0] * frame[9] + before[i, 1] * frame[10] + before[i, 2] * frame[11]
         for j in range(3):
             turn[i, j] = before[i, 0] * frame[j] + before[i, 1] * frame[3 + j] + before[i, 2] * frame[6 + j]
-
-
-@called
-def _local_load(turn, origin, load, found):
-    """Fill a spatial load in the axes of a frame, about its origin."""
-    x, y, z = origin[0], origin[1], origin[2]
-    fx, fy, fz = load[0], load[1], load[2]
-    mx, my, mz = load[3] - (y * fz - z * fy), load[4] - (z * fx - x * fz), load[5] - (x * fy - y * fx)
-    for j in range(3):
-        found[j] = turn[0, j] * fx + turn[1, j] * fy + turn[2, j] * fz
-        found[3 + j] = turn[0, j] * mx + turn[1, j] * my + turn[2, j] * mz
 
 
 @called
@@ -1177,7 +1168,7 @@ def compile_everything() -> None:
     laws = (np.zeros((1, 0, 6, 6)), np.zeros((1, 0, 6)), np.zeros((0, 13)), np.zeros(1, dtype=np.int64))
     q, twists, changes, tip = np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6)), np.zeros((0, 6))
     by_law, poses, nobody = np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 4, 4)), np.zeros(0, dtype=bool)
-    solve_many(*arm, *laws, room_for(0, 0, LANES), False, q, True, tip, twists, twists, nobody)
+    solve_many(*arm, (), *laws, room_for(0, 0, LANES), False, q, True, tip, twists, twists, nobody)
     sensitivities(*arm, changes, q, twists, laws[0], nobody, by_law, np.zeros(0))
     frames = (np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)), poses)
     responses(

@@ -122,7 +122,7 @@ class RowLaws:
         affine: list[tuple[int, Array, Array]] = []
         networks: list[tuple[int, NetworkLaw]] = []
         self.curved: list[tuple[int, Law]] = []
-        self._row, self._known = row, {}
+        self._row, self._known, self._slopes = row, {}, []
         for i, law in stack.parts if parts is None else parts:
             if isinstance(law, NetworkLaw):
                 networks.append((i, law))
@@ -155,19 +155,21 @@ class RowLaws:
         """Compliance, offset, neurons and starts."""
         return self.compliance, self.offset, self.neurons, self.starts
 
-    def expand(self, loads: Array) -> Array:
+    def expand(self, loads: Array, slopes: bool = True) -> Array:
         """Expand the curved laws about (N, n, 6) loads; return (N,) by how much their twists there were otherwise.
 
-        That is a step of Newton's method on the laws alone: between two, the equilibrium is solved exactly.
+        Between two expansions the equilibrium is solved exactly, so that this is Newton's method on the laws alone;
+        without `slopes` their tangents stay those of the last expansion (the chord method), which are dear to ask for.
         """
         before = np.einsum("nkij,nkj->nki", self.compliance, loads) + self.offset
-        np.copyto(self.compliance, self._affine[0])
         np.copyto(self.offset, self._affine[1])
-        for i, law in self.curved:
-            load = loads[:, i]
-            tangent = law.tangent(load, self._row)
-            self.compliance[:, i] += tangent
-            self.offset[:, i] += law.twist(load, self._row) - (tangent @ load[..., None])[..., 0]
+        if slopes:
+            np.copyto(self.compliance, self._affine[0])
+            self._slopes = [law.tangent(loads[:, i], self._row) for i, law in self.curved]
+        for (i, law), tangent in zip(self.curved, self._slopes, strict=True):
+            if slopes:
+                self.compliance[:, i] += tangent
+            self.offset[:, i] += law.twist(loads[:, i], self._row) - (tangent @ loads[:, i, :, None])[..., 0]
         after = np.einsum("nkij,nkj->nki", self.compliance, loads) + self.offset
         return np.sqrt(((after - before) ** 2).sum(axis=(1, 2)))
 

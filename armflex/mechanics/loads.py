@@ -104,8 +104,10 @@ class Wrench:
 
     def at(self, pose: Array) -> Array:
         """Return the (..., 6) wrench at the link's origin in base axes."""
-        turn = np.broadcast_to(np.eye(3), (*pose.shape[:-2], 3, 3)) if self.dead else pose[..., :3, :3]
-        return np.concatenate([turn @ self.force, turn @ self.moment], axis=-1)
+        if self.dead:
+            wrench = np.concatenate([self.force, self.moment])
+            return wrench if pose.ndim == 2 else np.broadcast_to(wrench, (*pose.shape[:-2], 6))
+        return np.concatenate([pose[..., :3, :3] @ part for part in (self.force, self.moment)], axis=-1)
 
     def change(self, pose: Array) -> Array:
         """Return the (..., 6, 6) change per motion of the link: only a load that turns with it has one."""

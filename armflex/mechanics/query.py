@@ -126,7 +126,7 @@ def _quick(loaded: LoadedArm, exact: bool, loads: Sequence[Load]) -> Quick:
     same = [(i, law) for i, law in stack.parts if not any(law is other for _, other in changing)]
     laws, pushes, softening = RowLaws(stack, loaded.row(middle[None], {}), same), solver.pushes, solver.softening
     room, hidden = compiled.room_for(n, len(pushes.links), lanes=1)[0], np.empty(len(laws.neurons))
-    head, tail = (*loaded.chain.numbers, pushes.links), (*laws.numbers, bounds, room, hidden)
+    head, tail = (*loaded.chain.numbers, pushes.links), (pushes.acting, *laws.numbers, bounds, room, hidden)
     solve, known = compiled.solve_one, (*head, pushes.wrenches(middle[None]), *tail, exact)
     proven = not exact or (softening is not None and softening.proven)
 
@@ -137,17 +137,17 @@ def _quick(loaded: LoadedArm, exact: bool, loads: Sequence[Load]) -> Quick:
         return (here, twists, displacement) if solve(*known, here, twists, displacement) else None
 
     wrenches, offset, compliance = room[6 * n : 7 * n, :, 0], laws.offset[0], laws.compliance[0]
-    declared = offset.copy(), compliance.copy()
+    declared, dead, fixed = (offset.copy(), compliance.copy()), not pushes.turning, pushes.wrenches(middle[None])
 
     def in_rounds(q: Array, covariates: dict[str, float]) -> Answer | None:
         """See `rows`; the loads on the flexures are those that the kernel left."""
-        if q.shape != shape or q.dtype != FLOAT or not ((bounds[0] <= q) & (q <= bounds[1])).all():
+        if q.shape != shape or q.dtype != FLOAT:
             return None
         here, twists, displacement = q.copy(), np.empty((n, 6)), np.empty(6)
         row = loaded.row(here, {name: covariate_array(value, name, 0) for name, value in covariates.items()})
         np.copyto(offset, declared[0])
         np.copyto(compliance, declared[1])
-        curved, tangents = [], {}
+        curved, tangents, pushed = [], {}, fixed if dead else pushes.wrenches(here[None])
         for i, law in changing:
             affine = law.affine(row)
             if affine is None:
@@ -156,37 +156,38 @@ def _quick(loaded: LoadedArm, exact: bool, loads: Sequence[Load]) -> Quick:
                 offset[i] += affine[0]
                 compliance[i] += affine[1]
                 tangents[id(law)] = affine[1]
-        affine, later = (offset.copy(), compliance.copy()), bool(curved or pushes.turning)
-        pushed = pushes.wrenches(here[None])
-        if later:
-            solve(*head, pushed, *tail, False, here, twists, displacement)
-            expand(curved, row, affine, tangents)
-        for _ in range(ROUNDS):
-            if not solve(*head, pushed, *tail, exact, here, twists, displacement):
-                return None
-            if not (later and exact):
-                break
-            before, pushed = pushed, pushes.wrenches(here[None], twists[None])
-            if expand(curved, row, affine, tangents) <= SETTLED and turned(before, pushed)[0] <= SETTLED:
-                break
+        if dead and not curved:
+            fine = solve(*head, pushed, *tail, exact, here, twists, displacement)
         else:
-            return None
-        return (here, twists, displacement) if proven or stays(row, here, twists, tangents) else None
+            fine = settle(row, curved, pushed, here, twists, displacement)
+        return (here, twists, displacement) if fine and (proven or stays(row, here, twists, tangents)) else None
 
-    def expand(
-        curved: Sequence[tuple[int, Law]], row: Row, affine: tuple[Array, Array], tangents: dict[int, Array]
-    ) -> float:
-        """Expand the curved laws about the loads; return by how much their twists there were otherwise."""
-        before = [compliance[i] @ wrenches[i] + offset[i] for i, _ in curved]
-        np.copyto(offset, affine[0])
-        np.copyto(compliance, affine[1])
-        for i, law in curved:
-            load = wrenches[i].copy()
-            tangents[id(law)] = tangent = law.tangent(load, row)
-            offset[i] += law.twist(load, row) - tangent @ load
-            compliance[i] += tangent
-        after = [compliance[i] @ wrenches[i] + offset[i] for i, _ in curved]
-        return max((float(np.abs(a - b).max()) for a, b in zip(after, before, strict=True)), default=0.0)
+    def settle(
+        row: Row, curved: Sequence[tuple[int, Law]], pushed: Array, here: Array, twists: Array, displacement: Array
+    ) -> bool:
+        """Renew what the curved laws give and the turning loads until both are what they were taken for.
+
+        One configuration needs a round or two more without the laws' tangents, which are as dear as those rounds.
+        """
+        if not solve(*head, pushed, *tail, False, here, twists, displacement):
+            return False
+        affine, moved, turning = offset.copy(), np.inf, np.inf
+        for _ in range(ROUNDS):
+            given = offset.copy()
+            np.copyto(offset, affine)
+            for i, law in curved:
+                offset[i] += law.twist(wrenches[i].copy(), row)
+            if exact:
+                moved = np.abs(offset - given).max(initial=0.0)
+                if moved <= SETTLED and turning <= SETTLED:
+                    return True
+            if not solve(*head, pushed, *tail, exact, here, twists, displacement):
+                return False
+            if not exact:
+                return True
+            before, pushed = pushed, pushes.wrenches(here[None], twists[None])
+            turning = turned(before, pushed)[0]
+        return False
 
     def stays(row: Row, here: Array, twists: Array, tangents: dict[int, Array]) -> bool:
         """Return whether the arm is proven to stay, by the bound or by the tangent itself."""
@@ -197,6 +198,9 @@ def _quick(loaded: LoadedArm, exact: bool, loads: Sequence[Load]) -> Quick:
 
         if softening is not None and softening.stays(wrenches.ravel(), tangent):
             return True
+        for i, law in changing:
+            if id(law) not in tangents:
+                compliance[i] += law.tangent(wrenches[i].copy(), row)
         at, distance = (here[None], twists[None]), np.empty(1)
         given = (*head, pushes.wrenches(*at), pushes.changes(*at), *at, laws.tangents(wrenches[None]))
         compiled.sensitivities(*given, np.zeros(1, dtype=bool), np.empty((1, 6, n, 6)), distance)

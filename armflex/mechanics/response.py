@@ -207,6 +207,8 @@ def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array) -> tuple
     solver, laws, found = RowSolver(loaded, True, arm.pulls), RowLaws(arm.stack, row), Solution.empty(len(q), n)
     fine = solver.solve(row, laws, found)
     some = np.flatnonzero(fine)
+    if laws.curved:
+        laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
     into[rows[some]], distance = solver.linearise(row, laws, found, some)
     left = np.concatenate([np.flatnonzero(~fine), some[~(distance < 1.0)]])
     for i in left:

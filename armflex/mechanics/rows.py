@@ -65,6 +65,7 @@ class Pushes:
 
     Attributes:
         links: (L, 2) element of a chain that each link is fixed to, and how many flexures move it.
+        acting: Their numbers, in an array; a tuple of none for none. See `kernel.Arm`.
         turning: Numbers of the loads that depend on their links' poses.
     """
 
@@ -76,6 +77,7 @@ class Pushes:
         elements = frames.places[0, index]
         inboard = [self._chain.flexures_inboard(int(element)) for element in elements]
         self.links = np.array([elements, inboard], dtype=np.int64).reshape(2, -1).T.copy()
+        self.acting = np.arange(len(loads)) if loads else ()
         self.turning = [j for j, load in enumerate(loads) if not load.dead]
         self._dead = np.zeros((1, len(loads), 9))
         self._dead[0, :, :3] = frames.numbers[index, 9:]
@@ -184,7 +186,7 @@ class RowSolver:
             # What is too large is left alone: here it would only make numbers that overflow.
             twists, wrenches = (np.where(fine[:, None, None], part, 0.0) for part in (into.twists, into.wrenches))
             before, pushed = pushed, self.pushes.wrenches(q, twists)
-            moved = laws.expand(wrenches) if laws.curved else 0.0
+            moved = laws.expand(wrenches, slopes=False) if laws.curved else 0.0
             settled |= (moved <= SETTLED) & (turned(before, pushed) <= SETTLED)
             if (settled | ~fine).all():
                 break
@@ -195,7 +197,8 @@ class RowSolver:
         self, q: Array, laws: RowLaws, pushed: Array, rooms: Array, ready: bool, exact: bool, into: Solution
     ) -> np.ndarray:
         fine = np.empty(len(q), dtype=bool)
-        known = (*self._chain.numbers, self.pushes.links, pushed, *laws.numbers, rooms, ready, q, exact)
+        pushes = (self.pushes.links, pushed, self.pushes.acting)
+        known = (*self._chain.numbers, *pushes, *laws.numbers, rooms, ready, q, exact)
         kernel().solve_many(*known, *into, fine)
         return fine
 
@@ -220,6 +223,8 @@ class RowSolver:
         proven = fine & self.stable(row, laws, found, softening)
         rest = np.flatnonzero(fine & ~proven)
         if len(rest):
+            if laws.curved:
+                laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
             proven[rest] = self.linearise(row, laws, found, rest)[1] < 1.0
         return proven
 
