@@ -720,11 +720,11 @@ def sensitivities(elements, kinds, links, wrenches, changes, q, twists, complian
         _rigid_field(here.tip, here.field[0])
         for i in range(n):
             _along(here.by_twist[i], here.field[0], right, 6 * i, 0)
-        found = np.linalg.solve(matrix, right)
+        _eliminate(matrix, right)
         for i in range(n):
             for b in range(6):
                 for r in range(6):
-                    by_law[row, r, i, b] = found[6 * i + b, r]
+                    by_law[row, r, i, b] = right[6 * i + b, r]
 
 
 @jit
@@ -795,6 +795,34 @@ def rigid_tips(elements, kinds, q, poses):
         _frame_pose(here, m - 1, elements[m, :12], turn, here.tip)
         poses[row] = 0.0
         poses[row, :3, :3], poses[row, :3, 3], poses[row, 3, 3] = turn, here.tip, 1.0
+
+
+@called
+def _eliminate(matrix, right):
+    """Solve in place, by Gauss with the largest pivots: the last bits of LAPACK's depend on how many threads it has."""
+    n, count = right.shape
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(matrix[i, k]) > abs(matrix[best, k]):
+                best = i
+        if best != k:
+            for j in range(n):
+                matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
+            for j in range(count):
+                right[k, j], right[best, j] = right[best, j], right[k, j]
+        for i in range(k + 1, n):
+            factor = matrix[i, k] / matrix[k, k]
+            if factor != 0.0:
+                for j in range(k + 1, n):
+                    matrix[i, j] -= factor * matrix[k, j]
+                for j in range(count):
+                    right[i, j] -= factor * right[k, j]
+    for k in range(n - 1, -1, -1):
+        for j in range(count):
+            for i in range(k + 1, n):
+                right[k, j] -= matrix[k, i] * right[i, j]
+            right[k, j] /= matrix[k, k]
 
 
 @called
