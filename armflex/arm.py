@@ -6,13 +6,12 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any, overload
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.batch.batch import deflect_batch
-from armflex.batch.deflection_batch import DeflectionBatch
 from armflex.certainty import Certainty
 from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
 from armflex.effects.in_arm import Pulling, pulling, with_twists
@@ -29,15 +28,22 @@ from armflex.errors import (
 )
 from armflex.flexure import Flexure as Flexure
 from armflex.measured.instrument import Instrument
+from armflex.mechanics.batch import deflect_batch
+from armflex.mechanics.deflect import Asked, deflect, deflect_moving
+from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.deflection_batch import DeflectionBatch
+from armflex.mechanics.laws import LawStack, PlacedLaws, place_laws
+from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loads import NO_PAYLOAD, Payload, Wrench
+from armflex.mechanics.query import Prepared
+from armflex.mechanics.structure import Names
 from armflex.prior import Measurement, Prior
-from armflex.robot import Corrections, FlexModel, Robot
+from armflex.robot import Corrections, FlexModel, Robot, Site
 from armflex.robot.elements import Joint
-from armflex.statics.deflect import Asked, deflect, deflect_moving
-from armflex.statics.deflection import Deflection, Names
-from armflex.statics.law_stack import LawStack, PlacedLaws, place_laws
-from armflex.statics.loaded import LoadedArm
-from armflex.statics.loads import NO_PAYLOAD, Payload, Wrench
-from armflex.statics.prepared import Prepared
+
+OneRow = Sequence[float] | np.ndarray[tuple[int], np.dtype[Any]]
+ManyRows = Sequence[Sequence[float]] | np.ndarray[tuple[int, int], np.dtype[Any]]
+"""Joint positions as a type checker tells them apart; of an array of unknown shape it takes either."""
 
 MAX_PAYLOADS = 64
 """Payloads whose models are kept; objects made in a loop must not fill the memory."""
@@ -126,6 +132,11 @@ class Arm:
         return with_twists(self.flexures, self.effects, self.robot)
 
     @cached_property
+    def sites(self) -> tuple[Site, ...]:
+        """Where the flexures are, in the order of `flexure_names`."""
+        return tuple(flexure.site for flexure in self.modelled)
+
+    @cached_property
     def pulls(self) -> tuple[Pulling, ...]:
         """Loads that effects put on links."""
         return pulling(self.effects, self.robot)
@@ -186,6 +197,12 @@ class Arm:
         checked, _ = self.check_position(q, enforce_limits)
         return self.loaded(None).mechanics.rigid_tip_pose(checked)
 
+    @overload
+    def deflection(self, q: OneRow, payload: str | Payload | None = None, **options: Any) -> Deflection: ...
+    @overload
+    def deflection(
+        self, q: ManyRows, payload: str | Payload | Sequence[str] | None = None, **options: Any
+    ) -> DeflectionBatch: ...
     def deflection(
         self,
         q: ArrayLike,
@@ -242,14 +259,22 @@ class Arm:
         return deflect_moving(loaded, checked, flags, known, asked, motion, tuple(wrenches))
 
     def prepared(
-        self, payload: str | Payload | None = None, *, method: str = "exact", enforce_limits: bool = True
+        self,
+        payload: str | Payload | None = None,
+        *,
+        method: str = "exact",
+        enforce_limits: bool = True,
+        wrenches: Sequence[Wrench] = (),
     ) -> Prepared:
         """Return a function of q alone for a control loop, for one thread; see `Prepared`.
 
+        Args:
+            payload, method, enforce_limits, wrenches: As of `deflection`.
+
         Raises:
-            UnknownNameError, InputError: No such payload or method.
+            UnknownNameError, InputError: No such payload, method or link.
         """
-        return Prepared(self.loaded(payload), method, enforce_limits)
+        return Prepared(self.loaded(payload), method, enforce_limits, wrenches)
 
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
         """Return q as (nq,) floats with the doubts about it.

@@ -28,10 +28,10 @@ from armflex.laws.declared import model_of
 from armflex.laws.learned import read_learning
 from armflex.laws.linear import softness
 from armflex.measured.instrument import Instrument
+from armflex.mechanics.loads import Payload
 from armflex.prior import Measurement, Prior
 from armflex.robot import Robot, load_robot
 from armflex.robot.urdf import MAX_LINKS
-from armflex.statics.loads import Payload
 
 
 def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:

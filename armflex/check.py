@@ -11,7 +11,7 @@ from armflex.arm import Arm
 from armflex.calibrate.spread import without_declared_doubt
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, JointLimitError, SmallDisplacementError, naming
-from armflex.statics.deflection import Deflection
+from armflex.mechanics.deflection import Deflection
 from armflex.tip_uncertainty import AT_REST, length_sigma, tip_covariance
 from armflex.trajectory import Trajectory
 

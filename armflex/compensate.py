@@ -17,7 +17,7 @@ from armflex.compensate_doubts import doubts, too_fast, too_wide
 from armflex.conventions import Array, as_pose, number
 from armflex.correction import NEAR_SINGULAR, TOLERANCE, Corrector, Point
 from armflex.errors import Flag, InputError, UnreachableError, naming
-from armflex.statics.deflection import Deflection
+from armflex.mechanics.deflection import Deflection
 from armflex.trajectory import Trajectory
 
 MAX_INSERTIONS = 8

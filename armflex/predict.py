@@ -18,7 +18,7 @@ from armflex.errors import Flag, InputError, Place, naming
 from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import write_table
-from armflex.statics.deflection import Deflection
+from armflex.mechanics.deflection import Deflection
 from armflex.trajectory import check_approaches
 
 Progress = Callable[[int, int], None]

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armflex.arm import Arm
-from armflex.batch.deflection_batch import DeflectionBatch
 from armflex.calibrate.spread import displacement_covariance, without_declared_doubt
 from armflex.conventions import Array
 from armflex.effects.law import TwistLaw
 from armflex.errors import Flag
 from armflex.measured.measurements import Measurements
-from armflex.statics.deflection import Deflection
-from armflex.statics.loads import Payload
+from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.deflection_batch import DeflectionBatch
+from armflex.mechanics.loads import Payload
 
 AT_ONCE = 512
 """Rows that are linearised together: each takes some ten kilobytes."""

@@ -1,10 +1,9 @@
-"""Many configurations at once against each of them alone, which Pinocchio answers; compiled code against numpy."""
+"""Many configurations at once, by compiled code, against each of them alone, which Pinocchio answers."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -15,8 +14,6 @@ from test_equilibria import KINDS, KNOWN, effects, laws_of
 from test_network import some_law
 
 from armflex import Arm, DeflectionBatch, Flexure, Payload, Wrench, draw_arms, ensemble, load_arm
-from armflex.batch import batch as batch_module
-from armflex.batch import solver as batch_solver
 from armflex.errors import (
     ExtrapolationError,
     JointLimitError,
@@ -27,6 +24,7 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.laws import LinearLaw
+from armflex.mechanics import batch as batch_module
 from armflex.robot.model import Corrections
 
 NEAR = 1e-12
@@ -66,19 +64,19 @@ def corrected(arm: Arm) -> Arm:
     return replace(arm, corrections=moved)
 
 
-@pytest.fixture(params=["numpy", "compiled"])
-def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    if request.param == "compiled":
-        pytest.importorskip("numba")
-    else:
-        monkeypatch.setattr(batch_solver, "compiled", lambda: None)
-    monkeypatch.setattr(batch_solver, "MANY", 1)
-    return request.param
+@pytest.fixture
+def no_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No row may be left to Pinocchio."""
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("a row was asked by itself")
+
+    monkeypatch.setattr(batch_module, "alone", refuse)
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("name", "payload"), [("tarm_like", "p600"), ("heavy_six", "p200"), ("heavy_six", None)])
-def test_the_bundled_arms(way, name, payload, method):
+def test_the_bundled_arms(name, payload, method):
     arm = bundled(name)
     q = positions(arm, 7)
     assert_rows(arm, q, arm.deflection(q, payload, method=method), payload, method=method)
@@ -86,10 +84,9 @@ def test_the_bundled_arms(way, name, payload, method):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_law_and_effects(tmp_path, kind, method):
+def test_every_kind_of_law_and_effects(tmp_path, no_reference, kind, method):
     arm, known = three_joints(tmp_path, laws_of(kind)), {}
     if kind.startswith("effects"):
-        # One that pulls at a link is asked row by row; the others are not.
         arm, known = replace(arm, effects=effects()[:-1]), KNOWN
     q = positions(arm, 9)
     found = arm.deflection(q, covariates=known, method=method)
@@ -122,7 +119,7 @@ def crooked(folder, laws: dict, **options: object) -> Arm:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (3.0, -2.0, 8.5)])
-def test_bases_branches_slides_and_seams(way, tmp_path, gravity, method):
+def test_bases_branches_slides_and_seams(tmp_path, gravity, method):
     law = [LinearLaw(random_compliance(i, 2.0)) for i in range(6)]
     where = {"tip": ("flange", law[0]), "foot": (None, law[1]), "roll": ("roll", law[2])}
     where |= {"end": ("slide", law[3], True), "seam": ("seam", law[4]), "again": ("roll", law[5])}
@@ -150,6 +147,30 @@ def test_motion_and_loads_from_outside(options):
         one = arm.deflection(q[i], "p300", **{key: value[i] if key in "va" else value for key, value in given.items()})
         np.testing.assert_allclose(found.displacement[i], one.displacement, rtol=0, atol=NEAR)
         np.testing.assert_allclose(found.row(i).joint_loads, one.joint_loads, rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("axes", ["base", "frame"])
+def test_loads_from_outside_on_any_link(tmp_path, no_reference, axes, method):
+    """On the base, on a side branch, between two flexures of one joint's link, at the tip, and two at once."""
+    law = [LinearLaw(random_compliance(i), relative_std=0.1) for i in range(4)]
+    where = {
+        "foot": (None, law[0]),
+        "end": ("slide", law[1], True),
+        "roll": ("roll", law[2]),
+        "tip": ("flange", law[3]),
+    }
+    arm, rng = crooked(tmp_path, where), np.random.default_rng(5)
+    q = positions(arm, 5)
+    for links in (["base"], ["counterweight"], ["mast"], ["boom"], ["fore", "tool"]):
+        wrenches = [Wrench(name, *rng.normal(0.0, 300.0, (2, 3)), axes) for name in links]
+        found = arm.deflection(q, wrenches=wrenches, method=method)
+        assert_rows(arm, q, found, wrenches=wrenches, method=method)
+        assert_consequences(arm, q, found)
+        loop = arm.prepared(method=method, wrenches=wrenches)
+        for row, expected in zip(q, found.displacement, strict=True):
+            np.testing.assert_allclose(loop(row), expected, rtol=0, atol=1e-13)
+            np.testing.assert_allclose(loop.wrenches, arm.deflection(row, wrenches=wrenches, method=method).wrenches)
 
 
 @pytest.mark.parametrize("method", ["newton", "fixed_point"])
@@ -220,10 +241,7 @@ def test_pieces_in_processes_are_those_in_one(monkeypatch):
 
 
 def test_pieces_in_threads_are_those_in_one(monkeypatch):
-    pytest.importorskip("numba")
     monkeypatch.setattr(batch_module, "PIECE", 5)
-    for module in (batch_module, batch_solver):
-        monkeypatch.setattr(module, "MANY", 1)
     arm, q = bundled("heavy_six"), positions(bundled("heavy_six"), 12)
     alone, shared = arm.deflection(q, "p100"), arm.deflection(q, "p100", jobs=2)
     np.testing.assert_array_equal(shared.displacement, alone.displacement)
@@ -307,33 +325,33 @@ def test_strict_names_a_row_beyond_training(tmp_path):
     count=st.integers(1, 70),
     method=st.sampled_from(METHODS),
 )
-def test_compiled_code_answers_as_numpy_does(tmp_path_factory, seed, softness, kind, count, method):
-    """Rows that fill the lanes and rows that do not, laws that are the same in all of them and laws that are not."""
-    pytest.importorskip("numba")
+def test_rows_that_fill_the_lanes_and_rows_that_do_not(tmp_path_factory, seed, softness, kind, count, method):
+    """Laws that are the same in all rows and laws that are not."""
     laws = [LinearLaw(random_compliance(seed + i, softness)) for i in range(3)]
     if kind == "position dependent":
         laws[1:] = laws_of("position dependent")[1:]
     folder = tmp_path_factory.mktemp("arm")
     arm = networks(folder, (3, 6)[seed % 2]) if kind == "networks" else three_joints(folder, laws)
-    q, found = positions(arm, count, seed), []
-    for many in (1, 10**9):
-        with mock.patch.object(batch_solver, "MANY", many):
-            found.append(arm.deflection(q, method=method, allow_large=True))
-    for name in ("displacement", "twists"):
-        np.testing.assert_allclose(getattr(found[0], name), getattr(found[1], name), rtol=0, atol=NEAR)
-    most = np.abs(found[1].wrenches).max()
-    np.testing.assert_allclose(found[0].wrenches, found[1].wrenches, rtol=0, atol=NEAR * most)
+    q = positions(arm, count, seed)
+    found = arm.deflection(q, method=method, allow_large=True)
+    some = np.unique([0, count // 2, count - 1])
+    for i in some:
+        one = arm.deflection(q[i], method=method, allow_large=True)
+        np.testing.assert_allclose(found.displacement[i], one.displacement, rtol=0, atol=NEAR)
+        np.testing.assert_allclose(found.twists[i], one.twists, rtol=0, atol=NEAR)
+        most = np.abs(one.wrenches).max()
+        np.testing.assert_allclose(found.wrenches[i], one.wrenches, rtol=0, atol=NEAR * most)
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("size", [3, 6])
-def test_networks_at_every_joint(way, tmp_path, size, method):
+def test_networks_at_every_joint(tmp_path, size, method):
     arm = networks(tmp_path, size)
     q = positions(arm, 6)
     assert_rows(arm, q, arm.deflection(q, method=method), method=method)
 
 
-def test_an_arm_that_stands_elsewhere_than_its_controller_says(way):
+def test_an_arm_that_stands_elsewhere_than_its_controller_says():
     arm, q = corrected(bundled("tarm_like")), positions(bundled("tarm_like"), 5)
     for method in METHODS:
         assert_rows(arm, q, arm.deflection(q, "p600", method=method), "p600", method=method)
@@ -346,7 +364,7 @@ def test_an_arm_that_stands_elsewhere_than_its_controller_says(way):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_each_draw_is_the_arm_with_those_laws(way, method):
+def test_each_draw_is_the_arm_with_those_laws(method):
     arm, q = bundled("tarm_like"), positions(bundled("tarm_like"), 3)
     found, rng = ensemble(arm, q, "p300", draws=4, seed=5, method=method), np.random.default_rng(5)
     assert found.shape == (4, 3, 6)

@@ -28,7 +28,7 @@ from armflex.effects.unnamed import PRODUCT, SHAPES, WAVE_PRODUCT
 from armflex.errors import MissingCovariateError
 from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
-from armflex.statics.linearise import Linearizer
+from armflex.mechanics.response import respond
 from armflex.trace.candidates import Candidate, grid
 
 ROWS = 14
@@ -77,7 +77,7 @@ def stage(request, tmp_path_factory) -> Stage:
     pose = pin.SE3(pin.exp3(np.array([0.2, -0.1, 2.0])), np.array([1.0, -2.0, 0.5]))
     setup = Setup(arm, Instrument(pose, {"s1": np.repeat([1e-3, 0.0], 3)}, np.array([0.01, 0.02, -0.03])))
     view = look(setup, rows, np.arange(ROWS))
-    line = Linearizer(arm).rows(rows.q, rows.payload)
+    line = respond(arm, rows.q, rows.payload)
     wrenches = {site: line.load_at(site) for site in line.sites}
     points = line.links[:, :, :3, 3]
     return Stage(setup, rows, view, survey(rows, arm, known_rows(arm, rows), wrenches, points))

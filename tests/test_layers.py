@@ -8,12 +8,12 @@ from pathlib import Path
 PACKAGE = Path(__file__).parent.parent / "armflex"
 
 ROOMS = (
-    *("errors", "conventions", "printable", "version", "covariance", "whole_file", "digest", "storage", "parallel"),
-    *("compiled_code", "bundled", "declaration", "picture"),
+    *("errors", "conventions", "printable", "version", "covariance", "whole_file", "digest", "parallel", "storage"),
+    *("bundled", "declaration", "picture"),
     *("robot", "prior", "measured", "trajectory"),
     *("laws", "flexure", "effects"),
-    *("statics", "batch"),
-    *("certainty", "arm_doubts", "arm", "calibration_table", "certainty_table", "arm_file"),
+    "mechanics",
+    *("certainty", "arm_doubts", "arm", "certainty_table", "calibration_table", "arm_file"),
     *("calibrate", "tip_uncertainty"),
     *("learning", "plan", "tracking", "trace"),
     *("correction", "compensate_doubts", "check", "compensate", "predict", "workspace"),
@@ -23,18 +23,22 @@ ROOMS = (
 """From the ground up."""
 
 UPWARD = (
-    *("arm_doubts->arm", "arm_file->calibrate", "batch->arm", "batch->arm_doubts"),
-    *("batch->calibrate", "calibrate->learning", "calibrate->trace", "calibration_table->calibrate"),
-    *(
-        "calibration_table->certainty_table",
-        "certainty_table->calibrate",
-        "compensate_doubts->compensate",
-        "effects->arm",
-    ),
-    *("effects->calibrate", "effects->statics", "measured->arm", "measured->effects"),
-    *("measured->trajectory", "plan->workspace", "statics->arm", "statics->arm_doubts"),
-    *("statics->batch", "storage->parallel", "trajectory->arm", "trajectory->effects"),
-    *("workspace->view"),
+    "arm_file->calibrate",
+    "calibrate->learning",
+    "calibrate->trace",
+    "calibration_table->calibrate",
+    "certainty_table->calibrate",
+    "compensate_doubts->compensate",
+    "effects->arm",
+    "effects->calibrate",
+    "effects->mechanics",
+    "measured->arm",
+    "measured->effects",
+    "measured->trajectory",
+    "plan->workspace",
+    "trajectory->arm",
+    "trajectory->effects",
+    "workspace->view",
 )
 """Imports that point up today. None may be added; one that is gone must go from here."""
 

@@ -15,8 +15,8 @@ from armflex.conventions import Array
 from armflex.effects import CATALOGUE, Effect, Spot
 from armflex.effects.spot import same_site, site_of
 from armflex.laws import Law, LinearLaw, Row
+from armflex.mechanics.response import Response, respond
 from armflex.robot import Corrections
-from armflex.statics.linearise import Linearisation, Linearizer
 
 STEP = 1e-5
 """m or rad: central differences are then good to some 1e-10, and Newton's last step to less."""
@@ -99,10 +99,10 @@ class Given(Law):
 
 
 @pytest.fixture(scope="module", params=ARMS)
-def solved(request, tmp_path_factory) -> tuple[Arm, Array, Linearisation]:
+def solved(request, tmp_path_factory) -> tuple[Arm, Array, Response]:
     arm = ARMS[request.param](tmp_path_factory.mktemp("arm"))
     q = np.random.default_rng(0).uniform(-1.2, 1.2, (3, 3))
-    return arm, q, Linearizer(arm).rows(q, CARRIED, WARM)
+    return arm, q, respond(arm, q, CARRIED, WARM)
 
 
 def deflected(arm: Arm, q: Array, row: int, wrenches: tuple[Wrench, ...] = ()):
@@ -273,8 +273,8 @@ def test_a_law_that_bends_with_its_load_is_linearised_where_it_is(tmp_path):
     for size in (0.0, 1.0, 2.0):
         effect = Effect(CATALOGUE["stiffening"], spot, (size * 1e-10, 0.0))
         bent = replace(arm, effects=(effect,))
-        answers.append(Linearizer(bent).rows(q, ["heavy"]).per_load[0, :, 0, 4])
-    load = Linearizer(arm).rows(q, ["heavy"]).load_at("pitch")[0, 4]
+        answers.append(respond(bent, q, ["heavy"]).per_load[0, :, 0, 4])
+    load = respond(arm, q, ["heavy"]).load_at("pitch")[0, 4]
     rigid = answers[0] / 1e-6
     for size in (1, 2):
         expected = rigid * (1e-6 + 2e-10 * size * abs(load))
@@ -283,9 +283,9 @@ def test_a_law_that_bends_with_its_load_is_linearised_where_it_is(tmp_path):
 
 def test_payloads_of_one_name_share_a_model_and_others_do_not(tmp_path):
     arm = crooked(tmp_path, {"pitch": LinearLaw(random_compliance(2))})
-    linear, q = Linearizer(arm), np.full((4, 3), 0.3)
-    together = linear.rows(q, ["heavy", "light", "none", "heavy"])
+    q = np.full((4, 3), 0.3)
+    together = respond(arm, q, ["heavy", "light", "none", "heavy"])
     np.testing.assert_array_equal(together.tip[0], together.tip[3])
     for row, name in enumerate(("heavy", "light", "none")):
-        alone = Linearizer(arm).rows(q[:1], [name])
+        alone = respond(arm, q[:1], [name])
         np.testing.assert_allclose(alone.twists[0], together.twists[row], rtol=1e-12, atol=1e-14)

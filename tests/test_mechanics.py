@@ -27,8 +27,8 @@ from small_arms import (
 
 from armflex import Arm, Flexure, Payload, Wrench, load_arm
 from armflex.laws import Law, LinearFit, LinearLaw
+from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 from armflex.robot import Corrections, Site, build_model, load_robot
-from armflex.statics.mechanics import LoadCase, Mechanics
 
 G = 9.81
 WEIGHTLESS = np.zeros(3)

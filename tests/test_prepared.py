@@ -13,7 +13,6 @@ from test_batch import bundled, corrected, networks, positions
 from test_equilibria import KINDS, KNOWN, effects, laws_of
 
 from armflex import Arm, Payload
-from armflex.batch import solver as batch_solver
 from armflex.effects.catalogue import EVERY
 from armflex.effects.in_arm import BoundTwist
 from armflex.effects.law import Effect, TwistLaw
@@ -31,17 +30,20 @@ from armflex.errors import (
     UnstableEquilibriumError,
 )
 from armflex.laws import LinearLaw, Row
-from armflex.statics.compiled_question import compiled_question
+from armflex.mechanics import query
 
 METHODS = ("exact", "first_order", "newton", "fixed_point")
 
 
-@pytest.fixture(params=["numpy", "compiled"], autouse=True)
-def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    if request.param == "compiled":
-        pytest.importorskip("numba")
-    else:
-        monkeypatch.setattr(batch_solver, "compiled", lambda: None)
+@pytest.fixture
+def no_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing may be left to Pinocchio."""
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("the reference was asked")
+
+    for name in ("deflect", "deflect_moving"):
+        monkeypatch.setattr(query, name, refuse)
 
 
 def assert_alike(arm: Arm, q: np.ndarray, payload=None, method: str = "exact", **known: float) -> None:
@@ -68,11 +70,21 @@ def test_an_arm_that_stands_elsewhere_than_its_controller_says(name, method):
     assert_alike(arm, positions(arm, 5), None, method)
 
 
+@pytest.mark.parametrize("method", ("exact", "first_order"))
 @pytest.mark.parametrize("name", ["tarm_like", "heavy_six"])
-def test_the_bundled_arms_are_answered_by_compiled_code_where_there_is_any(name):
-    expected = batch_solver.compiled() is not None
+def test_the_bundled_arms_are_answered_by_compiled_code(name, method, no_reference):
     for arm in (bundled(name), corrected(bundled(name))):
-        assert (compiled_question(arm.loaded(None), exact=True) is not None) == expected
+        for row in positions(arm, 5):
+            arm.prepared(method=method)(row)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_law_is_answered_by_compiled_code(tmp_path, kind, no_reference):
+    """Effects that pull at a link are, too."""
+    known = {name: float(np.ravel(values)[0]) for name, values in KNOWN.items()}
+    arm = replace(three_joints(tmp_path, laws_of(kind)), effects=effects())
+    for row in positions(arm, 3):
+        arm.prepared()(row, **known)
 
 
 @pytest.mark.parametrize("kind", KINDS)

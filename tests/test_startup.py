@@ -12,7 +12,7 @@ import pytest
 
 HEAVY = {
     *("torch", "matplotlib", "meshcat", "jinja2", "arviz", "arviz_stats", "nutpie", "pandas", "pyarrow", "scipy"),
-    *("joblib", "dask", "mujoco"),
+    *("joblib", "dask", "mujoco", "numba"),
 }
 IMPORT = "import armflex"
 HELP = "from armflex.cli.main import main\ntry:\n    main()\nexcept SystemExit as end:\n    assert not end.code"

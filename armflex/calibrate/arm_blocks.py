@@ -115,11 +115,8 @@ class ComplianceBlock:
             answer, wrench = line.laws[:, :, index], line.flexure_wrenches[:, index]
             law = view.setup.arm.flexures[index].law  # without what effects add to it
             twist, tangent = law.twist(wrench, line.row), law.tangent(wrench, line.row)
-            for axis in axes:
-                unit = np.eye(6)[axis]
-                back = tangent @ (unit * wrench[:, [axis]])[:, :, None]
-                change = 0.5 * (unit * twist[:, [axis]] + back[:, :, 0])
-                columns.append(answer @ change[:, :, None])
+            change = 0.5 * (np.eye(6) * twist[:, None] + tangent * wrench[:, None])
+            columns.append(answer @ change[:, :, list(axes)])
         return view.answer(np.concatenate(columns, axis=2))
 
     def apply(self, setup: Setup, values: Array) -> Setup:

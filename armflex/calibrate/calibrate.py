@@ -28,7 +28,7 @@ from armflex.errors import Flag, InputError, Place, UnsupportedError, listing
 from armflex.laws.learned import Seen
 from armflex.measured.instrument import Instrument, fit_frame, fit_mounting
 from armflex.measured.measurements import Measurements
-from armflex.statics.linearise import Linearizer
+from armflex.mechanics.response import respond
 
 OUTLIER = 0.5
 """Robust weight below which a row is listed as an outlier."""
@@ -252,7 +252,7 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
     """Return the arm with its instrument, placed by a best rigid fit where its frame is unknown."""
     instrument = arm.instrument or Instrument()
     known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
-    line = Linearizer(arm).rows(measurements.q[rows], [measurements.payload[row] for row in rows], known)
+    line = respond(arm, measurements.q[rows], [measurements.payload[row] for row in rows], known)
     points = line.tip[:, :3, 3] + line.tip[:, :3, :3] @ instrument.target
     check_readings(arm, points, measurements, rows)
     if arm.measurement.frame != "base":

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
@@ -15,10 +16,15 @@ from armflex.calibrate.law_block import LawBlock, with_laws
 from armflex.calibrate.posterior import root_of_covariance
 from armflex.calibrate.spread import OF_THE_INSTRUMENT, applied_blocks, without_declared_doubt
 from armflex.calibrate.view import Setup
-from armflex.conventions import Array
+from armflex.conventions import Array, covariate_array, real_array
 from armflex.effects.law import LoadLaw, TwistLaw
-from armflex.errors import InputError, UnsupportedError
+from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
 from armflex.measured.instrument import Instrument
+from armflex.mechanics.batch import check_positions
+from armflex.mechanics.ensemble import draw_laws
+from armflex.mechanics.loads import Payload
+
+METHODS = ("exact", "first_order")
 
 LEAST = 0.1
 """What a draw leaves at least of a compliance."""
@@ -99,3 +105,61 @@ def _with_effect(setup: Setup, block: EffectBlock, values: Array) -> Setup:
         setup = effect.law.apply(replace(effect, values=(*more.tolist(), *effect.inner)), setup)
     kept[block.ordinal] = effect
     return replace(setup, arm=replace(setup.arm, effects=tuple(kept)))
+
+
+def ensemble(
+    arm: Arm,
+    q: ArrayLike,
+    payload: str | Payload | None = None,
+    *,
+    draws: int = 100,
+    seed: int = 0,
+    covariates: Mapping[str, ArrayLike] | None = None,
+    method: str = "exact",
+) -> Array:
+    """Return the (draws, 6) or (draws, N, 6) displacements of the tip, each draw with one set of laws in all rows.
+
+    Laws are drawn by `Law.draw`: compliances by their relative uncertainty or their fit's covariance, networks from
+    their posterior. What is shared is computed once: where the rigid arm is, and the loads from which every draw comes
+    to rest (to first order they are the same for all). On an arm that was calibrated or traced what was fitted is drawn
+    as well, see `draw_arms`; each draw is then an arm of its own, and takes as long, also where an effect pulls at a
+    link.
+
+    Args:
+        arm: The arm.
+        q: (nq,) or (N, nq) joint positions [rad or m], within their limits.
+        payload: Name or object.
+        draws: How many.
+        seed: Of the random numbers; the same laws are drawn for any q.
+        covariates: What the arm's effects depend on: a number, or one per row.
+        method: "exact" or "first_order"; see `find_equilibrium`.
+
+    Raises:
+        InputError: As `Arm.deflection`, or no such method; also where a draw has no equilibrium.
+        UnsupportedError: A draw has no equilibrium that is proven stable, or see `draw_arms`.
+    """
+    draws, seed = check_draws(draws, seed)
+    arm.loaded(payload)  # what is wrong with it is no draw's fault
+    if method not in METHODS:
+        raise InputError(f"method {method!r} is not known{did_you_mean(method, METHODS)} (known: {', '.join(METHODS)})")
+    positions = real_array(q, "q")
+    if positions.ndim not in (1, 2):
+        raise ShapeError(f"q: expected shape (nq,) or (N, nq), got {positions.shape}")
+    rows = check_positions(arm, np.atleast_2d(positions), enforce_limits=True)
+    count = len(rows) if positions.ndim == 2 else 0
+    known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
+    asked = (arm, rows, payload, known, method)
+    plain = arm.certainty is None and not arm.pulls
+    found = draw_laws(*asked, draws, seed) if plain else _by_arms(*asked, draws, seed)
+    return found if positions.ndim == 2 else found[:, 0]
+
+
+def _by_arms(
+    arm: Arm, rows: Array, payload: str | Payload | None, known: dict[str, Array], method: str, draws: int, seed: int
+) -> Array:
+    """Return the (draws, N, 6) displacements of drawn arms, one after the other."""
+    found = np.empty((draws, len(rows), 6))
+    for number, drawn in enumerate(draw_arms(arm, draws, seed)):
+        with naming(f"draw {number}"):
+            found[number] = drawn.deflection(rows, payload, covariates=known, method=method).displacement
+    return found

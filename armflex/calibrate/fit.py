@@ -310,9 +310,9 @@ class _Task:
     measurements: Measurements
     prior: Array
 
-    def at(self, values: Array, rows: np.ndarray, near: View | None = None) -> _Iterate:
-        """Return the iterate at (P,) values; a view near it helps."""
-        return _Iterate(values, look(realise(self.declared, self.blocks, values), self.measurements, rows, near=near))
+    def at(self, values: Array, rows: np.ndarray) -> _Iterate:
+        """Return the iterate at (P,) values."""
+        return _Iterate(values, look(realise(self.declared, self.blocks, values), self.measurements, rows))
 
     def cost(self, here: _Iterate, limit: float) -> float:
         """Return the cost of an iterate."""
@@ -340,7 +340,7 @@ class _Task:
         for _ in range(trials):
             with contextlib.suppress(ArmflexError):
                 step = problem.step(damping)
-                trial = self.at(moved(self.blocks, here.values, step), here.view.rows, here.view)
+                trial = self.at(moved(self.blocks, here.values, step), here.view.rows)
                 after = self.cost(trial, limit)
                 if after <= before + 1e-9 * abs(before):
                     kept = (before - after) / problem.promised(step)

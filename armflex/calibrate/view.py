@@ -18,7 +18,7 @@ from armflex.effects.scene import APPROACH
 from armflex.effects.spot import same_site, site_of
 from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
-from armflex.statics.linearise import Linearisation, Linearizer
+from armflex.mechanics.response import Response, respond
 
 Progress = Callable[[int, int], None]
 
@@ -51,7 +51,7 @@ class View:
 
     setup: Setup
     rows: np.ndarray
-    line: Linearisation
+    line: Response
     points: Array
     residual: Array
     sigma: Array
@@ -100,18 +100,11 @@ def look(
     measurements: Measurements,
     rows: np.ndarray,
     progress: Progress | None = None,
-    near: View | None = None,
-    linearizer: Linearizer | None = None,
 ) -> View:
-    """Return the view of some rows of a campaign at one setup; one of the same rows and a like setup helps.
-
-    So does a `linearizer` of the setup's arm that was used before: it keeps its models.
-    """
+    """Return the view of some rows of a campaign at one setup."""
     payloads = [measurements.payload[row] for row in rows]
     known = {name: values[rows] for name, values in known_rows(setup.arm, measurements).items()}
-    alike = near is not None and near.setup.arm.flexure_names == setup.arm.flexure_names
-    start = near.line.flexure_twists if alike else None
-    line = (linearizer or Linearizer(setup.arm)).rows(measurements.q[rows], payloads, known, progress, start)
+    line = respond(setup.arm, measurements.q[rows], payloads, known, progress)
     sessions = [measurements.session[row] for row in rows]
     instrument = setup.instrument
     residual = measurements.position[rows] - instrument.readings(line.tip, sessions)

@@ -23,7 +23,7 @@ from armflex.cli.options import (
 )
 from armflex.cli.tables import console, no_via_points, number, print_table
 from armflex.conventions import parse_quantity
-from armflex.statics.equilibrium import METHODS
+from armflex.mechanics.equilibrium import METHODS
 from armflex.trajectory import read_trajectory
 
 

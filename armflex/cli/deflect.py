@@ -25,9 +25,9 @@ from armflex.cli.options import (
 from armflex.cli.tables import console, number, print_table
 from armflex.effects.remember import settled
 from armflex.errors import Flag
-from armflex.statics.deflection import Deflection
-from armflex.statics.equilibrium import METHODS
-from armflex.statics.loads import Wrench
+from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.equilibrium import METHODS
+from armflex.mechanics.loads import Wrench
 from armflex.tip_uncertainty import total_covariance
 from armflex.trajectory import check_approaches
 

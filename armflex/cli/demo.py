@@ -26,9 +26,9 @@ from armflex.laws.law_file import save_law
 from armflex.learning.train import train
 from armflex.measured.joint_data import read_joint_data
 from armflex.measured.measurements import read_measurements
+from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.equilibrium import MAX_ROTATION
 from armflex.report import write_report
-from armflex.statics.deflection import Deflection
-from armflex.statics.equilibrium import MAX_ROTATION
 from armflex.trace import trace
 from armflex.trace.result import Trace
 from armflex.trajectory import Trajectory, read_trajectory, write_trajectory

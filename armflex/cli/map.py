@@ -25,8 +25,8 @@ from armflex.cli.options import (
 from armflex.cli.tables import complain, console, number, print_table
 from armflex.conventions import Array, parse_quantity
 from armflex.errors import InputError
+from armflex.mechanics.equilibrium import METHODS
 from armflex.picture import SUFFIXES as PICTURES
-from armflex.statics.equilibrium import METHODS
 from armflex.workspace import WorkspaceMap, draw_map, map_page, map_workspace, write_map
 from armflex.workspace.map_file import SUFFIXES
 from armflex.workspace.workspace_map import CHUNK, VERDICTS

@@ -154,26 +154,27 @@ class Pulling:
     amplitudes: Values
     inner: Values
 
-    def at(self, pose: pin.SE3) -> Array:
-        """Return the (6,) wrench at the link's origin, base axes."""
-        return np.array(self.amplitudes) @ self.law.pull(self.here, pose.homogeneous, self.inner)
+    dead = False
 
-    def change(self, pose: pin.SE3) -> Array:
-        """Return the (6, 6) change per motion of the link, by central differences."""
-        moved = np.array([_moved(pose.homogeneous, step) for step in MOVES])
-        wrenches = np.array(self.amplitudes) @ self.law.pull(self.here, moved, self.inner)
-        return ((wrenches[:6] - wrenches[6:]) / (2.0 * MOVE)).T
+    def at(self, pose: Array) -> Array:
+        """Return the (..., 6) wrench at the link's origin, base axes, for (..., 4, 4) poses of it."""
+        return np.array(self.amplitudes) @ self.law.pull(self.here, pose, self.inner)
+
+    def change(self, pose: Array) -> Array:
+        """Return the (..., 6, 6) change per motion of the link, by central differences."""
+        ends = [self.at(_moved(pose, side * MOVE)) for side in (1.0, -1.0)]
+        return np.swapaxes((ends[0] - ends[1]) / (2.0 * MOVE), -1, -2)
 
 
 MOVE = 1e-6
-MOVES = MOVE * np.vstack([np.eye(6), -np.eye(6)])
 
 
-def _moved(pose: Array, step: Array) -> Array:
-    """Return a (4, 4) pose after a small step, base axes."""
-    moved = pose.copy()
-    moved[:3, :3] += pin.skew(step[3:]) @ pose[:3, :3]
-    moved[:3, 3] += step[:3]
+def _moved(pose: Array, size: float) -> Array:
+    """Return (..., 6, 4, 4) poses after a small step along each axis and about it, base axes."""
+    moved = np.repeat(pose[..., None, :, :], 6, axis=-3)
+    for axis, unit in enumerate(np.eye(3)):
+        moved[..., axis, axis, 3] += size
+        moved[..., 3 + axis, :3, :3] += size * pin.skew(unit) @ pose[..., :3, :3]
     return moved
 
 

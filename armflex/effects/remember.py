@@ -19,7 +19,7 @@ from armflex.laws import Row
 if TYPE_CHECKING:
     from armflex.arm import Arm
     from armflex.measured.measurements import Measurements
-    from armflex.statics.deflection import Deflection
+    from armflex.mechanics.deflection import Deflection
 
 
 def known_rows(arm: Arm, rows: Driven) -> dict[str, Array]:

@@ -19,7 +19,7 @@ from armflex.effects.law import Effect
 from armflex.effects.remember import known_rows, without_direction
 from armflex.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
-from armflex.statics.linearise import Linearisation, Linearizer
+from armflex.mechanics.response import Response, respond
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.lost import lost_beams
 from armflex.trace.polish import Polished
@@ -142,11 +142,11 @@ def scene_at(fitted: Fit, measurements: Measurements) -> Scene:
     return survey(measurements, arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
-def _line(arm: Arm, measurements: Measurements, known: Mapping[str, Array], rows: np.ndarray) -> Linearisation | None:
+def _line(arm: Arm, measurements: Measurements, known: Mapping[str, Array], rows: np.ndarray) -> Response | None:
     if not len(rows):
         return None
     given = {name: values[rows] for name, values in known.items()}
-    return Linearizer(arm).rows(measurements.q[rows], [measurements.payload[row] for row in rows], given)
+    return respond(arm, measurements.q[rows], [measurements.payload[row] for row in rows], given)
 
 
 def add(state: State, found: Polished) -> State:

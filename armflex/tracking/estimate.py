@@ -7,7 +7,6 @@ never lose its sign by rounding. Without drift the result is that of least squar
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,17 +14,12 @@ from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
 
 from armflex.calibrate.posterior import root_of_covariance
 from armflex.calibrate.robust import FAR
-from armflex.compiled_code import compiled_code
 from armflex.conventions import Array
 
 GROSS = 100.0
 """Mahalanobis distance from which on nothing but a mistake explains a reading: it is left out."""
 
 UNITS = {size: np.eye(size) for size in (3, 6)}
-
-
-compiled = partial(compiled_code, "armflex.tracking.compiled")
-"""Returns the compiled functions, None where there are none."""
 
 
 class Seen(NamedTuple):
@@ -96,12 +90,7 @@ def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
     The distance d is by all that was expected, what was not known of the parameters included. Beyond `FAR` a reading
     counts (FAR / d)^2: it moves the estimate the less the farther it is, and beyond `GROSS` not at all.
     """
-    far, functions = FAR[len(seen.residual)], compiled()
-    if functions is not None:
-        distance, values, root = functions.take(*estimate, *seen, far)
-        if distance <= far:
-            return Estimate(values, root), 1.0, distance
-    found = innovation(estimate, seen)
+    far, found = FAR[len(seen.residual)], innovation(estimate, seen)
     distance = float(found.whitened.dot(found.whitened)) ** 0.5
     if distance <= far:
         return absorb(estimate, found), 1.0, distance

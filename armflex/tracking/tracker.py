@@ -15,7 +15,8 @@ from armflex.conventions import Array
 from armflex.digest import digest
 from armflex.effects.scene import APPROACH, last_motion
 from armflex.errors import ArmflexError, InputError, ModelFileError, Place, UnknownNameError
-from armflex.tracking.estimate import Estimate, Seen, estimate_of, recentred, spread, take, widen
+from armflex.mechanics.rows import kernel
+from armflex.tracking.estimate import Estimate, estimate_of, recentred, spread, take, widen
 from armflex.tracking.groups import Group
 from armflex.tracking.model import model_of
 from armflex.tracking.reading import Reading, as_row, number, sensible
@@ -65,11 +66,9 @@ class Tracker:
     While too little is known to tell a gross reading from a true one (the arm is as declared, or the session is new),
     the readings so far, 48 at most, are judged again by one another after every reading, and no change is announced.
 
-    Memory is constant. Where numba is installed (`armflex[fast]`) an update takes some 25 times `pin.rnea +
-    pin.computeJointJacobians`, else 40; one that judges readings again a few hundred times, one that looks for a change
-    a few milliseconds, and one that goes the careful way (see `sight`) two. The first reading with a payload takes ten
-    milliseconds more. The first tracker of all on a machine takes some seconds to make: it
-    compiles, and what it compiled is kept.
+    Memory is constant. An update takes some tenths of a millisecond, one that judges readings again or looks for a
+    change some milliseconds. The first reading with a payload takes ten milliseconds more; the first tracker of all on
+    a machine takes some seconds to make: it compiles, and what it compiled is kept.
 
     Args:
         arm: A calibrated arm, or one that is measured in its base.
@@ -96,9 +95,7 @@ class Tracker:
         self._drifting = np.flatnonzero(self._variance)
         self._state = begun(estimate_of(self._model.known), self._model.point)
         self._sight = self._sight_at(self._state.point)
-        # Compiled now, not in the loop:
-        self._sight.prepare("none")
-        take(self._state.estimate, Seen(np.zeros(3), np.zeros((3, len(self.labels)))))
+        kernel().compile_everything()  # now, not in the loop
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -10,9 +10,9 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.check import CheckReport
 from armflex.conventions import Array, number
+from armflex.mechanics.deflection import Deflection
 from armflex.robot.elements import Link, Visual
 from armflex.robot.tree import joints_by_parent
-from armflex.statics.deflection import Deflection
 from armflex.trajectory import Trajectory
 from armflex.view.meshes import read_mesh
 from armflex.view.scene import LegendRow, Marker, Node, Polyline, Scene, Shape, scene_points

@@ -12,8 +12,8 @@ from armflex.arm import Arm
 from armflex.check import CheckReport
 from armflex.effects.remember import settled
 from armflex.errors import InputError
-from armflex.statics.deflection import Deflection
-from armflex.statics.loads import Payload
+from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.loads import Payload
 from armflex.trajectory import Trajectory
 from armflex.view.arm_scene import MAX_FRAMES, Motion, arm_scene
 from armflex.whole_file import write_whole

@@ -20,8 +20,8 @@ from armflex.conventions import Array, number
 from armflex.digest import digest
 from armflex.effects.remember import settled
 from armflex.errors import Flag, InputError, UnknownNameError
+from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import in_order
-from armflex.statics.equilibrium import METHODS
 from armflex.storage.kept import Kept, open_kept
 from armflex.version import __version__
 from armflex.workspace.configurations import MOST_ROWS, Configurations, default_voxel, drawn_range, furthest

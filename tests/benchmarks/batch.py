@@ -18,12 +18,14 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from baseline import machine, rigid_baseline
 from boom import make_boom
-from query import WAYS, arms, by
+from query import arms
 
-from armflex import Arm, ensemble
+from armflex import Arm, Wrench, ensemble
 from armflex.laws import LinearLaw
+from armflex.mechanics.response import respond
 
 ROWS, ROUNDS, DRAWS = 100_000, 5, 100
+METHODS = ("first_order", "exact")
 
 
 def seconds(call: Callable[[], object]) -> float:
@@ -40,20 +42,38 @@ def main() -> None:
     base, known = rigid_baseline(boom.arm), arms(boom)
     lower, upper = (np.clip(limit, -1.5, 1.5) for limit in (boom.arm.robot.lower, boom.arm.robot.upper))
     q = np.random.default_rng(0).uniform(lower, upper, (ROWS, len(lower)))
-    print(f"{'laws':>10} {'method':>12} {'':>6} {'x the speed of the loop':>24}")
-    for name in ("linear", "networks"):
-        for method in ("first_order", "exact"):
-            for way in WAYS:
-                with by(way):
-                    known[name].deflection(q[:5000], method=method)
-                    rates = []
-                    for _ in range(ROUNDS):
-                        loop = seconds(lambda: [base() for _ in range(ROWS // 10)]) * 10
-                        rates.append(loop / seconds(lambda n=name, m=method: known[n].deflection(q, method=m)))
-                print(f"{name:>10} {method:>12} {way:>6} {np.median(rates):24.2f}")
+    force = {"wrenches": [Wrench("tool", [300.0, -200.0, 100.0], [0.0, 0.0, 0.0])]}
+    asked = [(name, method, {}) for name in ("linear", "networks", "a curved law") for method in METHODS]
+    print(f"{'laws':>12} {'method':>12} {'':>8} {'x the speed of the loop':>24}")
+    for name, method, given in [*asked, *(("linear", method, force) for method in METHODS)]:
+        arm, rates = known[name], []
+        arm.deflection(q[:5000], method=method, **given)
+        for _ in range(ROUNDS):
+            loop = seconds(lambda: [base() for _ in range(ROWS // 10)]) * 10
+            rates.append(loop / seconds(lambda a=arm, m=method, g=given: a.deflection(q, method=m, **g)))
+        print(f"{name:>12} {method:>12} {'a force' if given else '':>8} {np.median(rates):24.2f}")
+    linearised(known, q[:4000], base)
     shared(known, q)
     followed(known["linear"], q[:2000])
     drawn(boom.arm, q[:2000])
+
+
+def linearised(known: dict, q: np.ndarray, base: Callable[[], object]) -> None:
+    """Print what a fit pays for a row: the equilibrium and how the tip responds to laws, joints and every site."""
+    loop = seconds(lambda: [base() for _ in range(20_000)]) / 20_000
+
+    def everything(arm: Arm) -> None:
+        found = respond(arm, q, ["none"] * len(q))
+        _ = found.tip, found.joints, found.twists, found.wrenches
+
+    for name in ("linear", "networks", "a curved law"):
+        respond(known[name], q[:10], ["none"] * 10)
+        solved = np.median([seconds(lambda n=name: respond(known[n], q, ["none"] * len(q))) for _ in range(ROUNDS)])
+        whole = np.median([seconds(lambda n=name: everything(known[n])) for _ in range(ROUNDS)])
+        each = (1e6 * part / len(q) for part in (solved, whole))
+        print(
+            f"{name}: {'; '.join(f'{us:.1f} us, {us * 1e-6 / loop:.1f} x the loop' for us in each)}, a row linearised"
+        )
 
 
 def shared(known: dict, q: np.ndarray) -> None:

@@ -18,7 +18,7 @@ from baseline import machine, medians_us, rigid_baseline
 
 from armflex import Arm, bundled_robot, load_arm
 from armflex.laws import LinearLaw, PositionDependentLaw
-from armflex.statics.equilibrium import METHODS
+from armflex.mechanics.equilibrium import METHODS
 
 PAYLOAD = "p600"
 

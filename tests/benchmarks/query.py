@@ -1,6 +1,7 @@
 """One query on a boom of eight joints that sags 30 mm: `arm.deflection`, `arm.prepared`, and the slowest of many calls.
 
-Prepared objects are asked by numpy and, where numba is installed and knows the arm's laws, by compiled code.
+`deflection` is Pinocchio's; prepared objects are answered by compiled code. Beside compliances, networks and effects: a
+force at the tip, and a law that is curved and nothing but that (a stiffening joint).
 
 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/query.py
 """
@@ -12,11 +13,9 @@ import resource
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 
@@ -25,8 +24,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from baseline import machine, medians_us, rigid_baseline
 from boom import Boom, make_boom
 
-from armflex import Arm
-from armflex.batch import solver as batch_solver
+from armflex import Arm, Wrench
 from armflex.conventions import Array
 from armflex.effects.catalogue import EVERY
 from armflex.effects.law import Effect
@@ -38,17 +36,12 @@ GOALS = {
     ("linear", "first order", "deflection"): 5,
     ("linear", "exact", "deflection"): 20,
     ("networks", "exact", "deflection"): 30,
-    ("linear", "first order", "prepared, numpy"): 3,
-    ("linear", "exact", "prepared, numpy"): 12,
-    ("networks", "exact", "prepared, numpy"): 16,
-    ("linear", "first order", "prepared, numba"): 3,
-    ("linear", "exact", "prepared, numba"): 12,
-    ("networks", "exact", "prepared, numba"): 16,
+    ("linear", "first order", "prepared"): 3,
+    ("linear", "exact", "prepared"): 12,
+    ("networks", "exact", "prepared"): 16,
     ("three effects", "exact", "deflection"): 26,
-    ("three effects", "exact", "prepared, numpy"): 26,
-    ("three effects", "exact", "prepared, numba"): 26,
+    ("three effects", "exact", "prepared"): 26,
 }
-WAYS = ("numpy", "numba") if batch_solver.compiled() is not None else ("numpy",)
 METHODS = {"first order": "first_order", "exact": "exact"}
 KNOWN = {"temperature": 27.0, "approach_A3": 1.0}
 
@@ -75,28 +68,14 @@ def arms(boom: Boom) -> dict[str, Arm]:
     warm = Effect(EVERY["thermal_growth"], Spot("link:A4", None, ("temperature",)), (1.2e-5, 20.0, 0.0))
     soft = Effect(EVERY["thermal_softening"], Spot("A2", None, ("temperature",)), (1e-3, 20.0, 0.0))
     play = Effect(EVERY["backlash"], Spot("A3", "rz", ("approach_A3",)), (3e-4,))
+    curved = Effect(EVERY["stiffening"], Spot("A3", "ry", terms=(0, 1)), (-1e-13, 1e-18))
     return {
         "linear": boom.arm,
         "networks": replace(boom.arm, flexures=networks),
         "an effect": replace(boom.arm, effects=(warm,)),
         "three effects": replace(boom.arm, effects=(warm, soft, play)),
+        "a curved law": replace(boom.arm, effects=(curved,)),
     }
-
-
-@contextmanager
-def by(way: str) -> Iterator[None]:
-    """Let questions be answered by compiled code, or by numpy alone."""
-    if way == "numba":
-        yield
-        return
-    with mock.patch.object(batch_solver, "compiled", lambda: None):
-        yield
-
-
-def prepared(arm: Arm, way: str, method: str = "exact") -> Callable[..., Array]:
-    """Return `arm.prepared` in one of the ways."""
-    with by(way):
-        return arm.prepared(method=method)
 
 
 def ratios(boom: Boom) -> None:
@@ -107,19 +86,22 @@ def ratios(boom: Boom) -> None:
             ask = {"method": method, "covariates": known}
             calls[name, order, "deflection"] = lambda arm=arm, ask=ask: arm.deflection(boom.q, **ask)
             calls[name, order, ".displacement"] = lambda arm=arm, ask=ask: arm.deflection(boom.q, **ask).displacement
-            for way in WAYS:
-                loop = prepared(arm, way, method)
-                calls[name, order, f"prepared, {way}"] = lambda loop=loop, known=known: loop(boom.q, **known)
+            loop = arm.prepared(method=method)
+            calls[name, order, "prepared"] = lambda loop=loop, known=known: loop(boom.q, **known)
+    force = [Wrench("tool", [300.0, -200.0, 100.0], [0.0, 0.0, 0.0])]
+    pushed = boom.arm.prepared(wrenches=force)
+    calls["linear, a force", "exact", "deflection"] = lambda: boom.arm.deflection(boom.q, wrenches=force).displacement
+    calls["linear, a force", "exact", "prepared"] = lambda: pushed(boom.q)
     times = medians_us(calls, rounds=60, repeats=None)
-    print(f"{'laws':>14} {'':>12} {'asked by':>16} {'x baseline':>10} {'goal':>5}")
+    print(f"{'laws':>16} {'':>12} {'asked by':>16} {'x baseline':>10} {'goal':>5}")
     for key, value in list(times.items())[1:]:
         goal = GOALS.get(key, "")
-        print(f"{key[0]:>14} {key[1]:>12} {key[2]:>16} {value / times['baseline',]:10.1f} {goal:>5}")
+        print(f"{key[0]:>16} {key[1]:>12} {key[2]:>16} {value / times['baseline',]:10.1f} {goal:>5}")
 
 
-def slowest(boom: Boom, way: str, collected: bool) -> None:
+def slowest(boom: Boom, collected: bool) -> None:
     """Print the quantiles and the worst of many calls along a path, and what the process met meanwhile."""
-    loop, clock = prepared(boom.arm, way), time.perf_counter_ns
+    loop, clock = boom.arm.prepared(), time.perf_counter_ns
     path = boom.q + 0.2 * np.sin(np.linspace(0.0, 20.0, CALLS))[:, None]
     taken = np.empty(CALLS)
     gc.collect()
@@ -136,7 +118,7 @@ def slowest(boom: Boom, way: str, collected: bool) -> None:
     over = int((taken > 10.0 * p50).sum())
     full = gc.get_stats()[2]["collections"] - begun
     print(
-        f"{way}, garbage collector {'on' if collected else 'off':>3}: 99 % within {p99 / p50:.1f} medians, 99.9 %"
+        f"garbage collector {'on' if collected else 'off':>3}: 99 % within {p99 / p50:.1f} medians, 99.9 %"
         f" within {p999 / p50:.1f}, all within {taken.max() / p50:.0f} ({taken.max() / 1e6:.2f} ms); {over} over 10;"
         f" other processes came between {switches} times, {faults} page faults, {full} full collections"
     )
@@ -150,9 +132,8 @@ def main() -> None:
         print(f"{found!r}: residuals {', '.join(f'{size:.0e}' for size in found.residuals)}")
         ratios(boom)
         print(f"\n{CALLS} calls of the prepared object, exact:")
-        for way in WAYS:
-            for collected in (True, False):
-                slowest(boom, way, collected)
+        for collected in (True, False):
+            slowest(boom, collected)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ equilibrium from a buckled one, the tangent `I + C dτ/dtwist` can.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,20 +21,30 @@ from armflex.errors import (
     did_you_mean,
 )
 from armflex.laws import Row
-from armflex.statics.law_stack import LawStack as LawStack
-from armflex.statics.mechanics import LoadCase, Mechanics
+from armflex.mechanics.laws import LawStack
+from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 
 METHODS = ("newton", "fixed_point", "first_order", "exact")
 TOLERANCE = 1e-12
 """Largest residual of an equilibrium, of any flexure coordinate [m, rad]."""
 MAX_NEWTON = 50
 MAX_FIXED_POINT = 200
-QUICK = 12
-"""Steps of the fixed point after which `exact` takes Newton's: an arm that is drawn in so slowly is a soft one."""
 POLISHED = 0.01
 """One more step is made where the residual is not this far below the tolerance: a lever of metres magnifies it."""
+GROWTH = 1e6
+"""By which a squared step may be longer than the one before where only the fixed point is asked."""
 MAX_ROTATION = 0.1
 """A flexure that turns further [rad] is outside what a compliance describes."""
+
+SMALL = MAX_ROTATION * MAX_ROTATION
+"""Sum of the squares of all shifts [m] and turns [rad] below which no flexure can have turned too far."""
+STEPS = 24
+CONVERGED = TOLERANCE * TOLERANCE
+"""Squared length of the last step, at most."""
+NEXT = 4e-30
+"""Squared length of the step after it, were it to shrink as the last one did: a lever of metres magnifies it."""
+SLOWEST = 0.1
+"""Where a squared step is not shorter than this part of the one before it, Newton is quicker."""
 
 
 @dataclass(frozen=True)
@@ -136,27 +146,67 @@ def _first_order(problem: _Problem) -> Equilibrium:
     return problem.solved(twists, wrenches, "first_order", ())
 
 
-def _exact(problem: _Problem, tolerance: float) -> Equilibrium:
-    try:
-        return _fixed_point(problem, POLISHED * tolerance, QUICK)
-    except ConvergenceError:
-        return _newton(problem, tolerance)
+def fixed_point(
+    law: Callable[[Array], Array],
+    load: Callable[[Array], Array],
+    rigid: Array,
+    most: int = STEPS,
+    slow: float = SLOWEST,
+) -> tuple[Array | None, list[float]]:
+    """Return the twists at rest, None where the steps do not shrink quickly, and the squared lengths of the steps.
 
-
-def _fixed_point(problem: _Problem, tolerance: float, most: int = MAX_FIXED_POINT) -> Equilibrium:
-    twists = np.zeros(len(problem.mechanics.flex.flexure_v))
-    history: list[float] = []
+    Args:
+        law: Loads to twists.
+        load: Twists to loads.
+        rigid: Loads on the undeflected arm.
+        most: Steps at most.
+        slow: Part of the squared step before it that a squared step must be shorter than.
+    """
+    twists = law(rigid)
+    before = twists.dot(twists)
+    sizes = [before]
     for _ in range(most):
-        residual, wrenches, _ = problem.residual(twists)
-        history.append(_largest(residual))
-        if history[-1] <= tolerance:
-            # Once more, so that loads and twists are each other's to the last digit.
-            residual, wrenches, _ = problem.residual(twists := twists - residual)
-            return problem.solved(twists - residual, wrenches, "fixed_point", history)
-        if not history[-1] < 1e3:
+        moved = law(load(twists))
+        step = moved - twists
+        size = step.dot(step)
+        sizes.append(size)
+        if size <= CONVERGED and size * size <= NEXT * before:
+            return moved, sizes
+        if not size < slow * before:  # not a number is not, either
             break
-        twists = twists - residual
-    raise ConvergenceError("the fixed point did not converge; Newton may", history)
+        twists, before = moved, size
+    return None, sizes
+
+
+def _exact(problem: _Problem, tolerance: float) -> Equilibrium:
+    found, _ = _settled(problem, STEPS, SLOWEST)
+    return found or _newton(problem, tolerance)
+
+
+def _fixed_point(problem: _Problem, tolerance: float) -> Equilibrium:
+    found, history = _settled(problem, MAX_FIXED_POINT - 1, GROWTH)
+    if found is None:
+        raise ConvergenceError("the fixed point did not converge; Newton may", history)
+    return found
+
+
+def _settled(problem: _Problem, most: int, slow: float) -> tuple[Equilibrium | None, list[float]]:
+    """Return what the fixed point comes to, and the lengths of its steps."""
+    mechanics, case, row = problem.mechanics, problem.case, problem.row
+
+    def law(wrenches: Array) -> Array:
+        return problem.stack.twists(wrenches, row)
+
+    def load(twists: Array) -> Array:
+        return mechanics.loads(mechanics.bent(problem.straight, twists), case)
+
+    twists, sizes = fixed_point(law, load, mechanics.loads(problem.straight, case), most, slow)
+    history = np.sqrt(sizes).tolist()
+    if twists is None:
+        return None, history
+    # Once more, so that loads and twists are each other's to the last digit.
+    residual, wrenches, _ = problem.residual(twists)
+    return problem.solved(twists - residual, wrenches, "fixed_point", history), history
 
 
 def _newton(problem: _Problem, tolerance: float) -> Equilibrium:

@@ -6,15 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armflex.arm_doubts import payload_doubts, wrench_doubts
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, ExtrapolationError, Flag
-from armflex.statics.deflection import Deflection, Solved
-from armflex.statics.equilibrium import check_method, check_small, find_equilibrium
-from armflex.statics.loaded import LoadedArm
-from armflex.statics.loads import Wrench
-from armflex.statics.mechanics import LoadCase
-from armflex.statics.solver import SMALL, Solver
+from armflex.mechanics.deflection import Deflection, Solved
+from armflex.mechanics.doubts import payload_doubts, wrench_doubts
+from armflex.mechanics.equilibrium import SMALL, check_method, check_small, find_equilibrium
+from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loads import Wrench
+from armflex.mechanics.pinocchio_model import LoadCase
+from armflex.mechanics.solver import Solver
 
 
 class Asked(NamedTuple):

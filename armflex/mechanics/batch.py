@@ -4,31 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armflex.arm_doubts import wrench_doubts
-from armflex.batch.deflection_batch import Acting, DeflectionBatch
-from armflex.batch.laws import BatchLaws
-from armflex.batch.solver import MANY, BatchSolver, Found, compiled, room_for
 from armflex.conventions import LARGEST_POSITION, Array, real_array
 from armflex.errors import ExtrapolationError, ShapeError, naming
+from armflex.mechanics.deflect import Asked, deflect, deflect_moving
+from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.deflection_batch import Acting, DeflectionBatch
+from armflex.mechanics.doubts import wrench_doubts
+from armflex.mechanics.laws import RowLaws
+from armflex.mechanics.loads import Payload, Wrench
+from armflex.mechanics.rows import CHUNK, RowSolver, Solution
+from armflex.mechanics.structure import Structure
 from armflex.parallel import in_order
-from armflex.statics.deflect import Asked, deflect, deflect_moving
-from armflex.statics.deflection import Deflection
-from armflex.statics.loads import Payload, Wrench
-
-if TYPE_CHECKING:
-    from armflex.arm import Arm
 
 PIECE = 16384
 """Configurations that a process or thread is given at a time."""
 
 
 def deflect_batch(
-    arm: Arm,
+    arm: Structure,
     q: Array,
     payload: object,
     motion: Sequence[ArrayLike | None],
@@ -43,13 +40,12 @@ def deflect_batch(
     moving = tuple(_motion(arm, values, name, q) for values, name in zip(motion, "va", strict=True))
     acting = Acting(arm, names, moving, covariates, wrenches, asked)
     wrench_doubts(arm, wrenches)  # raises where a link is not the arm's
-    answers = room_for(len(q), len(arm.modelled))
+    answers = Solution.empty(len(q), len(arm.sites))
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
-    rooms = [tuple(part[rows] for part in answers) for rows in pieces]
-    alone = jobs in (None, 1)
-    here = alone or _in_threads(acting, q)  # where what is written is ours
+    rooms = [answers.some(rows) for rows in pieces]
+    alone, here = jobs in (None, 1), acting.compiled  # compiled code runs side by side in threads, Pinocchio does not
     tasks = [
-        partial(_answer, acting.some(rows), q[rows], rows.start, len(q), room if here else None)
+        partial(_answer, acting.some(rows), q[rows], rows.start, room if alone or here else None)
         for rows, room in zip(pieces, rooms, strict=True)
     ]
     done = (task() for task in tasks) if alone else in_order(tasks, jobs, threads=here)
@@ -63,7 +59,7 @@ def deflect_batch(
     return found
 
 
-def check_positions(arm: Arm, q: Array, enforce_limits: bool) -> Array:
+def check_positions(arm: Structure, q: Array, enforce_limits: bool) -> Array:
     """Return a copy of (N, nq) positions; raise as `Arm.check_position` does, naming the first row that is wrong."""
     lower, upper = np.maximum(arm.robot.lower, -LARGEST_POSITION), np.minimum(arm.robot.upper, LARGEST_POSITION)
     fits = q.shape[1] == len(lower)
@@ -85,7 +81,7 @@ def _payloads(payload: object, count: int) -> tuple:
     return names
 
 
-def _motion(arm: Arm, values: ArrayLike | None, name: str, q: Array) -> Array | None:
+def _motion(arm: Structure, values: ArrayLike | None, name: str, q: Array) -> Array | None:
     if values is None:
         return None
     array = real_array(values, name)
@@ -103,24 +99,18 @@ def _check_seen(found: DeflectionBatch) -> None:
         raise ExtrapolationError(f"row {unseen[0]}: " + "; ".join(flag.text for flag in unseen[1]))
 
 
-def _in_threads(acting: Acting, q: Array) -> bool:
-    """Return whether the rows are answered by compiled code, which threads can run side by side."""
-    if compiled() is None or len(q) < MANY or not acting.still:
-        return False
-    row = acting.arm.loaded(acting.payload(0)).row(q[:1], acting.some(slice(0, 1)).covariates)
-    return BatchLaws(acting.arm.stack, row).numbers is not None
-
-
-def _answer(acting: Acting, q: Array, first: int, total: int, room: Found | None) -> Found:
-    """Return the answers at some of `total` positions, from row `first` on; in a room for them where there is one."""
-    count, n = len(q), len(acting.arm.modelled)
-    found, left = room or room_for(count, n), np.ones(count, dtype=bool)
-    for loaded, rows in acting.groups(count) if acting.still else ():
-        solver = BatchSolver(loaded, acting.asked.method == "exact", total)
-        for some in chunks(rows, solver.chunk):
+@np.errstate(over="ignore", invalid="ignore")  # a row that runs away is not fine, and is asked alone
+def _answer(acting: Acting, q: Array, first: int, room: Solution | None) -> Solution:
+    """Return the answers at some positions, from row `first` on; in a room for them where there is one."""
+    arm, exact, n = acting.arm, acting.asked.method == "exact", len(acting.arm.sites)
+    found, left = room or Solution.empty(len(q), n), np.ones(len(q), dtype=bool)
+    for loaded, rows in acting.groups(len(q)) if acting.compiled else ():
+        solver = RowSolver(loaded, exact, (*acting.wrenches, *arm.pulls))
+        for some in chunks(rows, CHUNK):
             row, whole = loaded.row(q[some], acting.known(some)), isinstance(some, slice)
-            into = tuple(part[some] for part in found) if whole else room_for(len(row.q), n)
-            left[some] = ~solver.settle(row, BatchLaws(loaded.arm.stack, row), loaded.softening, into)
+            laws, into = RowLaws(arm.stack, row), found.some(some) if whole else Solution.empty(len(some), n)
+            fine = solver.solve(row, laws, into)
+            left[some] = ~(solver.proven(row, laws, into, solver.softening, fine) if exact else fine)
             if not whole:
                 for part, values in zip(found, into, strict=True):
                     part[some] = values

@@ -10,25 +10,16 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm_doubts import sag_doubts
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Row
-from armflex.statics.equilibrium import Equilibrium, tangent_of
-from armflex.statics.law_stack import LawStack
-from armflex.statics.loaded import LoadedArm
-from armflex.statics.loads import Payload
-from armflex.statics.mechanics import LoadCase, Mechanics
-
-
-@dataclass(frozen=True)
-class Names:
-    """What the rows and columns of a result stand for, and the frames it is meant in."""
-
-    joints: tuple[str, ...]
-    flexures: tuple[str, ...]
-    base: str
-    tip: str
+from armflex.mechanics.doubts import sag_doubts
+from armflex.mechanics.equilibrium import Equilibrium, tangent_of
+from armflex.mechanics.laws import LawStack
+from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loads import Payload
+from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
+from armflex.mechanics.structure import Names
 
 
 class Solved(NamedTuple):

@@ -5,25 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armflex.arm_doubts import SAG_BAND, payload_doubts, sag_doubts, wrench_doubts
-from armflex.batch.bending import tip_poses, turned_by
-from armflex.batch.gains import bend, covariances
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.statics.deflect import Asked
-from armflex.statics.deflection import Deflection, Names, Solved
-from armflex.statics.loaded import LoadedArm
-from armflex.statics.loads import Payload, Wrench
-from armflex.statics.mechanics import LoadCase
-from armflex.statics.solver import SMALL
-
-if TYPE_CHECKING:
-    from armflex.arm import Arm
-
+from armflex.laws import Law, LinearLaw, PositionDependentLaw, Row
+from armflex.mechanics.deflect import Asked
+from armflex.mechanics.deflection import Deflection, Solved
+from armflex.mechanics.doubts import SAG_BAND, payload_doubts, sag_doubts, wrench_doubts
+from armflex.mechanics.laws import RowLaws
+from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loads import Payload, Wrench
+from armflex.mechanics.pinocchio_model import LoadCase
+from armflex.mechanics.rows import RowSolver, Solution, flexure_poses, rigid_tips, rotations
+from armflex.mechanics.structure import Names, Structure
 
 CHUNK = 512
 """Rows whose covariances are found together."""
@@ -42,7 +38,7 @@ class Acting:
         asked: How the question is to be answered.
     """
 
-    arm: Arm
+    arm: Structure
     payloads: tuple[str | Payload | None, ...]
     moving: tuple[Array | None, Array | None]
     covariates: dict[str, Array]
@@ -55,10 +51,9 @@ class Acting:
         return any(values is not None for values in self.moving)
 
     @property
-    def still(self) -> bool:
-        """Whether the arm's weight is all that acts, and the method one that arrays have."""
-        plain = not (self.moves or self.wrenches or self.arm.pulls)
-        return plain and self.asked.method in ("exact", "first_order")
+    def compiled(self) -> bool:
+        """Whether the arm stands still, and the method is one that the kernel has."""
+        return not self.moves and self.asked.method in ("exact", "first_order")
 
     def some(self, rows: slice) -> Acting:
         """Return what acts in some of the rows."""
@@ -143,58 +138,63 @@ class DeflectionBatch:
     def rigid_pose(self) -> Array:
         """(N, 4, 4) tip poses of the rigid arm in the base frame."""
         loaded = self.acting.arm.loaded(None)
-        return tip_poses(loaded.nominal or loaded.chain, self.q)
+        return rigid_tips(loaded.nominal or loaded.chain, self.q)
 
     @cached_property
     def pose(self) -> Array:
         """(N, 4, 4) tip poses of the flexed arm in the base frame."""
         found = self.rigid_pose.copy()
         found[:, :3, 3] += self.displacement[:, :3]
-        found[:, :3, :3] = turned_by(self.displacement[:, 3:], found[:, :3, :3])
+        found[:, :3, :3] = rotations(self.displacement[:, 3:]) @ found[:, :3, :3]
         return found
 
     @cached_property
     def contributions(self) -> Array:
-        """(N, n_flexures, 6) first-order share of each flexure in the displacement."""
-        found, left = np.empty_like(self.twists), np.ones(len(self.q), dtype=bool)
-        for loaded, rows in self._small():
-            found[rows[:, None], loaded.chain.order] = bend(
-                loaded.chain, self.q[rows], self.twists[rows]
-            ).contributions()
-            left[rows] = False
-        for i in np.flatnonzero(left):
-            found[i] = self.row(i).contributions
+        """(N, n_flexures, 6) first-order share of each flexure in the displacement [m, rad]."""
+        found = np.empty_like(self.twists)
+        if not self.acting.compiled:
+            for i in range(len(self.q)):
+                found[i] = self.row(i).contributions
+            return found
+        for loaded, rows in self.acting.groups(len(self.q)):
+            poses = flexure_poses(loaded, self.q[rows], self.twists[rows])
+            # To go on along a twist is to move by it: exp6's derivative leaves it as it is.
+            turns, origins, tip = poses[:, :-1, :3, :3], poses[:, :-1, :3, 3], poses[:, -1:, :3, 3]
+            shift, turn = ((turns @ part[..., None])[..., 0] for part in np.split(self.twists[rows], 2, axis=2))
+            found[rows] = np.concatenate([shift + np.cross(turn, tip - origins), turn], axis=2)
         return found
 
     @cached_property
     def covariance(self) -> Array | None:
         """(N, 6, 6) of the laws alone, None where no law carries an uncertainty; see `armflex.total_covariance`."""
         found, left = np.zeros((len(self.q), 6, 6)), np.ones(len(self.q), dtype=bool)
-        known = False
-        for loaded, rows in self._small():
-            row, order = loaded.row(self.q[rows], self.acting.known(rows)), list(loaded.chain.order)
-            laws = [self.acting.arm.stack.laws[i] for i in order]
-            loads = np.moveaxis(self.wrenches[rows][:, order], 0, 1)
-            uncertain = [covariances(law, load, row) for law, load in zip(laws, loads, strict=True)]
-            known = known or any(part is not None for part in uncertain)
-            given = [law.tangent(load, row) for law, load in zip(laws, loads, strict=True)]
-            bent = bend(loaded.chain, self.q[rows], self.twists[rows])
-            found[rows], near = bent.covariance(_by_row(given, len(rows)), _by_row(uncertain, len(rows)))
-            left[rows] = ~near
+        known, stack = False, self.acting.arm.stack
+        for loaded, rows in self._chunks() if self.acting.compiled else ():
+            row, wrenches = loaded.row(self.q[rows], self.acting.known(rows)), self.wrenches[rows]
+            parts = [covariances(law, wrenches[:, i], row) for i, law in enumerate(stack.laws)]
+            if all(part is None for part in parts):
+                left[rows] = False
+                continue
+            known = True
+            solver, laws = RowSolver(loaded, True, (*self.acting.wrenches, *self.acting.arm.pulls)), RowLaws(stack, row)
+            if laws.curved:
+                laws.expand(wrenches)
+            at = Solution(self.displacement[rows], wrenches, self.twists[rows])
+            gains, distance = solver.linearise(row, laws, at, np.arange(len(rows)))
+            for i, part in enumerate(parts):
+                if part is not None:
+                    found[rows] += gains[:, :, i] @ part @ np.swapaxes(gains[:, :, i], 1, 2)
+            left[rows] = ~(distance < 1.0)
         for i in np.flatnonzero(left):
             one = self.row(i).covariance
             known, found[i] = known or one is not None, 0.0 if one is None else one
         return found if known else None
 
-    def _small(self) -> Iterator[tuple[LoadedArm, np.ndarray]]:
-        """Yield rows for which arrays will do, some at a time: only weight acts, and the flexures turn little."""
-        if not self.acting.still:
-            return
-        small = (self.twists**2).sum(axis=(1, 2)) < SMALL
+    def _chunks(self) -> Iterator[tuple[LoadedArm, np.ndarray]]:
+        """Yield the arm with each payload, and some rows in which it is carried."""
         for loaded, rows in self.acting.groups(len(self.q)):
-            fit = rows[small[rows]]
-            for start in range(0, len(fit), CHUNK):
-                yield loaded, fit[start : start + CHUNK]
+            for start in range(0, len(rows), CHUNK):
+                yield loaded, rows[start : start + CHUNK]
 
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
@@ -234,10 +234,9 @@ class DeflectionBatch:
         return None
 
 
-def _by_row(parts: list[Array | None], count: int) -> Array:
-    """Return the (N, n, 6, 6) array of n matrices, (N, 6, 6) or (6, 6) for all rows or None for zero."""
-    found = np.zeros((count, len(parts), 6, 6))
-    for i, part in enumerate(parts):
-        if part is not None:
-            found[:, i] = part
-    return found
+def covariances(law: Law, loads: Array, row: Row) -> Array | None:
+    """Return the (N, 6, 6) covariances of a law's twists under (N, 6) loads, None where it carries none."""
+    if isinstance(law, LinearLaw | PositionDependentLaw) and getattr(law, "fit", None) is None:
+        return law.covariance(loads, row)
+    found = [law.covariance(load, row.some(i)) for i, load in enumerate(loads)]
+    return None if any(part is None for part in found) else np.array(found).reshape(-1, 6, 6)

@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.mechanics.loads import Load
 from armflex.robot import FlexModel
-from armflex.statics.loads import Load
 
 
 @dataclass(frozen=True)
@@ -111,14 +111,14 @@ class Mechanics:
         pose = self.frame_pose(configuration, frame)
         local = self._local_load(pose, load)
         turn = np.kron(np.eye(2), pose.rotation)
-        change = turn.T @ load.change(pose) @ turn
+        change = turn.T @ load.change(pose.homogeneous) @ turn
         change[:, 3:] += np.vstack([pin.skew(local.linear), pin.skew(local.angular)])
         return -jacobian.T @ change @ jacobian
 
     @staticmethod
     def _local_load(pose: pin.SE3, load: Load) -> pin.Force:
         """Return a load in the axes of its link."""
-        wrench = load.at(pose)
+        wrench = load.at(pose.homogeneous)
         return pin.Force(pose.rotation.T @ wrench[:3], pose.rotation.T @ wrench[3:])
 
     def _forces(self, configuration: Array, case: LoadCase) -> pin.StdVec_Force:

@@ -63,12 +63,17 @@ class Load(Protocol):
         """The link."""
         ...
 
-    def at(self, pose: pin.SE3) -> Array:
-        """Return the (6,) wrench on the structure at the link's origin, base axes, for a pose of the link."""
+    @property
+    def dead(self) -> bool:
+        """Whether the wrench is the same wherever the link is."""
         ...
 
-    def change(self, pose: pin.SE3) -> Array:
-        """Return the (6, 6) change of that wrench per shift and small rotation of the link, base axes."""
+    def at(self, pose: Array) -> Array:
+        """Return the (..., 6) wrench on the structure at the link's origin, base axes, for (..., 4, 4) poses of it."""
+        ...
+
+    def change(self, pose: Array) -> Array:
+        """Return the (..., 6, 6) change of that wrench per shift and small rotation of the link, base axes."""
         ...
 
 
@@ -94,17 +99,25 @@ class Wrench:
         if self.axes not in ("base", "frame"):
             raise InputError(f"wrench at {self.frame!r}: axes is {self.axes!r}, expected 'base' or 'frame'")
 
-    def at(self, pose: pin.SE3) -> Array:
-        """Return the (6,) wrench at the link's origin in base axes."""
-        parts = (self.force, self.moment)
-        return np.concatenate([part if self.axes == "base" else pose.rotation @ part for part in parts])
+    @property
+    def dead(self) -> bool:
+        """Whether it does not turn with its link."""
+        return self.axes == "base"
 
-    def change(self, pose: pin.SE3) -> Array:
-        """Return the (6, 6) change per motion of the link: only a load that turns with it has one."""
-        change = np.zeros((6, 6))
-        if self.axes == "frame":
-            load = self.at(pose)
-            change[:3, 3:], change[3:, 3:] = -pin.skew(load[:3]), -pin.skew(load[3:])
+    def at(self, pose: Array) -> Array:
+        """Return the (..., 6) wrench at the link's origin in base axes."""
+        if self.dead:
+            wrench = np.concatenate([self.force, self.moment])
+            return wrench if pose.ndim == 2 else np.broadcast_to(wrench, (*pose.shape[:-2], 6))
+        return np.concatenate([pose[..., :3, :3] @ part for part in (self.force, self.moment)], axis=-1)
+
+    def change(self, pose: Array) -> Array:
+        """Return the (..., 6, 6) change per motion of the link: only a load that turns with it has one."""
+        change = np.zeros((*pose.shape[:-2], 6, 6))
+        if not self.dead:
+            load = self.at(pose)[..., None, :]
+            change[..., :3, 3:] = np.cross(load[..., :3], np.eye(3))
+            change[..., 3:, 3:] = np.cross(load[..., 3:], np.eye(3))
         return change
 
 

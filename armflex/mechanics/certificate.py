@@ -10,6 +10,8 @@ their distances from it, at most. A small motion (dv, dr) of flexure j changes t
     j at or inboard of i:  force g M_i |dr|,  moment g S_i |dr|             (all that i carries turns as one body)
     j outboard of i:       moment g M_j |dv| + g S_j |dr|                   (what j carries moves against i)
 
+A dead force on a link is a weight more, and a dead moment adds its size to g S.
+
 With the norms of C's blocks this bounds every 3 x 3 block of C G E, and `max_i (sum_j N_ij x_j) / x_i` bounds the
 whole in the norm `max |part_i| / x_i`, whatever the positive x; the best x is the eigenvector of N. Distances are those
 of a chain pulled straight, so the bound is a few times what it bounds. That is enough: arms are stiff.
@@ -27,7 +29,7 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.laws import Law
 from armflex.laws.law import Ranges, block_norms
-from armflex.statics.law_stack import LawStack
+from armflex.mechanics.laws import LawStack
 
 SHARE = 0.9
 """Of the bound 1 that is used, so that rounding is no part of the proof."""
@@ -85,9 +87,14 @@ class Softening:
 
 
 def bound_softening(
-    model: pin.Model, joints: Sequence[int], stack: LawStack, ranges: Ranges, travel: Mapping[int, float]
+    model: pin.Model,
+    joints: Sequence[int],
+    stack: LawStack,
+    ranges: Ranges,
+    travel: Mapping[int, float],
+    dead: Sequence[tuple[int, Array, Array]] = (),
 ) -> Softening:
-    """Return the bound for a serial model under its own weight.
+    """Return the bound for a serial model under its own weight and dead loads.
 
     Args:
         model: Of the arm with its payload, with flexures.
@@ -95,9 +102,10 @@ def bound_softening(
         stack: Laws of the flexures.
         ranges: Smallest and largest position of every joint that a law may depend on.
         travel: Pinocchio joint -> the most [m] that it moves what is outboard; flexures and turning joints left out.
+        dead: Of every load the Pinocchio joint that it moves with, (3,) where on that [m], and the (6,) wrench.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # laws of no sense are judged by what comes of them
-        answers = _answers(model, joints, travel)
+        answers = _answers(model, joints, travel, dead)
         reference = _reference(_known(stack, ranges), answers)
         return _judged(np.einsum("ipjq,jq->ip", answers, reference), reference, stack, ranges)
 
@@ -121,9 +129,14 @@ def _judged(answer: Array, reference: Array, stack: LawStack, ranges: Ranges) ->
     return Softening(answer, reference, known, tuple(unknown), ranges)
 
 
-def _answers(model: pin.Model, joints: Sequence[int], travel: Mapping[int, float]) -> Array:
+def _answers(
+    model: pin.Model,
+    joints: Sequence[int],
+    travel: Mapping[int, float],
+    dead: Sequence[tuple[int, Array, Array]],
+) -> Array:
     """Return (n, 2, n, 2) bounds of the change of forces and moments per shift and turn, coordinates of exp6."""
-    weight, moment = _outboard(model, joints, travel)
+    weight, moment = _outboard(model, joints, travel, dead)
     places = np.asarray(joints, dtype=int)
     inboard = places[None, :] <= places[:, None]  # j at or inboard of i
     total = np.zeros((len(places), 2, len(places), 2))
@@ -135,8 +148,16 @@ def _answers(model: pin.Model, joints: Sequence[int], travel: Mapping[int, float
     return total
 
 
-def _outboard(model: pin.Model, joints: Sequence[int], travel: Mapping[int, float]) -> tuple[Array, Array]:
-    """Return (n,) weight outboard of each flexure [N] and the most that it can be times its distance [N m]."""
+def _outboard(
+    model: pin.Model,
+    joints: Sequence[int],
+    travel: Mapping[int, float],
+    dead: Sequence[tuple[int, Array, Array]],
+) -> tuple[Array, Array]:
+    """Return (n,) load outboard of each flexure [N] and the most that it can be times its distance [N m].
+
+    A dead moment turns against the flexures that it loads, but has no arm.
+    """
     gravity = float(np.linalg.norm(model.gravity.linear))
     steps = [float(np.linalg.norm(model.jointPlacements[i].translation)) for i in range(model.njoints)]
     steps = [step + travel.get(i, BALL if model.joints[i].nv == 6 else 0.0) for i, step in enumerate(steps)]
@@ -145,6 +166,12 @@ def _outboard(model: pin.Model, joints: Sequence[int], travel: Mapping[int, floa
     own = np.array([float(np.linalg.norm(model.inertias[i].lever)) for i in range(model.njoints)])
     weights = [gravity * mass[i:].sum() for i in joints]
     moments = [gravity * float(mass[i:] @ (along[i:] - along[i] + own[i:])) for i in joints]
+    for joint, point, wrench in dead:
+        force, moment, lever = (float(np.linalg.norm(part)) for part in (wrench[:3], wrench[3:], point))
+        for number, i in enumerate(joints):
+            if i <= joint:
+                weights[number] += force
+                moments[number] += force * float(along[joint] - along[i] + lever) + moment
     return np.array(weights), np.array(moments)
 
 

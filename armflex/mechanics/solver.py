@@ -16,22 +16,12 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.laws import Law, Row
 from armflex.laws.linear import NOTHING, UNLOADED
-from armflex.statics.equilibrium import MAX_ROTATION, TOLERANCE
-from armflex.statics.law_stack import PlacedLaws
-from armflex.statics.mechanics import Mechanics
+from armflex.mechanics.equilibrium import fixed_point
+from armflex.mechanics.laws import PlacedLaws
+from armflex.mechanics.pinocchio_model import Mechanics
 
 gravity, integrate = pin.computeGeneralizedGravity, pin.integrate
 place_frames, log3 = pin.framesForwardKinematics, pin.log3
-
-SMALL = MAX_ROTATION * MAX_ROTATION
-"""Sum of the squares of all shifts [m] and turns [rad] below which no flexure can have turned too far."""
-STEPS = range(24)
-ENOUGH = TOLERANCE * TOLERANCE
-"""Squared length of the last step, at most."""
-NEXT = 4e-30
-"""Squared length of the step after it, were it to shrink as the last one did: a lever of metres magnifies it."""
-SLOWEST = 0.1
-"""Where a squared step is not shorter than this part of the one before it, Newton is quicker."""
 
 Motion = Callable[[Array], Array]
 
@@ -99,21 +89,13 @@ class Solver:
 
     def settle(self, straight: Array) -> tuple[Array, list[float]] | None:
         """Return the (nv,) motion at rest and the squared lengths of the steps to it; None where they shrink slowly."""
-        model, data, law = self.model, self.data, self.motion
-        motion = law(gravity(model, data, straight))
-        before = motion.dot(motion)
-        sizes = [before]
-        for _ in STEPS:
-            moved = law(gravity(model, data, integrate(model, straight, motion)))
-            step = moved - motion
-            size = step.dot(step)
-            sizes.append(size)
-            if size <= ENOUGH and size * size <= NEXT * before:
-                return moved, sizes
-            if not size < SLOWEST * before:  # not a number is not, either
-                return None
-            motion, before = moved, size
-        return None
+        model, data = self.model, self.data
+
+        def load(motion: Array) -> Array:
+            return gravity(model, data, integrate(model, straight, motion))
+
+        found, sizes = fixed_point(self.motion, load, gravity(model, data, straight))
+        return None if found is None else (found, sizes)
 
     def torque(self, configuration: Array) -> Array:
         """Return the (nv,) generalized torque under the weight."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,9 +13,6 @@ from armflex.errors import Flag
 from armflex.laws import Law, LinearLaw, Row, StructuralLaw
 from armflex.laws.learned import LearnedLaw
 from armflex.laws.network import NetworkLaw
-
-MOST_NEURONS = 64
-"""Networks with more (those of a posterior) are asked by themselves: side by side they would be mostly zeros."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +102,99 @@ def constant_compliance(law: Law) -> Array | None:
     if isinstance(law, LearnedLaw):
         return law.constant
     return law.linear_compliance if isinstance(law, StructuralLaw) else None
+
+
+class RowLaws:
+    """The laws of a stack at N rows as numbers, for compiled code.
+
+    What is affine at the rows' positions and covariates is looked up once for all of them, networks stand as they are,
+    and every other law as its affine expansion about some loads: see `expand`. `parts` are laws of the stack with the
+    numbers of their flexures, all where not given.
+
+    Attributes:
+        compliance, offset: (R, n, 6, 6) and (R, n, 6) of what is affine or expanded, R being 1 or N.
+        neurons: (H, 13) units (6), bias and gains (6) of all networks, loads and twists in SI.
+        starts: (n + 1,) first neuron of each flexure.
+        curved: Laws that must be expanded, with the numbers of their flexures.
+    """
+
+    def __init__(self, stack: LawStack, row: Row, parts: Iterable[tuple[int, Law]] | None = None) -> None:
+        affine: list[tuple[int, Array, Array]] = []
+        networks: list[tuple[int, NetworkLaw]] = []
+        self.curved: list[tuple[int, Law]] = []
+        self._row, self._known, self._slopes = row, {}, []
+        for i, law in stack.parts if parts is None else parts:
+            if isinstance(law, NetworkLaw):
+                networks.append((i, law))
+                continue
+            found = law.affine(row)
+            if found is None:
+                self.curved.append((i, law))
+            else:
+                affine.append((i, *found))
+                self._known[id(law)] = found[1]
+        each = bool(self.curved) or any(twist.ndim > 1 or compliance.ndim > 2 for _, twist, compliance in affine)
+        self.compliance = np.zeros((len(row.q) if each else 1, len(stack.laws), 6, 6))
+        self.offset = np.zeros(self.compliance.shape[:3])
+        for i, twist, compliance in affine:
+            self.offset[:, i] += twist
+            self.compliance[:, i] += compliance
+        self.neurons = np.zeros((sum(len(law.neurons()[1]) for _, law in networks), 13))
+        self.starts = np.zeros(len(stack.laws) + 1, dtype=np.int64)
+        at = 0
+        for i, law in sorted(networks, key=lambda pair: pair[0]):
+            units, bias, gains, constant = law.neurons()
+            own, at = self.neurons[at : at + len(bias)], at + len(bias)
+            own[:, : law.size], own[:, 6], own[:, 7 : 7 + law.size] = units.T, bias, gains
+            self.offset[:, i, : law.size] += constant
+            self.starts[i + 1 :] += len(bias)
+        self._affine = (self.compliance.copy(), self.offset.copy()) if self.curved else None
+
+    @property
+    def numbers(self) -> tuple[Array, Array, Array, np.ndarray]:
+        """Compliance, offset, neurons and starts."""
+        return self.compliance, self.offset, self.neurons, self.starts
+
+    def expand(self, loads: Array, slopes: bool = True) -> Array:
+        """Expand the curved laws about (N, n, 6) loads; return (N,) by how much their twists there were otherwise.
+
+        Between two expansions the equilibrium is solved exactly, so that this is Newton's method on the laws alone;
+        without `slopes` their tangents stay those of the last expansion (the chord method), which are dear to ask for.
+        """
+        before = np.einsum("nkij,nkj->nki", self.compliance, loads) + self.offset
+        np.copyto(self.offset, self._affine[1])
+        if slopes:
+            np.copyto(self.compliance, self._affine[0])
+            self._slopes = [law.tangent(loads[:, i], self._row) for i, law in self.curved]
+        for (i, law), tangent in zip(self.curved, self._slopes, strict=True):
+            if slopes:
+                self.compliance[:, i] += tangent
+            self.offset[:, i] += law.twist(loads[:, i], self._row) - (tangent @ loads[:, i, :, None])[..., 0]
+        after = np.einsum("nkij,nkj->nki", self.compliance, loads) + self.offset
+        return np.sqrt(((after - before) ** 2).sum(axis=(1, 2)))
+
+    def tangent(self, law: Law, loads: Array) -> Array:
+        """Return the (N, 6, 6) tangent of one of the laws under (N, 6) loads."""
+        known = self._known.get(id(law))
+        return law.tangent(loads, self._row) if known is None else known
+
+    def tangents(self, loads: Array) -> Array:
+        """Return the (1 or N, n, 6, 6) tangents of all laws of a flexure together under (N, n, 6) loads.
+
+        Where laws are curved they must have been expanded about these.
+        """
+        if not len(self.neurons):
+            return self.compliance
+        total = np.broadcast_to(self.compliance, (len(loads), *self.compliance.shape[1:])).copy()
+        for i in range(len(self.starts) - 1):
+            own = self.neurons[self.starts[i] : self.starts[i + 1]]
+            slopes = 1.0 - np.tanh(loads[:, i] @ own[:, :6].T + own[:, 6]) ** 2
+            total[:, i] += (slopes @ (own[:, 7:, None] * own[:, None, :6]).reshape(len(own), 36)).reshape(-1, 6, 6)
+        return total
+
+
+MOST_NEURONS = 64
+"""Networks with more (those of a posterior) are asked by themselves: side by side they would be mostly zeros."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag, PayloadError, UnknownNameError
-from armflex.statics.loads import Payload, Wrench
-
-if TYPE_CHECKING:
-    from armflex.arm import Arm
+from armflex.mechanics.loads import Payload, Wrench
+from armflex.mechanics.structure import Structure
 
 FORCE_BAND = 10.0
 """External forces beyond this many times the arm's weight are flagged: kN or kgf given as N?"""
@@ -21,7 +18,7 @@ SAG_BAND = 0.1
 """Displacements beyond this fraction of the reach are flagged."""
 
 
-def payload_doubts(arm: Arm, payload: Payload, accelerated: bool) -> tuple[Flag, ...]:
+def payload_doubts(arm: Structure, payload: Payload, accelerated: bool) -> tuple[Flag, ...]:
     """Return the doubts about a payload; raise `PayloadError` where its centre of mass is beyond the arm's reach."""
     distance = float(np.linalg.norm(payload.com))
     if payload.mass and distance > max(arm.robot.reach, 1.0):
@@ -35,7 +32,7 @@ def payload_doubts(arm: Arm, payload: Payload, accelerated: bool) -> tuple[Flag,
     return flags
 
 
-def wrench_doubts(arm: Arm, wrenches: Sequence[Wrench]) -> tuple[Flag, ...]:
+def wrench_doubts(arm: Structure, wrenches: Sequence[Wrench]) -> tuple[Flag, ...]:
     """Return the doubts about loads from outside; raise `UnknownNameError` where one is at no link of the arm."""
     flags = []
     for wrench in wrenches:
@@ -51,7 +48,7 @@ def wrench_doubts(arm: Arm, wrenches: Sequence[Wrench]) -> tuple[Flag, ...]:
     return tuple(flags)
 
 
-def sag_doubts(arm: Arm, displacement: Array) -> tuple[Flag, ...]:
+def sag_doubts(arm: Structure, displacement: Array) -> tuple[Flag, ...]:
     """Return a flag where the tip moves by a good part of the reach."""
     sag = float(np.linalg.norm(displacement[:3]))
     if sag <= SAG_BAND * arm.robot.reach:

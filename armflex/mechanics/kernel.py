@@ -1,0 +1,1205 @@
+"""The compiled engine: where an arm comes to rest at many configurations, and how its tip responds to what is changed.
+
+Compiling takes seconds, once: the code is kept beside this file, or where numba keeps such things.
+
+**Equilibrium.** Everything is written in the base's axes about the rigid arm: flexing flexure k moves all that is
+outboard of it by the screw `s_k = Ad(T_k) t_k`, with T_k the flexure's pose in the rigid arm, because
+
+    J1 exp(t1) J2 exp(t2) ... = exp(s1) exp(s2) ... J1 J2 ...
+
+A screw (v, w) moves a point x by `u + b w x u + c w x (w x u)` with `u = v + w x x`; b and c are the exponential's, as
+series: they hold for turns up to 0.1 rad. Some configurations go side by side, in lanes, the last axis of every array.
+`lanes` is anything with their number as its length: for one lane a tuple, so that the compiler knows and leaves the
+loops over them out; for many an array, whose loops it widens.
+
+**Sensitivities.** Let all loads be dead: forces f_b at points x_b and moments m_b that keep their direction. A spatial
+twist (v, w) inserted into the chain at a place s moves all that is outboard. In the axes of the flexures that carry
+them, the loads of those outboard of s then turn back by w, and those inboard of s see the points x_b shifted. Pair the
+change of all loads with virtual motions of the flexures, which move x_b by d_b and turn it by r_b, of which the
+flexures inboard of s make the spatial motion (V, R). What comes out is linear in (v, w), with the coefficients
+
+    of v:  F x R          of w:  M x R + F x V - sum over the bodies outboard of s (f_b x d_b + m_b x r_b)
+
+where (F, M) is the load on all that is outboard of s, about the base's origin. That is one pass out and one back, in
+place of a geometric stiffness. A load that changes by K with its link's motion adds K' (d_b, r_b) as a wrench there.
+With L this map, W_i the spatial motion per change of flexure i's coordinates (exp6's derivative in it) and C_i its
+law's tangent, the tip per change of a law B and per change of a load `B C` obey
+
+    B_i' = W_i' (J' + L (W C' B'))       an exact (6 n, 6 n) system, whose matrix is the transpose of I + C G E
+
+Its distance from the unit matrix is returned: below 1 the arm is stable, because no eigenvalue is left of zero.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS
+from armflex.mechanics.equilibrium import CONVERGED, NEXT, SLOWEST, SMALL, STEPS
+
+ONE, LANES = (0,), 48
+"""A lane by itself, and how many a batch has: enough to fill the processor's registers, few enough for its caches."""
+WIDTH = 8
+"""Coordinates of the tip that are carried together: six, and what fills a register."""
+LARGE = 1.5 * 2.0**52
+HALVINGS, LOG_2_ROUND, LOG_2_REST = 1.0 / math.log(2.0), 0.6931471803691238, 1.9082149292705877e-10
+"""The logarithm of two, in two parts: products of the first with small whole numbers are exact."""
+TURN, TURN_REST, TURNS_PER_RADIAN = 2.0 * math.pi, 2.4492935982947064e-16, 0.5 / math.pi
+"""2 pi as a double, what it lacks, and turns in a radian: to divide takes longer."""
+
+LOOSE = {"contract", "reassoc", "nsz", "arcp"}
+jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
+inner = numba.njit(nogil=True, forceinline=True, error_model="numpy", fastmath=LOOSE)
+called = numba.njit(nogil=True, error_model="numpy", fastmath=LOOSE)
+in_order = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})
+"""For sums whose order matters."""
+
+
+class Arm(NamedTuple):
+    """Numbers of an arm with a payload, and the dead wrenches on its links; see `Chain` and `Pushes`.
+
+    `acting` is as long as there are wrenches: a tuple for none, so that the compiler leaves the loops over them out.
+    """
+
+    elements: Array
+    kinds: Array
+    flexures: int
+    links: Array
+    wrenches: Array
+    acting: Array
+
+
+class Laws(NamedTuple):
+    """Numbers of its laws, for all rows or for each; see `RowLaws`."""
+
+    compliance: Array
+    offset: Array
+    neurons: Array
+    starts: Array
+
+
+class Room(NamedTuple):
+    """Arrays of some lanes.
+
+    turn, origin: Of every flexure in the rigid arm; three rows of `turn` each. moment: first moment about the base of
+    what is between it and the next flexure. tip: where the rigid arm has it. frame: three rows, the frame that is
+    walked with. points: where the rigid arm has the loaded links. The others are what is worked with.
+    """
+
+    turn: Array
+    origin: Array
+    moment: Array
+    tip: Array
+    frame: Array
+    moments: Array
+    loads: Array
+    twists: Array
+    moved: Array
+    pull: Array
+    wrench: Array
+    quaternion: Array
+    lane: Array
+    points: Array
+    hidden: Array
+
+
+def room_for(flexures: int, links: int, lanes: int, rooms: int = 1) -> Array:
+    """Return memory for some times a `Room`, in rows of six: to cut it into others takes longer than to fill it."""
+    return np.empty((rooms, 9 * flexures + 8 + links, 6, lanes))
+
+
+@jit
+def solve_one(
+    elements, kinds, links, wrenches, acting, compliance, offset, neurons, starts, bounds, room, hidden, exact, q,
+    twists, displacement,
+):  # fmt: skip
+    """Fill the (6,) displacement and the (n, 6) twists at (nq,) positions; return whether it converged."""
+    for j in range(len(q)):
+        if not bounds[0, j] <= q[j] <= bounds[1, j]:
+            return False
+    arm = Arm(elements, kinds, len(twists), links, wrenches, acting)
+    laws = Laws(compliance, offset, neurons, starts)
+    here = _divided(room, hidden, len(twists))
+    _place(arm, here, q.reshape(1, -1), 0, ONE)
+    _weigh(arm, here, False, 0, ONE)
+    _solve(arm, laws, here, 0, exact, ONE)
+    for i in range(len(twists)):
+        for a in range(6):
+            twists[i, a] = here.twists[i, a, 0]
+    _displace(arm, here, ONE)
+    _write_displacement(here, 0, displacement)
+    return here.lane[0, 0] > 0.0
+
+
+@jit
+def solve_many(
+    elements, kinds, links, wrenches, acting, compliance, offset, neurons, starts, rooms, ready, q, exact, displacement,
+    loads, twists, converged,
+):  # fmt: skip
+    """Fill (N, 6) displacements, (N, n, 6) loads and twists, and (N,) whether they are solutions, at (N, nq) q.
+
+    There is one room, or one for as many rows as there are lanes. Those of a call before with the same arm and q are
+    `ready`: the rigid arm need not be placed again, and the arm comes to rest from where it rested.
+    """
+    lanes, hidden, n = np.arange(LANES), np.empty(len(neurons) * LANES), twists.shape[1]
+    arm, laws = Arm(elements, kinds, n, links, wrenches, acting), Laws(compliance, offset, neurons, starts)
+    for first in range(0, len(q), len(lanes)):
+        here = _divided(rooms[min(first // len(lanes), len(rooms) - 1)], hidden, n)
+        if not ready:
+            _place(arm, here, q, first, lanes)
+            _weigh(arm, here, False, first, lanes)
+        _solve(arm, laws, here, first, exact, lanes)
+        if exact:
+            _weigh(arm, here, True, first, lanes)
+        _displace(arm, here, lanes)
+        for c in range(min(len(lanes), len(q) - first)):
+            row = first + c
+            converged[row] = here.lane[0, c] > 0.0
+            _write_displacement(here, c, displacement[row])
+            for i in range(n):
+                for a in range(6):
+                    loads[row, i, a], twists[row, i, a] = here.loads[i, a, c], here.twists[i, a, c]
+
+
+@inner
+def _divided(room, hidden, n):
+    """Return memory divided into the arrays of some lanes."""
+    last = room[9 * n :]
+    return Room(
+        turn=room[: 3 * n],
+        origin=room[3 * n : 4 * n],
+        moment=room[4 * n : 5 * n],
+        tip=last[:1],
+        frame=last[1:4],
+        moments=room[5 * n : 6 * n],
+        loads=room[6 * n : 7 * n],
+        twists=room[7 * n : 8 * n],
+        moved=room[8 * n : 9 * n],
+        pull=last[4:5],
+        wrench=last[5],
+        quaternion=last[6],
+        lane=last[7],
+        points=last[8:],
+        hidden=hidden,
+    )
+
+
+# Equilibrium.
+
+
+@inner
+def _solve(arm, laws, room, first, exact, lanes):
+    """From the loads, leave loads and twists at rest; lanes that converged are 1 in `lane[0]`, others 0."""
+    _deform(laws, room, room.twists, first, lanes)
+    fine, size, before, drawn = room.lane[0], room.lane[1], room.lane[2], room.lane[3]
+    _square(room.twists, size, lanes)
+    for c in range(len(lanes)):
+        fine[c] = 1.0 if size[c] < SMALL else 0.0
+        before[c], drawn[c] = size[c], 0.0
+    if exact:
+        _iterate(arm, laws, room, first, lanes)
+        _square(room.twists, size, lanes)
+        for c in range(len(lanes)):
+            fine[c] *= drawn[c] if size[c] < SMALL else 0.0
+
+
+@inner
+def _iterate(arm, laws, room, first, lanes):
+    """Move the twists to rest; lanes that are drawn there, or never will be, are left where they are."""
+    fine, size, before, drawn = room.lane[0], room.lane[1], room.lane[2], room.lane[3]
+    twists, moved = room.twists, room.moved
+    for c in range(len(lanes)):
+        if fine[c] == 0.0:  # it would only make numbers that overflow
+            for i in range(len(twists)):
+                for a in range(6):
+                    twists[i, a, c] = 0.0
+    for _ in range(STEPS):
+        _weigh(arm, room, True, first, lanes)
+        _deform(laws, room, moved, first, lanes)
+        for i in range(len(twists)):
+            for a in range(6):
+                for c in range(len(lanes)):
+                    moved[i, a, c] = (moved[i, a, c] - twists[i, a, c]) * (fine[c] - drawn[c])
+                    twists[i, a, c] += moved[i, a, c]
+        _square(moved, size, lanes)
+        moving = False
+        for c in range(len(lanes)):
+            if fine[c] > drawn[c]:
+                if size[c] <= CONVERGED and size[c] * size[c] <= NEXT * before[c]:
+                    drawn[c] = 1.0
+                elif not size[c] < SLOWEST * before[c]:
+                    fine[c] = 0.0
+                else:
+                    moving = True
+            before[c] = size[c]
+        if not moving:
+            break
+
+
+@inner
+def _square(twists, size, lanes):
+    """Fill the (W,) sums of the squares of (n, 6, W) twists."""
+    for c in range(len(lanes)):
+        size[c] = 0.0
+    for i in range(len(twists)):
+        for a in range(6):
+            for c in range(len(lanes)):
+                size[c] += twists[i, a, c] * twists[i, a, c]
+
+
+# Laws.
+
+
+@inner
+def _deform(laws, room, twists, first, lanes):
+    """Fill the (n, 6, W) twists that the laws give under the loads."""
+    last = len(laws.compliance) - 1
+    for i in range(len(twists)):
+        if last == 0:
+            _comply(laws, room.loads, twists, i, lanes)
+        else:
+            _comply_by_row(laws, room.loads, twists, i, first, lanes)
+        if laws.starts[i] < laws.starts[i + 1]:
+            _add_networks(laws, room, twists, i, lanes)
+
+
+@inner
+def _comply(laws, loads, twists, i, lanes):
+    """Fill in what the compliance of flexure i gives, the same in all rows."""
+    given = laws.compliance
+    for a in range(6):
+        # Looked up beforehand: to the compiler it might be the twists that these are stored in.
+        offset, x, y, z = laws.offset[0, i, a], given[0, i, a, 0], given[0, i, a, 1], given[0, i, a, 2]
+        u, v, t = given[0, i, a, 3], given[0, i, a, 4], given[0, i, a, 5]
+        for c in range(len(lanes)):
+            force = x * loads[i, 0, c] + y * loads[i, 1, c] + z * loads[i, 2, c]
+            twists[i, a, c] = offset + force + u * loads[i, 3, c] + v * loads[i, 4, c] + t * loads[i, 5, c]
+
+
+@inner
+def _comply_by_row(laws, loads, twists, i, first, lanes):
+    """Fill in what the compliance of flexure i gives, another in every row."""
+    for c in range(len(lanes)):
+        row = min(first + c, len(laws.compliance) - 1)
+        for a in range(6):
+            value = laws.offset[row, i, a]
+            for b in range(6):
+                value += laws.compliance[row, i, a, b] * loads[i, b, c]
+            twists[i, a, c] = value
+
+
+@inner
+def _add_networks(laws, room, twists, i, lanes):
+    """Add what the networks of flexure i give under its load."""
+    neurons, hidden, loads = laws.neurons, room.hidden, room.loads
+    first, count, w = laws.starts[i], laws.starts[i + 1] - laws.starts[i], len(lanes)
+    for h in range(count):
+        for c in range(w):
+            value = neurons[first + h, 6]
+            for b in range(6):
+                value += neurons[first + h, b] * loads[i, b, c]
+            hidden[h * w + c] = value
+    for k in range(count * w):  # one long loop, which the compiler can widen
+        hidden[k] = _tanh(hidden[k])
+    for h in range(count):
+        k = first + h
+        # Looked up beforehand: to the compiler it might be the twists that these are stored in.
+        x, y, z, u, v, t = neurons[k, 7], neurons[k, 8], neurons[k, 9], neurons[k, 10], neurons[k, 11], neurons[k, 12]
+        for c in range(w):
+            value = hidden[h * w + c]
+            twists[i, 0, c] += x * value
+            twists[i, 1, c] += y * value
+            twists[i, 2, c] += z * value
+            twists[i, 3, c] += u * value
+            twists[i, 4, c] += v * value
+            twists[i, 5, c] += t * value
+
+
+@inner
+def _tanh(x):
+    """Return tanh to 4e-16, in a form that the compiler can do for many at once, which it cannot with the library's.
+
+    `less` is exp(-2 |x|) - 1, whose series is taken between half powers of two.
+    """
+    r, power = _halved(-2.0 * min(abs(x), 20.0))
+    high = 1 / 40320 + r * (1 / 362880 + r * (1 / 3628800 + r * (1 / 39916800 + r * (1 / 479001600 + r / 6227020800))))
+    less = r * (
+        1.0 + r * (1 / 2 + r * (1 / 6 + r * (1 / 24 + r * (1 / 120 + r * (1 / 720 + r * (1 / 5040 + r * high))))))
+    )
+    less = power * less + (power - 1.0)
+    return math.copysign(less / (2.0 + less), x)
+
+
+@in_order
+def _halved(x):
+    """Return the r and the power of two in exp(x) = power exp(r), |r| at most log(2) / 2.
+
+    Added to a number so large, all that is left of the rest is whole halvings, in the last bits: the power's exponent.
+    """
+    large = x * HALVINGS + LARGE
+    halvings = large - LARGE
+    power = (np.float64(large).view(np.int64) + 1023) << 52
+    return (x - halvings * LOG_2_ROUND) - halvings * LOG_2_REST, np.int64(power).view(np.float64)
+
+
+# The rigid arm. Scalars are written out: views of arrays take longer than what is done with them.
+
+
+@inner
+def _place(arm, room, q, first, lanes):
+    """Place the rigid arm at the rows of q from `first` on; past the end the last stands for those that are not."""
+    here, tip, moment, elements = room.frame, room.tip, room.moment, arm.elements
+    _begin(room, lanes)
+    sine, less, carrier, last, m = room.lane[4], room.lane[5], -1, len(q) - 1, arm.kinds.shape[1]
+    for k in range(m):
+        kind, own = arm.kinds[0, k], arm.kinds[1, k]
+        _shift(tip, 0, here, elements[k, 9], elements[k, 10], elements[k, 11], lanes)
+        if kind & ROTATED:
+            _rotate(here, elements, k, lanes)
+        if kind & 3 == FLEXURE:
+            carrier = own
+            _keep(room, own, lanes)
+        elif kind & 3 == TURNS:
+            for c in range(len(lanes)):
+                sine[c], less[c] = _sine_and_less(q[min(first + c, last), own])
+            _swing(here, elements[k, 12], elements[k, 13], elements[k, 14], sine, less, lanes)
+        elif kind & 3 == SLIDES:
+            for i in range(3):
+                for c in range(len(lanes)):
+                    along = here[i, 0, c] * elements[k, 12] + here[i, 1, c] * elements[k, 13]
+                    along += here[i, 2, c] * elements[k, 14]
+                    tip[0, i, c] += along * q[min(first + c, last), own]
+        mass = elements[k, 15]
+        if mass > 0.0 and carrier >= 0:
+            for i in range(3):
+                for c in range(len(lanes)):
+                    moment[carrier, i, c] += mass * tip[0, i, c]
+            _shift(moment, carrier, here, mass * elements[k, 16], mass * elements[k, 17], mass * elements[k, 18], lanes)
+        for j in range(len(arm.acting)):
+            if arm.links[j, 0] == k:
+                for i in range(3):
+                    for c in range(len(lanes)):
+                        room.points[j, i, c] = tip[0, i, c]
+                _shift(room.points, j, here, arm.wrenches[0, j, 0], arm.wrenches[0, j, 1], arm.wrenches[0, j, 2], lanes)
+    _shift(tip, 0, here, elements[m, 9], elements[m, 10], elements[m, 11], lanes)
+
+
+@inner
+def _sine_and_less(angle):
+    """Return the sine of an angle, and what its cosine is less than 1, to 1e-15: the library's cannot be widened.
+
+    By the series of a quarter of the angle, which is doubled twice.
+    """
+    x = 0.25 * _within_a_turn(angle)
+    y = x * x
+    high = 1 / 362880 - y * (1 / 39916800 - y * (1 / 6227020800 - y * (1 / 1307674368000 - y / 355687428096000)))
+    sine = x * (1.0 - y * (1 / 6 - y * (1 / 120 - y * (1 / 5040 - y * high))))
+    high = 1 / 3628800 - y * (1 / 479001600 - y * (1 / 87178291200 - y / 20922789888000))
+    cosine = 1.0 - y * (0.5 - y * (1 / 24 - y * (1 / 720 - y * (1 / 40320 - y * high))))
+    cosine, sine = 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine
+    return 2.0 * sine * cosine, 2.0 * sine * sine
+
+
+@in_order
+def _within_a_turn(angle):
+    """Return the angle but for whole turns: what 2 pi is more than its double is taken off by itself."""
+    turns = np.rint(angle * TURNS_PER_RADIAN)
+    return (angle - turns * TURN) - turns * TURN_REST
+
+
+@inner
+def _begin(room, lanes):
+    for i in range(3):
+        for c in range(len(lanes)):
+            room.tip[0, i, c] = 0.0
+            for j in range(3):
+                room.frame[i, j, c] = 1.0 if i == j else 0.0
+            for k in range(len(room.moment)):
+                room.moment[k, i, c] = 0.0
+
+
+@inner
+def _keep(room, k, lanes):
+    """Keep where flexure k is."""
+    for i in range(3):
+        for c in range(len(lanes)):
+            room.origin[k, i, c] = room.tip[0, i, c]
+            for j in range(3):
+                room.turn[3 * k + i, j, c] = room.frame[i, j, c]
+
+
+@inner
+def _shift(points, k, here, x, y, z, lanes):
+    """Add a vector in turned axes to the (3, W) point k."""
+    for i in range(3):
+        for c in range(len(lanes)):
+            points[k, i, c] += here[i, 0, c] * x + here[i, 1, c] * y + here[i, 2, c] * z
+
+
+@inner
+def _rotate(here, elements, k, lanes):
+    """Turn frames by the rotation of element k."""
+    for i in range(3):
+        for c in range(len(lanes)):
+            x, y, z = here[i, 0, c], here[i, 1, c], here[i, 2, c]
+            here[i, 0, c] = x * elements[k, 0] + y * elements[k, 3] + z * elements[k, 6]
+            here[i, 1, c] = x * elements[k, 1] + y * elements[k, 4] + z * elements[k, 7]
+            here[i, 2, c] = x * elements[k, 2] + y * elements[k, 5] + z * elements[k, 8]
+
+
+@inner
+def _swing(here, ax, ay, az, sine, less, lanes):
+    """Turn frames about one of their axes, by the sines of angles and what their cosines are less than 1."""
+    for i in range(3):
+        for c in range(len(lanes)):
+            x, y, z = here[i, 0, c], here[i, 1, c], here[i, 2, c]
+            # A row of the frame times exp(axis): rows turn the other way about the axis.
+            u, v, w = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+            here[i, 0, c] = x + sine[c] * u + less[c] * (v * az - w * ay)
+            here[i, 1, c] = y + sine[c] * v + less[c] * (w * ax - u * az)
+            here[i, 2, c] = z + sine[c] * w + less[c] * (u * ay - v * ax)
+
+
+# Loads and the tip of the flexed arm.
+
+
+@inner
+def _screw(room, k, c):
+    """Return the screw of flexure k in lane c, linear and angular, with the exponential's coefficients and its turn."""
+    turn, twists, i = room.turn, room.twists, 3 * k
+    x, y, z = twists[k, 3, c], twists[k, 4, c], twists[k, 5, c]
+    wx = turn[i, 0, c] * x + turn[i, 1, c] * y + turn[i, 2, c] * z
+    wy = turn[i + 1, 0, c] * x + turn[i + 1, 1, c] * y + turn[i + 1, 2, c] * z
+    wz = turn[i + 2, 0, c] * x + turn[i + 2, 1, c] * y + turn[i + 2, 2, c] * z
+    s = x * x + y * y + z * z
+    x, y, z = twists[k, 0, c], twists[k, 1, c], twists[k, 2, c]
+    vx = turn[i, 0, c] * x + turn[i, 1, c] * y + turn[i, 2, c] * z
+    vy = turn[i + 1, 0, c] * x + turn[i + 1, 1, c] * y + turn[i + 1, 2, c] * z
+    vz = turn[i + 2, 0, c] * x + turn[i + 2, 1, c] * y + turn[i + 2, 2, c] * z
+    px, py, pz = room.origin[k, 0, c], room.origin[k, 1, c], room.origin[k, 2, c]
+    vx, vy, vz = vx - (wy * pz - wz * py), vy - (wz * px - wx * pz), vz - (wx * py - wy * px)
+    second = 0.5 - s * (1 / 24 - s * (1 / 720 - s / 40320))
+    third = 1 / 6 - s * (1 / 120 - s * (1 / 5040 - s / 362880))
+    return vx, vy, vz, wx, wy, wz, second, third, s
+
+
+@inner
+def _weigh(arm, room, flexed, first, lanes):
+    """Fill the loads on the flexures under the weight and the wrenches; without `flexed` those of the rigid arm."""
+    moments, n, last = room.moments, arm.flexures, arm.kinds.shape[1]
+    for i in range(3):
+        for c in range(len(lanes)):
+            room.pull[0, i, c] = arm.elements[last, 12 + i]
+            for k in range(n):
+                moments[k, i, c] = room.moment[k, i, c]
+    for step in range(n - 1, 0, -1):
+        k, before = arm.kinds[2, step], arm.kinds[2, step - 1]
+        for i in range(3):
+            for c in range(len(lanes)):
+                moments[before, i, c] += moments[k, i, c]
+        if flexed:
+            _carry(arm.elements[k, 19], room, k, before, lanes)
+    for step in range(n):
+        k = arm.kinds[2, step]
+        if flexed:
+            _lean(room.pull, room, k, lanes)
+        _load(arm.elements[k, 19], room, k, lanes)
+    for j in range(len(arm.acting)):
+        _push(arm, room, j, flexed, first, lanes)
+
+
+@inner
+def _carry(mass, room, k, before, lanes):
+    """Add to the moments about the flexure before k how far k moves what is outboard of it."""
+    for c in range(len(lanes)):
+        x, y, z = room.moments[k, 0, c], room.moments[k, 1, c], room.moments[k, 2, c]
+        vx, vy, vz, wx, wy, wz, b, t, _ = _screw(room, k, c)
+        ux, uy, uz = mass * vx + wy * z - wz * y, mass * vy + wz * x - wx * z, mass * vz + wx * y - wy * x
+        ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
+        room.moments[before, 0, c] += ux + b * ox + t * (wy * oz - wz * oy)
+        room.moments[before, 1, c] += uy + b * oy + t * (wz * ox - wx * oz)
+        room.moments[before, 2, c] += uz + b * oz + t * (wx * oy - wy * ox)
+
+
+@inner
+def _lean(pull, room, k, lanes):
+    """Turn the weight's direction back by flexure k, instead of everything outboard of it forth."""
+    for c in range(len(lanes)):
+        x, y, z = pull[0, 0, c], pull[0, 1, c], pull[0, 2, c]
+        _, _, _, wx, wy, wz, b, t, s = _screw(room, k, c)
+        a = 1.0 - t * s
+        ox, oy, oz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        pull[0, 0, c] = x + b * (wy * oz - wz * oy) - a * ox
+        pull[0, 1, c] = y + b * (wz * ox - wx * oz) - a * oy
+        pull[0, 2, c] = z + b * (wx * oy - wy * ox) - a * oz
+
+
+@inner
+def _load(mass, room, k, lanes):
+    """Fill the loads on flexure k in its own axes."""
+    for c in range(len(lanes)):
+        x, y, z = room.pull[0, 0, c], room.pull[0, 1, c], room.pull[0, 2, c]
+        rx = room.moments[k, 0, c] - mass * room.origin[k, 0, c]
+        ry = room.moments[k, 1, c] - mass * room.origin[k, 1, c]
+        rz = room.moments[k, 2, c] - mass * room.origin[k, 2, c]
+        mx, my, mz = ry * z - rz * y, rz * x - rx * z, rx * y - ry * x
+        x, y, z = mass * x, mass * y, mass * z
+        for j in range(3):
+            r0, r1, r2 = room.turn[3 * k, j, c], room.turn[3 * k + 1, j, c], room.turn[3 * k + 2, j, c]
+            room.loads[k, j, c] = r0 * x + r1 * y + r2 * z
+            room.loads[k, 3 + j, c] = r0 * mx + r1 * my + r2 * mz
+
+
+@called
+def _push(arm, room, j, flexed, first, lanes):
+    """Add to the loads those of the dead wrench on link j.
+
+    Its point is moved by the flexures inboard of it; the wrench about the base's origin is then seen from the axes that
+    each of them moves, from the base outwards.
+    """
+    wrench, last = room.wrench, len(arm.wrenches) - 1
+    for i in range(3):
+        for c in range(len(lanes)):
+            wrench[i, c] = room.points[j, i, c]
+    for step in range(arm.links[j, 1] - 1 if flexed else -1, -1, -1):
+        for c in range(len(lanes)):
+            vx, vy, vz, wx, wy, wz, b, t, _ = _screw(room, arm.kinds[2, step], c)
+            x, y, z = wrench[0, c], wrench[1, c], wrench[2, c]
+            ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+            ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
+            wrench[0, c] = x + ux + b * ox + t * (wy * oz - wz * oy)
+            wrench[1, c] = y + uy + b * oy + t * (wz * ox - wx * oz)
+            wrench[2, c] = z + uz + b * oz + t * (wx * oy - wy * ox)
+    for c in range(len(lanes)):
+        row = min(first + c, last)
+        x, y, z = wrench[0, c], wrench[1, c], wrench[2, c]
+        fx, fy, fz = arm.wrenches[row, j, 3], arm.wrenches[row, j, 4], arm.wrenches[row, j, 5]
+        wrench[0, c], wrench[1, c], wrench[2, c] = fx, fy, fz
+        wrench[3, c] = arm.wrenches[row, j, 6] + y * fz - z * fy
+        wrench[4, c] = arm.wrenches[row, j, 7] + z * fx - x * fz
+        wrench[5, c] = arm.wrenches[row, j, 8] + x * fy - y * fx
+    for step in range(arm.links[j, 1]):
+        k = arm.kinds[2, step]
+        for c in range(len(lanes)):
+            fx, fy, fz, mx, my, mz = wrench[0, c], wrench[1, c], wrench[2, c], wrench[3, c], wrench[4, c], wrench[5, c]
+            if flexed:
+                vx, vy, vz, wx, wy, wz, b, t, s = _screw(room, k, c)
+                ox, oy, oz = wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx
+                dx, dy, dz = wy * oz - wz * oy, wz * ox - wx * oz, wx * oy - wy * ox
+                dx, dy, dz = vx + b * ox + t * dx, vy + b * oy + t * dy, vz + b * oz + t * dz
+                mx, my, mz = mx - (dy * fz - dz * fy), my - (dz * fx - dx * fz), mz - (dx * fy - dy * fx)
+                a = 1.0 - t * s
+                ox, oy, oz = wy * fz - wz * fy, wz * fx - wx * fz, wx * fy - wy * fx
+                fx += b * (wy * oz - wz * oy) - a * ox
+                fy += b * (wz * ox - wx * oz) - a * oy
+                fz += b * (wx * oy - wy * ox) - a * oz
+                ox, oy, oz = wy * mz - wz * my, wz * mx - wx * mz, wx * my - wy * mx
+                mx += b * (wy * oz - wz * oy) - a * ox
+                my += b * (wz * ox - wx * oz) - a * oy
+                mz += b * (wx * oy - wy * ox) - a * oz
+                wrench[0, c], wrench[1, c], wrench[2, c], wrench[3, c], wrench[4, c], wrench[5, c] = (
+                    fx,
+                    fy,
+                    fz,
+                    mx,
+                    my,
+                    mz,
+                )
+            px, py, pz = room.origin[k, 0, c], room.origin[k, 1, c], room.origin[k, 2, c]
+            mx, my, mz = mx - (py * fz - pz * fy), my - (pz * fx - px * fz), mz - (px * fy - py * fx)
+            for i in range(3):
+                r0, r1, r2 = room.turn[3 * k, i, c], room.turn[3 * k + 1, i, c], room.turn[3 * k + 2, i, c]
+                room.loads[k, i, c] += r0 * fx + r1 * fy + r2 * fz
+                room.loads[k, 3 + i, c] += r0 * mx + r1 * my + r2 * mz
+
+
+@inner
+def _displace(arm, room, lanes):
+    """Leave in `pull` how far the twists move the tip, and in `quaternion` how they turn it, real part first."""
+    tip, shift, quaternion = room.tip, room.pull, room.quaternion
+    for c in range(len(lanes)):
+        shift[0, 0, c] = shift[0, 1, c] = shift[0, 2, c] = 0.0
+        quaternion[0, c], quaternion[1, c], quaternion[2, c], quaternion[3, c] = 1.0, 0.0, 0.0, 0.0
+    for step in range(arm.flexures - 1, -1, -1):
+        for c in range(len(lanes)):
+            vx, vy, vz, wx, wy, wz, b, t, s = _screw(room, arm.kinds[2, step], c)
+            x, y, z = tip[0, 0, c] + shift[0, 0, c], tip[0, 1, c] + shift[0, 1, c], tip[0, 2, c] + shift[0, 2, c]
+            ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+            ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
+            shift[0, 0, c] += ux + b * ox + t * (wy * oz - wz * oy)
+            shift[0, 1, c] += uy + b * oy + t * (wz * ox - wx * oz)
+            shift[0, 2, c] += uz + b * oz + t * (wx * oy - wy * ox)
+            half = 0.5 - s * (1 / 48 - s * (1 / 3840 - s / 645120))
+            a = 1.0 - s * (1 / 8 - s * (1 / 384 - s / 46080))
+            wx, wy, wz = half * wx, half * wy, half * wz
+            r, i, j, k = quaternion[0, c], quaternion[1, c], quaternion[2, c], quaternion[3, c]
+            quaternion[0, c] = a * r - (wx * i + wy * j + wz * k)
+            quaternion[1, c] = a * i + r * wx + wy * k - wz * j
+            quaternion[2, c] = a * j + r * wy + wz * i - wx * k
+            quaternion[3, c] = a * k + r * wz + wx * j - wy * i
+
+
+@inner
+def _write_displacement(room, c, displacement):
+    """Fill the (6,) shift and rotation vector of a lane."""
+    r, i, j, k = room.quaternion[0, c], room.quaternion[1, c], room.quaternion[2, c], room.quaternion[3, c]
+    sine = math.sqrt(i * i + j * j + k * k)
+    times = 2.0 if sine < 1e-8 else 2.0 * math.atan2(sine, r) / sine
+    for a in range(3):
+        displacement[a], displacement[3 + a] = room.pull[0, a, c], times * room.quaternion[1 + a, c]
+
+
+# Sensitivities: one configuration at a time, the tip's coordinates side by side.
+
+
+class Flexed(NamedTuple):
+    """The arm in one configuration; element 0 of a chain is its root.
+
+    turn, origin: (m, 3, 3) and (m, 3) frame of every element, base axes. body: (m, 4) mass of what is fixed to it, and
+    its first moment about the base. load: (m, 6) load on it and all outboard, about the base's origin. points: (L, 3)
+    of the loaded links. tip: (3,). motion: (m, 6, W) virtual spatial motion of each element. field: (m, 6, W) change of
+    the loads per twist inserted at each, paired with those motions. step: (n, 6, W) what each flexure adds to them.
+    by_twist, by_load: (n, 6, 6) spatial motion of each flexure per change of its coordinates, and per what pairs with a
+    change of its local load.
+    """
+
+    turn: Array
+    origin: Array
+    body: Array
+    load: Array
+    points: Array
+    tip: Array
+    motion: Array
+    field: Array
+    step: Array
+    by_twist: Array
+    by_load: Array
+
+
+@jit
+def sensitivities(elements, kinds, links, wrenches, changes, q, twists, compliance, certain, by_law, distance):
+    """Fill the (N, 6, n, 6) change of the tip per change of the laws, base axes about its origin.
+
+    Args:
+        elements, kinds, links, wrenches: Of the arm; see `Arm`.
+        changes: (R, L, 6, 6) change of each link's wrench with its motion, base axes; R = 0 for none.
+        q, twists: (N, nq) and (N, n, 6) where the arm is.
+        compliance: (1 or N, n, 6, 6) tangents of its laws there.
+        certain: (N,) whether it is known to be stable; otherwise `by_law` is filled where `distance` shows it.
+        by_law: To be filled.
+        distance: (N,) to be filled with the Frobenius norm of C G E, see the head of this module.
+    """
+    n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches, ())
+    here, size = _flexed_room(arm), 6 * n
+    matrix, right = np.empty((size, size)), np.empty((size, 6))
+    for row in range(len(q)):
+        _flex(arm, here, q[row], twists[row], row)
+        _motions(arm, here, twists[row], compliance[min(row, len(compliance) - 1)])
+        square = 0.0
+        for j in range(n):
+            here.step[:] = 0.0
+            here.step[j, :, :6] = here.by_load[j]
+            _pair(arm, here, changes, row)
+            for i in range(n):
+                _along(here.by_twist[i], here.field[arm.kinds[3, i]], matrix, 6 * i, 6 * j)
+                for b in range(6):
+                    for a in range(6):
+                        square += matrix[6 * i + b, 6 * j + a] ** 2
+                        matrix[6 * i + b, 6 * j + a] *= -1.0
+        distance[row] = math.sqrt(square)
+        if not (certain[row] or square < 1.0):
+            by_law[row] = np.nan
+            continue
+        for i in range(size):
+            matrix[i, i] += 1.0
+        _rigid_field(here.tip, here.field[0])
+        for i in range(n):
+            _along(here.by_twist[i], here.field[0], right, 6 * i, 0)
+        _eliminate(matrix, right)
+        for i in range(n):
+            for b in range(6):
+                for r in range(6):
+                    by_law[row, r, i, b] = right[6 * i + b, r]
+
+
+@jit
+def responses(
+    elements, kinds, links, wrenches, changes, q, twists, by_load, places, frames, poses, joints, sites, loads,
+    motions, gravity,
+):  # fmt: skip
+    """Fill what is wanted of N flexed arms; arrays of no rows are left out.
+
+    Args:
+        elements, kinds, links, wrenches, changes, q, twists: As of `sensitivities`.
+        by_load: (N, 6, n, 6) change of the tip per change of the flexures' loads, local axes.
+        places: (2, f) for every frame the element that it is fixed to, and the first that moves where a twist is
+            inserted at it.
+        frames: (f, 12) its rotation and origin in that element.
+        poses: (N, f, 4, 4) of the frames.
+        joints: (N, 6, nq) change of the tip per joint, loads redistributing.
+        sites: (N, 6, s, 6) the same per body twist inserted at each of the first s frames.
+        loads: (N, s, 6) on all that such a twist moves, axes of the frame.
+        motions: (N, l, 6, 6) change of the tip per wrench at the origin of each of the last l frames, base axes.
+        gravity: (N, 6, 3) change of the tip per change of gravity.
+    """
+    n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches, ())
+    here, m, wanted = _flexed_room(arm), kinds.shape[1], len(joints) + len(sites) + len(motions) + len(gravity)
+    turn, origin, base, own, local = np.empty((3, 3)), np.empty(3), np.empty((6, WIDTH)), np.eye(6), np.empty((6, 6))
+    none = np.zeros((n, 6, 6))
+    for row in range(len(q)):
+        _flex(arm, here, q[row], twists[row], row)
+        if wanted:
+            _motions(arm, here, twists[row], none)
+            _virtual(here, arm, by_load[row])
+            _pair(arm, here, changes, row)
+            _rigid_field(here.tip, base)
+        for k in range(1, m if len(joints) else 1):
+            if kinds[0, k] & 3 == TURNS or kinds[0, k] & 3 == SLIDES:
+                _along_joint(arm, here, base, k, own, joints[row])
+        for f in range(len(places[0])):
+            _frame_pose(here, places[0, f], frames[f], turn, origin)
+            if len(poses):
+                poses[row, f] = 0.0
+                poses[row, f, :3, :3], poses[row, f, :3, 3], poses[row, f, 3, 3] = turn, origin, 1.0
+            _action(turn, origin, own)
+            if len(sites) and f < sites.shape[2]:
+                _along(own, here.field[places[1, f]] + base, local, 0, 0)
+                for r in range(6):
+                    for a in range(6):
+                        sites[row, r, f, a] = local[a, r]
+            if len(loads) and f < loads.shape[1]:
+                for a in range(6):
+                    loads[row, f, a] = 0.0
+                    for c in range(6):
+                        loads[row, f, a] += own[c, a] * here.load[places[1, f], c]
+            link = f - len(places[0]) + motions.shape[1]
+            if len(motions) and link >= 0:
+                _point_motion(here.motion[places[0, f]], origin, motions[row, link])
+        if len(gravity):
+            _shifted_mass(here, gravity[row])
+
+
+@jit
+def rigid_tips(elements, kinds, q, poses):
+    """Fill the (N, 4, 4) poses of the rigid arm's tip at (N, nq) joint positions."""
+    arm = Arm(elements, kinds, 0, np.empty((0, 2), dtype=np.int64), np.empty((1, 0, 9)), ())
+    here, m = _flexed_room(arm), kinds.shape[1]
+    none, turn = np.empty((0, 6)), np.empty((3, 3))
+    for row in range(len(q)):
+        _flex(arm, here, q[row], none, row)
+        _frame_pose(here, m - 1, elements[m, :12], turn, here.tip)
+        poses[row] = 0.0
+        poses[row, :3, :3], poses[row, :3, 3], poses[row, 3, 3] = turn, here.tip, 1.0
+
+
+@called
+def _eliminate(matrix, right):
+    """Solve in place, by Gauss with the largest pivots: the last bits of LAPACK's depend on how many threads it has."""
+    n, count = right.shape
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(matrix[i, k]) > abs(matrix[best, k]):
+                best = i
+        if best != k:
+            for j in range(n):
+                matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
+            for j in range(count):
+                right[k, j], right[best, j] = right[best, j], right[k, j]
+        for i in range(k + 1, n):
+            factor = matrix[i, k] / matrix[k, k]
+            if factor != 0.0:
+                for j in range(k + 1, n):
+                    matrix[i, j] -= factor * matrix[k, j]
+                for j in range(count):
+                    right[i, j] -= factor * right[k, j]
+    for k in range(n - 1, -1, -1):
+        for j in range(count):
+            for i in range(k + 1, n):
+                right[k, j] -= matrix[k, i] * right[i, j]
+            right[k, j] /= matrix[k, k]
+
+
+@called
+def _flexed_room(arm):
+    m, n = arm.kinds.shape[1], arm.flexures
+    return Flexed(
+        np.empty((m, 3, 3)),
+        np.empty((m, 3)),
+        np.empty((m, 4)),
+        np.empty((m, 6)),
+        np.empty((len(arm.links), 3)),
+        np.empty(3),
+        np.zeros((m, 6, WIDTH)),
+        np.zeros((m, 6, WIDTH)),
+        np.zeros((n, 6, WIDTH)),
+        np.empty((n, 6, 6)),
+        np.empty((n, 6, 6)),
+    )
+
+
+@called
+def _flex(arm, here, q, twists, row):
+    """Place the flexed arm, and find the loads on all that is outboard of each element."""
+    elements, kinds, m = arm.elements, arm.kinds, arm.kinds.shape[1]
+    turn, origin, local, shift = here.turn, here.origin, np.empty((3, 3)), np.empty(3)
+    for k in range(m):
+        kind, own = kinds[0, k], kinds[1, k]
+        if k == 0:
+            turn[0], origin[0] = np.eye(3), 0.0
+            _fix(here, 0, elements[0])
+            continue
+        for i in range(3):
+            shift[i] = elements[k, 9 + i]
+            for j in range(3):
+                local[i, j] = elements[k, 3 * i + j]
+        _compose(turn[k - 1], origin[k - 1], local, shift, turn[k], origin[k])
+        if kind & 3 == FLEXURE and len(twists):
+            _exponential(twists[own], local, shift)
+        elif kind & 3 == TURNS:
+            for i in range(3):
+                here.load[k, i], here.load[k, 3 + i] = 0.0, elements[k, 12 + i] * q[own]
+            _exponential(here.load[k], local, shift)
+        elif kind & 3 == SLIDES:
+            for i in range(3):
+                here.load[k, i], here.load[k, 3 + i] = elements[k, 12 + i] * q[own], 0.0
+            _exponential(here.load[k], local, shift)
+        if kind & 3 != RIGID and (kind & 3 != FLEXURE or len(twists)):
+            before, at = turn[k].copy(), origin[k].copy()
+            _compose(before, at, local, shift, turn[k], origin[k])
+        _fix(here, k, elements[k])
+    for i in range(3):
+        here.tip[i] = origin[m - 1, i]
+        for j in range(3):
+            here.tip[i] += turn[m - 1, i, j] * elements[m, 9 + j]
+    gx, gy, gz = elements[m, 12], elements[m, 13], elements[m, 14]
+    for k in range(m - 1, -1, -1):
+        mass, x, y, z = here.body[k, 0], here.body[k, 1], here.body[k, 2], here.body[k, 3]
+        load = here.load[k]
+        load[0], load[1], load[2] = mass * gx, mass * gy, mass * gz
+        load[3], load[4], load[5] = y * gz - z * gy, z * gx - x * gz, x * gy - y * gx
+        for j in range(len(arm.links)):
+            if arm.links[j, 0] == k:
+                wrench, point = arm.wrenches[min(row, len(arm.wrenches) - 1), j], here.points[j]
+                for i in range(3):
+                    point[i] = origin[k, i]
+                    for a in range(3):
+                        point[i] += turn[k, i, a] * wrench[a]
+                    load[i] += wrench[3 + i]
+                    load[3 + i] += wrench[6 + i]
+                load[3] += point[1] * wrench[5] - point[2] * wrench[4]
+                load[4] += point[2] * wrench[3] - point[0] * wrench[5]
+                load[5] += point[0] * wrench[4] - point[1] * wrench[3]
+        if k < m - 1:
+            for a in range(6):
+                load[a] += here.load[k + 1, a]
+
+
+@called
+def _compose(turn, origin, local, shift, into, at):
+    """Fill the product of two poses."""
+    for i in range(3):
+        at[i] = origin[i] + turn[i, 0] * shift[0] + turn[i, 1] * shift[1] + turn[i, 2] * shift[2]
+        for j in range(3):
+            into[i, j] = turn[i, 0] * local[0, j] + turn[i, 1] * local[1, j] + turn[i, 2] * local[2, j]
+
+
+@called
+def _exponential(twist, turn, shift):
+    """Fill the pose exp6 of a twist."""
+    x, y, z = twist[3], twist[4], twist[5]
+    s = x * x + y * y + z * z
+    if s < 0.02:
+        second, third = (
+            0.5 - s * (1 / 24 - s * (1 / 720 - s / 40320)),
+            1 / 6 - s * (1 / 120 - s * (1 / 5040 - s / 362880)),
+        )
+    else:
+        angle = math.sqrt(s)
+        second, third = 2.0 * math.sin(0.5 * angle) ** 2 / s, (angle - math.sin(angle)) / (s * angle)
+    first = 1.0 - third * s
+    vx, vy, vz = twist[0], twist[1], twist[2]
+    ox, oy, oz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
+    shift[0] = vx + second * ox + third * (y * oz - z * oy)
+    shift[1] = vy + second * oy + third * (z * ox - x * oz)
+    shift[2] = vz + second * oz + third * (x * oy - y * ox)
+    turn[0, 0], turn[0, 1], turn[0, 2] = (
+        1.0 - second * (y * y + z * z),
+        second * x * y - first * z,
+        second * x * z + first * y,
+    )
+    turn[1, 0], turn[1, 1], turn[1, 2] = (
+        second * x * y + first * z,
+        1.0 - second * (x * x + z * z),
+        second * y * z - first * x,
+    )
+    turn[2, 0], turn[2, 1], turn[2, 2] = (
+        second * x * z - first * y,
+        second * y * z + first * x,
+        1.0 - second * (x * x + y * y),
+    )
+
+
+@called
+def _fix(here, k, element):
+    """Fill mass and first moment about the base of what is fixed to element k."""
+    mass = element[15]
+    here.body[k, 0] = mass
+    for i in range(3):
+        at = here.origin[k, i]
+        for j in range(3):
+            at += here.turn[k, i, j] * element[16 + j]
+        here.body[k, 1 + i] = mass * at
+
+
+@called
+def _motions(arm, here, twists, compliance):
+    """Fill `by_twist` and `by_load` of the flexures."""
+    own, derivative = np.empty((6, 6)), np.empty((6, 6))
+    for i in range(arm.flexures):
+        k = arm.kinds[3, i]
+        _action(here.turn[k], here.origin[k], own)
+        _right_jacobian(twists[i], derivative)
+        for a in range(6):
+            for b in range(6):
+                moved = given = 0.0
+                for c in range(6):
+                    moved += own[a, c] * derivative[c, b]
+                    given += own[a, c] * compliance[i, b, c]
+                here.by_twist[i, a, b], here.by_load[i, a, b] = moved, given
+
+
+@called
+def _action(turn, origin, own):
+    """Fill the (6, 6) spatial twist per twist in the axes of a frame."""
+    x, y, z = origin[0], origin[1], origin[2]
+    for j in range(3):
+        r0, r1, r2 = turn[0, j], turn[1, j], turn[2, j]
+        own[0, j], own[1, j], own[2, j] = r0, r1, r2
+        own[3, j] = own[4, j] = own[5, j] = 0.0
+        own[3, 3 + j], own[4, 3 + j], own[5, 3 + j] = r0, r1, r2
+        own[0, 3 + j], own[1, 3 + j], own[2, 3 + j] = y * r2 - z * r1, z * r0 - x * r2, x * r1 - y * r0
+
+
+@called
+def _right_jacobian(twist, found):
+    """Fill the (6, 6) body motion per change of a twist: sum over k of (-ad)^k / (k + 1)!.
+
+    With s the squared turn ad^5 = -2 s ad^3 - s^2 ad, so that four powers are left, and their factors are series in s.
+    """
+    s = twist[3] ** 2 + twist[4] ** 2 + twist[5] ** 2
+    p, r, term = 1.0, 0.0, 1.0
+    one = two = three = four = 0.0
+    for j in range(14):
+        term /= 2 * j + 2
+        one, three = one - term * p, three - term * r
+        term /= 2 * j + 3
+        two, four = two + term * p, four + term * r
+        p, r = -s * s * r, p - 2.0 * s * r
+    ad, power, next_power = np.zeros((6, 6)), np.zeros((6, 6)), np.empty((6, 6))
+    for b in (0, 3):
+        for j, k, sign in ((0, 1, -1.0), (1, 0, 1.0), (0, 2, 1.0), (2, 0, -1.0), (1, 2, -1.0), (2, 1, 1.0)):
+            ad[b + j, b + k] = sign * twist[3 + 3 - j - k]
+    for j, k, sign in ((0, 1, -1.0), (1, 0, 1.0), (0, 2, 1.0), (2, 0, -1.0), (1, 2, -1.0), (2, 1, 1.0)):
+        ad[j, 3 + k] = sign * twist[3 - j - k]
+    for a in range(6):
+        for b in range(6):
+            found[a, b] = 1.0 if a == b else 0.0
+            power[a, b] = found[a, b]
+    for factor in (one, two, three, four):
+        for a in range(6):
+            for b in range(6):
+                value = 0.0
+                for c in range(6):
+                    value += ad[a, c] * power[c, b]
+                next_power[a, b] = value
+        for a in range(6):
+            for b in range(6):
+                power[a, b] = next_power[a, b]
+                found[a, b] += factor * power[a, b]
+
+
+@called
+def _virtual(here, arm, by_load):
+    """Fill `step` with the virtual motions that pair with the changes of the flexures' loads."""
+    own = np.empty((6, 6))
+    for i in range(arm.flexures):
+        k = arm.kinds[3, i]
+        _action(here.turn[k], here.origin[k], own)
+        for a in range(6):
+            for r in range(6):
+                value = 0.0
+                for c in range(6):
+                    value += own[a, c] * by_load[r, i, c]
+                here.step[i, a, r] = value
+
+
+@called
+def _pair(arm, here, changes, row):
+    """From `step`, fill `motion` and `field`: L of the head of this module, at every element."""
+    m, elements, motion, field = arm.kinds.shape[1], arm.elements, here.motion, here.field
+    gx, gy, gz = elements[m, 12], elements[m, 13], elements[m, 14]
+    push, shift = np.zeros((6, WIDTH)), np.empty((6, WIDTH))
+    for k in range(m):
+        for a in range(6):
+            for r in range(WIDTH):
+                motion[k, a, r] = motion[k - 1, a, r] if k else 0.0
+        if arm.kinds[0, k] & 3 == FLEXURE:
+            for a in range(6):
+                for r in range(WIDTH):
+                    motion[k, a, r] += here.step[arm.kinds[1, k], a, r]
+    for k in range(m - 1, -1, -1):
+        own, mass, x, y, z = motion[k], here.body[k, 0], here.body[k, 1], here.body[k, 2], here.body[k, 3]
+        if mass > 0.0:
+            for r in range(WIDTH):
+                sx = mass * own[0, r] + own[4, r] * z - own[5, r] * y
+                sy = mass * own[1, r] + own[5, r] * x - own[3, r] * z
+                sz = mass * own[2, r] + own[3, r] * y - own[4, r] * x
+                push[3, r] -= gy * sz - gz * sy
+                push[4, r] -= gz * sx - gx * sz
+                push[5, r] -= gx * sy - gy * sx
+        for j in range(len(arm.links)):
+            if arm.links[j, 0] == k:
+                _pair_link(arm, here, j, own, changes, row, shift, push)
+        load, to, before = here.load[k], field[k], motion[k - 1] if k else field[k]
+        fx, fy, fz, mx, my, mz = load[0], load[1], load[2], load[3], load[4], load[5]
+        for r in range(WIDTH):
+            vx, vy, vz, wx, wy, wz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            if k:
+                vx, vy, vz, wx, wy, wz = (
+                    before[0, r],
+                    before[1, r],
+                    before[2, r],
+                    before[3, r],
+                    before[4, r],
+                    before[5, r],
+                )
+            to[0, r] = push[0, r] + fy * wz - fz * wy
+            to[1, r] = push[1, r] + fz * wx - fx * wz
+            to[2, r] = push[2, r] + fx * wy - fy * wx
+            to[3, r] = push[3, r] + my * wz - mz * wy + fy * vz - fz * vy
+            to[4, r] = push[4, r] + mz * wx - mx * wz + fz * vx - fx * vz
+            to[5, r] = push[5, r] + mx * wy - my * wx + fx * vy - fy * vx
+
+
+@called
+def _pair_link(arm, here, j, own, changes, row, shift, push):
+    """Add what a loaded link gives to the (6, W) push: its dead wrench, and how that changes with its motion."""
+    wrench, point = arm.wrenches[min(row, len(arm.wrenches) - 1), j], here.points[j]
+    x, y, z = point[0], point[1], point[2]
+    for r in range(WIDTH):
+        wx, wy, wz = own[3, r], own[4, r], own[5, r]
+        sx, sy, sz = own[0, r] + wy * z - wz * y, own[1, r] + wz * x - wx * z, own[2, r] + wx * y - wy * x
+        push[3, r] -= wrench[4] * sz - wrench[5] * sy + wrench[7] * wz - wrench[8] * wy
+        push[4, r] -= wrench[5] * sx - wrench[3] * sz + wrench[8] * wx - wrench[6] * wz
+        push[5, r] -= wrench[3] * sy - wrench[4] * sx + wrench[6] * wy - wrench[7] * wx
+        shift[0, r], shift[1, r], shift[2, r], shift[3, r], shift[4, r], shift[5, r] = sx, sy, sz, wx, wy, wz
+    if len(changes):
+        change = changes[min(row, len(changes) - 1), j]
+        for r in range(WIDTH):
+            for a in range(6):
+                value = 0.0
+                for b in range(6):
+                    value += change[b, a] * shift[b, r]
+                push[a, r] += value
+                if a == 0:
+                    push[4, r] += z * value
+                    push[5, r] -= y * value
+                elif a == 1:
+                    push[3, r] -= z * value
+                    push[5, r] += x * value
+                elif a == 2:
+                    push[3, r] += y * value
+                    push[4, r] -= x * value
+
+
+@called
+def _along(own, field, found, first, at):
+    """Fill six rows and columns of `found` with the (6, 6) motions, transposed, times the (6, W) field."""
+    for b in range(6):
+        for r in range(6):
+            value = 0.0
+            for a in range(6):
+                value += own[a, b] * field[a, r]
+            found[first + b, at + r] = value
+
+
+@called
+def _rigid_field(tip, field):
+    """Fill the (6, W) motion of the tip per spatial twist of all that is inboard of it: (axis of the twist, tip's)."""
+    x, y, z = tip[0], tip[1], tip[2]
+    field[:] = 0.0
+    for i in range(6):
+        field[i, i] = 1.0
+    field[4, 0], field[5, 0] = z, -y
+    field[3, 1], field[5, 1] = -z, x
+    field[3, 2], field[4, 2] = y, -x
+
+
+@called
+def _along_joint(arm, here, base, k, own, joints):
+    """Fill the tip's motion per motion of the joint that element k is."""
+    _action(here.turn[k], here.origin[k], own)
+    first = 3 if arm.kinds[0, k] & 3 == TURNS else 0
+    for r in range(6):
+        value = 0.0
+        for a in range(6):
+            for j in range(3):
+                value += own[a, first + j] * arm.elements[k, 12 + j] * (base[a, r] + here.field[k, a, r])
+        joints[r, arm.kinds[1, k]] = value
+
+
+@called
+def _frame_pose(here, element, frame, turn, origin):
+    """Fill the pose of a frame that is fixed to an element."""
+    before, at = here.turn[element], here.origin[element]
+    for i in range(3):
+        origin[i] = at[i] + before[i, 0] * frame[9] + before[i, 1] * frame[10] + before[i, 2] * frame[11]
+        for j in range(3):
+            turn[i, j] = before[i, 0] * frame[j] + before[i, 1] * frame[3 + j] + before[i, 2] * frame[6 + j]
+
+
+@called
+def _point_motion(own, point, found):
+    """Fill the (tip, 6) motion of a point and its axes by a (6, W) virtual spatial motion."""
+    x, y, z = point[0], point[1], point[2]
+    for r in range(6):
+        wx, wy, wz = own[3, r], own[4, r], own[5, r]
+        found[r, 0] = own[0, r] + wy * z - wz * y
+        found[r, 1] = own[1, r] + wz * x - wx * z
+        found[r, 2] = own[2, r] + wx * y - wy * x
+        found[r, 3], found[r, 4], found[r, 5] = wx, wy, wz
+
+
+@called
+def _shifted_mass(here, gravity):
+    """Fill the (6, 3) sums of all masses times how far the virtual motion shifts them."""
+    gravity[:] = 0.0
+    for k in range(len(here.body)):
+        mass, x, y, z = here.body[k, 0], here.body[k, 1], here.body[k, 2], here.body[k, 3]
+        for r in range(6):
+            wx, wy, wz = here.motion[k, 3, r], here.motion[k, 4, r], here.motion[k, 5, r]
+            gravity[r, 0] += mass * here.motion[k, 0, r] + wy * z - wz * y
+            gravity[r, 1] += mass * here.motion[k, 1, r] + wz * x - wx * z
+            gravity[r, 2] += mass * here.motion[k, 2, r] + wx * y - wy * x
+
+
+def compile_everything() -> None:
+    """Compile what is not yet kept, by asking about no rows: it takes some seconds, and is better done beforehand."""
+    whole = np.zeros((0, 2), dtype=np.int64)
+    arm = (np.zeros((1, 20)), np.zeros((4, 0), dtype=np.int64), whole, np.zeros((1, 0, 9)))
+    laws = (np.zeros((1, 0, 6, 6)), np.zeros((1, 0, 6)), np.zeros((0, 13)), np.zeros(1, dtype=np.int64))
+    q, twists, changes, tip = np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6)), np.zeros((0, 6))
+    by_law, poses, nobody = np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 4, 4)), np.zeros(0, dtype=bool)
+    solve_many(*arm, (), *laws, room_for(0, 0, LANES), False, q, True, tip, twists, twists, nobody)
+    sensitivities(*arm, changes, q, twists, laws[0], nobody, by_law, np.zeros(0))
+    frames = (np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)), poses)
+    responses(
+        *arm, changes, q, twists, by_law, *frames, np.zeros((0, 6, 0)), by_law, twists, changes, np.zeros((0, 6, 3))
+    )
+    rigid_tips(*arm[:2], q, poses[:, 0] if poses.shape[1] else np.zeros((0, 4, 4)))

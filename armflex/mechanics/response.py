@@ -1,0 +1,225 @@
+"""What a loaded arm does in many rows: where it rests, and how its tip responds to whatever may be otherwise.
+
+Everything an arm does beyond its model is a small twist at a place or a load on a link. Both change the loads on the
+flexures as well, so their effect on the tip goes through the equilibrium. With J the tip's Jacobian, C the laws'
+tangent, G the geometric stiffness and M = I + C G J_exp the equilibrium's tangent,
+
+    tip per law change   B = J_F M^-1
+    tip per body twist   A = J - B C G        (joints and every site, loads redistributing)
+    tip per load change  B C                  (change of the flexures' wrenches)
+
+Only B and C are kept of each row, some kilobytes; see `kernel` for how everything else follows from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.mechanics.chain import Frames
+from armflex.mechanics.equilibrium import check_small, find_equilibrium
+from armflex.mechanics.laws import RowLaws
+from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loads import Payload
+from armflex.mechanics.rows import Pushes, RowSolver, Solution, frame_poses, kernel
+from armflex.mechanics.structure import Structure
+
+Progress = Callable[[int, int], None]
+
+AT_ONCE = 1024
+"""Rows between two reports of progress, and whose tip's response to all loads is held at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The rows of one payload: what the kernel is asked about them. See `Response`."""
+
+    loaded: LoadedArm
+    rows: np.ndarray
+    links: np.ndarray
+    wrenches: Array
+    changes: Array
+    tangents: Array
+
+    def some(self, values: Array, rows: slice) -> Array:
+        """Return some rows of what is the same for all of them, or given by row."""
+        return values[rows] if len(values) > 1 else values
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """An arm solved at N rows; all motions of its tip are at the tip's origin in base axes [m, rad].
+
+    Attributes:
+        row: What was known in the rows: joint positions and covariates.
+        flexure_wrenches: (N, n, 6) load on the structure at the flexures, local axes [N, Nm].
+        flexure_twists: (N, 6 n) what the flexures do under them [m, rad].
+        laws: (N, 6, n, 6) motion of the tip per change of a flexure's twist law.
+        link_names: Links at and beyond the base.
+        sites: Names of the sites in order: 'base', 'link:A2' (before A2's motion), 'A2' (after it), ..., 'tool'.
+    """
+
+    row: Row
+    flexure_wrenches: Array
+    flexure_twists: Array
+    laws: Array
+    link_names: tuple[str, ...]
+    sites: tuple[str, ...]
+    _parts: tuple[_Part, ...]
+
+    @cached_property
+    def tip(self) -> Array:
+        """(N, 4, 4) tip pose in the base."""
+        return self._poses(lambda loaded: loaded.tip_frame)[:, 0]
+
+    @cached_property
+    def links(self) -> Array:
+        """(N, l, 4, 4) pose of every link."""
+        return self._poses(lambda loaded: loaded.link_frames)
+
+    @cached_property
+    def per_load(self) -> Array:
+        """(N, 6, n, 6) motion of the tip per change of a flexure's wrench."""
+        found = np.empty_like(self.laws)
+        for part in self._parts:
+            found[part.rows] = _per_load(self.laws[part.rows], part.tangents)
+        return found
+
+    @cached_property
+    def joints(self) -> Array:
+        """(N, 6, nq) motion of the tip per joint, loads redistributing."""
+        return self._filled(0, (6, self.row.q.shape[1]))
+
+    @cached_property
+    def twists(self) -> Array:
+        """(N, 6, s, 6) motion of the tip per body twist at a site, loads redistributing."""
+        return self._filled(1, (6, len(self.sites), 6))
+
+    @cached_property
+    def wrenches(self) -> Array:
+        """(N, s, 6) load on the structure at every site, local axes [N, Nm]."""
+        return self._filled(2, (len(self.sites), 6))
+
+    @cached_property
+    def link_loads(self) -> Array:
+        """(N, l, 6, 6) motion of the tip per wrench at a link's origin, base axes."""
+        return self._filled(3, (len(self.link_names), 6, 6))
+
+    @cached_property
+    def gravity(self) -> Array:
+        """(N, 6, 3) motion of the tip per change of gravity in base axes [per m/s^2]."""
+        return self._filled(4, (6, 3))
+
+    def site(self, name: str) -> Array:
+        """Return the (N, 6, 6) motion of the tip per body twist at a site."""
+        return self.twists[:, :, self.sites.index(name), :]
+
+    def load_at(self, name: str) -> Array:
+        """Return the (N, 6) wrench at a site, local axes [N, Nm]."""
+        return self.wrenches[:, self.sites.index(name)]
+
+    def _poses(self, frames: Callable[[LoadedArm], Frames]) -> Array:
+        found = np.empty((len(self.row.q), len(frames(self._parts[0].loaded).names) if self._parts else 1, 4, 4))
+        for part in self._parts:
+            own, chain = frames(part.loaded), part.loaded.sited_chain
+            numbers = (chain, part.links, part.wrenches, self.row.q[part.rows], self._twists(part.rows))
+            found[part.rows] = frame_poses(*numbers, own.places, own.numbers)
+        return found
+
+    def _twists(self, rows: np.ndarray) -> Array:
+        return self.flexure_twists[rows].reshape(len(rows), self.laws.shape[2], 6)
+
+    def _filled(self, which: int, shape: tuple[int, ...]) -> Array:
+        """Return one of the kernel's responses, of a shape by row: joints, sites, loads, link motions or gravity."""
+        found = np.empty((len(self.row.q), *shape))
+        for part in self._parts:
+            chain, frames = part.loaded.sited_chain, part.loaded.link_frames if which == 3 else part.loaded.sites
+            none = [np.zeros((0, *shape)) for shape in ((6, 0), (6, 0, 6), (0, 6), (0, 6, 6), (6, 3))]
+            for start in range(0, len(part.rows), AT_ONCE):
+                some = slice(start, start + AT_ONCE)
+                rows = part.rows[some]
+                by_load = _per_load(self.laws[rows], part.some(part.tangents, some))
+                into = none.copy()
+                into[which] = values = np.empty((len(rows), *shape))
+                loads = (part.links, part.some(part.wrenches, some), part.some(part.changes, some))
+                at = (self.row.q[rows], self._twists(rows), by_load, frames.places, frames.numbers)
+                kernel().responses(*chain.numbers, *loads, *at, np.empty((0, 0, 4, 4)), *into)
+                found[rows] = values
+        return found
+
+
+def _per_load(laws: Array, tangents: Array) -> Array:
+    """Return (N, 6, n, 6) motions of the tip per load from those per law, and (1 or N, n, 6, 6) tangents."""
+    return np.ascontiguousarray((laws.swapaxes(1, 2) @ tangents).swapaxes(1, 2))
+
+
+def respond(
+    arm: Structure,
+    q: Array,
+    payloads: Sequence[str | Payload],
+    covariates: Mapping[str, Array] | None = None,
+    progress: Progress | None = None,
+) -> Response:
+    """Return what the arm does at (N, nq) joint positions with a payload each.
+
+    Args:
+        arm: The arm.
+        q: Joint positions [rad or m]; limits are not looked at.
+        payloads: (N) names or objects.
+        covariates: (N,) each or numbers, by name.
+        progress: Told how many rows are done, of how many.
+
+    Raises:
+        UnknownNameError, MissingCovariateError: No such payload; an effect depends on what is not given.
+        ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: As `find_equilibrium`, for some row.
+    """
+    q = np.ascontiguousarray(q)
+    known, groups = {name: np.asarray(values) for name, values in (covariates or {}).items()}, {}
+    for i, payload in enumerate(payloads):
+        loaded = arm.loaded(payload)
+        groups.setdefault(id(loaded), (loaded, []))[1].append(i)
+    row, n, done, parts = Row(q, arm.joint_index, known), len(arm.sites), 0, []
+    wrenches, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
+    for loaded, numbers in groups.values():
+        for start in range(0, len(numbers), AT_ONCE):
+            rows = np.array(numbers[start : start + AT_ONCE])
+            some = row.some(rows)
+            asked = loaded.row(some.q, dict(some.covariates))
+            part, found = _solved(loaded, rows, asked, laws)
+            wrenches[rows], twists[rows] = found.wrenches, found.twists
+            parts.append(part)
+            done += len(rows)
+            if progress:
+                progress(done, len(q))
+    frames = arm.loaded(payloads[0] if len(payloads) else None)
+    named = (frames.link_frames.names, frames.sites.names)
+    return Response(row, wrenches, twists.reshape(len(q), 6 * n), laws, *named, tuple(parts))
+
+
+def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array) -> tuple[_Part, Solution]:
+    """Return some rows of one payload solved, the tip's response to their laws put into its rows of `into`."""
+    arm, q, n = loaded.arm, np.ascontiguousarray(row.q), len(loaded.arm.sites)
+    solver, laws, found = RowSolver(loaded, True, arm.pulls), RowLaws(arm.stack, row), Solution.empty(len(q), n)
+    fine = solver.solve(row, laws, found)
+    some = np.flatnonzero(fine)
+    if laws.curved:
+        laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
+    into[rows[some]], distance = solver.linearise(row, laws, found, some)
+    left = np.concatenate([np.flatnonzero(~fine), some[~(distance < 1.0)]])
+    for i in left:
+        one = find_equilibrium(loaded.mechanics, arm.stack, loaded.case(q[i]), row.some(int(i)))
+        found.twists[i], found.wrenches[i] = one.twists.reshape(-1, 6), one.wrenches.reshape(-1, 6)
+    if len(left):
+        if laws.curved:
+            laws.expand(found.wrenches)
+        into[rows[left]] = solver.linearise(row, laws, found, left, stable=True)[0]
+    for twists in found.twists:
+        check_small(twists.ravel(), arm.stack.names)
+    pushes = Pushes(loaded, arm.pulls, sited=True)
+    loads = pushes.links, pushes.wrenches(q, found.twists), pushes.changes(q, found.twists)
+    return _Part(loaded, rows, *loads, laws.tangents(found.wrenches)), found

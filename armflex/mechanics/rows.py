@@ -1,0 +1,290 @@
+"""Where a loaded arm comes to rest in many rows: compiled code, and rounds about it for what is no plain number.
+
+The kernel settles arms exactly whose laws are affine in the load or networks, under dead wrenches. A curved law is put
+to it as its affine expansion about the loads so far, a load that depends on its link's pose as the wrench that it is
+there; both are renewed until they are what they were taken for, which takes two to four rounds. Every law and every
+load is asked once a round for all rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache, cached_property
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.mechanics.certificate import Softening
+from armflex.mechanics.chain import Chain
+from armflex.mechanics.laws import RowLaws
+from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loads import Load
+
+CHUNK = 8192
+"""Rows that are asked about together: their arrays stay near the processor, and memory does not grow with N."""
+
+ROUNDS = 16
+"""A row whose curved laws or turning loads are not settled after so many is left to the reference."""
+
+SETTLED = 1e-13
+"""Change between two rounds: of all flexures' twists [m, rad], and of a wrench by its size."""
+
+NO_CHANGES = np.zeros((0, 0, 6, 6))
+
+
+@cache
+def kernel() -> ModuleType:
+    """Return the compiled engine, which takes a while to import."""
+    from armflex.mechanics import kernel as compiled
+
+    return compiled
+
+
+class Solution(NamedTuple):
+    """Where an arm rests in N rows: (N, 6) displacement of the tip, (N, n, 6) wrenches and twists of the flexures."""
+
+    displacement: Array
+    wrenches: Array
+    twists: Array
+
+    @classmethod
+    def empty(cls, count: int, flexures: int) -> Solution:
+        """Return room for the solution in some rows."""
+        return cls(np.empty((count, 6)), np.empty((count, flexures, 6)), np.empty((count, flexures, 6)))
+
+    def some(self, rows: slice | np.ndarray) -> Solution:
+        """Return some of the rows, as views where they are a slice."""
+        return Solution(*(part[rows] for part in self))
+
+
+class Pushes:
+    """Loads on the links of a loaded arm, in numbers for the kernel.
+
+    Attributes:
+        links: (L, 2) element of a chain that each link is fixed to, and how many flexures move it.
+        acting: Their numbers, in an array; a tuple of none for none. See `kernel.Arm`.
+        turning: Numbers of the loads that depend on their links' poses.
+    """
+
+    def __init__(self, loaded: LoadedArm, loads: Sequence[Load], sited: bool = False) -> None:
+        self._loads, self._chain = tuple(loads), loaded.sited_chain if sited else loaded.chain
+        frames = loaded.link_frames if sited else loaded.plain_link_frames
+        index = [frames.names.index(load.frame) for load in loads]
+        self._frames = frames.places[:, index], frames.numbers[index]
+        elements = frames.places[0, index]
+        inboard = [self._chain.flexures_inboard(int(element)) for element in elements]
+        self.links = np.array([elements, inboard], dtype=np.int64).reshape(2, -1).T.copy()
+        self.acting = np.arange(len(loads)) if loads else ()
+        self.turning = [j for j, load in enumerate(loads) if not load.dead]
+        self._dead = np.zeros((1, len(loads), 9))
+        self._dead[0, :, :3] = frames.numbers[index, 9:]
+        for j, load in enumerate(loads):
+            if load.dead:
+                self._dead[0, j, 3:] = load.at(np.eye(4))
+
+    def wrenches(self, q: Array, twists: Array | None = None) -> Array:
+        """Return (1 or N, L, 9) where on its element each acts [m], and the wrench in base axes [N, Nm].
+
+        Args:
+            q: (N, nq) joint positions [rad or m].
+            twists: (N, n, 6) of the flexures, zero where not given.
+        """
+        if not self.turning:
+            return self._dead
+        poses, found = self._poses(q, twists), np.repeat(self._dead, len(q), axis=0)
+        for j in self.turning:
+            found[:, j, 3:] = self._loads[j].at(poses[:, j])
+        return found
+
+    def changes(self, q: Array, twists: Array) -> Array:
+        """Return the (N, L, 6, 6) change of the wrenches with their links' motion; no rows where none changes."""
+        if not self.turning:
+            return NO_CHANGES
+        poses, found = self._poses(q, twists), np.zeros((len(q), len(self._loads), 6, 6))
+        for j in self.turning:
+            found[:, j] = self._loads[j].change(poses[:, j])
+        return found
+
+    def _poses(self, q: Array, twists: Array | None) -> Array:
+        at = np.zeros((len(q), self._chain.flexures, 6)) if twists is None else twists
+        return frame_poses(self._chain, self.links[:0], self._dead[:, :0], q, at, *self._frames)
+
+
+def turned(before: Array, after: Array) -> Array:
+    """Return the (N,) greatest change of a (1 or N, L, 9) wrench, by its size."""
+    size = np.maximum(np.linalg.norm(after[..., 3:], axis=-1), 1e-300)
+    return (np.linalg.norm(after[..., 3:] - before[..., 3:], axis=-1) / size).max(axis=-1, initial=0.0)
+
+
+def frame_poses(
+    chain: Chain, links: np.ndarray, wrenches: Array, q: Array, twists: Array, places: np.ndarray, numbers: Array
+) -> Array:
+    """Return the (N, f, 4, 4) poses of frames of a flexed arm."""
+    found, count, none = np.empty((len(q), len(numbers), 4, 4)), len(q), np.zeros((0, 6, 0, 6))
+    kernel().responses(
+        *chain.numbers, links, wrenches, NO_CHANGES, q, twists, none, places, numbers, found,
+        np.empty((0, 6, 0)), np.empty((0, 6, 0, 6)), np.empty((0, 0, 6)), np.empty((0, 0, 6, 6)), np.empty((0, 6, 3)),
+    )  # fmt: skip
+    return found if count else found[:0]
+
+
+class RowSolver:
+    """Solves one arm with one payload under its weight and some loads, in rows of some thousand at a time."""
+
+    def __init__(self, loaded: LoadedArm, exact: bool, loads: Sequence[Load] = ()) -> None:
+        self._loaded, self._exact, self._chain, self._nominal = loaded, exact, loaded.chain, loaded.nominal
+        self.pushes = Pushes(loaded, loads)
+        self._loads = loads
+        self._lower, self._upper = map(np.array, loaded.arm.bounds)
+
+    @cached_property
+    def softening(self) -> Softening | None:
+        """How far the loads can soften the arm with its own laws; None where nobody can say beforehand."""
+        return self._loaded.softening_under(self._loads) if self._loads else self._loaded.softening
+
+    def rooms(self, count: int) -> Array:
+        """Return memory in which the kernel keeps what it knows of so many rows from one call to the next."""
+        lanes = kernel().LANES
+        return kernel().room_for(self._chain.flexures, len(self.pushes.links), lanes, -(-count // lanes))
+
+    def solve(
+        self, row: Row, laws: RowLaws, into: Solution, rooms: Array | None = None, ready: bool = False
+    ) -> np.ndarray:
+        """Put into `into` where the arm rests in some rows; return (N,) whether it converged.
+
+        Args:
+            row: Positions and covariates.
+            laws: Of the arm at these rows, or others: what follows is then about those.
+            into: To be filled.
+            rooms: Memory that was asked for here; one of its own where not given.
+            ready: Whether it holds what a call left there of the same rows, from where it then goes on.
+        """
+        q, later = np.ascontiguousarray(row.q), bool(laws.curved or self.pushes.turning)
+        if rooms is None:
+            rooms = self.rooms(len(q) if later else 1)
+        if later:
+            fine = self._in_rounds(q, laws, rooms, into)
+        else:
+            fine = self._run(q, laws, self.pushes.wrenches(q), rooms, ready, self._exact, into)
+        if self._nominal is not None:
+            true, nominal = rigid_tips(self._chain, q), rigid_tips(self._nominal, q)
+            into.displacement[:] = displaced_from(into.displacement, true, nominal)
+        return fine
+
+    def _in_rounds(self, q: Array, laws: RowLaws, rooms: Array, into: Solution) -> np.ndarray:
+        pushed = self.pushes.wrenches(q)
+        self._run(q, laws, pushed, rooms, False, False, into)  # for the loads on the rigid arm
+        if laws.curved:
+            laws.expand(into.wrenches)
+        fine, settled = self._run(q, laws, pushed, rooms, True, self._exact, into), np.zeros(len(q), dtype=bool)
+        if not self._exact:
+            return fine
+        for _ in range(ROUNDS):
+            # What is too large is left alone: here it would only make numbers that overflow.
+            twists, wrenches = (np.where(fine[:, None, None], part, 0.0) for part in (into.twists, into.wrenches))
+            before, pushed = pushed, self.pushes.wrenches(q, twists)
+            moved = laws.expand(wrenches, slopes=False) if laws.curved else 0.0
+            settled |= (moved <= SETTLED) & (turned(before, pushed) <= SETTLED)
+            if (settled | ~fine).all():
+                break
+            fine &= self._run(q, laws, pushed, rooms, True, True, into)
+        return fine & settled
+
+    def _run(
+        self, q: Array, laws: RowLaws, pushed: Array, rooms: Array, ready: bool, exact: bool, into: Solution
+    ) -> np.ndarray:
+        fine = np.empty(len(q), dtype=bool)
+        pushes = (self.pushes.links, pushed, self.pushes.acting)
+        known = (*self._chain.numbers, *pushes, *laws.numbers, rooms, ready, q, exact)
+        kernel().solve_many(*known, *into, fine)
+        return fine
+
+    def stable(self, row: Row, laws: RowLaws, found: Solution, softening: Softening | None) -> np.ndarray:
+        """Return (N,) whether it is proven that the arm stays where it was found, under its weight and dead loads.
+
+        Args:
+            row, laws, found: As of `solve`.
+            softening: Of these laws.
+        """
+        if softening is None:
+            return np.zeros(len(row.q), dtype=bool)
+        inside = ((row.q >= self._lower) & (row.q <= self._upper)).all(axis=1)
+        if softening.proven:
+            return inside
+        return inside & softening.stays(found.wrenches.reshape(len(inside), -1), laws.tangent)
+
+    def proven(
+        self, row: Row, laws: RowLaws, found: Solution, softening: Softening | None, fine: np.ndarray
+    ) -> np.ndarray:
+        """Return (N,) which of the rows that are `fine` are stable, by the bound or by the tangent itself."""
+        proven = fine & self.stable(row, laws, found, softening)
+        rest = np.flatnonzero(fine & ~proven)
+        if len(rest):
+            if laws.curved:
+                laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
+            proven[rest] = self.linearise(row, laws, found, rest)[1] < 1.0
+        return proven
+
+    def linearise(
+        self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray, stable: bool = False
+    ) -> tuple[Array, Array]:
+        """Return how the tip responds to changes of the laws in some rows, and how far its tangents are from rigid.
+
+        Args:
+            row, laws, found: As of `solve`.
+            some: (M,) numbers of the rows.
+            stable: Whether that is known of them.
+
+        Returns:
+            (M, 6, n, 6), not a number where the second does not prove that the arm is stable and nobody knows, and (M,)
+            Frobenius norms of the tangents less the unit matrix: below 1 is a proof.
+        """
+        q, twists, pushes = np.ascontiguousarray(row.q[some]), np.ascontiguousarray(found.twists[some]), self.pushes
+        tangents = laws.tangents(found.wrenches)
+        tangents = tangents if len(tangents) == 1 else tangents[some]
+        loads = (pushes.links, pushes.wrenches(q, twists), pushes.changes(q, twists))
+        by_law, distance = np.empty((len(some), 6, *twists.shape[1:])), np.empty(len(some))
+        numbers = (*self._chain.numbers, *loads, q, twists, tangents)
+        kernel().sensitivities(*numbers, np.full(len(some), stable), by_law, distance)
+        return by_law, distance
+
+
+def flexure_poses(loaded: LoadedArm, q: Array, twists: Array) -> Array:
+    """Return the (N, n + 1, 4, 4) poses of the frames that the flexures move, and of the tip last."""
+    chain, tip = loaded.chain, loaded.chain.elements[-1:, :12]
+    elements = np.append(chain.kinds[3, : chain.flexures], chain.kinds.shape[1] - 1)
+    same = np.tile(np.append(np.eye(3).ravel(), np.zeros(3)), (chain.flexures, 1))
+    none = (np.zeros((0, 2), dtype=np.int64), np.zeros((1, 0, 9)))
+    places, frames = np.array([elements, elements]), np.concatenate([same, tip])
+    return frame_poses(chain, *none, np.ascontiguousarray(q), np.ascontiguousarray(twists), places, frames)
+
+
+def rigid_tips(chain: Chain, q: Array) -> Array:
+    """Return the (N, 4, 4) poses of the rigid arm's tip at (N, nq) joint positions."""
+    found = np.empty((len(q), 4, 4))
+    kernel().rigid_tips(*chain.numbers, np.ascontiguousarray(q), found)
+    return found
+
+
+def displaced_from(displacements: Array, before: Array, after: Array) -> Array:
+    """Return the (N, 6) displacements from (N, 4, 4) poses `after` of what was displaced from poses `before`."""
+    found = np.empty_like(displacements)
+    found[:, :3] = displacements[:, :3] + before[:, :3, 3] - after[:, :3, 3]
+    turned = rotations(displacements[:, 3:]) @ before[:, :3, :3] @ np.swapaxes(after[:, :3, :3], 1, 2)
+    skew = turned - np.swapaxes(turned, 1, 2)
+    axes = 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    sine = np.linalg.norm(axes, axis=1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(turned, axis1=1, axis2=2) - 1.0))
+    found[:, 3:] = axes * np.where(sine < 1e-8, 1.0, angle / np.where(sine < 1e-8, 1.0, sine))[:, None]
+    return found
+
+
+def rotations(vectors: Array) -> Array:
+    """Return the (N, 3, 3) rotations of (N, 3) rotation vectors."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    skew = np.cross(vectors[:, None], np.eye(3)).swapaxes(1, 2)
+    half = np.sinc(0.5 * angle / np.pi)
+    return np.eye(3) + np.sinc(angle / np.pi) * skew + 0.5 * half * half * (skew @ skew)

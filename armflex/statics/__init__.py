@@ -1,1 +1,0 @@
-"""One configuration: the loads at every flexure, the equilibrium, what the tip does, and how it answers to changes."""
