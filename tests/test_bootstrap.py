@@ -65,7 +65,9 @@ def test_two_processes_find_the_same(campaign: Path) -> None:
     done = []
     one = bootstrap(arm, measurements, draws=3, progress=lambda now, total: done.append((now, total)))
     other = bootstrap(arm, measurements, draws=3, jobs=2)
-    assert np.array_equal(one.values, other.values) and one.names == other.names
+    # Equal to rounding: how many threads an algebra library takes is another matter in each process.
+    np.testing.assert_allclose(one.values, other.values, rtol=1e-9, atol=1e-14)
+    assert one.names == other.names
     assert not any(name.startswith("instrument") for name in one.names) and done == [(1, 3), (2, 3), (3, 3)]
     assert not np.array_equal(one.values[0], one.values[1])
 

@@ -44,7 +44,8 @@ def _spline(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Arra
 
 def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
     load = along(here, wrench)
-    return hats(column_of(row, here.spot.covariates[0]), *inner, KNOTS) * load
+    values = np.broadcast_to(column_of(row, here.spot.covariates[0]), np.shape(load))
+    return hats(values, *inner, KNOTS) * load
 
 
 def _bump(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
