@@ -14,7 +14,7 @@ ROOMS = (
     *("robot", "prior", "measured", "trajectory"),
     *("laws", "flexure", "effects"),
     "mechanics",
-    *("certainty", "arm_doubts", "arm", "certainty_table", "calibration_table", "arm_file"),
+    *("certainty", "arm", "certainty_table", "calibration_table", "arm_file"),
     *("calibrate", "tip_uncertainty"),
     *("learning", "plan", "tracking", "trace"),
     *("correction", "compensate_doubts", "check", "compensate", "predict", "workspace"),
