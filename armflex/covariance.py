@@ -1,4 +1,4 @@
-"""What a covariance must be wherever one is read: finite, symmetric, positive semidefinite to rounding."""
+"""What a covariance must be wherever one is read: finite, symmetric, positive semidefinite to rounding; its root."""
 
 from __future__ import annotations
 
@@ -32,3 +32,11 @@ def covariance_fault(covariance: Array) -> str:
     except np.linalg.LinAlgError:
         return "is not positive semidefinite: some combination of the parameters would have a negative variance"
     return ""
+
+
+def root_of_covariance(covariance: Array) -> Array:
+    """Return R with R R' a (P, P) covariance, which may be singular; units may differ by orders of magnitude."""
+    scale = np.sqrt(np.diag(covariance))
+    unit = np.where(scale > 0.0, scale, 1.0)
+    size, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return unit[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))

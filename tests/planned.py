@@ -26,9 +26,9 @@ from armflex.calibrate.blocks import declared_blocks
 from armflex.calibrate.calibrate import first_guess
 from armflex.calibrate.effect_block import EffectBlock, shy_prior
 from armflex.calibrate.fit import fit
-from armflex.calibrate.posterior import posterior_of
 from armflex.calibrate.spread import scene_of
 from armflex.calibrate.view import look
+from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.result import Plan
 from armflex.plan.rivals import named_effect
 
@@ -141,9 +141,8 @@ def outcome(machine: Machine, stops: Stops, judged: Stops, seed: int, folder: Pa
     error = np.sqrt(((there.position - machine.places(judged)) ** 2).sum(axis=1).mean())
     places = [i for i, (block, _) in enumerate(found.fit.labels) if block in ("joint_offset", "compliance")]
     prior = found.fit.prior[places]
-    known = posterior_of(
-        found.fit.columns, found.fit.prior
-    ).covariance  # at stated noise: chance scatters readings, too
+    # At stated noise: chance scatters readings, too.
+    known = LinearGaussian.of(found.fit.columns, found.fit.precision).covariance
     block = known[np.ix_(places, places)] / np.outer(prior, prior)
     mean = np.exp(0.5 * np.linalg.slogdet(block)[1] / len(places))
     return Came(float(mean), float(np.sqrt((there.sigma**2).sum(axis=1).mean())), float(error))

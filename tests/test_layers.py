@@ -8,7 +8,8 @@ from pathlib import Path
 PACKAGE = Path(__file__).parent.parent / "armflex"
 
 ROOMS = (
-    *("errors", "conventions", "printable", "version", "covariance", "whole_file", "digest", "parallel", "storage"),
+    *("errors", "conventions", "printable", "version", "covariance", "linear_gaussian"),
+    *("whole_file", "digest", "parallel", "storage"),
     *("bundled", "declaration", "picture"),
     *("robot", "prior", "measured", "trajectory"),
     *("laws", "flexure", "effects"),

@@ -34,8 +34,9 @@ from armflex.effects.effect_file import spots_on
 from armflex.effects.law import Effect
 from armflex.errors import UnknownNameError, UnsupportedError
 from armflex.laws.learned import Learning
+from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.choose import exchanged, greedy, path
-from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth, added
+from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth
 from armflex.plan.order import driving_order, motion
 from armflex.plan.result import Plan
 from armflex.plan.rivals import named_effect, spelled
@@ -45,12 +46,12 @@ BOOM = ROBOTS / "tarm_like" / "measured.toml"
 P, OWN = 7, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0, -1.0])
 
 
-def problem(seed: int, count: int = 9) -> tuple[np.ndarray, np.ndarray]:
-    """Return a normal matrix (P, P) and rows (N, 3, P) of very different sizes."""
+def problem(seed: int, count: int = 9) -> tuple[LinearGaussian, np.ndarray]:
+    """Return what is known of P parameters and rows (N, 3, P) of very different sizes."""
     rng = np.random.default_rng(seed)
     scale = 10.0 ** rng.uniform(-3.0, 3.0, P)
     measured = rng.normal(size=(30, P)) * scale
-    return measured.T @ measured + np.eye(P), rng.normal(size=(count, 3, P)) * scale
+    return LinearGaussian.of(measured, np.ones(P)), rng.normal(size=(count, 3, P)) * scale
 
 
 def goals() -> list[Goal]:
@@ -62,9 +63,9 @@ def goals() -> list[Goal]:
 @pytest.mark.parametrize("number", range(4))
 @pytest.mark.parametrize("seed", range(3))
 def test_a_gain_is_what_the_goal_rises_by(number: int, seed: int) -> None:
-    goal, (normal, rows) = goals()[number], problem(seed)
-    rises = [goal.value(added(normal, row)) - goal.value(normal) for row in rows]
-    np.testing.assert_allclose(goal.gains(normal, rows), rises, rtol=1e-6, atol=1e-9 * abs(goal.value(normal)))
+    goal, (known, rows) = goals()[number], problem(seed)
+    rises = [goal.value(known.with_rows(row)) - goal.value(known) for row in rows]
+    np.testing.assert_allclose(goal.gains(known, rows), rises, rtol=1e-6, atol=1e-9 * abs(goal.value(known)))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -74,8 +75,8 @@ def test_the_chi_square_between_effects_is_that_of_a_least_squares_fit(seed: int
     truth = Truth(OWN, np.arange(5))
     target, others = measured @ OWN, np.vstack([measured[:, :5], np.eye(5)])  # priors as rows of their own
     left = np.linalg.lstsq(others, np.concatenate([target, np.zeros(5)]), rcond=None)[1][0]
-    normal = measured.T @ measured + np.diag([1.0] * 5 + [0.0] * 2)
-    assert truth.apart(normal, np.zeros((0, 1, P)))[0] == pytest.approx(left, rel=1e-9)
+    known = LinearGaussian.of(measured, np.array([1.0] * 5 + [0.0] * 2))
+    assert truth.apart(known, np.zeros((0, 1, P)))[0] == pytest.approx(left, rel=1e-9)
 
 
 @pytest.mark.parametrize("degree, places", [(1, (-1.0, 1.0)), (2, (-1.0, 0.0, 1.0)), (3, (-1.0, -0.44, 0.44, 1.0))])
@@ -83,25 +84,25 @@ def test_a_polynomial_is_measured_where_theory_says(degree: int, places: Sequenc
     """D-optimal for a polynomial: the ends and the extremes of a Legendre polynomial, equally often (Guest 1958)."""
     x = np.repeat(np.round(np.linspace(-1.0, 1.0, 51), 2), 4)  # 0.44 for 1/sqrt(5) = 0.447
     rows = (x[:, None] ** np.arange(degree + 1))[:, None, :]
-    goal, normal = Certain(np.arange(degree + 1)), 1e-6 * np.eye(degree + 1)
-    chosen = exchanged(goal, normal, rows, greedy(goal, normal, rows, 4 * len(places)), 20)
+    goal, known = Certain(np.arange(degree + 1)), LinearGaussian(1e-6 * np.eye(degree + 1))
+    chosen = exchanged(goal, known, rows, greedy(goal, known, rows, 4 * len(places)), 20)
     assert len(set(chosen)) == 4 * len(places)
     assert sorted(x[chosen].tolist()) == sorted(np.repeat(places, 4).tolist())
 
 
 def test_exchanges_never_lose_and_end_where_none_helps() -> None:
-    normal, rows = problem(1, 40)
+    known, rows = problem(1, 40)
     for goal in goals():
-        first = greedy(goal, normal, rows, 6)
-        chosen = exchanged(goal, normal, rows, first, 50)
-        best = goal.value(added(normal, rows[chosen]))
-        begun = goal.value(added(normal, rows[first]))
+        first = greedy(goal, known, rows, 6)
+        chosen = exchanged(goal, known, rows, first, 50)
+        best = goal.value(known.with_rows(rows[chosen]))
+        begun = goal.value(known.with_rows(rows[first]))
         assert best >= begun - 1e-9 * abs(begun)
         for place in range(6):
             for other in set(range(40)) - set(chosen):
                 swapped = [*chosen[:place], other, *chosen[place + 1 :]]
-                assert goal.value(added(normal, rows[swapped])) <= best + 1e-5 * abs(best)
-        assert path(goal, normal, rows[chosen])[-1] == pytest.approx(best)
+                assert goal.value(known.with_rows(rows[swapped])) <= best + 1e-5 * abs(best)
+        assert path(goal, known, rows[chosen])[-1] == pytest.approx(best)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -13,10 +13,10 @@ from armflex.arm import Arm
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.effect_block import EffectBlock
 from armflex.calibrate.law_block import LawBlock, with_laws
-from armflex.calibrate.posterior import root_of_covariance
 from armflex.calibrate.spread import OF_THE_INSTRUMENT, applied_blocks, without_declared_doubt
 from armflex.calibrate.view import Setup
 from armflex.conventions import Array, covariate_array, real_array
+from armflex.covariance import root_of_covariance
 from armflex.effects.law import LoadLaw, TwistLaw
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
 from armflex.measured.instrument import Instrument

@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from armflex.calibrate.blocks import Block, places_of
-from armflex.calibrate.posterior import ROUNDING, Posterior, posterior_of
 from armflex.calibrate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
 from armflex.calibrate.view import Progress, Setup, View, look, position_rms
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
+from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 
 SETTLED = 1e-3
@@ -99,6 +99,11 @@ class Fit:
         return prior_of(self.blocks)
 
     @cached_property
+    def precision(self) -> Array:
+        """(P,) prior precisions, 0 where nothing was known."""
+        return self.prior**-2.0
+
+    @cached_property
     def columns(self) -> Array:
         """(M d, P) whitened and weighted change of the readings per parameter."""
         return whitened_columns(self.blocks, self.view, self.weights)
@@ -111,8 +116,8 @@ class Fit:
     @cached_property
     def freedom(self) -> float:
         """Number of readings less what was fitted to them: a parameter that its prior holds takes nothing."""
-        held = np.diag(self._as_stated.covariance) * self.prior**-2.0
-        taken = (1.0 - held).sum() - len(self._as_stated.undetermined)
+        held = np.diag(self._as_stated.covariance) * self.precision
+        taken = (1.0 - held).sum() - len(self._as_stated.null_space)
         return max(float(self.view.count - taken), 1.0)
 
     @property
@@ -134,15 +139,15 @@ class Fit:
         return position_rms(self.view.sigma) / self.factor * float(np.sqrt((scatter**2 - 1.0) / 3.0))
 
     @cached_property
-    def posterior(self) -> Posterior:
+    def posterior(self) -> LinearGaussian:
         """What is known of the values; readings that scatter more than was stated count that much less."""
         noise = self.noise
-        return posterior_of(self.columns / noise, self.prior) if noise > 1.0 else self._as_stated
+        return LinearGaussian.of(self.columns / noise, self.precision) if noise > 1.0 else self._as_stated
 
     @cached_property
-    def _as_stated(self) -> Posterior:
+    def _as_stated(self) -> LinearGaussian:
         """What is known if the readings scatter as was stated."""
-        return posterior_of(self.columns, self.prior)
+        return LinearGaussian.of(self.columns, self.precision)
 
     @property
     def rms(self) -> float:
@@ -252,36 +257,34 @@ def _settled(
 
 @dataclass(frozen=True)
 class _Problem:
-    """The normal equations of a step, in units of the parameters' own information: metres and radians weigh alike.
+    """The linear problem about an iterate.
 
-    `bend` is what Gauss and Newton leave out of a logarithm's curvature: its column is its second derivative, too.
+    Attributes:
+        known: What rows and priors tell there.
+        gradient: (P,) minus half the gradient of the cost.
+        bend: (P,) what Gauss and Newton leave out of a logarithm's curvature: its column is its second derivative, too.
     """
 
-    normal: Array
+    known: LinearGaussian
     gradient: Array
-    scale: Array
     bend: Array
 
     def step(self, damping: float) -> Array:
-        """Return the Gauss-Newton step, damped as Levenberg and Marquardt do.
+        """Return the Gauss-Newton step, damped as Levenberg and Marquardt do, by a share of a parameter's information.
 
         A compliance that is drawn towards zero would go past it and back for ever without its `bend`; where steps keep
         their promises it is only in the way.
         """
-        damped = self.normal + np.diag(damping + self.bend) if damping else self.normal
-        size, axes = np.linalg.eigh(damped)  # least squares for a symmetric matrix, in a tenth of the time
-        told = size > ROUNDING * size[-1]
-        return self.scale * (axes[:, told] @ ((axes[:, told].T @ self.gradient) / size[told]))
+        damped = damping * np.diag(self.known.information) + self.bend
+        return (self.known.with_precision(damped) if damping else self.known).solve(self.gradient)
 
     def promised(self, step: Array) -> float:
-        """Return the fall of the cost that the normal equations promise of a step."""
-        scaled = step / self.scale
-        return max(float(scaled @ (2.0 * self.gradient - self.normal @ scaled)), 1e-300)
+        """Return the fall of the cost that the linear problem promises of a step."""
+        return max(float(step @ (2.0 * self.gradient - self.known.information @ step)), 1e-300)
 
     def length(self, step: Array) -> float:
         """Return the RMS length of a step in posterior standard deviations."""
-        scaled = step / self.scale
-        return float(np.sqrt(max(scaled @ self.normal @ scaled, 0.0) / max(len(step), 1)))
+        return float(np.sqrt(max(step @ self.known.information @ step, 0.0) / max(len(step), 1)))
 
 
 def _next_damping(damping: float, kept: float) -> float:
@@ -319,15 +322,13 @@ class _Task:
         return objective(here.view, here.values, self.prior, limit)
 
     def problem(self, here: _Iterate, limit: float) -> _Problem:
-        """Return the normal equations at an iterate."""
+        """Return the linear problem about an iterate."""
         weights = huber_weights(here.view, limit)
         columns, residual = whitened_columns(self.blocks, here.view, weights), whitened_residual(here.view, weights)
         precision, pull = self.prior**-2.0, columns.T @ residual
-        normal = columns.T @ columns + np.diag(precision)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         gradient = pull - precision * np.where(np.isfinite(self.prior), here.values, 0.0)
         bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
-        return _Problem(normal * np.outer(scale, scale), scale * gradient, scale, scale**2 * bend)
+        return _Problem(LinearGaussian.of(columns, precision), gradient, bend)
 
     def descend(
         self, here: _Iterate, problem: _Problem, limit: float, trials: int, damping: float

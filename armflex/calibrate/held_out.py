@@ -11,6 +11,7 @@ from armflex.calibrate.fit import Fit
 from armflex.calibrate.robust import huber_weights, robust_limit
 from armflex.calibrate.view import View
 from armflex.conventions import Array
+from armflex.linear_gaussian import most_probable
 
 FOLDS = 5
 
@@ -68,28 +69,18 @@ def held_out(
     """
     size = fit.view.residual.shape[1]
     data = fit.residual + fit.columns @ fit.values
-    precision = fit.prior**-2.0
     left = np.empty(len(data))
     for number in range(int(folds.max()) + 1):
         own = np.repeat(folds == number, size)
-        values = solved(fit.columns[~own], precision, data[~own])
+        values = most_probable(fit.columns[~own], fit.precision, data[~own])
         error = data[own] - fit.columns[own] @ values
         if refitted is not None and len(refitted[number]):
             some = refitted[number]
-            error = error - fit.columns[np.ix_(own, some)] @ solved(
-                fit.columns[np.ix_(own, some)], precision[some], error
-            )
+            follow = fit.columns[np.ix_(own, some)]
+            error = error - follow @ most_probable(follow, fit.precision[some], error)
         left[own] = error
     errors = left.reshape(-1, size)[:, :3] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, :3]
     return HeldOut((errors**2).sum(axis=1), fit.weights > BELIEVED if judged is None else judged)
-
-
-def solved(columns: Array, precision: Array, data: Array) -> Array:
-    """Return the (P,) values that explain (n,) whitened readings by (n, P) columns best, with their prior precision."""
-    normal = columns.T @ columns + np.diag(precision)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scaled = normal * np.outer(scale, scale) + 1e-13 * np.eye(len(scale))
-    return scale * np.linalg.solve(scaled, scale * (columns.T @ data))
 
 
 def pose_folds(groups: np.ndarray, count: int = FOLDS, seed: int = 0) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
+from armflex.linear_gaussian import LinearGaussian
 
 UNDETERMINED = 0.9
 """Posterior over prior standard deviation above which the data has said nothing about a parameter."""
@@ -85,25 +86,23 @@ def _trades(fit: Fit) -> list[tuple[str, ...]]:
     """
     names = [f"{block} {label}" for block, label in fit.labels]
     normal = fit.columns.T @ fit.columns
-    regular = normal + np.diag(fit.prior**-2.0)
+    known = LinearGaussian(normal + np.diag(fit.precision))
     told = fit.posterior.std < UNDETERMINED * fit.prior
-    return [() if told[i] else partners_of(normal, regular, i, names) for i in range(len(names))]
+    return [() if told[i] else partners_of(normal, known, i, names) for i in range(len(names))]
 
 
-def partners_of(normal: Array, regular: Array, index: int, names: Sequence[str]) -> tuple[str, ...]:
+def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:
     """Return up to four parameters that take over one parameter's effect on the readings best, the strongest first.
 
     Args:
         normal: (P, P) what the readings alone tell.
-        regular: (P, P) the same with what was known before.
+        known: What they tell with what was known before.
         index: Which parameter.
         names: Of all parameters.
     """
     others = np.delete(np.arange(len(names)), index)
     own = np.sqrt(normal[index, index])
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(regular)[others], 1e-300))
-    matrix = regular[np.ix_(others, others)] * np.outer(scale, scale)
-    amount = scale * np.linalg.lstsq(matrix, scale * normal[others, index], rcond=1e-12)[0]
+    amount = known.conditional(others).solve(normal[others, index])
     effect = np.abs(amount) * np.sqrt(np.diag(normal)[others])
     strong = [i for i in np.argsort(-effect) if effect[i] > PARTNER * own]
     return tuple(names[others[i]] for i in strong[:4])

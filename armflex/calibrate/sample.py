@@ -13,7 +13,6 @@ import numpy as np
 
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.law_block import LawBlock, learned_laws
-from armflex.calibrate.posterior import ROUNDING
 from armflex.calibrate.view import Progress
 from armflex.conventions import Array
 from armflex.errors import InputError
@@ -21,6 +20,7 @@ from armflex.laws import Row
 from armflex.laws.learned import LearnedLaw
 from armflex.learning.diagnostics import FEWEST_DRAWS, diagnose
 from armflex.learning.model import Diagnostics
+from armflex.linear_gaussian import ROUNDING
 
 CHAINS = 4
 TUNE = 150

@@ -52,7 +52,7 @@ def certainty_of(fit: Fit) -> Certainty:
     labels = tuple(f"{block} {label}" for block, label in (fit.labels[i] for i in kept))
     unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None
     known = fit.posterior
-    directions = known.undetermined[:, kept] if len(known.undetermined) else None
+    directions = known.null_space[:, kept] if len(known.null_space) else None
     found = Certainty(labels, known.covariance[np.ix_(kept, kept)], unexplained, directions, fit.misfit)
     earlier = fit.declared.arm.certainty
     return found if earlier is None else _joined(earlier, found)

@@ -14,6 +14,7 @@ from armflex.errors import InputError, did_you_mean
 from armflex.laws.law import embed
 from armflex.laws.linear import LinearFit, LinearLaw
 from armflex.learning.span import check_span
+from armflex.linear_gaussian import LinearGaussian
 
 ROUNDS = 100
 """Most reweightings by the rows' own scatter."""
@@ -100,6 +101,4 @@ def _solve(loads: Array, deflections: Array, basis: Array, scatter: Array) -> tu
     floor = least_scatter(deflections)
     found = np.maximum(np.sqrt((residual**2).sum(axis=0) / max(freedom, 1.0)), floor)
     weighted = np.einsum("pik,nk->nip", basis, loads) / found[:, None]
-    normal = weighted.reshape(-1, len(basis)) / scale
-    covariance = np.linalg.inv(normal.T @ normal) / np.outer(scale, scale)
-    return theta, covariance, found
+    return theta, LinearGaussian.of(weighted.reshape(-1, len(basis)), np.zeros(len(basis))).covariance, found

@@ -16,6 +16,7 @@ from armflex.learning.held_out import wrenches
 from armflex.learning.linear import least_scatter, seen_loads
 from armflex.learning.model import Fitted, Learner
 from armflex.learning.span import check_determined
+from armflex.linear_gaussian import LinearGaussian
 
 PLAIN = ("linear+radial", "linear+radial+magnitude", "quadratic")
 """The features that any network has to beat to be worth having."""
@@ -52,8 +53,8 @@ def fit_polynomial(loads: Array, deflections: Array, features: str | Sequence[st
     _check_determined(scaled, names)
     coefficients = np.linalg.lstsq(scaled, deflections, rcond=None)[0] / scale[:, None]
     scatter = _scatter(deflections, deflections - values @ coefficients, len(names))
-    inverse = np.linalg.inv(scaled.T @ scaled) / np.outer(scale, scale)
-    return PolynomialLaw(names, coefficients, scatter[:, None, None] ** 2 * inverse, scatter, seen_loads(loads))
+    covariance = scatter[:, None, None] ** 2 * LinearGaussian.of(values, np.zeros(len(names))).covariance
+    return PolynomialLaw(names, coefficients, covariance, scatter, seen_loads(loads))
 
 
 def _scatter(deflections: Array, residual: Array, count: int) -> Array:

@@ -12,6 +12,7 @@ from armflex.calibrate.identify import UNDETERMINED, partners_of
 from armflex.calibrate.spread import FRAMES
 from armflex.conventions import Array
 from armflex.effects.law import Effect
+from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.model import Model, Suspect
 
 BY_HAND = "push the joint to and fro with its brake on, because play gives without force and wind-up springs back"
@@ -102,7 +103,7 @@ class Blind:
 def blind_spots(model: Model, rows: Array, sigma: float) -> tuple[Blind, ...]:
     """Return the parameters that stay as uncertain as [prior] has them though all of (N, 3, P) rows were measured."""
     seen = np.tensordot(rows, rows, axes=([0, 1], [0, 1]))
-    whole = model.normal + seen
+    whole = model.known.with_rows(rows)
     left = model.std(whole) > UNDETERMINED * model.prior
     most = np.sqrt((rows**2).sum(axis=1)).max(axis=0)
     asked = np.repeat([_is_asked(block) for block in model.blocks], [len(block.labels) for block in model.blocks])
@@ -114,7 +115,7 @@ def _is_asked(block: Block) -> bool:
     return not block.name.startswith(FRAMES) and not isinstance(block, Suspect)
 
 
-def _blind(model: Model, seen: Array, whole: Array, place: int, moves: float) -> Blind:
+def _blind(model: Model, seen: Array, whole: LinearGaussian, place: int, moves: float) -> Blind:
     name = model.names[place]
     faint = seen[place, place] < 1.0
     partners = () if faint else partners_of(seen, whole, place, model.names)

@@ -1,8 +1,8 @@
-"""What readings tell about parameters: normal matrices, and what one more row would add to each of three goals.
+"""What readings tell about parameters, and what one more row would add to each of three goals.
 
 Everything is linear in the parameters about what is known now, and Gaussian. A row of the campaign is X (d, P), its
-readings' change per parameter in standard deviations; rows add X'X to the normal matrix N, whose inverse is the
-covariance. With S = 1 + X N^-1 X' one row
+readings' change per parameter in standard deviations; rows add X'X to the information N, whose inverse is the
+covariance (`armflex.linear_gaussian`). With S = 1 + X N^-1 X' one row
 
     makes a block of parameters' covariance smaller by the factor  |S - X K X'| / |S|        (Fedorov 1972)
     makes the trace of W N^-1 smaller by                           tr(S^-1 X N^-1 W N^-1 X')
@@ -18,28 +18,17 @@ from typing import Protocol
 import numpy as np
 
 from armflex.conventions import Array
-
-
-def inverse(normal: Array) -> Array:
-    """Return the (P, P) covariance of a normal matrix; parameters may be of very different sizes."""
-    scale = 1.0 / np.sqrt(np.diag(normal))
-    return np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
-
-
-def added(normal: Array, rows: Array) -> Array:
-    """Return the normal matrix after (N, d, P) rows were measured."""
-    flat = rows.reshape(-1, normal.shape[0])
-    return normal + flat.T @ flat
+from armflex.linear_gaussian import LinearGaussian
 
 
 class Goal(Protocol):
     """What a plan is to make as large as it can."""
 
-    def value(self, normal: Array) -> float:
-        """Return what is reached with a (P, P) normal matrix."""
+    def value(self, known: LinearGaussian) -> float:
+        """Return what is reached with what is known of P parameters."""
         ...
 
-    def gains(self, normal: Array, rows: Array) -> Array:
+    def gains(self, known: LinearGaussian, rows: Array) -> Array:
         """Return (N,) rises of the value by each of (N, d, P) rows."""
         ...
 
@@ -64,17 +53,17 @@ class Certain:
     title: str = "standard deviation over the prior one, geometric mean"
 
     def shown(self, value: Array | float) -> Array | float:
-        """Return the geometric mean of the standard deviations, in the units of the normal matrix."""
+        """Return the geometric mean of the standard deviations, in the units of the parameters."""
         return np.exp(-np.asarray(value))
 
-    def value(self, normal: Array) -> float:
+    def value(self, known: LinearGaussian) -> float:
         """Return minus the logarithm of the geometric mean of the standard deviations."""
-        block = inverse(normal)[np.ix_(self.places, self.places)]
+        block = known.covariance[np.ix_(self.places, self.places)]
         return -0.5 * float(np.linalg.slogdet(block)[1]) / len(self.places)
 
-    def gains(self, normal: Array, rows: Array) -> Array:
+    def gains(self, known: LinearGaussian, rows: Array) -> Array:
         """Return (N,) rises; see the top of this module."""
-        covariance = inverse(normal)
+        covariance = known.covariance
         seen = rows @ covariance
         whole = _spread(seen, rows)
         own = seen[:, :, self.places]
@@ -94,13 +83,13 @@ class Foreseen:
         """Return the RMS of the standard deviations in 3-D [mm]."""
         return 1e3 * np.sqrt(np.maximum(-np.asarray(value), 0.0))
 
-    def value(self, normal: Array) -> float:
+    def value(self, known: LinearGaussian) -> float:
         """Return minus the mean variance."""
-        return -float((self.weight * inverse(normal)).sum())
+        return -float((self.weight * known.covariance).sum())
 
-    def gains(self, normal: Array, rows: Array) -> Array:
+    def gains(self, known: LinearGaussian, rows: Array) -> Array:
         """Return (N,) rises; see the top of this module."""
-        covariance = inverse(normal)
+        covariance = known.covariance
         seen = rows @ covariance
         less = np.linalg.solve(_spread(seen, rows), seen @ self.weight @ _transposed(seen))
         return np.trace(less, axis1=1, axis2=2)
@@ -113,26 +102,25 @@ class Truth:
     Attributes:
         own: (P,) its amplitudes, zero elsewhere.
         others: Places of what is refitted in its stead.
-        held: What a prior of its own puts into the normal matrix: no evidence.
+        held: What a prior of its own puts into the information: no evidence.
     """
 
     own: Array
     others: np.ndarray
     held: float = 0.0
 
-    def apart(self, normal: Array, rows: Array) -> tuple[float, Array]:
+    def apart(self, known: LinearGaussian, rows: Array) -> tuple[float, Array]:
         """Return the chi-square between the effect and its best imitation so far, and what (N, d, P) rows add each."""
-        covariance = inverse(normal[np.ix_(self.others, self.others)])
-        there, departure = rows[:, :, self.others], self.departure(normal)
+        there, departure = rows[:, :, self.others], self.departure(known)
         left = rows @ departure
-        more = np.linalg.solve(_spread(there @ covariance, there), left[:, :, None])[:, :, 0]
-        return max(float(departure @ normal @ self.own) - self.held, 0.0), (left * more).sum(axis=1)
+        seen = there @ known.conditional(self.others).covariance
+        more = np.linalg.solve(_spread(seen, there), left[:, :, None])[:, :, 0]
+        return max(float(departure @ known.information @ self.own) - self.held, 0.0), (left * more).sum(axis=1)
 
-    def departure(self, normal: Array) -> Array:
+    def departure(self, known: LinearGaussian) -> Array:
         """Return the (P,) values of the effect less those of its best imitation."""
-        cross = normal[self.others] @ self.own
         departure = self.own.copy()
-        departure[self.others] = -inverse(normal[np.ix_(self.others, self.others)]) @ cross
+        departure[self.others] = -known.conditional(self.others).solve(known.information[self.others] @ self.own)
         return departure
 
 
@@ -147,13 +135,13 @@ class Apart:
         """Return the root of the chi-square: standard deviations apart."""
         return np.sqrt(np.maximum(value, 0.0))
 
-    def value(self, normal: Array) -> float:
+    def value(self, known: LinearGaussian) -> float:
         """Return the chi-square by which the wrong effect fits worse."""
-        return min(truth.apart(normal, np.zeros((0, 1, len(normal))))[0] for truth in self.truths)
+        return min(truth.apart(known, np.zeros((0, 1, len(truth.own))))[0] for truth in self.truths)
 
-    def gains(self, normal: Array, rows: Array) -> Array:
+    def gains(self, known: LinearGaussian, rows: Array) -> Array:
         """Return (N,) rises; see the top of this module."""
-        both = [truth.apart(normal, rows) for truth in self.truths]
+        both = [truth.apart(known, rows) for truth in self.truths]
         return np.min([now + more for now, more in both], axis=0) - min(now for now, _ in both)
 
 

@@ -31,9 +31,9 @@ from armflex.effects.law import Effect
 from armflex.effects.scene import Scene
 from armflex.errors import Flag, InputError, listing
 from armflex.laws.learned import LearnedLaw
+from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
-from armflex.plan.information import inverse
 from armflex.plan.offer import Offer, remembers
 
 NOWHERE = -1
@@ -111,13 +111,13 @@ class Model:
     Attributes:
         blocks: All that is free, suspects last.
         scale: (P,) prior standard deviations; those of a calibrated arm as its campaign left them.
-        normal: (P, P) normal matrix before the rows that are planned.
+        known: What is known before the rows that are planned, in units of `scale`.
         prior: (P,) standard deviations before anything was measured; infinite where nobody says.
     """
 
     blocks: tuple[Block, ...]
     scale: Array
-    normal: Array
+    known: LinearGaussian
     prior: Array
 
     @cached_property
@@ -144,9 +144,9 @@ class Model:
         """Return (N, 3, P) changes of offered readings, in standard deviations of the readings."""
         return answers(self.blocks, offer.view, offer.rows, offer.scene) * self.scale
 
-    def std(self, normal: Array) -> Array:
+    def std(self, known: LinearGaussian) -> Array:
         """Return the (P,) standard deviations of all parameters in their units."""
-        return self.scale * np.sqrt(np.diag(inverse(normal)))
+        return self.scale * known.std
 
 
 def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
@@ -180,12 +180,11 @@ def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model
         return _stored(before.setup, offer, suspects)
     blocks = (*_declared(before, offer, suspects), *suspects)
     scale = _finite(blocks)
-    normal = np.eye(len(scale))
+    known = LinearGaussian(np.eye(len(scale)))
     if before.campaign is not None:
         columns = answers(blocks, before.view, before.campaign, before.scene) * scale / before.noise
-        columns = (columns * np.sqrt(before.weights)[:, None, None]).reshape(-1, len(scale))
-        normal = normal + columns.T @ columns
-    return Model(blocks, scale, normal, scale)
+        known = known.with_rows(columns * np.sqrt(before.weights)[:, None, None])
+    return Model(blocks, scale, known, scale)
 
 
 def _declared(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> tuple[Block, ...]:
@@ -250,7 +249,7 @@ def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
     normal, first = np.eye(len(scale)), len(scale) - len(std) - len(_finite(fresh))
     inside = slice(first, first + len(std))
     normal[inside, inside] = np.linalg.inv(covariance / np.outer(std, std))
-    return Model(blocks, scale, normal, np.concatenate([_told(block, arm) for block in blocks]))
+    return Model(blocks, scale, LinearGaussian(normal), np.concatenate([_told(block, arm) for block in blocks]))
 
 
 def _new_laws(arm: Arm) -> dict[str, LearnedLaw]:

@@ -13,11 +13,12 @@ from armflex.calibrate.view import look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.errors import Flag, InputError
+from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.plan.advice import blind_spots
 from armflex.plan.choose import exchanged, greedy, path
 from armflex.plan.drive import driven
-from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth, added, inverse
+from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth
 from armflex.plan.model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.offer import Offer, Reach, around, some_rows, spread, unread
 from armflex.plan.question import Question, check, reach_of, sigma_of
@@ -98,7 +99,7 @@ def _goal(before: Before, model: Model, offer: Offer, rivals: Sequence[Rival], a
     """Return what is to be made as large as can be."""
     if rivals:
         truths = tuple(_truth(model, rival) for rival in rivals)
-        every = added(model.normal, model.rows(offer))
+        every = model.known.with_rows(model.rows(offer))
         # One law may hold the other as a special case: then rows are for the case that the wider one is true.
         tellable = tuple(truth for truth in truths if Apart((truth,)).value(every) >= TOLD**2)
         return Apart(tellable or truths)
@@ -135,27 +136,27 @@ def _weight(before: Before, model: Model, trajectory: Trajectory) -> Array:
 
 def _chosen(task: _Task, tick: Progress) -> tuple[Measurements, Array]:
     """Return the rows chosen, and their (n, 3, P) changes; first of all that are offered, then of what is near."""
-    goal, normal, offer, count = task.goal, task.model.normal, task.offer, task.asked.rows
+    goal, known, offer, count = task.goal, task.model.known, task.offer, task.asked.rows
     rng = np.random.default_rng(task.asked.seed)
     rows = task.model.rows(offer)
-    chosen = exchanged(goal, normal, rows, greedy(goal, normal, rows, count), 3)
+    chosen = exchanged(goal, known, rows, greedy(goal, known, rows, count), 3)
     width = WIDTH
     for number in range(ROUNDS):
         offer = around(task.reach, task.before.setup, offer.box[chosen], width, NEAR, rng)
         rows = task.model.rows(offer)
-        chosen = exchanged(goal, normal, rows, range(count), 2)
+        chosen = exchanged(goal, known, rows, range(count), 2)
         width *= NARROWER
         tick(number + 2, ROUNDS + 1)
     told = rows[chosen]
-    best = greedy(goal, normal, told, count)
+    best = greedy(goal, known, told, count)
     return some_rows(offer.rows, np.array(chosen)[best]), told[best]
 
 
 def _concluded(task: _Task, chosen: Measurements, rows: Array) -> Plan:
     """Return the plan of rows chosen, the most telling first, and their (n, 3, P) changes."""
     model, reach, goal, campaign = task.model, task.reach, task.goal, task.before.campaign
-    every, normal = model.rows(task.offer), added(model.normal, rows)
-    reached = path(goal, model.normal, rows)
+    every, known = model.rows(task.offer), model.known.with_rows(rows)
+    reached = path(goal, model.known, rows)
     start = np.clip(np.zeros(len(reach.lower)), reach.lower, reach.upper)
     stops, order, way = driven(chosen, reach, start if campaign is None else campaign.q[-1])
     return Plan(
@@ -163,11 +164,11 @@ def _concluded(task: _Task, chosen: Measurements, rows: Array) -> Plan:
         reach=reach,
         goal=goal,
         model=model,
-        normal=normal,
+        known=known,
         worth=np.diff(reached)[order],
         reached=reached,
         random=_at_random(goal, model, every, FURTHER * len(rows), task.asked.seed),
-        everything=goal.value(added(model.normal, every)),
+        everything=goal.value(model.known.with_rows(every)),
         rivals=task.rivals,
         blind=blind_spots(model, every, float(reach.sigma.max())),
         offered=task.offer,
@@ -181,7 +182,7 @@ def _at_random(goal: Goal, model: Model, rows: Array, count: int, seed: int) -> 
     """Return (DRAWS, m + 1) what the goal reaches with rows at random."""
     rng = np.random.default_rng(seed)
     most = min(count, len(rows))
-    return np.array([path(goal, model.normal, rows[rng.choice(len(rows), most, False)]) for _ in range(DRAWS)])
+    return np.array([path(goal, model.known, rows[rng.choice(len(rows), most, False)]) for _ in range(DRAWS)])
 
 
 def _doubts(model: Model, reach: Reach, every: Array, rows: Array, seed: int) -> dict[str, Array]:
@@ -190,14 +191,14 @@ def _doubts(model: Model, reach: Reach, every: Array, rows: Array, seed: int) ->
     How the next session moves the instrument is no part of it: that is not of the arm.
     """
     chosen = np.random.default_rng(seed).choice(len(every), len(rows), False)
-    states, measured = {"known now": model.normal}, every
+    states, measured = {"known now": model.known}, every
     every = every * np.array([not name.startswith(SESSIONS) for name in model.names])
-    if _doubt(reach, every, model.normal).min() > UNKNOWN:
-        states = {f"after {len(rows)} readings at random": added(model.normal, measured[chosen])}
-    states[f"after {len(rows)} planned readings"] = added(model.normal, rows)
-    return {title: _doubt(reach, every, normal) for title, normal in states.items()}
+    if _doubt(reach, every, model.known).min() > UNKNOWN:
+        states = {f"after {len(rows)} readings at random": model.known.with_rows(measured[chosen])}
+    states[f"after {len(rows)} planned readings"] = model.known.with_rows(rows)
+    return {title: _doubt(reach, every, known) for title, known in states.items()}
 
 
-def _doubt(reach: Reach, rows: Array, normal: Array) -> Array:
+def _doubt(reach: Reach, rows: Array, known: LinearGaussian) -> Array:
     seen = rows * reach.sigma[:, None]
-    return np.sqrt(np.maximum(np.einsum("ndp,pq,ndq->n", seen, inverse(normal), seen, optimize=True), 0.0))
+    return np.sqrt(np.maximum(np.einsum("ndp,pq,ndq->n", seen, known.covariance, seen, optimize=True), 0.0))

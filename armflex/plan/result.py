@@ -11,6 +11,7 @@ import numpy as np
 from armflex.calibrate.effect_block import numbered
 from armflex.conventions import Array
 from armflex.errors import Flag
+from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.plan.advice import Blind, in_words, instead
 from armflex.plan.information import Foreseen, Goal
@@ -34,7 +35,7 @@ class Plan:
         reach: What could be asked.
         goal: What was made as large as it can be.
         model: Parameters, and what is known before.
-        normal: (P, P) normal matrix after the rows.
+        known: What will be known after the rows, in units of `model.scale`.
         worth: (n,) rise of the goal's value by each row that is read, the best first one alone, and so on.
         reached: (n + 1,) the goal's value after none, one, ... of them, the most telling first.
         random: (DRAWS, m + 1) the same of poses at random.
@@ -52,7 +53,7 @@ class Plan:
     reach: Reach
     goal: Goal
     model: Model
-    normal: Array
+    known: LinearGaussian
     worth: Array
     reached: Array
     random: Array
@@ -78,12 +79,12 @@ class Plan:
     @property
     def std_before(self) -> Array:
         """(P,) standard deviation of every parameter of `model.names` before."""
-        return self.model.std(self.model.normal)
+        return self.model.std(self.model.known)
 
     @property
     def std_after(self) -> Array:
         """(P,) the same as it is expected to be after."""
-        return self.model.std(self.normal)
+        return self.model.std(self.known)
 
     @cached_property
     def random_rows(self) -> int | None:

@@ -9,8 +9,8 @@ import numpy as np
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.fit import Fit
 from armflex.calibrate.held_out import HeldOut, believed, held_out
-from armflex.calibrate.posterior import posterior_of
 from armflex.conventions import Array
+from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Sifted
 from armflex.trace.projection import evidence
 
@@ -91,7 +91,7 @@ def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
     size, values, able = fit.view.residual.shape[1], fit.values[some], np.zeros(len(folds), bool)
     for number in range(int(folds.max()) + 1):
         own = folds == number
-        left = posterior_of(fit.columns[~np.repeat(own, size)], fit.prior)
+        left = LinearGaussian.of(fit.columns[~np.repeat(own, size)], fit.precision)
         told = np.isfinite(left.std[some])  # what nothing determines without them shows nothing
         known = left.covariance[np.ix_(some[told], some[told])]
         able[own] = values[told] @ np.linalg.pinv(known, hermitian=True) @ values[told] > len(some) * SHOWN**2

@@ -265,7 +265,7 @@ class Sifted:
     Attributes:
         bank: The candidates.
         projection: Of the fit.
-        seen: (K, P) X'A L^-T.
+        seen: (K, r) X'A R, R a root of the fitted parameters' covariance.
         scores: (K,) products of the columns with the fit's own residual.
         squares: For every group size: groups, and (g, k, k) products of their columns among themselves.
     """
@@ -309,7 +309,7 @@ class Sifted:
 
 
 def _factors(inside: Array, whole: Array, shy: float) -> Array:
-    """Return (g, k, k) square roots of the groups' inverses."""
+    """Return (g, k, k) square roots of the groups' inverses: `Projection.gain` for many groups of a size at once."""
     squares = np.einsum("gkk->gk", whole)
     seen = squares > 0.0
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, squares, 1.0)), 0.0)
@@ -321,7 +321,7 @@ def _factors(inside: Array, whole: Array, shy: float) -> Array:
 def sift(candidates: Bank, projection: Projection) -> Sifted:
     """Return a bank projected on a fit."""
     count = int(candidates.starts[-1])
-    seen, scores = np.empty((count, len(projection.precision))), np.empty(count)
+    seen, scores = np.empty((count, len(projection.half))), np.empty(count)
     squares: dict[int, list[tuple[np.ndarray, Array]]] = {}
     for part in candidates.parts:
         seen[part.places] = part.products(projection.half)

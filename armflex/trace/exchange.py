@@ -60,7 +60,7 @@ def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
     amplitudes = np.concatenate([place[:count] for place, count in zip(places, terms, strict=True)])
     # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
     data = fit.residual + fit.columns[:, amplitudes] @ fit.values[amplitudes] + fit.columns[:, rest] @ fit.values[rest]
-    return projected(fit.columns[:, rest], fit.prior[rest] ** -2.0, data, shyness(fit), fit.view.count), own
+    return projected(fit.columns[:, rest], fit.precision[rest], data, shyness(fit), fit.view.count), own
 
 
 def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]:

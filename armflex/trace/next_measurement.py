@@ -20,6 +20,7 @@ from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.effects.scene import LEVEL_OF, Scene
 from armflex.errors import ArmflexError
+from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.plan.advice import instead
 from armflex.plan.information import Truth
@@ -38,7 +39,11 @@ TELLING = 1.0
 RIVALS = 2
 
 RIDGE = 1e-12
-"""Relative to a column's square; it keeps what the readings leave open from being anything at all."""
+"""Prior precision relative to a column's square: what the readings leave open is next to unknown.
+
+Without it that would be the null space, of which `LinearGaussian.covariance` says nothing, and a row that only seems to
+tell two effects apart would be proposed. So it is above `linear_gaussian.ROUNDING`.
+"""
 
 
 @dataclass(frozen=True)
@@ -143,16 +148,16 @@ def _propose(state: State, index: int, rival: Effect, offer: Measurements, view:
     parts = [fit.columns[:, places], candidate_columns(imitation, fit, state.scene)]
     effect = candidate_columns(Candidate(own.law, own.spot, own.inner), fit, state.scene) @ acting
     measured = np.hstack([*parts, effect[:, None]])
-    precision = np.concatenate([fit.prior[places] ** -2.0, np.zeros(len(rival.spot.terms) + 1)])
-    normal = measured.T @ measured + np.diag(precision + RIDGE * (measured**2).sum(axis=0))
+    precision = np.concatenate([fit.precision[places], np.zeros(len(rival.spot.terms) + 1)])
+    known = LinearGaussian.of(measured, precision + RIDGE * (measured**2).sum(axis=0))
     there = [_columns(other, view, scene, offer) for other in kept]
     there.append(rival.law.columns(rival.spot, rival.inner, view, scene))
     there.append((own.law.columns(own.spot, own.inner, view, scene) @ acting)[:, :, None])
     after = np.concatenate(there, axis=2)[:, :3]
-    truth = Truth(np.eye(len(normal))[-1], np.arange(len(normal) - 1))
-    sigmas = np.sqrt(truth.apart(normal, after / view.sigma[:, :3, None])[1])
+    truth = Truth(np.eye(len(precision))[-1], np.arange(len(precision) - 1))
+    sigmas = np.sqrt(truth.apart(known, after / view.sigma[:, :3, None])[1])
     best = int(sigmas.argmax())
-    return Proposal(rival, best, float(sigmas[best]), float(np.linalg.norm(after[best] @ truth.departure(normal))))
+    return Proposal(rival, best, float(sigmas[best]), float(np.linalg.norm(after[best] @ truth.departure(known))))
 
 
 def _columns(block: Block, view: View, scene: Scene, offer: Measurements) -> Array:

@@ -2,7 +2,7 @@
 
 With A the whitened columns of all fitted parameters, P their prior precision and N = A'A + P, a new column x lowers
 the fit's objective by (x'e)^2 / (x'x - x'A N^-1 A'x), e the residual: the Frisch-Waugh-Lovell projection, priors
-included. Weights are those of the fit. One factorisation serves thousands of candidates.
+included, see `armflex.linear_gaussian`. Weights are those of the fit. One factorisation serves thousands of candidates.
 """
 
 from __future__ import annotations
@@ -11,14 +11,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from armflex.calibrate.effect_block import LARGEST_MOTION
 from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
-
-RIDGE = 1e-13
-"""Relative to the normal matrix; it only keeps rounding from making it indefinite."""
+from armflex.linear_gaussian import LinearGaussian
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,22 +40,18 @@ class Projection:
     count: int
 
     @cached_property
-    def factor(self) -> tuple[Array, Array]:
-        """Scale D (P,) and lower L (P, P) with L L' = D N D."""
-        normal = self.columns.T @ self.columns + np.diag(self.precision)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        return scale, np.linalg.cholesky(normal * np.outer(scale, scale) + RIDGE * np.eye(len(scale)))
+    def fitted(self) -> LinearGaussian:
+        """What readings and priors tell of the fitted parameters."""
+        return LinearGaussian.of(self.columns, self.precision)
 
     @cached_property
     def half(self) -> Array:
-        """(P, n) L^-1 D A', so that half' half = A N^-1 A'."""
-        scale, lower = self.factor
-        return solve_triangular(lower, scale[:, None] * self.columns.T, lower=True)
+        """(r, n) R'A' with R a root of N^-1, so that half' half = A N^-1 A'."""
+        return self.fitted.root.T @ self.columns.T
 
     def absorbed(self, change: Array) -> Array:
         """Return the (P,) values by which fitted parameters take over a (n,) change of the readings."""
-        scale, lower = self.factor
-        return scale * solve_triangular(lower.T, self.half @ change, lower=False)
+        return self.fitted.solve(self.columns.T @ change)
 
     def information(self, columns: Array) -> tuple[Array, Array]:
         """Return (k, k) X'X - X'A N^-1 A'X of (n, k) columns, and the diagonal of X'X."""
@@ -69,13 +62,15 @@ class Projection:
     def gain(self, columns: Array) -> tuple[float, Array]:
         """Return what (n, k) columns lower the objective by together, and their (k,) amplitudes."""
         inside, whole = self.information(columns)
-        return solve_group(inside, whole, columns.T @ self.residual, self.shy)
+        score = columns.T @ self.residual
+        amplitudes = LinearGaussian(inside).with_precision(self.shy * whole).solve(score)
+        return float(score @ amplitudes), amplitudes
 
 
 def project(fit: Fit) -> Projection:
     """Return the projection of a fit."""
     data = fit.residual + fit.columns @ fit.values
-    return projected(fit.columns, fit.prior**-2.0, data, shyness(fit), fit.view.count)
+    return projected(fit.columns, fit.precision, data, shyness(fit), fit.view.count)
 
 
 def shyness(fit: Fit) -> float:
@@ -93,14 +88,6 @@ def projected(columns: Array, precision: Array, data: Array, shy: float, count: 
     residual = data - columns @ values
     objective = float(residual @ residual + (precision * values**2).sum())
     return replace(rough, residual=residual, objective=objective)
-
-
-def solve_group(inside: Array, whole: Array, score: Array, shy: float) -> tuple[float, Array]:
-    """Return gain and amplitudes of a group from its (k, k) information, raw squares and (k,) score."""
-    seen = whole > 0.0
-    scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, whole, 1.0)), 0.0)
-    amplitudes = scale * np.linalg.solve(inside * np.outer(scale, scale) + shy * np.eye(len(scale)), scale * score)
-    return float(score @ amplitudes), amplitudes
 
 
 def evidence(gain: Array | float, objective: float, count: int, parameters: Array | float) -> Array | float:

@@ -16,11 +16,12 @@ import numpy as np
 
 from armflex.calibrate.effect_block import EffectBlock, shy_prior
 from armflex.calibrate.fit import THOROUGH, Fit
-from armflex.calibrate.held_out import believed, held_out, near, pose_folds, solved
+from armflex.calibrate.held_out import believed, held_out, near, pose_folds
 from armflex.calibrate.robust import huber_weights
 from armflex.calibrate.view import look
 from armflex.conventions import Array
 from armflex.errors import ArmflexError
+from armflex.linear_gaussian import most_probable
 from armflex.measured.measurements import Measurements
 from armflex.trace.candidates import Candidate, bank, candidate_columns, grid, sift
 from armflex.trace.exchange import Exchanged
@@ -139,7 +140,7 @@ def _chosen_again(
 def _errors(fit: Fit, columns: Array, prior: Array, data: Array, learned: np.ndarray) -> Array:
     """Return the (M, 3) errors [m] of a linear problem solved for some (M,) rows alone."""
     mask = np.repeat(learned, len(data) // len(learned))
-    error = data - columns @ solved(columns[mask], prior**-2.0, data[mask])
+    error = data - columns @ most_probable(columns[mask], prior**-2.0, data[mask])
     return error.reshape(len(learned), -1)[:, :3] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, :3]
 
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
 
-from armflex.calibrate.posterior import root_of_covariance
 from armflex.calibrate.robust import FAR
 from armflex.conventions import Array
+from armflex.covariance import root_of_covariance
 
 GROSS = 100.0
 """Mahalanobis distance from which on nothing but a mistake explains a reading: it is left out."""

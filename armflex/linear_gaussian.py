@@ -1,0 +1,145 @@
+"""A linear problem with Gaussian noise and a Gaussian prior: its normal equations, and what is read from them.
+
+Readings y (n,) in units of their own standard deviations are y = J x + e, with e ~ N(0, 1): J (n, P) is their Jacobian
+(the design matrix; a column of it is the regressor of one parameter). Before them each parameter x_i ~ N(0, 1 / p_i),
+with a prior precision p_i = 0 where nothing was known. Minus twice the logarithm of the posterior density is
+
+    |y - J x|^2 + x' diag(p) x + const,
+
+so the posterior is Gaussian, with
+
+    information N = J'J + diag(p),        covariance N^-1,        most probable values N^-1 J'y.
+
+*Scaling.* Parameters are metres, radians and logarithms, and diag(N) spans tens of orders of magnitude. With
+S = diag(N)^-1/2 the matrix S N S has a unit diagonal; no other diagonal scaling has a condition more than P times
+better (van der Sluis 1969, "Condition numbers and equilibration of matrices"). What is small is then small beside the
+parameters' own information, whatever their units.
+
+*Null space.* S N S = V diag(l) V'. A direction S v with l = 0 changes no reading and has no prior: the posterior is
+flat along it. A sum of products rounds an l of zero to some 1e-16 times P, so l counts as zero up to `ROUNDING`. The
+others make a root of the covariance R = S V diag(l)^-1/2 (P, r), with
+
+    R R' = N^-1 where there is no null space,        R' N R = 1,
+
+and N^-1 means R R' from here on: right for every combination of parameters that the null space does not change. Along
+the null space values stay at zero. This is the only guard: a `ridge` in a caller is a prior that it means, and says so.
+
+*Projection* (Frisch and Waugh 1933; Lovell 1963; with priors it is block elimination). A further regressor X (n, k),
+fitted together with all that is here, has the information
+
+    N_X = X'X - X'J N^-1 J'X = X'X - W'W,        W = R' J'X,
+
+on its amplitudes, whose prior precision is added to it. With the score s = X'(y - J N^-1 J'y) its amplitudes are
+N_X^-1 s, and the objective falls by s' N_X^-1 s.
+
+*Adding rows.* Further readings with the Jacobian Z (d, P) add Z'Z to N: one after the other they give what they give
+together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import NotFiniteError, ShapeError
+
+ROUNDING = 1e-13
+"""Information along a direction, by the parameters' own, up to which there is none."""
+
+PART = 1e-6
+"""Share of a direction of the null space, by the parameters' own information, from which one has a part in it."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearGaussian:
+    """What readings and priors together tell of P parameters; see the head of this module.
+
+    Attributes:
+        information: (P, P) N = J'J + diag(p), in one over the units of both its parameters.
+
+    Raises:
+        ShapeError: The information is not square.
+        NotFiniteError: It is not finite.
+    """
+
+    information: Array
+
+    def __post_init__(self) -> None:
+        if self.information.ndim != 2 or len(set(self.information.shape)) != 1:
+            raise ShapeError(f"information of shape {self.information.shape}, expected (P, P)")
+        if not np.isfinite(self.information).all():
+            raise NotFiniteError("information on parameters is not finite")
+
+    @staticmethod
+    def of(jacobian: Array, precision: Array) -> LinearGaussian:
+        """Return what (n, P) whitened regressors and (P,) prior precisions tell, 0 where nothing was known."""
+        return LinearGaussian(jacobian.T @ jacobian + np.diag(precision))
+
+    @cached_property
+    def scale(self) -> Array:
+        """(P,) S, in the parameters' units: one over the root of a parameter's own information, 1 where it has none."""
+        own = np.diag(self.information)
+        return np.where(own > 0.0, 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0)), 1.0)
+
+    @cached_property
+    def _axes(self) -> tuple[Array, Array, Array]:
+        """(r,) information and (P, r) axes of what is determined, (P, k) axes of the null space; all scaled by S."""
+        size, axes = np.linalg.eigh(self.information * self.scale * self.scale[:, None])
+        told = size > ROUNDING
+        return size[told], axes[:, told], axes[:, ~told]
+
+    @property
+    def root(self) -> Array:
+        """(P, r) R with R R' the covariance, in the parameters' units."""
+        size, axes, _ = self._axes
+        return self.scale[:, None] * axes / np.sqrt(size)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(P, P) posterior covariance of what is determined."""
+        size, axes, _ = self._axes
+        found = self.scale[:, None] * axes
+        return found / size @ found.T
+
+    @cached_property
+    def null_space(self) -> Array:
+        """(k, P) directions in which neither readings nor priors hold the parameters, in their units."""
+        left = self._axes[2].T
+        return np.where(np.abs(left) > PART, left, 0.0) * self.scale
+
+    @property
+    def std(self) -> Array:
+        """(P,) posterior standard deviations, infinite where a parameter has a part in the null space."""
+        return np.where(self.null_space.any(axis=0), np.inf, np.sqrt(np.diag(self.covariance)))
+
+    def solve(self, score: Array) -> Array:
+        """Return N^-1 times a (P,) score J'y: the most probable values, in the parameters' units."""
+        size, axes, _ = self._axes
+        return self.scale * (axes @ ((axes.T @ (self.scale * score)) / size))
+
+    def conditional(self, some: np.ndarray) -> LinearGaussian:
+        """Return what is known of the parameters at `some` places when the values of all others are known."""
+        return LinearGaussian(self.information[np.ix_(some, some)])
+
+    def with_rows(self, rows: Array) -> LinearGaussian:
+        """Return what is known after further readings, from their whitened Jacobian (..., P)."""
+        flat = rows.reshape(-1, len(self.information))
+        return LinearGaussian(self.information + flat.T @ flat)
+
+    def with_precision(self, precision: Array) -> LinearGaussian:
+        """Return what is known where (P,) precisions are added to the prior: other experience, a ridge, a damping."""
+        return LinearGaussian(self.information + np.diag(precision))
+
+
+def most_probable(jacobian: Array, precision: Array, readings: Array) -> Array:
+    """Return the (P,) most probable values.
+
+    Args:
+        jacobian: (n, P) whitened regressors.
+        precision: (P,) prior precisions, 0 where nothing was known.
+        readings: (n,) in their standard deviations.
+    """
+    return LinearGaussian.of(jacobian, precision).solve(jacobian.T @ readings)
