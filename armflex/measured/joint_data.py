@@ -23,6 +23,7 @@ KINDS = {
 
 LARGEST = 1e12
 """No bench loads or deflects by more of any SI unit; the square of anything within is far from overflowing."""
+TOO_LARGE = "which no bench reaches"
 
 
 @dataclass(frozen=True)
@@ -118,10 +119,10 @@ def _matrix(table: Table, names: tuple[str, ...], factors: Array) -> Array:
     """Return columns as (N, k) in SI by (k,) factors, which may not be those of the header."""
     written = np.array([table.columns[name].factor for name in names])
     with np.errstate(over="ignore"):  # what overflows is too large, and refused below
-        values = table.matrix(names) * (factors / written)
+        values = table.matrix(names, TOO_LARGE) * (factors / written)
     for row, column in np.argwhere(~(np.abs(values) <= LARGEST))[:1]:
         cell = table.columns[names[column]]
-        problem = f"column {cell.header!r} is {cell.cells[row]!r}, which no bench reaches"
+        problem = f"column {cell.header!r} is {cell.cells[row]!r}, {TOO_LARGE}"
         raise TableError(Place(table.path, table.lines[row]), problem)
     return values
 

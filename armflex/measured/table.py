@@ -17,6 +17,8 @@ from armflex.printable import unprintable
 from armflex.whole_file import write_whole
 
 MAX_BYTES = 200_000_000
+BEYOND = f"beyond {LARGEST:g}"
+"""What is said of a number that is larger than any."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +42,16 @@ class Table:
     def __len__(self) -> int:
         return len(self.lines)
 
-    def numbers(self, name: str) -> Array:
-        """Return a column in SI; raise `TableError` naming the first cell that is no finite number up to `LARGEST`."""
+    def numbers(self, name: str, beyond: str = BEYOND) -> Array:
+        """Return a column in SI; raise `TableError` naming the first cell that is no finite number up to `LARGEST`.
+
+        `beyond` is what is said of a larger one.
+        """
         column = self.columns[name]
         for line, cell in zip(self.lines, column.cells, strict=True):
             number = float(cell) if NUMBER.fullmatch(cell.strip()) else np.nan
             if not abs(number) <= LARGEST:
-                kind = f"beyond {LARGEST:g}" if np.isfinite(number) else "not a finite number"
+                kind = beyond if np.isfinite(number) else "not a finite number"
                 what = f"is {shown(cell)}, {kind}" if cell.strip() else "is empty"
                 raise TableError(Place(self.path, line), f"column {column.header!r} {what}")
         return np.array([float(cell) for cell in column.cells]) * column.factor
@@ -57,9 +62,9 @@ class Table:
         kept = tuple(cell if row else "0" for cell, row in zip(column.cells, rows, strict=True))
         return replace(self, columns={name: replace(column, cells=kept)}).numbers(name)
 
-    def matrix(self, names: Sequence[str]) -> Array:
-        """Return several columns as (N, len(names)) in SI."""
-        return np.column_stack([self.numbers(name) for name in names]) if names else np.zeros((len(self), 0))
+    def matrix(self, names: Sequence[str], beyond: str = BEYOND) -> Array:
+        """Return several columns as (N, len(names)) in SI; see `numbers`."""
+        return np.column_stack([self.numbers(name, beyond) for name in names]) if names else np.zeros((len(self), 0))
 
     def texts(self, name: str) -> tuple[str, ...]:
         """Return a column's cells stripped of blanks."""
