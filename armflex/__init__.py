@@ -29,8 +29,6 @@ from armflex.measured.measurements import Measurements as Measurements
 from armflex.measured.measurements import read_measurements as read_measurements
 from armflex.measured.point_export import PointExport as PointExport
 from armflex.measured.point_export import read_points as read_points
-from armflex.measured.poses import leaked as leaked
-from armflex.measured.poses import pose_groups as pose_groups
 from armflex.measured.repeats import Repeats as Repeats
 from armflex.measured.repeats import repeats as repeats
 from armflex.plan import draw_plan as draw_plan
@@ -39,6 +37,8 @@ from armflex.plan import write_plan as write_plan
 from armflex.predict import Prediction as Prediction
 from armflex.predict import predict as predict
 from armflex.robot import load_robot as load_robot
+from armflex.rows.poses import leaked as leaked
+from armflex.rows.poses import pose_groups as pose_groups
 from armflex.statics.deflection import Deflection as Deflection
 from armflex.statics.loads import Payload as Payload
 from armflex.statics.loads import Wrench as Wrench

@@ -28,8 +28,8 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.flexure import Flexure as Flexure
-from armflex.measured.instrument import Instrument
 from armflex.prior import Measurement, Prior
+from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, FlexModel, Robot
 from armflex.robot.elements import Joint
 from armflex.statics.deflect import Asked, deflect, deflect_moving

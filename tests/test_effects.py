@@ -26,8 +26,8 @@ from armflex.effects.scene import Scene, survey
 from armflex.effects.tool_shift import ALWAYS
 from armflex.effects.unnamed import PRODUCT, SHAPES, WAVE_PRODUCT
 from armflex.errors import MissingCovariateError
-from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
+from armflex.readings.instrument import Instrument
 from armflex.statics.linearise import Linearizer
 from armflex.trace.candidates import Candidate, grid
 

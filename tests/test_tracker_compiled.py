@@ -13,7 +13,7 @@ import pytest
 from test_tracker import elsewhere, followed, in_base, known, machine, measured  # noqa: F401 - fixtures
 
 from armflex import Arm, Reading, Tracker, calibrate
-from armflex.measured.instrument import Instrument
+from armflex.readings.instrument import Instrument
 from armflex.tracking import estimate, quick
 from armflex.tracking.estimate import Seen, estimate_of, take
 from armflex.tracking.model import model_of

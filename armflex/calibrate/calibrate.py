@@ -26,8 +26,8 @@ from armflex.effects.law import LoadLaw, TwistLaw
 from armflex.effects.remember import derived_directions, known_rows, without_direction
 from armflex.errors import Flag, InputError, Place, UnsupportedError, listing
 from armflex.laws.learned import Seen
-from armflex.measured.instrument import Instrument, fit_frame, fit_mounting
 from armflex.measured.measurements import Measurements
+from armflex.readings.instrument import Instrument, fit_frame, fit_mounting
 from armflex.statics.linearise import Linearizer
 
 OUTLIER = 0.5

@@ -18,7 +18,7 @@ from armflex.calibrate.view import Setup
 from armflex.conventions import Array
 from armflex.effects.law import LoadLaw, TwistLaw
 from armflex.errors import InputError, UnsupportedError
-from armflex.measured.instrument import Instrument
+from armflex.readings.instrument import Instrument
 
 LEAST = 0.1
 """What a draw leaves at least of a compliance."""

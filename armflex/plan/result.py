@@ -11,12 +11,12 @@ import numpy as np
 from armflex.calibrate.effect_block import numbered
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.measured.measurements import Measurements
 from armflex.plan.advice import Blind, in_words, instead
 from armflex.plan.information import Foreseen, Goal
 from armflex.plan.model import Model
 from armflex.plan.offer import Offer, Reach
 from armflex.plan.rivals import Rival
+from armflex.rows import Rows
 
 TOLD = 3.0
 """Standard deviations at which two effects are told apart."""
@@ -48,7 +48,7 @@ class Plan:
         flags: Doubts.
     """
 
-    rows: Measurements
+    rows: Rows
     reach: Reach
     goal: Goal
     model: Model

@@ -19,9 +19,9 @@ from armflex.calibrate.learn import settled
 from armflex.calibrate.spread import certainty_of
 from armflex.calibrate.view import look
 from armflex.effects.law import Effect
-from armflex.effects.scene import POSE
 from armflex.errors import ArmflexError, FileError
 from armflex.measured.measurements import Measurements
+from armflex.rows.rows import POSE
 from armflex.trace.accept import improvement, null_maximum, sessions_held_out
 from armflex.trace.advice import lacking
 from armflex.trace.afterwards import as_likely, not_identifiable, smallest, unexplained

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
 
 from armflex.calibrate.posterior import root_of_covariance
-from armflex.calibrate.robust import FAR
 from armflex.compiled_code import compiled_code
 from armflex.conventions import Array
+from armflex.readings.chance import outlier_limit
 
 GROSS = 100.0
 """Mahalanobis distance from which on nothing but a mistake explains a reading: it is left out."""
@@ -93,10 +93,10 @@ def absorb(estimate: Estimate, found: Innovation) -> Estimate:
 def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
     """Return the estimate after a reading, what that counted, and its Mahalanobis distance.
 
-    The distance d is by all that was expected, what was not known of the parameters included. Beyond `FAR` a reading
-    counts (FAR / d)^2: it moves the estimate the less the farther it is, and beyond `GROSS` not at all.
+    The distance d is by all that was expected, what was not known of the parameters included. Beyond `outlier_limit` a
+    reading counts (limit / d)^2: it moves the estimate the less the farther it is, and beyond `GROSS` not at all.
     """
-    far, functions = FAR[len(seen.residual)], compiled()
+    far, functions = outlier_limit(len(seen.residual)), compiled()
     if functions is not None:
         distance, values, root = functions.take(*estimate, *seen, far)
         if distance <= far:

@@ -19,6 +19,7 @@ from armflex.calibrate.law_block import LawBlock
 from armflex.calibrate.view import Setup, look, untold_shifts
 from armflex.conventions import TWIST_NAMES
 from armflex.effects.remember import derived_directions
+from armflex.readings import Position
 from armflex.statics.linearise import Linearizer
 from armflex.tracking.estimate import Seen
 from armflex.tracking.quick import Quick, middle_of
@@ -82,12 +83,12 @@ def carefully(
     view = look(setup, row, np.arange(1), linearizer=linearizer)
     columns = np.concatenate([block.columns(view) for block in blocks], axis=2)[0]
     noise = np.diag(view.sigma[0] ** 2)
-    noise[:3, :3] += beside**2 * np.eye(3)
+    noise[view.positions, view.positions] += beside**2 * np.eye(Position.dimension)
     if unexplained is not None:
         site, axis, size = unexplained
         along = size * view.to_twist(site)[0, :, TWIST_NAMES.index(axis)]
         noise += np.outer(along, along)
-    shifts = untold_shifts(setup, row)[:, 0]
+    shifts = untold_shifts(setup, row, row.readings)[:, 0]
     noise += shifts.T @ shifts
     factor = np.linalg.cholesky(noise)
     whitened = np.ascontiguousarray(np.linalg.solve(factor, columns))

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from armflex.calibrate.robust import FAR
 from armflex.calibrate.spread import COMPLIANCE
 from armflex.conventions import Array
+from armflex.readings.chance import outlier_limit
 from armflex.tracking.estimate import Estimate, Seen, recentred
 from armflex.tracking.groups import Group
 from armflex.tracking.reading import Reading
@@ -170,7 +170,7 @@ class Watch:
         self.weights.append(weight)
         self.readings = []
         size = len(seen.residual)
-        self.total = max(0.0, self.total + min(distance, FAR[size]) ** 2 - size - SLACK)
+        self.total = max(0.0, self.total + min(distance, outlier_limit(size)) ** 2 - size - SLACK)
         return self.total > GATE and len(self.window) - self.rising >= FEWEST
 
     def add_unsettled(self, reading: Reading, seen: Seen, weight: float, spread: float) -> None:
