@@ -112,7 +112,7 @@ class Calibration:
     def outliers(self) -> tuple[Outlier, ...]:
         """Rows with little weight, the worst first."""
         view = self.fit.view
-        error = np.linalg.norm(view.residual[:, :3], axis=1)
+        error = np.linalg.norm(view.residual[:, view.positions], axis=1)
         far = np.flatnonzero(self.fit.weights < OUTLIER)
         places = self.measurements.places
         ordered = far[np.argsort(-error[far])]

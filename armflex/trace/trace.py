@@ -364,7 +364,8 @@ def _far_together(state: State) -> Unexplained | None:
     together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
     if not len(together):
         return None
-    errors = look(state.fit.setup, state.measurements, together).residual[:, :3]
+    view = look(state.fit.setup, state.measurements, together)
+    errors = view.residual[:, view.positions]
     return Unexplained(None, None, None, None, float(np.sqrt((errors**2).sum() / len(state.asked))))
 
 

@@ -7,7 +7,7 @@ never lose its sign by rounding. Without drift the result is that of least squar
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from armflex.readings.chance import outlier_limit
 GROSS = 100.0
 """Mahalanobis distance from which on nothing but a mistake explains a reading: it is left out."""
 
-UNITS = {size: np.eye(size) for size in (3, 6)}
+unit_matrix = cache(np.eye)
 
 
 compiled = partial(compiled_code, "armflex.tracking.compiled")
@@ -75,7 +75,7 @@ def estimate_of(covariance: Array) -> Estimate:
 def innovation(estimate: Estimate, seen: Seen) -> Innovation:
     """Return what a reading says beyond an estimate."""
     heard = seen.columns.dot(estimate.root)
-    factor, _ = dpotrf(heard.dot(heard.T) + UNITS[len(heard)], lower=1, clean=1)
+    factor, _ = dpotrf(heard.dot(heard.T) + unit_matrix(len(heard)), lower=1, clean=1)
     inverse, _ = dtrtri(factor, lower=1)
     surprise = seen.residual - seen.columns.dot(estimate.values)
     return Innovation(heard, inverse, factor, inverse.dot(surprise))
@@ -84,7 +84,7 @@ def innovation(estimate: Estimate, seen: Seen) -> Innovation:
 def absorb(estimate: Estimate, found: Innovation) -> Estimate:
     """Return the estimate that knows a reading, too."""
     gain = estimate.root.dot(found.heard.T)
-    half, _ = dtrtri(found.factor + UNITS[len(gain.T)], lower=1)
+    half, _ = dtrtri(found.factor + unit_matrix(len(gain.T)), lower=1)
     turned = gain.dot(found.inverse.T)
     values = estimate.values + turned.dot(found.whitened)
     return Estimate(values, estimate.root - turned.dot(half.dot(found.heard)))

@@ -25,7 +25,7 @@ from armflex.statics.deflect import SMALL, settle
 from armflex.statics.law_stack import constant_compliance
 from armflex.statics.loaded import LoadedArm
 from armflex.statics.solver import Solver
-from armflex.tracking.estimate import UNITS, Seen, compiled
+from armflex.tracking.estimate import Seen, compiled, unit_matrix
 from armflex.tracking.reading import Reading, spread_of
 
 ENOUGH = 1e-2
@@ -209,7 +209,7 @@ def _times(rows: Array, compliance: Array) -> Array:
 def _columns_of(block: Block, loaded: LoadedArm) -> Columns:
     """Return the function that gives a block's (3, k) columns of an arm at rest."""
     if isinstance(block, FrameBlock):
-        return lambda rest: np.hstack([UNITS[3], -pin.skew(rest.point)])
+        return lambda rest: np.hstack([unit_matrix(3), -pin.skew(rest.point)])
     if isinstance(block, TargetBlock):
         return lambda rest: rest.axes
     if isinstance(block, OffsetBlock):

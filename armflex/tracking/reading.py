@@ -44,6 +44,12 @@ class Reading:
     sigma_r: float | None = None
     covariates: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def size(self) -> int:
+        """How many numbers were read."""
+        kinds = (Position,) if self.rotation is None else (Position, Orientation)
+        return sum(kind.dimension for kind in kinds)
+
     @classmethod
     def of(cls, measurements: Measurements, row: int, timed: bool = False) -> Reading:
         """Return a row of a campaign, with its time if wanted; a direction that no row before tells is not given."""
