@@ -160,6 +160,8 @@ def test_parts_of_a_campaign_are_replaced_and_taken_by_rows(rows: Rows) -> None:
     np.testing.assert_array_equal(some.q, rows.q[[5, 2]])
     np.testing.assert_array_equal(some.rotation, rotation[[5, 2]])
     assert isinstance(some, Measurements) and some.pose == ("5", "2")
+    with pytest.raises(InputError, match=r"no positions \(its readings: distance\)"):
+        _ = Measurements.of(rows, unread(COUNT, Distance)).position
     with pytest.raises(InputError, match="sigma_r"):
         replace(campaign, rotation=rotation)
 

@@ -132,8 +132,8 @@ def duplicates(found: Measurements) -> np.ndarray:
 
     Where the file gives no time, `time` counts rows and is not compared.
     """
-    optional = [found.rotation, found.sigma_r, found.hold, None if "time" in found.derived else found.time]
-    numbers = [found.q, found.position, found.sigma]
+    optional = [found.hold, None if "time" in found.derived else found.time]
+    numbers = [found.q, *(part for kind in found.readings.kinds for part in (kind.values, kind.sigma))]
     numbers += [values.reshape(len(found), -1) for values in optional if values is not None]
     numbers += [values[:, None] for values in found.covariates.values() if not isinstance(values, tuple)]
     texts = [found.pose, found.session, found.payload] if _named(found) else [found.session, found.payload]

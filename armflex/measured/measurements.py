@@ -17,7 +17,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import SMALLEST_STD, Array
-from armflex.errors import Flag, InputError, Place, TableError, did_you_mean
+from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
 from armflex.measured.doubts import check_joint_units, check_no_nan, check_one_unit, table_flags
 from armflex.measured.point_export import PointExport, read_points
 from armflex.measured.point_match import with_points
@@ -106,7 +106,11 @@ class Measurements(Rows):
 
     @property
     def _positions(self) -> Position:
-        return self.readings.of(Position) or Position.unread(len(self))
+        found = self.readings.of(Position)
+        if found is None:
+            read = listing(type(kind).__name__.lower() for kind in self.readings.kinds)
+            raise InputError(f"the campaign has no positions (its readings: {read})")
+        return found
 
     def _some(self, rows: np.ndarray) -> dict[str, Any]:
         return {**super()._some(rows), "readings": self.readings.some(rows)}
