@@ -28,8 +28,6 @@ from armflex.measured.measurements import Measurements as Measurements
 from armflex.measured.measurements import read_measurements as read_measurements
 from armflex.measured.point_export import PointExport as PointExport
 from armflex.measured.point_export import read_points as read_points
-from armflex.measured.poses import leaked as leaked
-from armflex.measured.poses import pose_groups as pose_groups
 from armflex.measured.repeats import Repeats as Repeats
 from armflex.measured.repeats import repeats as repeats
 from armflex.mechanics.deflection import Deflection as Deflection
@@ -42,6 +40,8 @@ from armflex.plan import write_plan as write_plan
 from armflex.predict import Prediction as Prediction
 from armflex.predict import predict as predict
 from armflex.robot import load_robot as load_robot
+from armflex.rows.poses import leaked as leaked
+from armflex.rows.poses import pose_groups as pose_groups
 from armflex.tip_uncertainty import total_covariance as total_covariance
 from armflex.trace import trace as trace
 from armflex.trajectory import Trajectory as Trajectory

@@ -27,7 +27,6 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.flexure import Flexure as Flexure
-from armflex.measured.instrument import Instrument
 from armflex.mechanics.batch import deflect_batch
 from armflex.mechanics.deflect import Asked, deflect, deflect_moving
 from armflex.mechanics.deflection import Deflection
@@ -38,6 +37,7 @@ from armflex.mechanics.loads import NO_PAYLOAD, Payload, Wrench
 from armflex.mechanics.query import Prepared
 from armflex.mechanics.structure import Names
 from armflex.prior import Measurement, Prior
+from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, FlexModel, Robot, Site
 from armflex.robot.elements import Joint
 

@@ -27,9 +27,9 @@ from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, Structura
 from armflex.laws.declared import model_of
 from armflex.laws.learned import read_learning
 from armflex.laws.linear import softness
-from armflex.measured.instrument import Instrument
 from armflex.mechanics.loads import Payload
 from armflex.prior import Measurement, Prior
+from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
 from armflex.robot.urdf import MAX_LINKS
 

@@ -17,7 +17,7 @@ from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean
 from armflex.laws.scaled import scaled
-from armflex.measured.instrument import Instrument
+from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 
 LARGEST_LOGARITHM = 200.0

@@ -15,10 +15,11 @@ from armflex.calibrate.view import Setup, untold_shifts
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects.remember import check_covariates, derived_directions, known_rows
 from armflex.errors import Flag, InputError, Place, naming
-from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import write_table
 from armflex.mechanics.deflection import Deflection
+from armflex.readings import Position, unread
+from armflex.readings.instrument import Instrument
 from armflex.trajectory import check_approaches
 
 Progress = Callable[[int, int], None]
@@ -81,7 +82,7 @@ def predict(
     instrument = arm.instrument or Instrument()
     tip = np.array([one.pose.homogeneous for one in found])
     fitted, doubts = fitted_variance(arm, rows)
-    untold = (untold_shifts(Setup(arm, instrument), rows)[:, :, :3] ** 2).sum(axis=0)
+    untold = (untold_shifts(Setup(arm, instrument), rows, unread(len(rows), Position)) ** 2).sum(axis=0)
     return Prediction(
         rows,
         instrument.readings(tip, rows.session),

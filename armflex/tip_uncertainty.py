@@ -13,10 +13,10 @@ from armflex.calibrate.spread import displacement_covariance, without_declared_d
 from armflex.conventions import Array
 from armflex.effects.law import TwistLaw
 from armflex.errors import Flag
-from armflex.measured.measurements import Measurements
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.deflection_batch import DeflectionBatch
 from armflex.mechanics.loads import Payload
+from armflex.rows import Rows
 
 AT_ONCE = 512
 """Rows that are linearised together: each takes some ten kilobytes."""
@@ -90,10 +90,13 @@ def tip_covariance(
     if arm.certainty is None:
         return laws, ()
     known = {name: np.broadcast_to(np.asarray(value, dtype=float), len(q)) for name, value in covariates.items()}
+    derived = tuple(dict.fromkeys(name for effect in arm.effects for name in effect.derived))
     parts, doubts = [np.zeros((0, 6, 6))], dict.fromkeys(REMEMBERED if _remembers(arm) else ())
     for some in (slice(first, first + AT_ONCE) for first in range(0, len(q), AT_ONCE)):
         given = {name: values[some] for name, values in known.items()}
-        part, flags = displacement_covariance(arm, _rows(arm, q[some], payloads[some], given))
+        # A direction of 0 is one that nothing tells: of effects that derive it, the joint came from either side.
+        rows = Rows.of(arm.joint_names, q[some], payloads[some], {"time": 0.0} | given, derived=derived)
+        part, flags = displacement_covariance(arm, rows)
         if part is None:
             return laws, flags
         parts.append(part)
@@ -113,30 +116,3 @@ def length_sigma(vectors: Array, covariance: Array) -> Array:
     along = vectors / np.where(moves, length, 1.0)[:, None]
     variance = np.einsum("ni,nij,nj->n", along, covariance, along)
     return np.sqrt(np.where(moves, np.maximum(variance, 0.0), np.trace(covariance, axis1=1, axis2=2)))
-
-
-def _rows(arm: Arm, q: Array, payloads: Sequence[str | Payload], covariates: Mapping[str, Array]) -> Measurements:
-    """Return configurations as rows of a campaign in which orientations count and nothing was read.
-
-    A direction of 0 is one that nothing tells: of effects that derive it, the joint came from either side.
-    """
-    count, blank = len(q), ("",) * len(q)
-    given = dict(covariates)
-    return Measurements(
-        joint_names=arm.joint_names,
-        pose=tuple(map(str, range(count))),
-        session=blank,
-        payload=tuple(payloads),
-        time=given.pop("time", np.zeros(count)),
-        q=q,
-        approach=np.stack([given.pop(f"approach_{name}", np.zeros(count)) for name in arm.joint_names], axis=1),
-        measured=np.zeros(count, dtype=bool),
-        position=np.zeros((count, 3)),
-        rotation=np.zeros((count, 3)),
-        sigma=np.ones((count, 3)),
-        sigma_r=np.ones(count),
-        hold=given.pop("hold", None),
-        covariates=given,
-        places=(),
-        derived=tuple(dict.fromkeys(name for effect in arm.effects for name in effect.derived)),
-    )

@@ -12,9 +12,9 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.effects.remember import check_covariates, derived_direction, known_rows
-from armflex.effects.scene import APPROACH, last_motion
-from armflex.errors import Flag, InputError, Place, ShapeError, TableError, UnknownNameError, did_you_mean, listing
-from armflex.measured.table import Table, read_table, write_table
+from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, listing
+from armflex.measured.table import Table, check_payloads, joint_kinds, read_table, write_table
+from armflex.rows.rows import APPROACH, last_motion
 
 SHORTEST = 1e-9
 """No controller's rows follow each other sooner [s]; speeds over less may be beyond all numbers."""
@@ -207,15 +207,6 @@ def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
     )
 
 
-def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
-    """Return the kind of quantity of each joint's columns, such as q_A1 and v_A1 for prefixes "qv"."""
-    return {
-        f"{prefix}_{joint.name}": "length" if joint.kind == "prismatic" else "angle"
-        for joint in arm.robot.moving
-        for prefix in prefixes
-    }
-
-
 def _motion(table: Table, names: list[str]) -> Array | None:
     if not any(name in table.columns for name in names):
         return None
@@ -256,15 +247,6 @@ def check_approaches(values: Mapping[str, float], joints: Sequence[str]) -> None
 def misspelt(name: str, known: Iterable[str]) -> bool:
     """Return whether a column's name is so near to one with a meaning that it is taken for a mistake."""
     return bool(difflib.get_close_matches(name.lower(), [one.lower() for one in known], n=1, cutoff=0.75))
-
-
-def check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:
-    """Raise `TableError` naming the first row whose payload the arm does not know; an empty cell is none."""
-    for line, name in zip(table.lines, payload, strict=True):
-        try:
-            arm.payload(name or "none")
-        except UnknownNameError as error:
-            raise TableError(Place(table.path, line), str(error)) from None
 
 
 def _check_time(table: Table) -> None:

@@ -26,9 +26,9 @@ from armflex.effects.scene import Scene, survey
 from armflex.effects.tool_shift import ALWAYS
 from armflex.effects.unnamed import PRODUCT, SHAPES, WAVE_PRODUCT
 from armflex.errors import MissingCovariateError
-from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import respond
+from armflex.readings.instrument import Instrument
 from armflex.trace.candidates import Candidate, grid
 
 ROWS = 14

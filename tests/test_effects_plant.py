@@ -18,8 +18,8 @@ from armflex.effects import Effect, Spot
 from armflex.effects.catalogue import EVERY
 from armflex.effects.remember import known_rows
 from armflex.laws import LinearLaw
-from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
+from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 
 EXACT = 5e-8

@@ -13,8 +13,8 @@ from armflex import Arm, InputError, Measurements, read_measurements
 from armflex.calibrate.view import Setup, look
 from armflex.errors import TableError
 from armflex.measured.doubts import without_duplicates
-from armflex.measured.instrument import Instrument
-from armflex.measured.poses import leaked, pose_groups
+from armflex.readings.instrument import Instrument
+from armflex.rows.poses import leaked, pose_groups
 
 JOINTS = tuple(f"J{i}" for i in range(1, 7))
 

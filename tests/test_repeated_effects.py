@@ -18,7 +18,7 @@ from armflex.calibrate.file import write_calibrated, write_traced
 from armflex.certainty import Certainty
 from armflex.effects.effect_file import effect_table
 from armflex.errors import InputError
-from armflex.measured.instrument import Instrument
+from armflex.readings.instrument import Instrument
 from armflex.report import write_report
 from armflex.trace.result import Trace
 

@@ -20,7 +20,7 @@ from armflex.effects.catalogue import EVERY
 from armflex.effects.law import Effect
 from armflex.effects.spot import Spot
 from armflex.errors import MissingCovariateError
-from armflex.measured.instrument import Instrument
+from armflex.readings.instrument import Instrument
 from armflex.tracking.model import Model, model_of
 from armflex.tracking.sight import Sight
 

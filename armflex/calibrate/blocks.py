@@ -18,6 +18,7 @@ from armflex.calibrate.view import Setup, View
 from armflex.conventions import Array
 from armflex.laws import LinearLaw, PositionDependentLaw
 from armflex.measured.measurements import Measurements
+from armflex.readings import Orientation
 
 
 class Block(Protocol):
@@ -68,7 +69,7 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
         blocks.append(SessionBlock(sessions, measurements.session, prior.session_translation, prior.session_rotation))
     if prior.tool:
         blocks.append(TargetBlock(prior.tool))
-    if measurements.rotation is not None:
+    if measurements.readings.of(Orientation):
         blocks.append(MountingBlock(setup.instrument.mounting))
     if prior.joint_offset:
         blocks.append(OffsetBlock(arm.joint_names, prior.joint_offset, joint_units(arm)))

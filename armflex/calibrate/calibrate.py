@@ -26,9 +26,9 @@ from armflex.effects.law import LoadLaw, TwistLaw
 from armflex.effects.remember import derived_directions, known_rows, without_direction
 from armflex.errors import Flag, InputError, Place, UnsupportedError, listing
 from armflex.laws.learned import Seen
-from armflex.measured.instrument import Instrument, fit_frame, fit_mounting
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import respond
+from armflex.readings.instrument import Instrument, fit_frame, fit_mounting
 
 OUTLIER = 0.5
 """Robust weight below which a row is listed as an outlier."""
@@ -112,7 +112,7 @@ class Calibration:
     def outliers(self) -> tuple[Outlier, ...]:
         """Rows with little weight, the worst first."""
         view = self.fit.view
-        error = np.linalg.norm(view.residual[:, :3], axis=1)
+        error = np.linalg.norm(view.residual[:, view.positions], axis=1)
         far = np.flatnonzero(self.fit.weights < OUTLIER)
         places = self.measurements.places
         ordered = far[np.argsort(-error[far])]

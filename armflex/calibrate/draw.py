@@ -19,10 +19,10 @@ from armflex.conventions import Array, covariate_array, real_array
 from armflex.covariance import root_of_covariance
 from armflex.effects.law import LoadLaw, TwistLaw
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
-from armflex.measured.instrument import Instrument
 from armflex.mechanics.batch import check_positions
 from armflex.mechanics.ensemble import draw_laws
 from armflex.mechanics.loads import Payload
+from armflex.readings.instrument import Instrument
 
 METHODS = ("exact", "first_order")
 

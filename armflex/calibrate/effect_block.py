@@ -137,7 +137,7 @@ def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Sce
 def shy_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
     """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`, inner ones loosely."""
     columns = effect.law.columns(effect.spot, effect.inner, view, scene)
-    moved = np.sqrt((columns[:, :3] ** 2).sum(axis=1).mean(axis=0))
+    moved = np.sqrt((columns[:, view.positions] ** 2).sum(axis=1).mean(axis=0))
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.spot.terms])

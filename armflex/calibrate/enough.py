@@ -6,11 +6,11 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.effects.rigid import rigid_motion
 from armflex.errors import IdentifiabilityError
 from armflex.measured.axes import check_axes
-from armflex.measured.instrument import Instrument, fit_frame
 from armflex.measured.measurements import Measurements
+from armflex.readings.instrument import Instrument, fit_frame
+from armflex.readings.position import rigid_motion
 
 COARSEST = 0.05
 """Standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""
@@ -54,7 +54,7 @@ def check_enough(points: Array, sigma: Array) -> None:
     Raises:
         IdentifiabilityError: With rank, condition and names of what is left free.
     """
-    columns = rigid_motion(points - points.mean(axis=0), 3) / sigma[:, :, None]
+    columns = rigid_motion(points - points.mean(axis=0)) / sigma[:, :, None]
     # About their centre points always tell a shift; a turn must be known to better than COARSEST.
     turns = np.linalg.svd(COARSEST * columns.reshape(-1, 6)[:, 3:], full_matrices=False)
     known = turns.S >= 1.0

@@ -79,7 +79,8 @@ def held_out(
             follow = fit.columns[np.ix_(own, some)]
             error = error - follow @ most_probable(follow, fit.precision[some], error)
         left[own] = error
-    errors = left.reshape(-1, size)[:, :3] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, :3]
+    where = fit.view.positions
+    errors = left.reshape(-1, size)[:, where] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, where]
     return HeldOut((errors**2).sum(axis=1), fit.weights > BELIEVED if judged is None else judged)
 
 

@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from armflex.calibrate.view import Setup, View
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.effects.rigid import rigid_motion
 
 MOUNTING = "mounting"
 """Name of the block of the target's orientation."""
@@ -33,7 +32,7 @@ class FrameBlock:
 
     def columns(self, view: View) -> Array:
         """Return the readings' change; with a level instrument the arm's gravity turns as well."""
-        columns = rigid_motion(view.points, view.residual.shape[1])
+        columns = view.by_frame
         if self.level:
             rotation, gravity = view.setup.instrument.pose.rotation, view.setup.arm.robot.gravity
             turned = pin.skew(gravity) @ rotation.T  # base gravity R^T g when R becomes exp(w) R
@@ -79,7 +78,7 @@ class SessionBlock:
 
     def columns(self, view: View) -> Array:
         """Return the rigid motions, each for its session's rows only."""
-        motion = rigid_motion(view.points, view.residual.shape[1])
+        motion = view.by_frame
         own = [np.array([self.rows[row] == session for row in view.rows]) for session in self.sessions]
         return np.concatenate([motion * mask[:, None, None] for mask in own], axis=2)
 
@@ -106,9 +105,7 @@ class TargetBlock:
 
     def columns(self, view: View) -> Array:
         """Return the tip's axes as the instrument sees them."""
-        columns = np.zeros((*view.residual.shape, 3))
-        columns[:, :3] = view.setup.instrument.axes(view.line.tip)
-        return columns
+        return view.by_target
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with the target moved."""
@@ -133,9 +130,7 @@ class MountingBlock:
 
     def columns(self, view: View) -> Array:
         """Return the tip's axes as the instrument sees them, for orientations alone."""
-        columns = np.zeros((*view.residual.shape, 3))
-        columns[:, 3:] = view.setup.instrument.axes(view.line.tip)[:, : view.residual.shape[1] - 3]
-        return columns
+        return view.by_mounting
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with the target turned about its first guess, in tip axes."""

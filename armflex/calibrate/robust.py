@@ -9,12 +9,7 @@ import numpy as np
 from armflex.calibrate.blocks import Block
 from armflex.calibrate.view import View
 from armflex.conventions import Array
-
-FAR = {3: 4.0, 6: 4.7}
-"""Whitened length of so many numbers beyond which they count less: one in a thousand exceeds it by chance."""
-
-MEDIAN_LENGTH = {3: 1.538, 6: 2.313}
-"""Median length of so many standard normal numbers."""
+from armflex.readings.chance import median_length, outlier_limit
 
 
 def whitened_columns(blocks: Sequence[Block], view: View, weights: Array) -> Array:
@@ -35,7 +30,7 @@ def robust_limit(view: View) -> float:
 
     While it is wrong all residuals are long; what is far is then judged by their median, not by the noise.
     """
-    expected = np.array([MEDIAN_LENGTH[size] for size in _sizes(view)])
+    expected = np.array([median_length(size) for size in _sizes(view)])
     return max(1.0, float(np.median(np.linalg.norm(view.whitened, axis=1) / expected)))
 
 
@@ -53,7 +48,7 @@ def objective(view: View, values: Array, prior: Array, limit: float) -> float:
 
 
 def _far(view: View) -> Array:
-    return np.array([FAR[size] for size in _sizes(view)])
+    return np.array([outlier_limit(size) for size in _sizes(view)])
 
 
 def _sizes(view: View) -> list[int]:

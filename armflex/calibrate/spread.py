@@ -19,14 +19,15 @@ from armflex.calibrate.view import Setup, View, look, untold_shifts
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects.remember import known_rows
-from armflex.effects.rigid import rigid_motion
 from armflex.effects.scene import Scene, survey
 from armflex.errors import Flag, listing
 from armflex.flexure import Flexure
 from armflex.laws import Law, LinearLaw, PositionDependentLaw
 from armflex.laws.learned import LearnedLaw
-from armflex.measured.instrument import Instrument
-from armflex.measured.measurements import Measurements
+from armflex.readings import Orientation, Position, unread
+from armflex.readings.instrument import Instrument
+from armflex.readings.position import rigid_motion
+from armflex.rows import Rows
 
 COMPLIANCE, EFFECT, RANDOM = "compliance", "effect", "unexplained"
 INSTRUMENT, SESSIONS = "instrument", "session_frame"
@@ -82,7 +83,7 @@ def _stacked(earlier: Array | None, kept: Sequence[int], found: Array | None, co
     return np.vstack([np.pad(before, ((0, 0), (0, count))), np.pad(after, ((0, 0), (len(kept), 0)))])
 
 
-def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[Flag, ...]]:
+def fitted_variance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return the (N, 3) variance of predicted readings that is due to fitted parameters, and doubts about it.
 
     Rows of a session that was not calibrated have the variance of a session's frame added. None where nothing was
@@ -96,11 +97,11 @@ def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[F
         missing = Flag("no_certainty", "the file holds no covariance of the fitted parameters: sigma leaves them out")
         return None, (missing,) if arm.instrument is not None else ()
     setup = Setup(arm, arm.instrument or Instrument())
-    view = look(setup, rows, np.arange(len(rows)))
+    view = look(setup, rows, np.arange(len(rows)), readings=unread(len(rows), Position))
     blocks = rebuilt_blocks(arm.certainty, view, rows)
     if blocks is None:
         return None, (OTHER_PARAMETERS,)
-    columns = _columns(blocks, view)[:, :3]
+    columns = _columns(blocks, view)
     variance = np.einsum("ndp,pq,ndq->nd", columns, arm.certainty.covariance, columns, optimize=True)
     left = arm.certainty.leaves_open(columns)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)
@@ -108,17 +109,16 @@ def fitted_variance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[F
     return variance, (*doubts, *_lacking(arm.certainty))
 
 
-def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None, tuple[Flag, ...]]:
-    """Return the covariance of the tip's shift, base axes, that is due to fitted parameters, and doubts.
-
-    It is (N, 3, 3), or (N, 6, 6) with that of the tip's rotation where the rows have orientations.
+def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...]]:
+    """Return the (N, 6, 6) covariance of the tip's motion, base axes [m, rad], due to fitted parameters, and doubts.
 
     Where the instrument stands and what it looks at has no part in it, nor has what a tilted instrument would say of
     gravity. None where nothing was fitted, or where the arm no longer has what was.
     """
     if arm.certainty is None:
         return None, ()
-    view = look(Setup(arm, Instrument()), rows, np.arange(len(rows)))
+    tip = unread(len(rows), Position, Orientation)
+    view = look(Setup(arm, Instrument()), rows, np.arange(len(rows)), readings=tip)
     blocks = rebuilt_blocks(arm.certainty, view, rows)
     if blocks is None:
         return None, (OTHER_PARAMETERS,)
@@ -131,8 +131,8 @@ def displacement_covariance(arm: Arm, rows: Measurements) -> tuple[Array | None,
         site, axis, size = arm.certainty.unexplained
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
         covariance += along[:, :, None] * along[:, None]
-    covariance[:, :3, :3] += arm.certainty.misfit**2 * np.eye(3)
-    shifts = untold_shifts(view.setup, rows)
+    covariance[:, view.positions, view.positions] += arm.certainty.misfit**2 * np.eye(3)
+    shifts = untold_shifts(view.setup, rows, tip)
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
     doubts = (_open(arm.certainty, "leaves them out"),) if arm.certainty.leaves_open(columns).any() else ()
     return covariance, (*doubts, *_lacking(arm.certainty))
@@ -189,20 +189,20 @@ def _labels(arm: Arm) -> tuple[str, ...]:
     return arm.certainty.labels if arm.certainty else ()
 
 
-def _unforeseen(arm: Arm, view: View, rows: Measurements) -> Array:
+def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
     """Return the (N, 3) variance of what no fit can know: frames of new sessions, a twist without a cause."""
     prior, sessions = arm.prior, view.setup.instrument.sessions
     new = np.array([bool(sessions) and session not in sessions for session in rows.session])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
     assert arm.certainty is not None
-    variance = ((rigid_motion(view.points, 3) * std) ** 2).sum(axis=2) * new[:, None] + arm.certainty.misfit**2
+    variance = ((rigid_motion(view.points) * std) ** 2).sum(axis=2) * new[:, None] + arm.certainty.misfit**2
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
-        variance += (size * view.to_twist(site)[:, :3, TWIST_NAMES.index(axis)]) ** 2
+        variance += (size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]) ** 2
     return variance
 
 
-def rebuilt_blocks(certainty: Certainty, view: View, rows: Measurements) -> list[Block] | None:
+def rebuilt_blocks(certainty: Certainty, view: View, rows: Rows) -> list[Block] | None:
     """Return the blocks that a fit's labels name, None where they are not those of this arm."""
     moved = any(label.startswith(f"{EFFECT} ") for label in certainty.labels)
     return _named_blocks(certainty, view.setup, rows.session, scene_of(view, rows) if moved else None)
@@ -273,7 +273,7 @@ def _axes(pairs: Sequence[tuple[str, str]], part: str) -> tuple[int, ...]:
     return tuple(TWIST_NAMES.index(axis) for name, axis in pairs if name == part)
 
 
-def scene_of(view: View, rows: Measurements) -> Scene:
+def scene_of(view: View, rows: Rows) -> Scene:
     """Return rows as the catalogue sees them, from a view of all of them."""
     wrenches = {site: view.line.load_at(site) for site in view.line.sites}
     known = known_rows(view.setup.arm, rows)

@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.effects.law import Effect
 from armflex.effects.remember import directions, known_rows
-from armflex.effects.rigid import cross_matrices
-from armflex.effects.scene import APPROACH
 from armflex.effects.spot import same_site, site_of
-from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import Response, respond
+from armflex.readings import Position, Readings
+from armflex.readings.instrument import Instrument
+from armflex.rows import Rows
+from armflex.rows.rows import APPROACH
 
 Progress = Callable[[int, int], None]
 
@@ -37,15 +37,15 @@ class Setup:
 
 @dataclass(frozen=True)
 class View:
-    """A campaign at one setup, measured rows only, whitened rows first.
+    """A campaign at one setup, measured rows only.
 
     Attributes:
         setup: The state it was computed at.
         rows: (M,) numbers of the measured rows.
         line: The linearised arm at those rows.
         points: (M, 3) target in the instrument frame, sessions left out.
-        residual: (M, d) measured minus predicted, d = 3, or 6 with rotations [m, rad].
-        sigma: (M, d) one standard deviation of each; infinite where a row has no orientation.
+        readings: What was read in those rows, or is to be: d numbers each.
+        residual: (M, d) measured minus predicted, in the units of the readings.
         seen: (M, d, 6) change of a reading per motion of the tip (origin, base axes).
     """
 
@@ -53,9 +53,19 @@ class View:
     rows: np.ndarray
     line: Response
     points: Array
+    readings: Readings
     residual: Array
-    sigma: Array
     seen: Array
+
+    @property
+    def sigma(self) -> Array:
+        """(M, d) one standard deviation of each number; infinite where it was not read."""
+        return self.readings.sigma
+
+    @property
+    def positions(self) -> slice:
+        """Where the numbers of positions stand among the d of a row."""
+        return self.readings.place(Position)
 
     @property
     def whitened(self) -> Array:
@@ -66,6 +76,26 @@ class View:
     def count(self) -> int:
         """Number of readings: an orientation that was not read is none."""
         return int(np.isfinite(self.sigma).sum())
+
+    @property
+    def by_frame(self) -> Array:
+        """(M, d, 6) changes of the readings per shift and rotation vector of the instrument's frame [m, rad]."""
+        return self.readings.stacked(lambda kind: kind.by_frame(self.points))
+
+    @property
+    def by_scale(self) -> Array:
+        """(M, d) changes of the readings per share by which the instrument's distances are too long."""
+        return self.readings.stacked(lambda kind: kind.by_scale(self.setup.instrument, self.points))
+
+    @property
+    def by_target(self) -> Array:
+        """(M, d, 3) changes of the readings per shift of the target in the tip frame [m]."""
+        return self.readings.stacked(lambda kind: kind.by_target(self.setup.instrument, self.line.tip))
+
+    @property
+    def by_mounting(self) -> Array:
+        """(M, d, 3) changes of the readings per rotation vector of the target on the tool, in tip axes [rad]."""
+        return self.readings.stacked(lambda kind: kind.by_mounting(self.setup.instrument, self.line.tip))
 
     def answer(self, motion: Array) -> Array:
         """Return (M, d, k) changes of the readings for (M, 6, k) motions of the tip."""
@@ -97,29 +127,33 @@ class View:
 
 def look(
     setup: Setup,
-    measurements: Measurements,
-    rows: np.ndarray,
+    rows: Rows,
+    some: np.ndarray,
     progress: Progress | None = None,
+    readings: Readings | None = None,
 ) -> View:
-    """Return the view of some rows of a campaign at one setup."""
-    payloads = [measurements.payload[row] for row in rows]
-    known = {name: values[rows] for name, values in known_rows(setup.arm, measurements).items()}
-    line = respond(setup.arm, measurements.q[rows], payloads, known, progress)
-    sessions = [measurements.session[row] for row in rows]
-    instrument = setup.instrument
-    residual = measurements.position[rows] - instrument.readings(line.tip, sessions)
-    sigma = measurements.sigma[rows]
-    seen = _seen_position(instrument, line.tip)
-    if measurements.rotation is not None:
-        spread = np.repeat(measurements.sigma_r[rows, None], 3, axis=1)
-        turns = _rotation_residual(instrument.rotations(line.tip, sessions), measurements.rotation[rows])
-        residual = np.hstack([residual, np.where(np.isfinite(spread), turns, 0.0)])
-        sigma = np.hstack([sigma, spread])
-        seen = np.concatenate([seen, _seen_rotation(instrument, len(rows))], axis=1)
-    return View(setup, rows, line, instrument.points(line.tip), residual, sigma, seen)
+    """Return the view of some rows at one setup.
+
+    Args:
+        setup: Arm and instrument.
+        rows: All rows in the order driven.
+        some: (M,) numbers of those looked at.
+        progress: Told how many rows are done.
+        readings: What was read in all rows, or would be; what the rows themselves have where it is not given.
+    """
+    payloads = [rows.payload[row] for row in some]
+    known = {name: values[some] for name, values in known_rows(setup.arm, rows).items()}
+    line = respond(setup.arm, rows.q[some], payloads, known, progress)
+    sessions = [rows.session[row] for row in some]
+    if readings is None:
+        readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))
+    read, instrument = readings.some(some), setup.instrument
+    residual = read.stacked(lambda kind: kind.residual(instrument, line.tip, sessions))
+    seen = read.stacked(lambda kind: kind.jacobian(instrument, line.tip))
+    return View(setup, some, line, instrument.points(line.tip), read, residual, seen)
 
 
-def untold_shifts(setup: Setup, rows: Measurements) -> Array:
+def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
     """Return (K, N, d) by how much readings are off halfway where nothing tells from which side a joint came [m, rad].
 
     One for each direction that effects derive from the order of the rows (`Effect.derived`), zero where the rows tell
@@ -127,33 +161,17 @@ def untold_shifts(setup: Setup, rows: Measurements) -> Array:
     """
     effects = setup.arm.effects
     untold = {name: unknown for name, effect, unknown in directions(effects, rows) if name in effect.derived}
-    shifts = np.zeros((len(untold), len(rows), 3 if rows.rotation is None else 6))
+    shifts = np.zeros((len(untold), len(rows), readings.size))
     for shift, (name, unknown) in zip(shifts, untold.items(), strict=True):
         some, sides = np.flatnonzero(unknown), []
         joint = rows.joint_names.index(name.removeprefix(APPROACH))
         for side in (-1.0, 1.0) if len(some) else ():
             approach = rows.approach.copy()
             approach[some, joint] = side
-            sides.append(look(setup, replace(rows, approach=approach), some).residual)
+            sides.append(look(setup, replace(rows, approach=approach), some, readings=readings).residual)
         if sides:
             shift[some] = 0.5 * (sides[0] - sides[1])
     return shifts
-
-
-def _seen_position(instrument: Instrument, tip: Array) -> Array:
-    lever = tip[:, :3, :3] @ instrument.target
-    there = np.broadcast_to(np.eye(3), (len(tip), 3, 3))
-    return instrument.pose.rotation @ np.concatenate([there, -cross_matrices(lever)], axis=2)
-
-
-def _seen_rotation(instrument: Instrument, count: int) -> Array:
-    turned = np.hstack([np.zeros((3, 3)), instrument.pose.rotation])
-    return np.broadcast_to(turned, (count, 3, 6))
-
-
-def _rotation_residual(predicted: Array, measured: Array) -> Array:
-    turns = [pin.log3(pin.exp3(vector) @ rotation.T) for vector, rotation in zip(measured, predicted, strict=True)]
-    return np.array(turns)
 
 
 def position_rms(errors: Array) -> float:

@@ -29,8 +29,7 @@ class Weighed:
         """The readings with these standard deviations."""
         if self.factor == 1.0:
             return self.stated
-        sigma_r = None if self.stated.sigma_r is None else self.factor * self.stated.sigma_r
-        return replace(self.stated, sigma=self.factor * self.stated.sigma, sigma_r=sigma_r)
+        return replace(self.stated, readings=self.stated.readings.scaled(self.factor))
 
     def again(self, found: Fit) -> Weighed:
         """Return the readings weighed by how they scatter about a fit to these."""

@@ -20,13 +20,14 @@ from armflex.effects.catalogue import CATALOGUE
 from armflex.effects.cross_coupling import CROSS_COUPLING
 from armflex.effects.guide import GUIDE
 from armflex.effects.law import Effect, EffectLaw, Inner, Values, full
-from armflex.effects.scene import APPROACH, AXES, Scene
+from armflex.effects.scene import AXES, Scene
 from armflex.effects.session_frame import SESSION_FRAME
 from armflex.effects.spot import BASE, TOOL, Spot
 from armflex.effects.tool_shift import ALWAYS
 from armflex.effects.unnamed import BUMP, LEVEL, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT
 from armflex.errors import ArmFileError, did_you_mean, listing
 from armflex.laws import Row
+from armflex.rows.rows import APPROACH
 
 if TYPE_CHECKING:
     from armflex.arm import Arm

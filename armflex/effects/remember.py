@@ -11,14 +11,15 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.effects.law import Effect, TwistLaw
-from armflex.effects.scene import APPROACH, POSE, Driven, known_columns
+from armflex.effects.scene import known_columns
 from armflex.effects.spot import resolve
 from armflex.errors import Flag, InputError, MissingCovariateError, did_you_mean, listing, naming
 from armflex.laws import Row
+from armflex.rows import Driven, Rows
+from armflex.rows.rows import APPROACH, POSE
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
-    from armflex.measured.measurements import Measurements
     from armflex.mechanics.deflection import Deflection
 
 
@@ -73,7 +74,7 @@ def check_covariates(arm: Arm, given: Iterable[str]) -> None:
             raise InputError(f"no effect of this arm depends on {name!r}{hint} (they depend on: {listing(known)})")
 
 
-def derived_directions(arm: Arm, rows: Measurements, asked: np.ndarray) -> tuple[Flag, ...]:
+def derived_directions(arm: Arm, rows: Rows, asked: np.ndarray) -> tuple[Flag, ...]:
     """Return a flag for every direction that effects depend on and the order of the rows must tell.
 
     Args:
@@ -104,12 +105,12 @@ def derived_direction(name: str, untold: int) -> Flag:
     return Flag("approach_derived", text)
 
 
-def without_direction(effects: Iterable[Effect], rows: Measurements) -> np.ndarray:
+def without_direction(effects: Iterable[Effect], rows: Rows) -> np.ndarray:
     """Return (N,) rows in which no row before tells a direction that an effect depends on: none is taken for it."""
     return np.any([np.zeros(len(rows), dtype=bool), *(untold for _, _, untold in directions(effects, rows))], axis=0)
 
 
-def directions(effects: Iterable[Effect], rows: Measurements) -> Iterator[tuple[str, Effect, np.ndarray]]:
+def directions(effects: Iterable[Effect], rows: Rows) -> Iterator[tuple[str, Effect, np.ndarray]]:
     """Yield every direction that was not recorded, the effect that asks for it, and (N,) where the rows do not tell."""
     columns = {f"{APPROACH}{joint}": i for i, joint in enumerate(rows.joint_names)}
     for effect in effects:

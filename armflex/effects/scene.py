@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,58 +14,19 @@ from armflex.conventions import Array
 from armflex.effects.spot import LINK, TOOL, Here, Spot, link_of, resolve, site_names
 from armflex.laws import Row
 from armflex.robot import Robot
+from armflex.rows import Driven, Rows
+from armflex.rows.rows import LEVEL_OF, POSE
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
     from armflex.calibrate.view import View
     from armflex.effects.law import Memory, Values
-    from armflex.measured.measurements import Measurements
 
 TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
 """Names of columns that are taken for a temperature."""
 
-STILL = 1e-9
-"""Joints that move by less [rad or m] from row to row stand still: rounding turns no joint round."""
-
-POSE = "pose_number"
-"""Column that numbers the poses; for random twists, not a suspect."""
-
-APPROACH = "approach_"
-"""Begins the name of a column that says from which side a joint came: 1 upwards, -1 downwards, 0 neither."""
-
-LEVEL_OF = "="
-"""Parts a text column's name from one of its entries in the name of a column that says where it has that entry."""
-
 AXES_TURN = ("rx", "ry", "rz")
 AXES = ("dx", "dy", "dz", *AXES_TURN)
-
-
-class Driven(Protocol):
-    """Rows in the order driven: a campaign, or a trajectory."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Order of the columns of q."""
-        ...
-
-    @property
-    def q(self) -> Array:
-        """(N, nq) joint positions."""
-        ...
-
-    @property
-    def payload(self) -> tuple[str, ...]:
-        """Name of each row's payload."""
-        ...
-
-    @property
-    def known(self) -> dict[str, Array]:
-        """(N,) each: time where it was recorded, every numeric column, and `approach_<joint>`."""
-        ...
-
-    def motion(self, i: int) -> dict[str, Array | None]:
-        """Return row i's velocities and accelerations as `Arm.deflection` takes them."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,26 +139,24 @@ def column_of(row: Row, name: str) -> Array:
     return row.covariate(name)
 
 
-def survey(
-    measurements: Measurements, arm: Arm, known: Mapping[str, Array], wrenches: Mapping[str, Array], points: Array
-) -> Scene:
+def survey(rows: Rows, arm: Arm, known: Mapping[str, Array], wrenches: Mapping[str, Array], points: Array) -> Scene:
     """Return the scene of a campaign.
 
     Args:
-        measurements: All rows in the order driven.
+        rows: All rows in the order driven.
         arm: The arm; its payloads' masses are suspects, too.
         known: Everything known of the rows, (N,) each; see `known_rows`.
         wrenches: (N, 6) loads at every site.
         points: (..., 3) where links were, in the base [m].
     """
-    hidden = {POSE, *(f"approach_{joint}" for joint in measurements.joint_names)}
-    suspects = [name for name in known_columns(measurements, arm) if name not in hidden and LEVEL_OF not in name]
+    hidden = {POSE, *(f"approach_{joint}" for joint in rows.joint_names)}
+    suspects = [name for name in known_columns(rows, arm) if name not in hidden and LEVEL_OF not in name]
     recorded = tuple(name for name in suspects if np.ptp(known[name]) > 0.0)
     places = points.reshape(-1, 3)
     box = np.array([places.min(axis=0), places.max(axis=0)])
-    index = {name: i for i, name in enumerate(measurements.joint_names)}
-    row = Row(measurements.q, index, dict(known))
-    return Scene(arm.robot, row, recorded, measurements.payload, measurements.session, wrenches, box)
+    index = {name: i for i, name in enumerate(rows.joint_names)}
+    row = Row(rows.q, index, dict(known))
+    return Scene(arm.robot, row, recorded, rows.payload, rows.session, wrenches, box)
 
 
 def known_columns(rows: Driven, arm: Arm) -> dict[str, Array]:
@@ -209,12 +168,3 @@ def known_columns(rows: Driven, arm: Arm) -> dict[str, Array]:
     texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}
     asked = {name for effect in arm.effects for name in effect.spot.covariates if LEVEL_OF in name}
     return {name: np.zeros(len(rows.q)) for name in asked if name.partition(LEVEL_OF)[0] in texts} | known
-
-
-def last_motion(q: Array) -> Array:
-    """Return the (N, nq) sign of each joint's last change over rows of (N, nq) positions, 0 before the first."""
-    step = np.diff(q, axis=0, prepend=q[:1])
-    moved = np.where(np.abs(step) > STILL, np.sign(step), 0.0)
-    for row in range(1, len(moved)):
-        moved[row] = np.where(moved[row] == 0.0, moved[row - 1], moved[row])
-    return moved

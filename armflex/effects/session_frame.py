@@ -10,7 +10,6 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.effects.law import Amplitude, Effect, Inner, Values
-from armflex.effects.rigid import rigid_motion
 from armflex.effects.scene import Scene
 from armflex.effects.spot import BASE, Spot
 
@@ -37,8 +36,7 @@ class SessionFrame:
     def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
         """Return (M, d, k) changes of the readings."""
         own = np.array([scene.sessions[row] == spot.partner for row in view.rows])
-        motion = rigid_motion(view.points, view.residual.shape[1])
-        return (motion * own[:, None, None])[:, :, list(spot.terms)]
+        return (view.by_frame * own[:, None, None])[:, :, list(spot.terms)]
 
     def apply(self, effect: Effect, setup: Setup) -> Setup:
         """Return the setup with the session's frame moved."""

@@ -6,8 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from armflex.conventions import Array
 from armflex.effects.law import Amplitude, Effect, Inner, Values
 from armflex.effects.scene import Scene
@@ -31,9 +29,7 @@ class TrackerScale:
 
     def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
         """Return (M, d, 1) changes of the readings."""
-        columns = np.zeros((*view.residual.shape, 1))
-        columns[:, :3, 0] = 1e-6 * view.points / (1.0 + view.setup.instrument.scale)
-        return columns
+        return 1e-6 * view.by_scale[:, :, None]
 
     def apply(self, effect: Effect, setup: Setup) -> Setup:
         """Return the setup with the instrument's scale corrected."""

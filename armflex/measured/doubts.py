@@ -14,6 +14,7 @@ import numpy as np
 
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Flag, Place, TableError, listing
+from armflex.rows.rows import MOST_LEVELS, levels, mostly_numbers
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
@@ -28,9 +29,6 @@ THOUSANDFOLD = (200.0, 5000.0)
 
 FURTHEST = 200.0
 """Distance [m] that no instrument reads on an arm."""
-
-MOST_LEVELS = 12
-"""Different entries of a text column up to which each may be a cause of its own."""
 
 TURNS = 4.0 * np.pi
 """How far beyond its limits [rad] a joint position is in degrees rather than out of its range."""
@@ -105,23 +103,13 @@ def check_no_nan(table: Table, name: str) -> None:
                 raise TableError(Place(table.path, line), f"column {name!r} is {cell!r}, not a finite number")
 
 
-def levels(cells: Sequence[str]) -> tuple[str, ...]:
-    """Return the different entries of a text column; none where they are too many, or numbers with gaps."""
-    found = sorted(set(cells))
-    return () if len(found) > MOST_LEVELS or _mostly_numbers(cells) else tuple(found)
-
-
-def _mostly_numbers(cells: Sequence[str]) -> bool:
-    return 2 * sum(bool(NUMBER.fullmatch(cell)) for cell in cells) > len(cells)
-
-
 def _unsearched(table: Table, found: Measurements) -> list[Flag]:
     """Return a flag for every covariate that cannot be a suspect: numbers with gaps, or too many different texts."""
     flags = []
     for name, cells in found.covariates.items():
         if not isinstance(cells, tuple) or levels(cells):
             continue
-        if _mostly_numbers(cells):
+        if mostly_numbers(cells):
             odd = [i for i, cell in enumerate(cells) if not NUMBER.fullmatch(cell)]
             lines = listing((str(table.lines[i]) for i in odd), 10)
             text = f"{len(odd)} of {len(cells)} cells are no numbers (lines {lines}), so it is not searched as a cause"
@@ -144,8 +132,8 @@ def duplicates(found: Measurements) -> np.ndarray:
 
     Where the file gives no time, `time` counts rows and is not compared.
     """
-    optional = [found.rotation, found.sigma_r, found.hold, None if "time" in found.derived else found.time]
-    numbers = [found.q, found.position, found.sigma]
+    optional = [found.hold, None if "time" in found.derived else found.time]
+    numbers = [found.q, *(part for kind in found.readings.kinds for part in (kind.values, kind.sigma))]
     numbers += [values.reshape(len(found), -1) for values in optional if values is not None]
     numbers += [values[:, None] for values in found.covariates.values() if not isinstance(values, tuple)]
     texts = [found.pose, found.session, found.payload] if _named(found) else [found.session, found.payload]

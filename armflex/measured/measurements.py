@@ -9,22 +9,22 @@ from __future__ import annotations
 import difflib
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import SMALLEST_STD, Array
-from armflex.effects.scene import POSE, last_motion
-from armflex.errors import Flag, InputError, Place, TableError, did_you_mean
-from armflex.measured.doubts import check_joint_units, check_no_nan, check_one_unit, levels, table_flags
+from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
+from armflex.measured.doubts import check_joint_units, check_no_nan, check_one_unit, table_flags
 from armflex.measured.point_export import PointExport, read_points
 from armflex.measured.point_match import with_points
-from armflex.measured.poses import pose_groups
-from armflex.measured.table import Table, read_table
-from armflex.trajectory import check_payloads, joint_kinds
+from armflex.measured.table import Table, check_payloads, joint_kinds, read_table
+from armflex.readings import Kind, Orientation, Position, Readings
+from armflex.rows import Rows
+from armflex.rows.rows import last_motion
 
 POSITION, ROTATION = ("x", "y", "z"), ("rx", "ry", "rz")
 KINDS = {
@@ -38,83 +38,101 @@ KINDS = {
 TEXTS = ("pose", "session", "payload")
 
 
-@dataclass(frozen=True, eq=False)
-class Measurements:
-    """One row per reading, in the order taken.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measurements(Rows):
+    """A campaign: rows in the order taken, and what was read there.
+
+    Positions and orientations can be given, and replaced, by themselves: `position` with `sigma`, `rotation` with
+    `sigma_r`, as the attributes below have them.
 
     Attributes:
-        joint_names: Order of the columns of q.
-        pose, session, payload: Names of each row; a missing column is one session, and every row a pose of its own.
-        time: (N,) [s], the row number where none is given, which no effect may then depend on.
-        q: (N, nq) controller's joint positions [rad or m].
-        approach: (N, nq) direction each joint last moved in, -1 or +1; 0 where it has none, or none is known.
-        measured: (N,) True where a position was read.
-        position: (N, 3) measured target position [m]; zero where not measured.
-        rotation: (N, 3) measured rotation vector [rad]; zero where not measured, None where no row has one.
-        sigma: (N, 3) one standard deviation of the position [m].
-        sigma_r: (N,) one standard deviation of the rotation [rad]; infinite where not measured, None with `rotation`.
-        hold: (N,) time the load has stood [s], None when not recorded.
-        covariates: Every other column: (N,) numbers, or text per row.
-        places: File and line of each row.
+        readings: What was read in each row, of every kind.
         sha256: Of the file, and of the points' file where there is one.
         flags: Doubts about the table.
         frame: Name of the frame that the positions are in, '' where the files do not say.
-        derived: Columns that were not given but follow from the order of the rows: `time`, `approach_<joint>`.
     """
 
-    joint_names: tuple[str, ...]
-    pose: tuple[str, ...]
-    session: tuple[str, ...]
-    payload: tuple[str, ...]
-    time: Array
-    q: Array
-    approach: Array
-    measured: np.ndarray
-    position: Array
-    rotation: Array | None
-    sigma: Array
-    sigma_r: Array | None
-    hold: Array | None
-    covariates: Mapping[str, Array | tuple[str, ...]]
-    places: tuple[Place, ...]
+    readings: Readings
     sha256: str = ""
-    flags: tuple[Flag, ...] = field(default=())
+    flags: tuple[Flag, ...] = ()
     frame: str = ""
-    derived: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        """Refuse orientations without a standard deviation."""
-        if (self.rotation is None) != (self.sigma_r is None):
-            raise InputError("rotation and sigma_r go together: how well are the orientations known?")
+    def __init__(
+        self,
+        *,
+        readings: Readings | None = None,
+        sha256: str = "",
+        flags: tuple[Flag, ...] = (),
+        frame: str = "",
+        **rows: Any,
+    ) -> None:
+        """Take the attributes of `Rows`, and readings as they are or by number.
 
-    def __len__(self) -> int:
-        return len(self.time)
+        Raises:
+            InputError: Orientations without a standard deviation, or the other way about.
+        """
+        loose = {name: rows.pop(name) for name in ("position", "sigma", "rotation", "sigma_r") if name in rows}
+        super().__init__(**rows)
+        own = {"readings": _with(len(self), readings or Readings(len(self)), loose), "sha256": sha256}
+        for name, value in {**own, "flags": flags, "frame": frame}.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, rows: Rows, readings: Readings) -> Measurements:
+        """Return rows and what was read there as a campaign."""
+        return cls(readings=readings, **{one.name: getattr(rows, one.name) for one in fields(Rows)})
 
     @property
-    def known(self) -> dict[str, Array]:
-        """Everything that is known of the rows by name, (N,) numbers each: the pose as its number, text by its levels.
+    def position(self) -> Array:
+        """(N, 3) measured target position [m]; zero where not measured."""
+        return self._positions.values
 
-        `column=level` is 1 where a column says so, else 0; see `levels`.
-        """
-        known: dict[str, Array] = {} if "time" in self.derived else {"time": self.time}
-        if self.hold is not None:
-            known["hold"] = self.hold
-        known |= {name: values for name, values in self.covariates.items() if isinstance(values, np.ndarray)}
-        for name, cells in self.covariates.items():
-            if isinstance(cells, tuple):
-                known |= {f"{name}={level}": _where(cells, level) for level in levels(cells)}
-        known |= {f"approach_{joint}": self.approach[:, i] for i, joint in enumerate(self.joint_names)}
-        known[POSE] = self.pose_number.astype(float)
-        return known
+    @property
+    def sigma(self) -> Array:
+        """(N, 3) one standard deviation of the position [m]."""
+        return self._positions.sigma
 
-    @cached_property
-    def pose_number(self) -> np.ndarray:
-        """(N,) number of every row's pose, by name or by where the joints stand; see `pose_groups`."""
-        return pose_groups(self)
+    @property
+    def rotation(self) -> Array | None:
+        """(N, 3) measured rotation vector [rad]; zero where not measured, None where no row has one."""
+        turned = self.readings.of(Orientation)
+        return None if turned is None else turned.values
 
-    def motion(self, i: int) -> dict[str, Array | None]:
-        """Return nothing: what is measured stands still."""
-        return {}
+    @property
+    def sigma_r(self) -> Array | None:
+        """(N,) one standard deviation of the rotation [rad]; infinite where not measured, None with `rotation`."""
+        turned = self.readings.of(Orientation)
+        return None if turned is None else turned.sigma[:, 0]
+
+    @property
+    def _positions(self) -> Position:
+        found = self.readings.of(Position)
+        if found is None:
+            read = listing(type(kind).__name__.lower() for kind in self.readings.kinds)
+            raise InputError(f"the campaign has no positions (its readings: {read})")
+        return found
+
+    def _some(self, rows: np.ndarray) -> dict[str, Any]:
+        return {**super()._some(rows), "readings": self.readings.some(rows)}
+
+
+LOOSE: dict[type[Kind], tuple[str, str]] = {Position: ("position", "sigma"), Orientation: ("rotation", "sigma_r")}
+"""How the values and standard deviations of a kind are given where it is not given as a whole."""
+
+
+def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> Readings:
+    """Return the readings of `count` rows with those replaced that are given by themselves, None for no such kind."""
+    kinds: list[Kind] = [kind for kind in readings.kinds if type(kind) not in LOOSE]
+    for i, (kind, names) in enumerate(LOOSE.items()):
+        before = readings.of(kind)
+        known = {} if before is None else dict(zip(names, (before.values, before.sigma), strict=True))
+        values, sigma = ((known | given).get(name) for name in names)
+        if (values is None) != (sigma is None):
+            raise InputError(f"{names[0]} and {names[1]} go together: how well are the {kind.__name__.lower()}s known?")
+        if values is not None and sigma is not None:
+            each = np.broadcast_to(sigma.reshape(len(sigma), -1), (len(sigma), kind.dimension))
+            kinds.insert(i, kind(values, each))
+    return Readings(count, tuple(kinds))
 
 
 def read_measurements(
@@ -207,10 +225,6 @@ def _refuse_misspelt(table: Table, known: list[str]) -> None:
         if near or name.lower() in lowered or name.startswith(("q_", "approach_")):
             hint = did_you_mean(name, known)
             raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
-
-
-def _where(cells: tuple[str, ...], level: str) -> Array:
-    return np.array([float(cell == level) for cell in cells])
 
 
 def _names(table: Table, column: str, default: str | None) -> tuple[str, ...]:

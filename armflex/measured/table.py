@@ -7,14 +7,18 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armflex.conventions import LARGEST, NUMBER, UNITS, Array
-from armflex.errors import Place, TableError, did_you_mean, listing, shown
+from armflex.errors import Place, TableError, UnknownNameError, did_you_mean, listing, shown
 from armflex.measured.parquet import is_parquet, parquet_rows
 from armflex.printable import unprintable
 from armflex.whole_file import write_whole
+
+if TYPE_CHECKING:
+    from armflex.arm import Arm
 
 MAX_BYTES = 200_000_000
 BEYOND = f"beyond {LARGEST:g}"
@@ -162,3 +166,21 @@ def write_table(path: str | Path, columns: Mapping[str, Sequence[object]]) -> Pa
     for cells in zip(*columns.values(), strict=True):
         writer.writerow([repr(float(cell)) if isinstance(cell, float) else cell for cell in cells])
     return write_whole(Path(path), text.getvalue().encode())
+
+
+def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
+    """Return the kind of quantity of each joint's columns, such as q_A1 and v_A1 for prefixes "qv"."""
+    return {
+        f"{prefix}_{joint.name}": "length" if joint.kind == "prismatic" else "angle"
+        for joint in arm.robot.moving
+        for prefix in prefixes
+    }
+
+
+def check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:
+    """Raise `TableError` naming the first row whose payload the arm does not know; an empty cell is none."""
+    for line, name in zip(table.lines, payload, strict=True):
+        try:
+            arm.payload(name or "none")
+        except UnknownNameError as error:
+            raise TableError(Place(table.path, line), str(error)) from None

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.effects.scene import STILL
-from armflex.measured.measurements import Measurements
-from armflex.plan.offer import OVERSHOOT, Reach, some_rows
+from armflex.plan.offer import OVERSHOOT, Reach
 from armflex.plan.order import driving_order, motion
+from armflex.rows import Rows
+from armflex.rows.rows import STILL
 
 RUN_UP = "to "
 """How the pose of a stop begins that is only there to come from the right side."""
 
 
-def driven(rows: Measurements, reach: Reach, start: Array) -> tuple[Measurements, list[int], tuple[float, float]]:
+def driven(rows: Rows, reach: Reach, start: Array) -> tuple[Rows, list[int], tuple[float, float]]:
     """Return all stops in order, which of (n,) rows are read in turn, and the way in that order and as they were given.
 
     Between two stops each joint is taken to go straight. Where an effect depends on the side that a joint comes from
@@ -27,16 +27,16 @@ def driven(rows: Measurements, reach: Reach, start: Array) -> tuple[Measurements
     order = driving_order(rows.q[groups], [_group(rows, reach, i) for i in groups], start, span)
     read = [int(groups[i]) for i in order]
     way = motion(rows.q[read], start, span), motion(rows.q, start, span)
-    return _with_run_ups(some_rows(rows, read), reach), read, way
+    return _with_run_ups(rows.some(read), reach), read, way
 
 
-def _group(rows: Measurements, reach: Reach, i: int) -> tuple:
+def _group(rows: Rows, reach: Reach, i: int) -> tuple:
     """Return what takes long to change: covariates first, then the payload."""
     known = {**rows.covariates, "hold": rows.hold, "time": rows.time}
     return (*(float(known[name][i]) for name in reach.levels), rows.payload[i])
 
 
-def _groups(rows: Measurements, reach: Reach) -> np.ndarray:
+def _groups(rows: Rows, reach: Reach) -> np.ndarray:
     """Return the rows' numbers, those of one group together; the payload stays where a covariate changes."""
     groups = [_group(rows, reach, i) for i in range(len(rows))]
     conditions = sorted({group[:-1] for group in groups})
@@ -49,7 +49,7 @@ def _groups(rows: Measurements, reach: Reach) -> np.ndarray:
     return np.array([i for group in wanted for i in range(len(rows)) if groups[i] == group])
 
 
-def _with_run_ups(rows: Measurements, reach: Reach) -> Measurements:
+def _with_run_ups(rows: Rows, reach: Reach) -> Rows:
     """Return named rows with the stops between them at which nothing is read."""
     chosen = np.isin(reach.arm.joint_names, reach.approached)
     past = OVERSHOOT * (reach.upper - reach.lower)
@@ -66,7 +66,7 @@ def _with_run_ups(rows: Measurements, reach: Reach) -> Measurements:
         stops.append((i, q, side))
         names.append(f"p{i + 1}")
         before = q
-    found = some_rows(rows, [i for i, _, _ in stops])
+    found = rows.some([i for i, _, _ in stops])
     read = np.array([not name.startswith(RUN_UP) for name in names])
     q, approach = (np.array([stop[place] for stop in stops]) for place in (1, 2))
     return replace(found, pose=tuple(names), q=q, approach=approach, measured=read)

@@ -32,9 +32,10 @@ from armflex.effects.scene import Scene
 from armflex.errors import Flag, InputError, listing
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
-from armflex.measured.instrument import Instrument
 from armflex.measured.measurements import Measurements
 from armflex.plan.offer import Offer, remembers
+from armflex.readings.instrument import Instrument
+from armflex.rows import Rows
 
 NOWHERE = -1
 """Place of an effect that the arm has not among its own."""
@@ -161,13 +162,13 @@ def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
     return before.seen_by(setup), offer.seen_by(setup)
 
 
-def answers(blocks: Sequence[Block], view: View, rows: Measurements, scene: Scene) -> Array:
+def answers(blocks: Sequence[Block], view: View, rows: Rows, scene: Scene) -> Array:
     """Return (M, d, P) whitened changes of the readings of some rows per parameter of blocks made for others."""
     here = [_here(block, rows, scene) for block in blocks]
     return whitened_columns(here, view, np.ones(len(view.rows))).reshape(*view.residual.shape, -1)
 
 
-def _here(block: Block, rows: Measurements, scene: Scene) -> Block:
+def _here(block: Block, rows: Rows, scene: Scene) -> Block:
     if isinstance(block, SessionBlock):
         return replace(block, rows=rows.session)
     return replace(block, scene=scene) if isinstance(block, EffectBlock) else block
@@ -190,7 +191,10 @@ def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model
 def _declared(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> tuple[Block, ...]:
     """Return the blocks of [prior], of learned laws and of effects, the planned session beside the campaign's."""
     known, planned = before.campaign, offer.rows.session[0]
-    rows = offer.rows if known is None else replace(known, session=(*known.session, planned))
+    if known is None:
+        rows = Measurements.of(offer.rows, offer.view.readings)
+    else:
+        rows = replace(known, session=(*known.session, planned))
     arm, laws = before.setup.arm, learned_laws(before.setup.arm)
     learned = (LawBlock(tuple(laws), tuple(laws.values())),) if laws else ()
     return (*declared_blocks(before.setup, rows), *learned, *_effect_blocks(arm, offer, suspects))

@@ -17,7 +17,9 @@ from armflex.effects.remember import known_rows
 from armflex.effects.scene import Scene
 from armflex.effects.shapes import LAGGED
 from armflex.errors import InputError, listing
-from armflex.measured.measurements import Measurements
+from armflex.readings import Position, unread
+from armflex.rows import Rows
+from armflex.rows.rows import APPROACH
 from armflex.workspace.configurations import Configurations
 from armflex.workspace.question import REASONS
 
@@ -62,18 +64,15 @@ class Reach:
         chosen = np.isin(self.arm.joint_names, self.approached)
         return np.where(chosen, OVERSHOOT * (self.upper - self.lower), 0.0)
 
-    def rows(self, box: Array) -> Measurements:
+    def rows(self, box: Array) -> Rows:
         """Return the unread rows at (N, b) points of the unit cube: joints, payload, approaches, levels in turn."""
         joints = len(self.lower)
         low, high = self.lower + self.clearance, self.upper - self.clearance
         picked = [_picked(box[:, joints + i], choices) for i, choices in enumerate(self._choices)]
-        approach = np.zeros((len(box), joints))
-        for name, values in zip(self.approached, picked[1:], strict=False):
-            approach[:, self.arm.joint_names.index(name)] = values
-        levels = zip(self.levels, picked[1 + len(self.approached) :], strict=True)
-        given = {name: values.astype(float) for name, values in levels}
+        names = [*(f"{APPROACH}{joint}" for joint in self.approached), *self.levels]
+        given = {name: values.astype(float) for name, values in zip(names, picked[1:], strict=True)}
         q = np.clip(low + (high - low) * box[:, :joints], low, high)  # rounding may go past the end
-        return unread(self.arm, q, tuple(picked[0].tolist()), approach, given, self.session, self.sigma)
+        return rows_at(self.arm, q, tuple(picked[0].tolist()), given, self.session)
 
     @property
     def width(self) -> int:
@@ -90,39 +89,14 @@ def _picked(share: Array, choices: Sequence) -> np.ndarray:
     return np.array(choices)[np.minimum((share * len(choices)).astype(int), len(choices) - 1)]
 
 
-def unread(
-    arm: Arm,
-    q: Array,
-    payload: tuple[str, ...],
-    approach: Array,
-    given: Mapping[str, Array],
-    session: str,
-    sigma: Array,
-) -> Measurements:
-    """Return (N, nq) joint positions, and what else is known, as rows of a campaign at which nothing was read yet.
+def rows_at(arm: Arm, q: Array, payload: tuple[str, ...], given: Mapping[str, Array], session: str = "") -> Rows:
+    """Return (N, nq) joint positions, and what else is known, as rows at which nothing was read yet.
 
     An effect with a memory is taken where it settles.
     """
-    count, given = len(q), {**_settled(arm, given, len(q)), **given}
-    derived = () if "time" in given else ("time",)
-    return Measurements(
-        joint_names=arm.joint_names,
-        pose=tuple(f"offer {i}" for i in range(count)),
-        session=(session,) * count,
-        payload=payload,
-        time=given.pop("time", np.arange(count, dtype=float)),
-        q=q,
-        approach=approach,
-        measured=np.ones(count, dtype=bool),
-        position=np.zeros((count, 3)),
-        rotation=None,
-        sigma=np.broadcast_to(sigma, (count, 3)),
-        sigma_r=None,
-        hold=given.pop("hold", None),
-        covariates=given,
-        places=(),
-        derived=derived,
-    )
+    given = {**_settled(arm, given, len(q)), **given}
+    pose = [f"offer {i}" for i in range(len(q))]
+    return Rows.of(arm.joint_names, q, payload, given, pose, session, () if "time" in given else ("time",))
 
 
 def _settled(arm: Arm, given: Mapping[str, Array], count: int) -> dict[str, Array]:
@@ -156,19 +130,18 @@ class Offer:
     """
 
     box: Array
-    rows: Measurements
+    rows: Rows
     view: View
     scene: Scene
     dropped: Counter[str] = field(default_factory=Counter)
 
     def with_sigma(self, sigma: Array) -> Offer:
         """Return the same rows read with another (3,) standard deviation [m]."""
-        every = np.broadcast_to(sigma, (len(self.rows), 3))
-        return replace(self, rows=replace(self.rows, sigma=every), view=replace(self.view, sigma=every))
+        return replace(self, view=replace(self.view, readings=unread(len(self.rows), Position, sigma=sigma)))
 
     def seen_by(self, setup: Setup) -> Offer:
         """Return the same rows as another arm or instrument has them."""
-        view = look(setup, self.rows, np.arange(len(self.rows)))
+        view = look(setup, self.rows, np.arange(len(self.rows)), readings=self.view.readings)
         return replace(self, view=view, scene=scene_of(view, self.rows))
 
 
@@ -198,8 +171,9 @@ def around(reach: Reach, setup: Setup, box: Array, width: float, each: int, rng:
 def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
     rows = reach.rows(box)
     held, dropped = _held(setup.arm, rows)
-    rows = some_rows(rows, held)
-    view = look(setup, rows, np.arange(len(held)))
+    rows = rows.some(held)
+    readings = unread(len(held), Position, sigma=reach.sigma)
+    view = look(setup, rows, np.arange(len(held)), readings=readings)
     high = view.line.tip[:, 2, 3] >= reach.floor
     dropped[FLOOR] += int((~high).sum())
     if not high.any():
@@ -208,12 +182,12 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
             f"no tip of {len(high)} is above the floor at {reach.floor:g} m; the highest is {highest:.3g} m"
         )
     if not high.all():
-        held, rows = held[high], some_rows(rows, np.flatnonzero(high))
-        view = look(setup, rows, np.arange(len(held)))
+        held, rows, readings = held[high], rows.some(np.flatnonzero(high)), readings.some(np.flatnonzero(high))
+        view = look(setup, rows, np.arange(len(held)), readings=readings)
     return Offer(box[held], rows, view, scene_of(view, rows), +dropped)
 
 
-def _held(arm: Arm, rows: Measurements) -> tuple[np.ndarray, Counter[str]]:
+def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:
     """Return the numbers of the rows that have a stable equilibrium, and how many have not, by reason.
 
     Raises:
@@ -238,13 +212,3 @@ def _held(arm: Arm, rows: Measurements) -> tuple[np.ndarray, Counter[str]]:
         reasons = listing(f"{count} {reason.replace('_', ' ')}" for reason, count in dropped.items())
         raise InputError(f"no row can be measured: of {len(rows)} offered {reasons}")
     return np.concatenate(held), dropped
-
-
-def some_rows(rows: Measurements, some: np.ndarray | Sequence[int]) -> Measurements:
-    """Return unread rows of some numbers, in their order."""
-    some = np.asarray(some, dtype=int)
-    texts = {name: tuple(getattr(rows, name)[i] for i in some) for name in ("pose", "session", "payload")}
-    arrays = {name: getattr(rows, name)[some] for name in ("time", "q", "approach", "measured", "position", "sigma")}
-    hold = None if rows.hold is None else rows.hold[some]
-    covariates = {name: values[some] for name, values in rows.covariates.items()}
-    return replace(rows, **texts, **arrays, hold=hold, covariates=covariates)

@@ -20,10 +20,12 @@ from armflex.plan.choose import exchanged, greedy, path
 from armflex.plan.drive import driven
 from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth
 from armflex.plan.model import Before, Model, answers, known_before, learning, model_of
-from armflex.plan.offer import Offer, Reach, around, some_rows, spread, unread
+from armflex.plan.offer import Offer, Reach, around, rows_at, spread
 from armflex.plan.question import Question, check, reach_of, sigma_of
 from armflex.plan.result import TOLD, UNKNOWN, Plan
 from armflex.plan.rivals import Rival, named_effect, refitted, rival_of, spelled, suspect_of
+from armflex.readings import Position, unread
+from armflex.rows import Rows
 from armflex.trajectory import Trajectory
 
 Progress = Callable[[int, int], None]
@@ -126,15 +128,14 @@ def _weight(before: Before, model: Model, trajectory: Trajectory) -> Array:
     some = np.unique(np.linspace(0, len(trajectory) - 1, min(len(trajectory), PATH_ROWS)).astype(int))
     ordered = trajectory.for_arm(arm)
     known = {name: values[some] for name, values in ordered.known.items()}
-    approach = np.column_stack([known.pop(f"approach_{joint}") for joint in arm.joint_names])
     payload = tuple(trajectory.payload[i] for i in some)
-    rows = unread(arm, ordered.q[some], payload, approach, known, "", np.ones(3))
-    view = look(before.setup, rows, np.arange(len(some)))
+    rows = rows_at(arm, ordered.q[some], payload, known)
+    view = look(before.setup, rows, np.arange(len(some)), readings=unread(len(some), Position))
     seen = answers(model.blocks, view, rows, scene_of(view, rows)) * model.scale
     return np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some)
 
 
-def _chosen(task: _Task, tick: Progress) -> tuple[Measurements, Array]:
+def _chosen(task: _Task, tick: Progress) -> tuple[Rows, Array]:
     """Return the rows chosen, and their (n, 3, P) changes; first of all that are offered, then of what is near."""
     goal, known, offer, count = task.goal, task.model.known, task.offer, task.asked.rows
     rng = np.random.default_rng(task.asked.seed)
@@ -149,10 +150,10 @@ def _chosen(task: _Task, tick: Progress) -> tuple[Measurements, Array]:
         tick(number + 2, ROUNDS + 1)
     told = rows[chosen]
     best = greedy(goal, known, told, count)
-    return some_rows(offer.rows, np.array(chosen)[best]), told[best]
+    return offer.rows.some(np.array(chosen)[best]), told[best]
 
 
-def _concluded(task: _Task, chosen: Measurements, rows: Array) -> Plan:
+def _concluded(task: _Task, chosen: Rows, rows: Array) -> Plan:
     """Return the plan of rows chosen, the most telling first, and their (n, 3, P) changes."""
     model, reach, goal, campaign = task.model, task.reach, task.goal, task.before.campaign
     every, known = model.rows(task.offer), model.known.with_rows(rows)

@@ -12,12 +12,12 @@ from armflex.calibrate.effect_block import numbered
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.linear_gaussian import LinearGaussian
-from armflex.measured.measurements import Measurements
 from armflex.plan.advice import Blind, in_words, instead
 from armflex.plan.information import Foreseen, Goal
 from armflex.plan.model import Model
 from armflex.plan.offer import Offer, Reach
 from armflex.plan.rivals import Rival
+from armflex.rows import Rows
 
 TOLD = 3.0
 """Standard deviations at which two effects are told apart."""
@@ -49,7 +49,7 @@ class Plan:
         flags: Doubts.
     """
 
-    rows: Measurements
+    rows: Rows
     reach: Reach
     goal: Goal
     model: Model

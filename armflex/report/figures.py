@@ -54,7 +54,7 @@ def _in_base(trace: Trace) -> tuple[Array, Array, Array]:
     kept, tip = trace.believed, fit.view.line.tip
     points = tip[:, :3, 3] + tip[:, :3, :3] @ fit.setup.instrument.target
     turned = [
-        residual[:, :3] @ one.setup.instrument.pose.rotation
+        residual[:, one.view.positions] @ one.setup.instrument.pose.rotation
         for one, residual in ((trace.before, trace.before.view.residual), (fit, trace.residual))
     ]
     return points[kept], turned[0][kept], turned[1][kept]

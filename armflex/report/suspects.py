@@ -88,7 +88,7 @@ def motion_of(trace: Trace, effect: Effect) -> Array:
     """Return the (M, 3) change of the readings by an effect [m]."""
     view, scene = trace.state.fit.view, trace.state.scene
     amplitudes = np.array([effect.amplitudes[i] for i in effect.spot.terms])
-    return effect.law.columns(effect.spot, effect.inner, view, scene)[:, :3] @ amplitudes
+    return effect.law.columns(effect.spot, effect.inner, view, scene)[:, view.positions] @ amplitudes
 
 
 def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array, str]:
@@ -103,7 +103,8 @@ def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array
         unit = motion / np.maximum(size, 1e-300)[:, None]
         return Direction(unit, size, "residual along it", "m"), 1e3 * size, "motion that the effect predicts [mm]"
     x, x_label = _suspect(trace, effect, axis)
-    unit, value = trace.state.fit.view.to_twist(effect.spot.site)[:, :3] @ axis, twist @ axis
+    view = trace.state.fit.view
+    unit, value = view.to_twist(effect.spot.site)[:, view.positions] @ axis, twist @ axis
     if np.any(axis[:3]) and np.any(axis[3:]):
         return _usual(unit, value), x, x_label
     gain, per = _gain(trace, effect)
@@ -202,10 +203,11 @@ def _column(scene: Scene, name: str, rows: np.ndarray) -> tuple[Array, str]:
 def _resolved(trace: Trace, motion: Array, direction: Direction, x: Array, x_label: str) -> Suspicion:
     """Return all residuals resolved along the effect, believed rows only, in a unit that suits them."""
     fit, unit = trace.state.fit, direction.unit
-    sigma = fit.view.sigma[:, :3]
+    where = fit.view.positions
+    sigma = fit.view.sigma[:, where]
     information = np.maximum((unit**2 / sigma**2).sum(axis=1), 1e-300)
-    after = trace.residual[:, :3]
-    residuals = (trace.before.view.residual[:, :3], after + motion, after)
+    after = trace.residual[:, where]
+    residuals = (trace.before.view.residual[:, where], after + motion, after)
     seen = [(unit / sigma**2 * residual).sum(axis=1) / information for residual in residuals]
     kept = trace.believed & np.isfinite(direction.value)
     factor, name = scaled(float(np.quantile(np.abs(direction.value[kept]), 0.9)), direction.base)

@@ -83,10 +83,11 @@ def _left_over(looked: Round) -> tuple[np.ndarray, np.ndarray]:
 def _raw_rms(bank: Bank, state: State) -> np.ndarray:
     """Return the (G,) RMS of the 3-D motion of the target per unit of each group's first amplitude [m]."""
     fit, sizes = state.fit, np.zeros(len(bank.candidates))
-    scale = fit.view.sigma[:, :3] / np.sqrt(fit.weights)[:, None]
+    where = fit.view.positions
+    scale = fit.view.sigma[:, where] / np.sqrt(fit.weights)[:, None]
     for part in bank.parts:
         first = np.isin(part.places, bank.starts[:-1])
-        columns = part.columns[:, first].reshape(*fit.view.sigma.shape, -1)[:, :3] * scale[:, :, None]
+        columns = part.columns[:, first].reshape(*fit.view.sigma.shape, -1)[:, where] * scale[:, :, None]
         sizes[part.groups] = np.sqrt((columns**2).sum(axis=1).mean(axis=0))
     return sizes
 
@@ -118,7 +119,7 @@ def _beyond_repeats(state: State) -> Unexplained | None:
         return None
     scatter, fit = known.same_session, state.fit
     noise = float((scatter.sigma**2).mean())
-    squares = fit.view.residual[fit.weights >= 1.0, :3] ** 2  # tails make a mean of squares anything
+    squares = fit.view.residual[fit.weights >= 1.0, fit.view.positions] ** 2  # tails make a mean of squares anything
     freedom = max(squares.size - (fit.view.count - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
     if left < LARGER * noise or f.sf(left / noise, freedom, 3 * scatter.freedom) > UNLIKELY:

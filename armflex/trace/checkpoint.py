@@ -25,10 +25,11 @@ from armflex.conventions import TWIST_NAMES
 from armflex.digest import digest
 from armflex.effects.catalogue import EVERY
 from armflex.effects.law import Effect, EffectLaw
-from armflex.effects.scene import POSE, Scene
+from armflex.effects.scene import Scene
 from armflex.effects.spot import Spot
 from armflex.errors import FileError, Place, did_you_mean, listing
 from armflex.measured.measurements import Measurements
+from armflex.rows.rows import POSE
 from armflex.trace.candidates import Candidate
 from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished

@@ -7,6 +7,7 @@ from orientations: where both were read, each kind is first taken by its own siz
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,7 +55,7 @@ def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray)
     """
     view, scale = fit.view, np.sqrt(fit.weights)[:, None] / fit.view.sigma
     residual = projection.residual.reshape(scale.shape)
-    levels = _levels(residual, np.isfinite(view.sigma))
+    levels = _levels(residual, np.isfinite(view.sigma), view.readings.slices)
     residual, scale = residual / levels, scale / levels
     count = int(groups.max()) + 1
     found = []
@@ -71,13 +72,13 @@ def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray)
     return tuple(sorted(found, key=lambda place: -place.ratio + LEVEL * place.site.startswith(LINK)))
 
 
-def _levels(residual: Array, read: np.ndarray) -> Array:
-    """Return (d,) the RMS of the positions' and of the orientations' residual where read, over that of all."""
+def _levels(residual: Array, read: np.ndarray, kinds: Sequence[slice]) -> Array:
+    """Return (d,) the RMS of each kind's residual where read, over that of all."""
     squares = np.where(read, residual**2, 0.0)
-    kinds = [slice(first, first + 3) for first in range(0, residual.shape[1], 3)]
     means = [squares[:, kind].sum() / max(read[:, kind].sum(), 1) for kind in kinds]
     whole = squares.sum() / max(read.sum(), 1)
-    return np.repeat([np.sqrt(mean / whole) if mean > 0.0 else 1.0 for mean in means], 3)
+    levels = [np.sqrt(mean / whole) if mean > 0.0 else 1.0 for mean in means]
+    return np.repeat(levels, [kind.stop - kind.start for kind in kinds])
 
 
 def _likelihood(score: Array, square: Array, residual: Array, count: int) -> tuple[float, float]:

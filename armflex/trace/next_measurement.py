@@ -18,12 +18,14 @@ from armflex.calibrate.spread import scene_of
 from armflex.calibrate.view import View, look
 from armflex.conventions import Array
 from armflex.effects.law import Effect
-from armflex.effects.scene import LEVEL_OF, Scene
+from armflex.effects.scene import Scene
 from armflex.errors import ArmflexError
 from armflex.linear_gaussian import LinearGaussian
-from armflex.measured.measurements import Measurements
 from armflex.plan.advice import instead
 from armflex.plan.information import Truth
+from armflex.readings import Position, unread
+from armflex.rows import Rows
+from armflex.rows.rows import LEVEL_OF
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.state import State
 
@@ -86,38 +88,27 @@ def next_rows(state: State, rivals: Sequence[Sequence[Effect]]) -> tuple[str, ..
     return tuple(told)
 
 
-def _offered(state: State, seed: int = 0) -> Measurements:
+def _offered(state: State, seed: int = 0) -> Rows:
     """Return rows with every joint, payload, approach and covariate somewhere in what was recorded, mixed anew."""
     rng, known = np.random.default_rng(seed), state.measurements
     pick = [rng.integers(0, len(known), OFFERED) for _ in range(len(known.joint_names) + 2)]
     q = np.column_stack([known.q[rows, i] for i, rows in enumerate(pick[:-2])])
-    return replace(
-        _unread(known),
+    return Rows(
+        joint_names=known.joint_names,
+        pose=tuple(f"next {i}" for i in range(OFFERED)),
+        session=(known.session[-1],) * OFFERED,
         payload=tuple(known.payload[row] for row in pick[-1]),
         time=float(known.time.max()) + APART * np.arange(1, OFFERED + 1),
         q=q,
         covariates=_extremes(known, rng),
         approach=rng.choice([-1.0, 1.0], q.shape),
-        hold=None if known.hold is None else rng.choice(known.hold, OFFERED),
-    )
-
-
-def _unread(known: Measurements) -> Measurements:
-    """Return a campaign whose readings, poses and sessions are those of rows still to be driven."""
-    return replace(
-        known,
-        pose=tuple(f"next {i}" for i in range(OFFERED)),
-        session=(known.session[-1],) * OFFERED,
         measured=np.ones(OFFERED, dtype=bool),
-        position=np.zeros((OFFERED, 3)),
-        rotation=None,
-        sigma=np.tile(np.median(known.sigma[known.measured], axis=0), (OFFERED, 1)),
-        sigma_r=None,
-        places=(),
+        hold=None if known.hold is None else rng.choice(known.hold, OFFERED),
+        derived=known.derived,
     )
 
 
-def _extremes(known: Measurements, rng: np.random.Generator) -> dict[str, Array | tuple[str, ...]]:
+def _extremes(known: Rows, rng: np.random.Generator) -> dict[str, Array | tuple[str, ...]]:
     """Return every numeric covariate at one end or the other of what was recorded, every text as some row has it."""
     return {
         name: np.where(rng.random(OFFERED) < 0.5, values.min(), values.max())
@@ -127,17 +118,19 @@ def _extremes(known: Measurements, rng: np.random.Generator) -> dict[str, Array 
     }
 
 
-def _seen(state: State, offer: Measurements) -> View | None:
+def _seen(state: State, offer: Rows) -> View | None:
     arm = state.fit.setup.arm
     known = len(state.declared.arm.effects) + len(state.effects)  # a random twist knows only the poses it was fitted to
     arm = replace(arm, effects=arm.effects[:known])
+    sigma = np.median(state.measurements.sigma[state.measurements.measured], axis=0)
+    readings = unread(OFFERED, Position, sigma=sigma)
     try:
-        return look(replace(state.fit.setup, arm=arm), offer, np.arange(OFFERED))
+        return look(replace(state.fit.setup, arm=arm), offer, np.arange(OFFERED), readings=readings)
     except ArmflexError:  # a mixture of positions that the arm does not hold: no proposal is better than a wrong one
         return None
 
 
-def _propose(state: State, index: int, rival: Effect, offer: Measurements, view: View, scene: Scene) -> Proposal:
+def _propose(state: State, index: int, rival: Effect, offer: Rows, view: View, scene: Scene) -> Proposal:
     """Return the offered row at which an effect and a rival in its stead differ most."""
     fit, block = state.fit, state.effects[index]
     own = block.at(state.values_of(block))
@@ -153,14 +146,14 @@ def _propose(state: State, index: int, rival: Effect, offer: Measurements, view:
     there = [_columns(other, view, scene, offer) for other in kept]
     there.append(rival.law.columns(rival.spot, rival.inner, view, scene))
     there.append((own.law.columns(own.spot, own.inner, view, scene) @ acting)[:, :, None])
-    after = np.concatenate(there, axis=2)[:, :3]
+    after = np.concatenate(there, axis=2)
     truth = Truth(np.eye(len(precision))[-1], np.arange(len(precision) - 1))
-    sigmas = np.sqrt(truth.apart(known, after / view.sigma[:, :3, None])[1])
+    sigmas = np.sqrt(truth.apart(known, after / view.sigma[:, :, None])[1])
     best = int(sigmas.argmax())
     return Proposal(rival, best, float(sigmas[best]), float(np.linalg.norm(after[best] @ truth.departure(known))))
 
 
-def _columns(block: Block, view: View, scene: Scene, offer: Measurements) -> Array:
+def _columns(block: Block, view: View, scene: Scene, offer: Rows) -> Array:
     """Return a block's columns at the offered rows."""
     if isinstance(block, SessionBlock):
         block = replace(block, rows=offer.session)
@@ -169,7 +162,7 @@ def _columns(block: Block, view: View, scene: Scene, offer: Measurements) -> Arr
     return block.columns(view)
 
 
-def _in_words(own: Effect, number: int, proposal: Proposal, rival: Effect, offer: Measurements) -> str:
+def _in_words(own: Effect, number: int, proposal: Proposal, rival: Effect, offer: Rows) -> str:
     pair = f"{own.title}{numbered(number)} from {rival.title}"
     if proposal.sigmas < TELLING:
         return f"No more rows like those recorded tell {pair}; instead, {instead(own, rival)}."
@@ -180,7 +173,7 @@ def _in_words(own: Effect, number: int, proposal: Proposal, rival: Effect, offer
     return f"To tell {pair}: measure at {where} with payload {offer.payload[i]}{extra} ({size})."
 
 
-def _conditions(own: Effect, rival: Effect, offer: Measurements, row: int) -> str:
+def _conditions(own: Effect, rival: Effect, offer: Rows, row: int) -> str:
     """Return the values of the columns that either effect depends on."""
     told = []
     for name in dict.fromkeys((*own.spot.covariates, *rival.spot.covariates)):

@@ -9,9 +9,9 @@ import numpy as np
 from armflex.calibrate.view import Setup, View
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.effects.law import Amplitude, Effect, TwistLaw, Values
-from armflex.effects.scene import POSE
 from armflex.effects.spot import Here, Spot
 from armflex.laws import Row
+from armflex.rows.rows import POSE
 from armflex.trace.localise import RandomTwist
 
 RANDOM = "unexplained"

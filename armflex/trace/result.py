@@ -261,7 +261,8 @@ class Trace:
         untold = np.isin(rows, state.asked[state.untold])
         left = np.where(untold, "direction unknown", np.where(alone, "lost beam", "unexplained"))
         kinds = np.where(used, "counted less", left).tolist()
-        errors = np.linalg.norm(look(state.fit.setup, state.measurements, rows).residual[:, :3], axis=1)
+        view = look(state.fit.setup, state.measurements, rows)
+        errors = np.linalg.norm(view.residual[:, view.positions], axis=1)
         return tuple(
             Outlier(int(rows[i]), places[rows[i]] if places else None, float(errors[i]), kinds[i])
             for i in np.argsort(-errors)

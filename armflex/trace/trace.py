@@ -19,9 +19,9 @@ from armflex.calibrate.learn import settled
 from armflex.calibrate.spread import certainty_of
 from armflex.calibrate.view import look
 from armflex.effects.law import Effect
-from armflex.effects.scene import POSE
 from armflex.errors import ArmflexError, FileError
 from armflex.measured.measurements import Measurements
+from armflex.rows.rows import POSE
 from armflex.trace.accept import improvement, null_maximum, sessions_held_out
 from armflex.trace.advice import lacking
 from armflex.trace.afterwards import as_likely, not_identifiable, smallest, unexplained
@@ -364,7 +364,8 @@ def _far_together(state: State) -> Unexplained | None:
     together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
     if not len(together):
         return None
-    errors = look(state.fit.setup, state.measurements, together).residual[:, :3]
+    view = look(state.fit.setup, state.measurements, together)
+    errors = view.residual[:, view.positions]
     return Unexplained(None, None, None, None, float(np.sqrt((errors**2).sum() / len(state.asked))))
 
 

@@ -141,7 +141,8 @@ def _errors(fit: Fit, columns: Array, prior: Array, data: Array, learned: np.nda
     """Return the (M, 3) errors [m] of a linear problem solved for some (M,) rows alone."""
     mask = np.repeat(learned, len(data) // len(learned))
     error = data - columns @ most_probable(columns[mask], prior**-2.0, data[mask])
-    return error.reshape(len(learned), -1)[:, :3] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, :3]
+    where = fit.view.positions
+    return error.reshape(len(learned), -1)[:, where] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, where]
 
 
 def _best_without(first: Fit, state: State) -> tuple[int, State]:

@@ -7,19 +7,20 @@ never lose its sign by rounding. Without drift the result is that of least squar
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
 
-from armflex.calibrate.robust import FAR
 from armflex.conventions import Array
 from armflex.covariance import root_of_covariance
+from armflex.readings.chance import outlier_limit
 
 GROSS = 100.0
 """Mahalanobis distance from which on nothing but a mistake explains a reading: it is left out."""
 
-UNITS = {size: np.eye(size) for size in (3, 6)}
+unit_matrix = cache(np.eye)
 
 
 class Seen(NamedTuple):
@@ -69,7 +70,7 @@ def estimate_of(covariance: Array) -> Estimate:
 def innovation(estimate: Estimate, seen: Seen) -> Innovation:
     """Return what a reading says beyond an estimate."""
     heard = seen.columns.dot(estimate.root)
-    factor, _ = dpotrf(heard.dot(heard.T) + UNITS[len(heard)], lower=1, clean=1)
+    factor, _ = dpotrf(heard.dot(heard.T) + unit_matrix(len(heard)), lower=1, clean=1)
     inverse, _ = dtrtri(factor, lower=1)
     surprise = seen.residual - seen.columns.dot(estimate.values)
     return Innovation(heard, inverse, factor, inverse.dot(surprise))
@@ -78,7 +79,7 @@ def innovation(estimate: Estimate, seen: Seen) -> Innovation:
 def absorb(estimate: Estimate, found: Innovation) -> Estimate:
     """Return the estimate that knows a reading, too."""
     gain = estimate.root.dot(found.heard.T)
-    half, _ = dtrtri(found.factor + UNITS[len(gain.T)], lower=1)
+    half, _ = dtrtri(found.factor + unit_matrix(len(gain.T)), lower=1)
     turned = gain.dot(found.inverse.T)
     values = estimate.values + turned.dot(found.whitened)
     return Estimate(values, estimate.root - turned.dot(half.dot(found.heard)))
@@ -87,10 +88,10 @@ def absorb(estimate: Estimate, found: Innovation) -> Estimate:
 def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
     """Return the estimate after a reading, what that counted, and its Mahalanobis distance.
 
-    The distance d is by all that was expected, what was not known of the parameters included. Beyond `FAR` a reading
-    counts (FAR / d)^2: it moves the estimate the less the farther it is, and beyond `GROSS` not at all.
+    The distance d is by all that was expected, what was not known of the parameters included. Beyond `outlier_limit` a
+    reading counts (limit / d)^2: it moves the estimate the less the farther it is, and beyond `GROSS` not at all.
     """
-    far, found = FAR[len(seen.residual)], innovation(estimate, seen)
+    far, found = outlier_limit(len(seen.residual)), innovation(estimate, seen)
     distance = float(found.whitened.dot(found.whitened)) ** 0.5
     if distance <= far:
         return absorb(estimate, found), 1.0, distance

@@ -17,7 +17,7 @@ from armflex.calibrate.view import Setup
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import InputError
-from armflex.measured.instrument import Instrument
+from armflex.readings.instrument import Instrument
 from armflex.tracking.groups import Group, groups_of
 from armflex.tracking.reading import Reading, as_row
 

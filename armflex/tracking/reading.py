@@ -13,6 +13,8 @@ from armflex.arm import Arm
 from armflex.conventions import Array, finite_array, real_array
 from armflex.errors import InputError
 from armflex.measured.measurements import Measurements
+from armflex.readings import Kind, Orientation, Position, Readings
+from armflex.rows import Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +43,12 @@ class Reading:
     rotation: ArrayLike | None = None
     sigma_r: float | None = None
     covariates: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """How many numbers were read."""
+        kinds = (Position,) if self.rotation is None else (Position, Orientation)
+        return sum(kind.dimension for kind in kinds)
 
     @classmethod
     def of(cls, measurements: Measurements, row: int, timed: bool = False) -> Reading:
@@ -97,31 +105,17 @@ def spread_of(reading: Reading) -> float | Array:
 
 def as_row(reading: Reading, arm: Arm) -> Measurements:
     """Return a campaign of this reading alone; raises what `spread_of` and `Arm.check_position` do."""
-    q, sigma, known = arm.check_position(reading.q)[0], spread_of(reading), reading.covariates
-    approach = [float(known.get(f"approach_{joint}", 0.0)) for joint in arm.joint_names]
-    turned = reading.rotation is not None
-    return Measurements(
-        joint_names=arm.joint_names,
-        pose=("pose",),
-        session=(reading.session,),
-        payload=(reading.payload,),
-        time=np.array([reading.time or 0.0]),
-        q=q[None],
-        approach=np.array([approach]),
-        measured=np.ones(1, dtype=bool),
-        position=finite_array(reading.position, "position", (3,))[None],
-        rotation=finite_array(reading.rotation, "rotation", (3,))[None] if turned else None,
-        sigma=np.broadcast_to(sigma, (1, 3)),
-        sigma_r=np.array([reading.sigma_r], dtype=float) if turned else None,
-        hold=np.array([known["hold"]]) if "hold" in known else None,
-        covariates={name: np.array([value], dtype=float) for name, value in known.items() if name not in GIVEN},
-        places=(),
-        derived=_underived(reading, arm),
+    q, sigma = arm.check_position(reading.q)[0], spread_of(reading)
+    given = {**reading.covariates, "time": reading.time or 0.0}
+    row = Rows.of(
+        arm.joint_names, q[None], (reading.payload,), given, ("pose",), reading.session, _underived(reading, arm)
     )
-
-
-GIVEN = ("hold", "time")
-"""Covariates with a place of their own."""
+    position = finite_array(reading.position, "position", (Position.dimension,))[None]
+    kinds: list[Kind] = [Position(position, np.broadcast_to(sigma, position.shape))]
+    if reading.rotation is not None:
+        rotation = finite_array(reading.rotation, "rotation", (Orientation.dimension,))[None]
+        kinds.append(Orientation(rotation, np.full(rotation.shape, reading.sigma_r, dtype=float)))
+    return Measurements.of(row, Readings(1, tuple(kinds)))
 
 
 def _underived(reading: Reading, arm: Arm) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from armflex.calibrate.blocks import Block
 from armflex.calibrate.view import Setup, look, untold_shifts
 from armflex.conventions import TWIST_NAMES
 from armflex.effects.remember import derived_directions
+from armflex.readings import Position
 from armflex.tracking.estimate import Seen
 from armflex.tracking.reading import Reading, as_row
 
@@ -44,12 +45,12 @@ class Sight:
         view = look(self.setup, row, np.arange(1))
         columns = np.concatenate([block.columns(view) for block in self.blocks], axis=2)[0]
         noise = np.diag(view.sigma[0] ** 2)
-        noise[:3, :3] += self.beside**2 * np.eye(3)
+        noise[view.positions, view.positions] += self.beside**2 * np.eye(Position.dimension)
         if self.unexplained is not None:
             site, axis, size = self.unexplained
             along = size * view.to_twist(site)[0, :, TWIST_NAMES.index(axis)]
             noise += np.outer(along, along)
-        shifts = untold_shifts(self.setup, row)[:, 0]
+        shifts = untold_shifts(self.setup, row, row.readings)[:, 0]
         noise += shifts.T @ shifts
         factor = np.linalg.cholesky(noise)
         whitened = np.ascontiguousarray(np.linalg.solve(factor, columns))

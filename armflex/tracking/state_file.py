@@ -160,8 +160,7 @@ def _problem(state: State) -> str | None:
         and 0 <= watch.unsettled <= FEWEST,
         "the readings of its window": len(times) == (size if judged else 0)
         and all(
-            len(seen.residual) == (3 if reading.rotation is None else 6)
-            for seen, reading in zip(watch.window, watch.readings, strict=False)
+            len(seen.residual) == reading.size for seen, reading in zip(watch.window, watch.readings, strict=False)
         ),
         "its directions": (state.q is None) == (state.approach is None)
         and len(state.q or ()) == len(state.approach or ())

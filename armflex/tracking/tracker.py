@@ -13,9 +13,9 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.digest import digest
-from armflex.effects.scene import APPROACH, last_motion
 from armflex.errors import ArmflexError, InputError, ModelFileError, Place, UnknownNameError
 from armflex.mechanics.rows import kernel
+from armflex.rows.rows import APPROACH, last_motion
 from armflex.tracking.estimate import Estimate, estimate_of, recentred, spread, take, widen
 from armflex.tracking.groups import Group
 from armflex.tracking.model import model_of

@@ -13,9 +13,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from armflex.calibrate.robust import FAR
 from armflex.calibrate.spread import COMPLIANCE
 from armflex.conventions import Array
+from armflex.readings import Position
+from armflex.readings.chance import outlier_limit
 from armflex.tracking.estimate import Estimate, Seen, recentred
 from armflex.tracking.groups import Group
 from armflex.tracking.reading import Reading
@@ -170,7 +171,7 @@ class Watch:
         self.weights.append(weight)
         self.readings = []
         size = len(seen.residual)
-        self.total = max(0.0, self.total + min(distance, FAR[size]) ** 2 - size - SLACK)
+        self.total = max(0.0, self.total + min(distance, outlier_limit(size)) ** 2 - size - SLACK)
         return self.total > GATE and len(self.window) - self.rising >= FEWEST
 
     def add_unsettled(self, reading: Reading, seen: Seen, weight: float, spread: float) -> None:
@@ -273,20 +274,20 @@ class _Task:
 
     def explained(self, inverse: Array, more_volume: float = 0.0) -> _Explained:
         """Return the cost with V^-1 given, leaving out one reading after the other that all the rest contradict."""
-        count = len(self.errors)
+        count, size = self.errors.shape
         lost, errors, inverse = np.zeros(count, dtype=bool), self.errors.ravel().copy(), inverse.copy()
         for _ in range(count + 1):
             pulls = inverse @ errors
-            own = inverse.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
-            parts = pulls.reshape(count, 3)
+            own = inverse.reshape(count, size, count, size)[np.arange(count), :, np.arange(count)]
+            parts = pulls.reshape(count, size)
             # What a reading is off from where all others have it, squared: the block of V^-1 is that distance's metric.
             far = (parts * np.linalg.solve(own, parts[:, :, None])[:, :, 0]).sum(axis=1)
             worst = int(far.argmax())
             if not far[worst] > 2.0 * LOST:
                 break
-            here = slice(3 * worst, 3 * worst + 3)
+            here = slice(size * worst, size * (worst + 1))
             inverse -= inverse[:, here] @ np.linalg.solve(own[worst], inverse[here])
-            inverse[here], inverse[:, here], inverse[here, here], errors[here] = 0.0, 0.0, np.eye(3), 0.0
+            inverse[here], inverse[:, here], inverse[here, here], errors[here] = 0.0, 0.0, np.eye(size), 0.0
             lost[worst] = True
         cost = 0.5 * (errors @ pulls + self.log_volume + more_volume) + LOST * lost.sum()
         return _Explained(float(cost), inverse, pulls, lost)
@@ -300,8 +301,8 @@ def _gain(inner: Array, pull: Array, sizes: Array) -> float:
 
 
 def _task(window: Sequence[Seen], before: Estimate) -> _Task:
-    columns = np.array([seen.columns[:3] for seen in window])
-    errors = np.array([seen.residual[:3] for seen in window]) - columns @ before.values
+    columns = np.array([seen.columns[: Position.dimension] for seen in window])
+    errors = np.array([seen.residual[: Position.dimension] for seen in window]) - columns @ before.values
     heard = columns.reshape(-1, len(before.values)) @ before.root
     volume = np.eye(len(heard)) + heard @ heard.T
     return _Task(columns, errors, np.linalg.inv(volume), float(np.linalg.slogdet(volume)[1]))
@@ -324,7 +325,7 @@ def _judged(task: _Task, weights: dict[str | None, float], best: dict[str, tuple
     clear = shares[name] >= CLEAR or len(task.errors) - start >= MOST
     if shares[None] > 1.0 - SURE or not clear:
         return None
-    heard = task.jump(group, start).reshape(len(task.errors), 3, -1) * ~explained.lost[:, None, None]
+    heard = task.jump(group, start).reshape(*task.errors.shape, -1) * ~explained.lost[:, None, None]
     heard = heard.reshape(-1, len(group.places))
     size = group.sizes * (heard.T @ explained.pulls)
     left = np.eye(len(group.places)) - heard.T @ explained.inverse @ heard

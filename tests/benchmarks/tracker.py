@@ -24,7 +24,7 @@ from armflex import Arm, Reading, Tracker
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws.learned import Learning, learned_law, seen_in
-from armflex.measured.instrument import Instrument
+from armflex.readings.instrument import Instrument
 
 GOAL, CALLS, POSES, SIGMA = 500, 5000, 64, 2e-4
 DRIFT = {"compliance": 1e-3, "law": 1e-3}

@@ -11,25 +11,25 @@ from armflex.conventions import Array
 from armflex.errors import InputError
 
 if TYPE_CHECKING:
-    from armflex.measured.measurements import Measurements
+    from armflex.rows.rows import Rows
 
 SAME_POSE = 1e-3
 """Joint positions nearer than this [rad or m] are one pose: a fit that saw one of them has seen the other."""
 
 
-def pose_groups(measurements: Measurements, tolerance: float = SAME_POSE) -> np.ndarray:
+def pose_groups(rows: Rows, tolerance: float = SAME_POSE) -> np.ndarray:
     """Return (N,) integers from 0 in order of appearance, equal for rows of one pose, whatever they carried.
 
     Rows share a pose when they share its name, or when their joint positions differ by less than `tolerance`
     [rad or m]: names alone would let a pose that was measured twice under two names into both sides of a split.
     """
-    by_place = same_positions(measurements.q, tolerance)
+    by_place = same_positions(rows.q, tolerance)
     if len(by_place) == 1:
         return by_place
-    return _joined(by_place, numbered(measurements.pose))
+    return _joined(by_place, numbered(rows.pose))
 
 
-def leaked(train: Measurements, test: Measurements, tolerance: float = SAME_POSE) -> np.ndarray:
+def leaked(train: Rows, test: Rows, tolerance: float = SAME_POSE) -> np.ndarray:
     """Return the row numbers of `test` whose joint positions `train` has, within `tolerance` [rad or m], as well.
 
     Raises:

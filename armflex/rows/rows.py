@@ -1,0 +1,200 @@
+"""Rows: what an arm was told and what was recorded beside it, whether or not anything was read there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armflex.conventions import NUMBER, Array
+from armflex.errors import Place
+from armflex.rows.poses import pose_groups
+
+STILL = 1e-9
+"""Joints that move by less [rad or m] from row to row stand still: rounding turns no joint round."""
+
+POSE = "pose_number"
+"""Column that numbers the poses; for random twists, not a suspect."""
+
+APPROACH = "approach_"
+"""Begins the name of a column that says from which side a joint came: 1 upwards, -1 downwards, 0 neither."""
+
+LEVEL_OF = "="
+"""Parts a text column's name from one of its entries in the name of a column that says where it has that entry."""
+
+MOST_LEVELS = 12
+"""Different entries of a text column up to which each may be a cause of its own."""
+
+SomeRows = TypeVar("SomeRows", bound="Rows")
+
+
+class Driven(Protocol):
+    """Rows in the order driven: a campaign, or a trajectory."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Order of the columns of q."""
+        ...
+
+    @property
+    def q(self) -> Array:
+        """(N, nq) joint positions."""
+        ...
+
+    @property
+    def payload(self) -> tuple[str, ...]:
+        """Name of each row's payload."""
+        ...
+
+    @property
+    def known(self) -> dict[str, Array]:
+        """(N,) each: time where it was recorded, every numeric column, and `approach_<joint>`."""
+        ...
+
+    def motion(self, i: int) -> dict[str, Array | None]:
+        """Return row i's velocities and accelerations as `Arm.deflection` takes them."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rows:
+    """One configuration per row, in the order driven.
+
+    Attributes:
+        joint_names: Order of the columns of q.
+        pose, session, payload: Names of each row; a missing column is one session, and every row a pose of its own.
+        time: (N,) [s], the row number where none is given, which no effect may then depend on.
+        q: (N, nq) controller's joint positions [rad or m].
+        approach: (N, nq) direction each joint last moved in, -1 or +1; 0 where it has none, or none is known.
+        measured: (N,) True where something was read, or is to be.
+        hold: (N,) time the load has stood [s], None when not recorded.
+        covariates: Every other column: (N,) numbers, or text per row.
+        places: File and line of each row, none where rows are not those of a file.
+        derived: Columns that were not given but follow from the order of the rows: `time`, `approach_<joint>`.
+    """
+
+    joint_names: tuple[str, ...]
+    pose: tuple[str, ...]
+    session: tuple[str, ...]
+    payload: tuple[str, ...]
+    time: Array
+    q: Array
+    approach: Array
+    measured: np.ndarray
+    hold: Array | None = None
+    covariates: Mapping[str, Array | tuple[str, ...]] = field(default_factory=dict)
+    places: tuple[Place, ...] = ()
+    derived: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        joint_names: tuple[str, ...],
+        q: Array,
+        payload: Sequence[str],
+        given: Mapping[str, ArrayLike],
+        pose: Sequence[str] | None = None,
+        session: str = "",
+        derived: tuple[str, ...] = (),
+    ) -> Rows:
+        """Return rows of (N, nq) joint positions with what is known of them, all of them to be read.
+
+        Args:
+            joint_names: Order of the columns of q.
+            q: (N, nq) joint positions [rad or m].
+            payload: What is carried in each.
+            given: Numbers or (N,) by name: `time`, `hold`, `approach_<joint>` (0 where not given) and covariates.
+            pose: Name of each row's pose, its number where none is given.
+            session: Of all of them.
+            derived: What was not given, see `Rows.derived`.
+        """
+        count = len(q)
+        known = {name: np.broadcast_to(np.asarray(values, dtype=float), count) for name, values in given.items()}
+        approach = [known.pop(f"{APPROACH}{joint}", np.zeros(count)) for joint in joint_names]
+        return Rows(
+            joint_names=joint_names,
+            pose=tuple(map(str, range(count))) if pose is None else tuple(pose),
+            session=(session,) * count,
+            payload=tuple(payload),
+            time=known.pop("time", np.arange(count, dtype=float)),
+            q=q,
+            approach=np.stack(approach, axis=1),
+            measured=np.ones(count, dtype=bool),
+            hold=known.pop("hold", None),
+            covariates=known,
+            derived=derived,
+        )
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def known(self) -> dict[str, Array]:
+        """Everything that is known of the rows by name, (N,) numbers each: the pose as its number, text by its levels.
+
+        `column=level` is 1 where a column says so, else 0; see `levels`.
+        """
+        known: dict[str, Array] = {} if "time" in self.derived else {"time": self.time}
+        if self.hold is not None:
+            known["hold"] = self.hold
+        known |= {name: values for name, values in self.covariates.items() if isinstance(values, np.ndarray)}
+        for name, cells in self.covariates.items():
+            if isinstance(cells, tuple):
+                known |= {f"{name}{LEVEL_OF}{level}": _where(cells, level) for level in levels(cells)}
+        known |= {f"{APPROACH}{joint}": self.approach[:, i] for i, joint in enumerate(self.joint_names)}
+        known[POSE] = self.pose_number.astype(float)
+        return known
+
+    @cached_property
+    def pose_number(self) -> np.ndarray:
+        """(N,) number of every row's pose, by name or by where the joints stand; see `pose_groups`."""
+        return pose_groups(self)
+
+    def motion(self, i: int) -> dict[str, Array | None]:
+        """Return nothing: what is measured stands still."""
+        return {}
+
+    def some(self: SomeRows, rows: np.ndarray | Sequence[int]) -> SomeRows:
+        """Return the rows of some numbers, in their order."""
+        return replace(self, **self._some(np.asarray(rows, dtype=int)))
+
+    def _some(self, rows: np.ndarray) -> dict[str, Any]:
+        """Return the fields of some rows."""
+
+        def taken(values: Any) -> Any:
+            return values[rows] if isinstance(values, np.ndarray) else tuple(values[row] for row in rows)
+
+        names = ("pose", "session", "payload", "time", "q", "approach", "measured")
+        return {name: taken(getattr(self, name)) for name in names} | {
+            "hold": None if self.hold is None else self.hold[rows],
+            "covariates": {name: taken(values) for name, values in self.covariates.items()},
+            "places": taken(self.places) if self.places else (),
+        }
+
+
+def levels(cells: Sequence[str]) -> tuple[str, ...]:
+    """Return the different entries of a text column; none where they are too many, or numbers with gaps."""
+    found = sorted(set(cells))
+    return () if len(found) > MOST_LEVELS or mostly_numbers(cells) else tuple(found)
+
+
+def mostly_numbers(cells: Sequence[str]) -> bool:
+    """Return whether most cells of a text column are numbers."""
+    return 2 * sum(bool(NUMBER.fullmatch(cell)) for cell in cells) > len(cells)
+
+
+def last_motion(q: Array) -> Array:
+    """Return the (N, nq) sign of each joint's last change over rows of (N, nq) positions, 0 before the first."""
+    step = np.diff(q, axis=0, prepend=q[:1])
+    moved = np.where(np.abs(step) > STILL, np.sign(step), 0.0)
+    for row in range(1, len(moved)):
+        moved[row] = np.where(moved[row] == 0.0, moved[row - 1], moved[row])
+    return moved
+
+
+def _where(cells: tuple[str, ...], level: str) -> Array:
+    return np.array([float(cell == level) for cell in cells])
