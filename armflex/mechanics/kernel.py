@@ -304,8 +304,7 @@ def _add_networks(laws, room, twists, i, lanes):
             for b in range(6):
                 value += neurons[first + h, b] * loads[i, b, c]
             hidden[h * w + c] = value
-    for k in range(count * w):  # one long loop, which the compiler can widen
-        hidden[k] = _tanh(hidden[k])
+    _activate(hidden, count * w)
     for h in range(count):
         k = first + h
         # Looked up beforehand: to the compiler it might be the twists that these are stored in.
@@ -318,6 +317,16 @@ def _add_networks(laws, room, twists, i, lanes):
             twists[i, 3, c] += u * value
             twists[i, 4, c] += v * value
             twists[i, 5, c] += t * value
+
+
+@inner
+def _activate(values, count):
+    """Put tanh in the place of values: one long loop, which the compiler can widen.
+
+    Written out where it is needed it makes all of `_iterate` a quarter slower, with networks or without.
+    """
+    for k in range(count):
+        values[k] = _tanh(values[k])
 
 
 @inner
