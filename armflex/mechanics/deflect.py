@@ -32,7 +32,6 @@ def deflect(
     flags: tuple[Flag, ...],
     covariates: dict[str, Array],
     asked: Asked,
-    solver: Solver | None = None,
 ) -> Deflection:
     """Return what the arm does at (nq,) positions under its own weight; `flags` are the doubts about them."""
     doubts = (*loaded.flags, *flags) if flags else loaded.flags
@@ -40,7 +39,7 @@ def deflect(
     first_order, exact = asked.method == "first_order", asked.method == "exact" and not flags
     if loaded.arm.pulls or not (first_order or exact):
         return _general(loaded, q, None, covariates, asked, doubts)
-    solver = solver or loaded.solver
+    solver = loaded.solver
     straight = solver.straight(q)
     if loaded.laws.others:
         solver.know(loaded.row(q, covariates))
