@@ -324,5 +324,5 @@ def _summary(result: Compensation) -> str:
     worst = max(lost, key=lambda row: float(np.linalg.norm(row.after[:3])))
     left = float(np.linalg.norm(worst.after[:3]))
     what = f"{len(lost)} of {len(result.rows)} rows cannot be reached"
-    place = f"{worst.time:g} s" + (f" ({worst.via})" if worst.via else "")
+    place = f"{worst.time:g} s {worst.via}".rstrip()
     return f"{what}; worst at {place}: {number(left * 1e3, 3)} mm remain, {worst.reason}"

@@ -17,7 +17,7 @@ from campaigns import Drawn, TrueEffect, draw
 import armflex
 from armflex.effects import Effect
 from armflex.trace.result import Found, Trace
-from armflex.trace.trace import trace
+from armflex.trace.rounds import trace
 
 SHOWN_RMS, SHOWN_STRAIN = 5e-5, 3.0
 """Left behind by calibration [m], and moved by it [prior deviations], below which nobody could know of an effect."""

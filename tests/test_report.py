@@ -22,8 +22,8 @@ from armflex.report.numbers import change, measure, millimetres, short
 from armflex.report.svg import canvas, drawing, inline
 from armflex.report.words import LAWS, called, labelled
 from armflex.trace.result import Trace, Unexplained
+from armflex.trace.rounds import trace
 from armflex.trace.state import begin
-from armflex.trace.trace import trace
 
 EVIL = "<script>alert(1)</script>"
 SECTIONS = ("before-and-after", "where", "left", "parameters", "not-told", "next", "campaign")

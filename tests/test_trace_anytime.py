@@ -314,7 +314,7 @@ KILLED = """
 import importlib, os, signal, sys
 import armflex.cli.trace
 signal.signal(signal.SIGINT, signal.default_int_handler)
-module = importlib.import_module("armflex.trace.trace")
+module = importlib.import_module("armflex.trace.rounds")
 how = getattr(signal, sys.argv.pop())
 module._conclude = lambda *given: os.kill(os.getpid(), how)
 sys.argv[1:] = ["trace", *sys.argv[1:]]

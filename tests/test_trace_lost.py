@@ -25,8 +25,8 @@ from armflex.report import render_report
 from armflex.trace.accept import improvement
 from armflex.trace.lost import MOST, lost_beams
 from armflex.trace.result import Trace
+from armflex.trace.rounds import trace
 from armflex.trace.state import begin
-from armflex.trace.trace import trace
 
 SIGMA, SLIP, LATE, LOST = 2e-5, 1.5e-3, 12, (20, 70)
 

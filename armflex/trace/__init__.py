@@ -56,7 +56,7 @@ def trace(
     """
     if resume and checkpoint is None:
         raise InputError("resume needs the checkpoint to go on from")
-    from armflex.trace.trace import trace as run
+    from armflex.trace.rounds import trace as run
 
     path = None if checkpoint is None else Path(checkpoint)
     return run(arm, measurements, rows, report, keep, path, resume, account, progress)
