@@ -49,7 +49,18 @@ COMMANDS: dict[str, tuple[object, ...]] = {
     "calibrate_tarm": ("calibrate", TARM / "measured.toml", TARM / "campaign.csv", "-o", "fitted.toml"),
     "trace_tarm": ("trace", TARM / "measured.toml", TARM / "campaign.csv", "-o", "traced.toml"),
     "plan_heavy": ("plan", HEAVY / "arm.toml", "--rows", "6", "-o", "poses.csv"),
-    "map_heavy": ("map", HEAVY / "arm.toml", "--tolerance", "5mm", "--voxel", "0.5m", "-o", "map.safetensors"),
+    "map_heavy": (
+        "map",
+        HEAVY / "arm.toml",
+        "--tolerance",
+        "5mm",
+        "--voxel",
+        "0.5m",
+        "--rows",
+        "4096",
+        "-o",
+        "map.safetensors",
+    ),
     "view_heavy": ("view", HEAVY / "arm.toml", "-o", "page.html"),
 }
 CAMPAIGNS = {

@@ -20,6 +20,9 @@ ALMOST = 1e-4
 SHOWN = 23.0
 """Gain at which an effect would have been accepted among thousands of candidates."""
 
+STILL = 1e-12
+"""Share of what an amplitude of 1 does to the readings at the place where it does most, below which it is rounding."""
+
 UNLIKELY = 1e-4
 """Probability below which a residual larger than the repeats' scatter is no chance."""
 
@@ -43,14 +46,15 @@ def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
             continue
         if whole[index] > 0.0 and inside[index] > ALMOST * whole[index]:
             continue
-        found[key] = Unidentifiable(*key, _reason(bank.group(index)[:, 0], projection.columns, sizes, state))
+        column = bank.group(index)[:, 0] if whole[index] > 0.0 else None
+        found[key] = Unidentifiable(*key, _reason(column, projection.columns, sizes, state))
     return tuple(found.values())
 
 
-def _reason(column: np.ndarray, columns: np.ndarray, sizes: np.ndarray, state: State) -> str:
-    size = float(np.linalg.norm(column))
-    if size == 0.0:
+def _reason(column: np.ndarray | None, columns: np.ndarray, sizes: np.ndarray, state: State) -> str:
+    if column is None:
         return "does not move the target"
+    size = float(np.linalg.norm(column))
     likeness = np.abs(columns.T @ column) / (np.maximum(sizes, 1e-300) * size)
     block, label = state.fit.labels[int(likeness.argmax())]
     return f"is taken over by fitted parameters, most by {block} {label}"
@@ -72,12 +76,20 @@ def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
 
 
 def _left_over(looked: Round) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (G,) squares of the first column of every named candidate, and what the fit leaves of them."""
+    """Return the (G,) squares of the first column of every named candidate, and what the fit leaves of them.
+
+    Both are zero where a column is only rounding: an axis through the target moves it by 1e-17, not by nothing.
+    """
     named = looked.sifted[0]
-    whole = np.zeros(len(named.bank.candidates))
+    whole, most = np.zeros(len(named.bank.candidates)), {}
     for groups, squares in named.squares:
         whole[groups] = squares[:, 0, 0]
-    return whole, whole - (named.seen[named.bank.starts[:-1]] ** 2).sum(axis=1)
+    alike = [(one.law.name, one.spot.turns, one.spot.terms) for one in named.bank.candidates]  # of the same units
+    for kind, square in zip(alike, whole.tolist(), strict=True):
+        most[kind] = max(square, most.get(kind, 0.0))
+    moves = whole > STILL**2 * np.array([most[kind] for kind in alike])
+    inside = whole - (named.seen[named.bank.starts[:-1]] ** 2).sum(axis=1)
+    return np.where(moves, whole, 0.0), np.where(moves, inside, 0.0)
 
 
 def _raw_rms(bank: Bank, state: State) -> np.ndarray:
