@@ -164,11 +164,16 @@ def _check_com(link: Link, inertial: Inertial, size: float, carried: bool) -> li
 def _check_density(link: Link, inertial: Inertial, size: float) -> list[Flag]:
     volume = sum(map(_volume, link.visuals))
     density = inertial.mass / volume if volume else 1000.0
-    gyration = float(np.sqrt(max(np.trace(inertial.inertia), 0.0) / 2.0 / inertial.mass))
+    gyration = _gyration(inertial)
     if DENSITY_BAND[0] <= density <= DENSITY_BAND[1] and gyration <= 5.0 * size:
         return []
     text = f"link {link.name!r}: {inertial.mass:g} kg over {volume:.3g} m^3, radius of gyration {gyration:.3g} m"
     return [Flag("implausible_mass", f"{inertial.place}: {text}: tonnes or grams?")]
+
+
+def _gyration(inertial: Inertial) -> float:
+    """Return a body's radius of gyration [m]; the roots are taken first, because masses may be next to nothing."""
+    return float(np.sqrt(max(np.trace(inertial.inertia), 0.0) / 2.0) / np.sqrt(inertial.mass))
 
 
 def _volume(visual: Visual) -> float:
@@ -182,11 +187,11 @@ def _volume(visual: Visual) -> float:
 
 def _size(urdf: Urdf, link: Link, inertial: Inertial) -> float:
     """Return a length that the link's CoM should not exceed much: its joints, travel, shapes, or 2 % of the robot."""
-    gyration = np.sqrt(max(np.trace(inertial.inertia), 0.0) / 2.0 / inertial.mass)
+    gyration = _gyration(inertial)
     whole = sum(float(np.linalg.norm(joint.origin)) for joint in urdf.joints.values())
     near = [_extent(joint) for joint in urdf.joints.values() if link.name in (joint.parent, joint.child)]
     shapes = [float(np.linalg.norm(visual.pose[:3, 3])) + max(visual.size) for visual in link.visuals]
-    return max(0.02 * whole, min(float(gyration), whole), *near, *shapes, 1e-3)
+    return max(0.02 * whole, min(gyration, whole), *near, *shapes, 1e-3)
 
 
 def _extent(joint: Joint) -> float:

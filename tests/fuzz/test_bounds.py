@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from harness import as_toml, judge, judge_command, limited, written
-from seeds import ARM, PATH, PATH_HEADER, arm, declared, quietly, traced
+from seeds import ARM, PATH, PATH_HEADER, URDF, arm, declared, quietly, traced
 
-from armflex import load_arm, read_trajectory
+from armflex import load_arm, load_robot, read_trajectory
 from armflex.conventions import NUMBER, parse_quantity
 from armflex.errors import ArmFileError, TableError, UnitError
 
@@ -189,3 +189,9 @@ def test_numbers_of_a_table_beyond_everything() -> None:
     path = written("path.csv", f"{','.join(PATH_HEADER)}\n{row}\n")
     with pytest.raises(TableError, match=r"path\.csv:2: column 'q_yaw' is '-1e31', beyond 1e\+30"):
         read_trajectory(path, arm())
+
+
+def test_a_mass_next_to_nothing() -> None:
+    text = URDF.replace('mass value="60.0"', 'mass value="1e-320"')
+    path = written("light.urdf", text)
+    assert "1e-320" in text and judge(lambda: load_robot(path, "tool"), path)
