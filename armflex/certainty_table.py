@@ -51,8 +51,6 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
             raise table.fail("parameters", f"{label!r} is no parameter of a fit{hint} (they begin: {listing(BLOCKS)})")
     key = "covariance_file" if table.has("covariance_file") else "covariance"
     covariance = _from_file(table, labels) if key == "covariance_file" else _from_rows(table, labels)
-    if fault := covariance_fault(covariance):
-        raise table.fail(key, fault)
     directions = _directions(table, len(labels))
     known = np.ones(len(labels), dtype=bool) if directions is None else ~directions.any(axis=0)
     if (known & (np.diag(covariance) == 0.0)).any():
@@ -71,11 +69,13 @@ def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
     covariance = np.zeros((len(labels), len(labels)))
     for i, row in enumerate(rows):
         covariance[i, : i + 1] = covariance[: i + 1, i] = row
+    if fault := covariance_fault(covariance):
+        raise table.fail("covariance", fault)
     return covariance
 
 
 def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:
-    """Return a covariance from the safetensors file beside the arm.toml."""
+    """Return a covariance from the safetensors file beside the arm.toml, whose layout says that it must be one."""
     path = table.path.parent / table.text("covariance_file")
     if not table.has("covariance_sha256"):
         raise table.fail("covariance_file", f"was made by an earlier version, without its SHA-256: {LAYOUT.anew}")

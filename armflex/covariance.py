@@ -10,8 +10,11 @@ ROUNDING = 1e-7
 """Of a covariance in units of its own diagonal: what ten digits of text and the sums of a fit may leave below zero."""
 
 
-def covariance_fault(covariance: Array) -> str:
-    """Return what a (P, P) matrix has that no covariance has, '' where it may be one."""
+def covariance_fault(covariance: Array, rounding: float = ROUNDING) -> str:
+    """Return what a (P, P) matrix has that no covariance has, '' where it may be one.
+
+    `rounding`, in units of its own diagonal, is how far its halves may differ and an eigenvalue may lie below zero.
+    """
     variance = np.diag(covariance)
     if not np.isfinite(covariance).all():
         return "is not finite"
@@ -22,13 +25,14 @@ def covariance_fault(covariance: Array) -> str:
     if covariance[sure].any() or covariance[:, sure].any():
         return f"has numbers beside the zero variance in row {int(sure.argmax()) + 1}"
     unit = np.sqrt(np.where(sure, 1.0, variance))
-    with np.errstate(over="ignore"):  # beside a tiny variance: refused below
+    with np.errstate(over="ignore", invalid="ignore"):  # beside a tiny variance: refused below
         scaled = covariance / unit[:, None] / unit
-    if not (np.abs(scaled - scaled.T) <= ROUNDING).all():
-        row, column = np.unravel_index(int(np.abs(scaled - scaled.T).argmax()), scaled.shape)
+        skew = np.abs(scaled - scaled.T)
+    if not (skew <= rounding).all():
+        row, column = np.unravel_index(int(skew.argmax()), scaled.shape)
         return f"is not symmetric: rows {row + 1} and {column + 1}"
     try:
-        np.linalg.cholesky(scaled + ROUNDING * np.eye(len(scaled)))
+        np.linalg.cholesky(scaled + rounding * np.eye(len(scaled)))
     except np.linalg.LinAlgError:
         return "is not positive semidefinite: some combination of the parameters would have a negative variance"
     return ""

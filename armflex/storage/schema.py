@@ -11,7 +11,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from armflex.conventions import Array
+from armflex.covariance import covariance_fault
 from armflex.errors import did_you_mean, listing
 
 LARGEST = 1e50
@@ -19,7 +19,7 @@ LARGEST = 1e50
 than its inverse."""
 
 ROUNDING = 1e-8
-"""How far below zero an eigenvalue of a covariance with a unit diagonal may lie, and its halves may differ."""
+"""See `covariance_fault`: numbers that are kept as they are lose less than those written as text."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,8 @@ def check_numbers(arrays: Mapping[str, np.ndarray], declared: Mapping[str, Numbe
             place = np.unravel_index(int(np.argmin(good)), values.shape)
             where = f"{name!r}{[int(i) for i in place]}" if values.ndim else repr(name)
             raise ValueError(f"{where} is {values[place]:g}, expected {_bounds(numbers)}")
-        if numbers.covariance and not all(map(is_covariance, values.reshape(-1, *values.shape[-2:]))):
+        matrices = values.reshape(-1, *values.shape[-2:]) if numbers.covariance else ()
+        if any(covariance_fault(matrix, ROUNDING) for matrix in matrices):
             raise ValueError(f"{name!r} is no covariance: not symmetric, or some variance would be negative")
 
 
@@ -101,25 +102,6 @@ def check_arrays(
     """Raise `ValueError` where arrays are not those declared, see `check_shapes` and `check_numbers`."""
     check_shapes({name: (values.dtype.str[1:], values.shape) for name, values in arrays.items()}, declared, sizes)
     check_numbers(arrays, declared)
-
-
-def is_covariance(matrix: Array) -> bool:
-    """Return whether a (P, P) matrix is symmetric and positive semidefinite, but for rounding; units may differ."""
-    variance = np.diag(matrix)
-    if not (variance >= 0.0).all() or matrix[variance == 0.0].any():
-        return False
-    size = np.sqrt(np.where(variance > 0.0, variance, 1.0))
-    with np.errstate(all="ignore"):
-        unit = matrix / size[:, None] / size
-        skew = np.abs(unit - unit.T).max(initial=0.0)
-    if not skew <= ROUNDING:
-        return False
-    unit[np.diag_indices(len(unit))] += ROUNDING
-    try:
-        np.linalg.cholesky(unit)
-    except np.linalg.LinAlgError:
-        return False
-    return True
 
 
 def strict_json(text: str) -> Any:
