@@ -12,7 +12,13 @@ import pytest
 from small_arms import ROBOTS
 
 from armflex import Arm, Trajectory, load_arm, read_trajectory
-from armflex.mechanics.rows import kernel
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the kernel once, before the workers start: they would each, and code compiled apart rounds otherwise."""
+    if not hasattr(config, "workerinput"):
+        code = "from armflex.mechanics.rows import kernel; kernel().compile_everything()"
+        subprocess.run([sys.executable, "-c", code], cwd=ROBOTS.parent, check=True)
 
 
 def _quietly(path: Path, preset: str | None = None) -> Arm:
@@ -52,7 +58,6 @@ def tarm_preset() -> Callable[[str], Arm]:
 @pytest.fixture
 def armflex(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Return the function that runs the command line in a process of its own, inside `tmp_path`."""
-    kernel().compile_everything()  # once on a machine: a command must not time out because of it
 
     def run(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-c", "from armflex.cli.main import main; main()", *map(str, arguments)]

@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 from goldens import COMMANDS, command_json, compare, differences
+
+from armflex.calibrate.identify import partners_of
+from armflex.effects.shapes import shares_of_load
+from armflex.effects.spot import Spot
+from armflex.linear_gaussian import LinearGaussian
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -16,3 +24,15 @@ def test_a_difference_is_found() -> None:
     assert not list(differences(golden, {"a": [1.0 + 1e-9, {"b": "x"}], "c": None}))
     assert list(differences(golden, {"a": [1.1, {"b": "x"}], "c": None})) == [".a[0]: 1.1, it was 1.0"]
     assert list(differences(golden, {"a": [1.0, {"b": "y"}]})) == [".a[1].b: 'y', it was 'x'", ".c: missing"]
+
+
+def test_rounding_is_no_finding() -> None:
+    """What a column of rounding resembles, or at which load rounding saturates, differs between processors."""
+    known, names = LinearGaussian(np.eye(3)), ["a", "b", "c"]
+    columns = np.array([[1.0, 1e-17, 0.0], [0.0, 1e-17, 1.0]])
+    assert partners_of(columns.T @ columns, known, 1, names) == ()
+    columns[:, 1] = 1e-3
+    assert partners_of(columns.T @ columns, known, 1, names) == ("a", "c")
+    scene = SimpleNamespace(wrenches={"J1": np.array([[1e3, 0.0, 0.0, 5e-10, 20.0, 0.0]])})
+    assert shares_of_load(Spot("J1", "rx"), scene, (0.5,)) == ()
+    assert shares_of_load(Spot("J1", "ry"), scene, (0.5,)) == [10.0]

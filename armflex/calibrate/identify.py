@@ -17,6 +17,9 @@ UNDETERMINED = 0.9
 SURPRISING = 3.0
 """Prior standard deviations beyond which a fitted value is a finding."""
 
+STILL = 1e-9
+"""Standard deviations of the readings by which a parameter moves them altogether, below which it is rounding."""
+
 PARTNER = 0.25
 """Share of a parameter's effect that another must be able to take over to be named."""
 
@@ -94,6 +97,8 @@ def _trades(fit: Fit) -> list[tuple[str, ...]]:
 def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:
     """Return up to four parameters that take over one parameter's effect on the readings best, the strongest first.
 
+    None where the readings do not depend on it: what rounding resembles is no finding, and differs between processors.
+
     Args:
         normal: (P, P) what the readings alone tell.
         known: What they tell with what was known before.
@@ -102,6 +107,8 @@ def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequenc
     """
     others = np.delete(np.arange(len(names)), index)
     own = np.sqrt(normal[index, index])
+    if own < STILL:
+        return ()
     amount = known.conditional(others).solve(normal[others, index])
     effect = np.abs(amount) * np.sqrt(np.diag(normal)[others])
     strong = [i for i in np.argsort(-effect) if effect[i] > PARTNER * own]

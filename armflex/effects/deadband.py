@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.effects.law import Amplitude, Inner, TwistLaw, Values
-from armflex.effects.scene import AXES, AXES_TURN, Scene
-from armflex.effects.shapes import TURNS, along, at_joints
+from armflex.effects.scene import AXES_TURN, Scene
+from armflex.effects.shapes import TURNS, along, at_joints, shares_of_load
 from armflex.effects.spot import Here, Spot
 from armflex.laws import Row
 
@@ -17,12 +17,6 @@ from armflex.laws import Row
 def _places(scene: Scene) -> list[Spot]:
     several = [Spot(joint, terms=tuple(1 + i for i in turns)) for joint in scene.joints for turns in TURNS]
     return [*at_joints(scene), *several]
-
-
-def _loads(spot: Spot, scene: Scene) -> Iterable[float]:
-    wrench = scene.wrenches[spot.site]
-    load = wrench[:, AXES.index(spot.axis)] if spot.axis else wrench[:, [2 + term for term in spot.terms]]
-    return max(float(np.abs(load).max()), 1e-9) * np.array([0.03, 0.1, 0.2, 0.4, 0.7])
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -36,6 +30,6 @@ DEADBAND = TwistLaw(
     _places,
     (Amplitude("g", "{m}", positive=True), *(Amplitude(f"g_{axis}", "rad", positive=True) for axis in AXES_TURN)),
     _basis,
-    (Inner("tau0", "{w}", _loads),),
+    (Inner("tau0", "{w}", partial(shares_of_load, shares=(0.03, 0.1, 0.2, 0.4, 0.7))),),
     loaded=True,
 )

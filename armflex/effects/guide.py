@@ -9,13 +9,14 @@ and a position-dependent compliance are what this looks like at one position, or
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.effects.law import Amplitude, Inner, TwistLaw, Values
-from armflex.effects.scene import AXES, AXES_TURN, Scene, column_of
-from armflex.effects.shapes import along, on_axis
+from armflex.effects.scene import AXES_TURN, Scene, column_of
+from armflex.effects.shapes import along, on_axis, shares_of_load
 from armflex.effects.spot import Here, Spot
 from armflex.laws import Row
 
@@ -28,11 +29,6 @@ def _places(scene: Scene) -> list[Spot]:
         for axis in AXES_TURN
         for terms in ((0,), (1,), (0, 1))
     ]
-
-
-def _loads(spot: Spot, scene: Scene) -> Iterable[float]:
-    load = scene.wrenches[spot.site][:, AXES.index(str(spot.axis))]
-    return max(float(np.abs(load).max()), 1e-9) * np.array([0.05, 0.2, 0.5])
 
 
 def _spare(spot: Spot, scene: Scene) -> Iterable[float]:
@@ -56,7 +52,7 @@ GUIDE = TwistLaw(
     (Amplitude("g", "rad m", positive=True), Amplitude("c", "rad m/Nm", positive=True)),
     on_axis(_shapes),
     (
-        Inner("tau0", "Nm", _loads),
+        Inner("tau0", "Nm", partial(shares_of_load, shares=(0.05, 0.2, 0.5))),
         Inner("spare", "m", _spare),
         Inner("out", "m", _ends, positive=False, polished=False),
     ),

@@ -19,6 +19,8 @@ LAGS = (600.0, 1800.0, 5400.0, 10800.0)
 REFERENCE = 20.0
 """Temperature at which machines are made [deg C]."""
 
+ROUNDING = 1e-9
+"""Share of a joint's largest load below which a load along another of its axes is rounding."""
 
 TURNS = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
 """Turning axes that laws act about together."""
@@ -37,6 +39,16 @@ def on_drive(shapes: Shapes) -> Along:
 def along(here: Here, wrench: Array) -> Array:
     """Return the (...,) load along the spot's axis: tau about a turning one."""
     return wrench @ here.direction
+
+
+def shares_of_load(spot: Spot, scene: Scene, shares: tuple[float, ...]) -> Iterable[float]:
+    """Return shares of the largest load along a spot's axes, none where it is rounding beside the joint's others.
+
+    A law that saturates makes a column of any load, so rounding would become a candidate.
+    """
+    wrench = np.abs(scene.wrenches[spot.site]).max(axis=0)  # of forces and moments alike: as if at 1 m
+    load = float(wrench[[AXES.index(spot.axis)] if spot.axis else [2 + term for term in spot.terms]].max())
+    return () if load <= ROUNDING * wrench.max() else load * np.array(shares)
 
 
 def own_position(here: Here, row: Row) -> Array:
