@@ -5,24 +5,21 @@ from typing import TYPE_CHECKING
 
 from armflex.arm import Arm as Arm
 from armflex.arm import Flexure as Flexure
-from armflex.arm_file import load_arm as load_arm
+from armflex.bench.train import train as train
 from armflex.bundled import bundled_robot as bundled_robot
-from armflex.calibrate import Bootstrap as Bootstrap
-from armflex.calibrate import Calibration as Calibration
-from armflex.calibrate import bootstrap as bootstrap
-from armflex.calibrate import calibrate as calibrate
-from armflex.calibrate.draw import draw_arms as draw_arms
-from armflex.calibrate.draw import ensemble as ensemble
-from armflex.check import CheckReport as CheckReport
-from armflex.check import check as check
-from armflex.compensate import Compensation as Compensation
-from armflex.compensate import compensate as compensate
 from armflex.errors import ArmflexError as ArmflexError
 from armflex.errors import ArmflexWarning as ArmflexWarning
 from armflex.errors import InputError as InputError
+from armflex.estimate import Bootstrap as Bootstrap
+from armflex.estimate import Calibration as Calibration
+from armflex.estimate import bootstrap as bootstrap
+from armflex.estimate import calibrate as calibrate
+from armflex.estimate.draw import draw_arms as draw_arms
+from armflex.estimate.draw import ensemble as ensemble
+from armflex.estimate.tip_uncertainty import total_covariance as total_covariance
+from armflex.files.arm_file import load_arm as load_arm
 from armflex.laws.law_file import load_law as load_law
 from armflex.laws.law_file import save_law as save_law
-from armflex.learning.train import train as train
 from armflex.measured.joint_data import read_joint_data as read_joint_data
 from armflex.measured.measurements import Measurements as Measurements
 from armflex.measured.measurements import read_measurements as read_measurements
@@ -37,31 +34,34 @@ from armflex.mechanics.loads import Wrench as Wrench
 from armflex.plan import draw_plan as draw_plan
 from armflex.plan import plan as plan
 from armflex.plan import write_plan as write_plan
-from armflex.predict import Prediction as Prediction
-from armflex.predict import predict as predict
 from armflex.robot import load_robot as load_robot
 from armflex.rows.poses import leaked as leaked
 from armflex.rows.poses import pose_groups as pose_groups
-from armflex.tip_uncertainty import total_covariance as total_covariance
+from armflex.show.view import draw_laws as draw_laws
+from armflex.show.view import view as view
+from armflex.show.view.map_page import map_page as map_page
+from armflex.tasks.check import CheckReport as CheckReport
+from armflex.tasks.check import check as check
+from armflex.tasks.compensate import Compensation as Compensation
+from armflex.tasks.compensate import compensate as compensate
+from armflex.tasks.predict import Prediction as Prediction
+from armflex.tasks.predict import predict as predict
+from armflex.tasks.workspace import WorkspaceMap as WorkspaceMap
+from armflex.tasks.workspace import draw_map as draw_map
+from armflex.tasks.workspace import map_workspace as map_workspace
+from armflex.tasks.workspace import read_map as read_map
+from armflex.tasks.workspace import write_map as write_map
 from armflex.trace import trace as trace
 from armflex.trajectory import Trajectory as Trajectory
 from armflex.trajectory import read_trajectory as read_trajectory
 from armflex.trajectory import write_trajectory as write_trajectory
 from armflex.version import __version__ as __version__
-from armflex.view import draw_laws as draw_laws
-from armflex.view import view as view
-from armflex.workspace import WorkspaceMap as WorkspaceMap
-from armflex.workspace import draw_map as draw_map
-from armflex.workspace import map_page as map_page
-from armflex.workspace import map_workspace as map_workspace
-from armflex.workspace import read_map as read_map
-from armflex.workspace import write_map as write_map
 
 if TYPE_CHECKING:
-    from armflex.tracking import Reading as Reading
-    from armflex.tracking import Tracker as Tracker
+    from armflex.track import Reading as Reading
+    from armflex.track import Tracker as Tracker
 
-LATE = {"Tracker": "armflex.tracking", "Reading": "armflex.tracking"}
+LATE = {"Tracker": "armflex.track", "Reading": "armflex.track"}
 """Names whose packages are imported when they are first asked for: they need scipy."""
 
 

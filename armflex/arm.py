@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike
 
 from armflex.certainty import Certainty
 from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
-from armflex.effects.in_arm import Pulling, pulling, with_twists
-from armflex.effects.law import Effect
 from armflex.errors import (
     ArmflexWarning,
     ArrayTypeError,
@@ -27,6 +25,8 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.flexure import Flexure as Flexure
+from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
+from armflex.laws.effects.law import Effect
 from armflex.mechanics.batch import deflect_batch
 from armflex.mechanics.deflect import Asked, deflect, deflect_moving
 from armflex.mechanics.deflection import Deflection

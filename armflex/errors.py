@@ -231,3 +231,12 @@ def listing(names: Iterable[str], most: int = 20) -> str:
     names = list(names)
     more = f", ... {len(names) - most} more" if len(names) > most else ""
     return (", ".join(names[:most]) or "none") + more
+
+
+NO_ANSWER: dict[str, type[ArmflexError]] = {
+    "unstable": UnstableEquilibriumError,
+    "too_large": SmallDisplacementError,
+    "no_equilibrium": ConvergenceError,
+    "beyond_training": ExtrapolationError,
+}
+"""Why a configuration may have no answer. Whatever else goes wrong is wrong with the question."""

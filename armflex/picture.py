@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armflex.errors import InputError
-from armflex.whole_file import write_whole
+from armflex.storage.whole_file import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,8 +11,8 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.effects.remember import check_covariates, derived_direction, known_rows
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, listing
+from armflex.laws.effects.remember import check_covariates, derived_direction, known_rows
 from armflex.measured.table import Table, check_payloads, joint_kinds, read_table, write_table
 from armflex.rows.rows import APPROACH, last_motion
 

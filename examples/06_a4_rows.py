@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 import armflex
-from armflex.learning.learners import Options
+from armflex.bench.learners import Options
 
 MODELS = {
     "diagonal, the paper's eq. (7)": ("linear", "diagonal", Options()),

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 import armflex
-from armflex.laws.torch_law import TorchLaw
+from armflex.laws.joint.torch_law import TorchLaw
 
 LOAD, TWIST = 1e4, 1e-3  # N and m: networks like numbers near one
 

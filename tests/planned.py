@@ -22,12 +22,12 @@ from plant import Array, Plant, Push, Rows, State, apply, pose, turn
 from undeclared import AXES
 
 from armflex import Arm, Measurements, Trajectory, calibrate, load_arm, plan, predict, read_measurements, write_plan
-from armflex.calibrate.blocks import declared_blocks
-from armflex.calibrate.calibrate import first_guess
-from armflex.calibrate.effect_block import EffectBlock, shy_prior
-from armflex.calibrate.fit import fit
-from armflex.calibrate.spread import scene_of
-from armflex.calibrate.view import look
+from armflex.estimate.blocks import declared_blocks
+from armflex.estimate.calibrate import first_guess
+from armflex.estimate.effect_block import EffectBlock, shy_prior
+from armflex.estimate.fit import fit
+from armflex.estimate.spread import scene_of
+from armflex.estimate.view import look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.result import Plan
 from armflex.plan.rivals import named_effect

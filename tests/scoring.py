@@ -15,7 +15,7 @@ from absorbed import visible
 from campaigns import Drawn, TrueEffect, draw
 
 import armflex
-from armflex.effects import Effect
+from armflex.laws.effects import Effect
 from armflex.trace.result import Found, Trace
 from armflex.trace.rounds import trace
 

@@ -12,15 +12,15 @@ from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
 
 from armflex import InputError
+from armflex.bench import bayesian
+from armflex.bench.bayesian import fit_bayesian
+from armflex.bench.collapsed import Collapsed, Prior, maximum, whitening
+from armflex.bench.model import Fitted
+from armflex.bench.network_problem import NetworkProblem, predictions
+from armflex.bench.nuts import no_u_turn
 from armflex.errors import ConvergenceError, NotFiniteError, UnknownNameError, UnsupportedError
+from armflex.laws.joint.network import layers
 from armflex.laws.law import Row
-from armflex.laws.network import layers
-from armflex.learning import bayesian
-from armflex.learning.bayesian import fit_bayesian
-from armflex.learning.collapsed import Collapsed, Prior, maximum, whitening
-from armflex.learning.model import Fitted
-from armflex.learning.network_problem import NetworkProblem, predictions
-from armflex.learning.nuts import no_u_turn
 
 NOISE = 1e-5
 NOWHERE = Row(np.zeros(0), {})

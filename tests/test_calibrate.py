@@ -15,16 +15,16 @@ from plant import Campaign, Plant
 from small_arms import ROBOTS
 
 from armflex import calibrate, draw_arms, ensemble, load_arm, predict, read_measurements, total_covariance
-from armflex.calibrate.blocks import declared_blocks
-from armflex.calibrate.calibrate import first_guess
-from armflex.calibrate.file import write_calibrated
-from armflex.calibrate.fit import prior_of, realise
-from armflex.calibrate.view import look
 from armflex.certainty import Certainty
 from armflex.cli.calibrate import as_json
 from armflex.errors import ArmFileError, InputError, UnsupportedError
+from armflex.estimate.blocks import declared_blocks
+from armflex.estimate.calibrate import first_guess
+from armflex.estimate.file import write_calibrated
+from armflex.estimate.fit import prior_of, realise
+from armflex.estimate.view import look
 from armflex.laws import LinearLaw
-from armflex.laws.linear import LinearFit
+from armflex.laws.joint.linear import LinearFit
 
 PAYLOADS = (("empty", 0.0, (0, 0, 0)), ("p100", 100.0, (0.1, 0.0, 0.0)), ("p200", 200.0, (0.1, 0.0, 0.0)))
 

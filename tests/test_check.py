@@ -15,14 +15,14 @@ from scipy.optimize import minimize_scalar
 from small_arms import one_joint
 
 from armflex import Arm, InputError, Measurements, Payload, Trajectory, check, predict
-from armflex.calibrate.spread import without_declared_doubt
 from armflex.certainty import Certainty
-from armflex.check import Point
 from armflex.errors import ExtrapolationError, NotFiniteError, Place
+from armflex.estimate.spread import without_declared_doubt
+from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.laws import AtNode, LinearLaw
-from armflex.laws.linear import LinearFit
+from armflex.laws.joint.linear import LinearFit
 from armflex.robot import Corrections
-from armflex.tip_uncertainty import tip_covariance
+from armflex.tasks.check import Point
 from armflex.trajectory import read_trajectory
 
 RANK = {"ok": 0, "uncertain": 1, "fail": 2}
@@ -246,7 +246,7 @@ def test_flags_carry_their_time(tarm: Arm, tarm_path: Trajectory) -> None:
 
 
 def test_progress_counts_the_stretches(heavy: Arm, heavy_path: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["armflex.check"], "TOGETHER", 2)
+    monkeypatch.setattr(sys.modules["armflex.tasks.check"], "TOGETHER", 2)
     seen: list[tuple[int, int]] = []
     check(heavy, some_rows(heavy_path, range(0, 4)), 0.1, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(2, 3), (3, 3)]
@@ -280,7 +280,7 @@ def test_stretches_are_judged_alike_together_and_one_by_one(
 ) -> None:
     path = some_rows(heavy_path, range(0, 12))
     together = check(heavy, path, 0.005)
-    monkeypatch.setattr(sys.modules["armflex.check"], "TOGETHER", 1)
+    monkeypatch.setattr(sys.modules["armflex.tasks.check"], "TOGETHER", 1)
     assert check(heavy, path, 0.005) == together
 
 

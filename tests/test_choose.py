@@ -12,12 +12,12 @@ from small_arms import ROBOTS
 from test_cli import Run, fine, strict_json
 
 from armflex import InputError, read_joint_data, train
+from armflex.bench.choose import INNER, OUTER, Compared, Rival, assess, chosen, compare, negligible, race
+from armflex.bench.held_out import NOWHERE, hold_out, random_folds
+from armflex.bench.learners import Options, affordable_starts, learner, rivals
+from armflex.bench.model import Fitted
+from armflex.bench.train import CHOICE
 from armflex.laws.law_file import load_law
-from armflex.learning.choose import INNER, OUTER, Compared, Rival, assess, chosen, compare, negligible, race
-from armflex.learning.held_out import NOWHERE, hold_out, random_folds
-from armflex.learning.learners import Options, affordable_starts, learner, rivals
-from armflex.learning.model import Fitted
-from armflex.learning.train import CHOICE
 from armflex.measured.joint_data import JointData
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"

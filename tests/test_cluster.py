@@ -14,11 +14,11 @@ import pytest
 from campaigns import draw
 
 from armflex import Arm, bootstrap, load_arm, map_workspace, read_measurements
-from armflex.learning.bayesian import evident_prior, sample
-from armflex.learning.linear_chain import sample_compliance
-from armflex.learning.network_problem import scaled_problem
+from armflex.bench.bayesian import evident_prior, sample
+from armflex.bench.linear_chain import sample_compliance
+from armflex.bench.network_problem import scaled_problem
 from armflex.parallel import in_order
-from armflex.workspace import WorkspaceMap
+from armflex.tasks.workspace import WorkspaceMap
 
 distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 

@@ -12,8 +12,8 @@ from safetensors.numpy import save_file
 from small_arms import ROBOTS
 
 from armflex import Arm, load_arm
-from armflex.certainty_table import LAYOUT
 from armflex.errors import ArmFileError
+from armflex.files.certainty_table import LAYOUT
 from armflex.storage.array_file import write_arrays
 
 LABELS = ("joint_offset A1", "joint_offset A2", "joint_offset A3")

@@ -27,8 +27,8 @@ from armflex import (
     read_measurements,
     trace,
 )
-from armflex.calibrate.file import write_calibrated, write_traced
 from armflex.errors import ArmFileError, MissingCovariateError
+from armflex.estimate.file import write_calibrated, write_traced
 from armflex.trajectory import write_trajectory
 
 GAP, COUNT, STILL = 1.4e-3, 90, 3

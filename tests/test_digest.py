@@ -14,8 +14,8 @@ import pytest
 from small_arms import ROBOTS
 
 from armflex import Arm, load_arm
-from armflex.digest import digest
 from armflex.errors import DigestError, Flag, InputError
+from armflex.storage.digest import digest
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,10 @@ def test_what_says_the_same_has_the_same() -> None:
 
 
 def test_another_process_says_the_same(tarm: Arm) -> None:
-    code = f"from armflex import load_arm; from armflex.digest import digest; print(digest(load_arm({str(TARM)!r})))"
+    code = (
+        "from armflex import load_arm; from armflex.storage.digest import digest; "
+        f"print(digest(load_arm({str(TARM)!r})))"
+    )
     command = [sys.executable, "-W", "ignore", "-c", code]
     said = subprocess.run(command, cwd=ROBOTS.parent, capture_output=True, text=True, check=True).stdout.split()
     assert said == [digest(load_arm(TARM))] and digest(replace(tarm, payload_rating=1.0)) != said[0]
@@ -98,7 +101,7 @@ def test_a_class_may_say_what_it_is() -> None:
 
 def test_a_network_of_ones_own_is_told_by_weights_and_settings() -> None:
     torch = pytest.importorskip("torch")
-    from armflex.laws.torch_law import TorchLaw
+    from armflex.laws.joint.torch_law import TorchLaw
 
     class Own(torch.nn.Module):
         def __init__(self, factor: float, seed: int = 0) -> None:

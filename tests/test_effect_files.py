@@ -29,17 +29,17 @@ from armflex import (
     total_covariance,
     trace,
 )
-from armflex.calibrate.effect_block import EffectBlock, shy_prior
-from armflex.calibrate.file import write_calibrated, write_traced
-from armflex.calibrate.spread import certainty_of
 from armflex.certainty import Certainty
-from armflex.effects import CATALOGUE, Effect, EffectLaw
-from armflex.effects.effect_file import SHAPES, effect_table
-from armflex.effects.remember import settled
-from armflex.effects.scene import Scene
-from armflex.effects.spot import Spot
 from armflex.errors import ArmFileError, MissingCovariateError, UnsupportedError
+from armflex.estimate.effect_block import EffectBlock, shy_prior
+from armflex.estimate.file import write_calibrated, write_traced
+from armflex.estimate.spread import certainty_of
+from armflex.files.effect_file import SHAPES, effect_table
 from armflex.laws import Row
+from armflex.laws.effects import CATALOGUE, Effect, EffectLaw
+from armflex.laws.effects.remember import settled
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import Spot
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.result import Found, Proof, Trace
 from armflex.trace.state import State, begin, refit, with_random

@@ -15,17 +15,17 @@ import pytest
 from campaigns import draw
 
 from armflex import Arm, load_arm, read_measurements
-from armflex.calibrate.effect_block import EffectBlock, shy_prior
-from armflex.calibrate.view import Setup, View, look
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.effects import Effect, EffectLaw, LoadLaw, Spot, TwistLaw
-from armflex.effects.catalogue import CATALOGUE, EVERY
-from armflex.effects.guide import GUIDE
-from armflex.effects.remember import known_rows
-from armflex.effects.scene import Scene, survey
-from armflex.effects.tool_shift import ALWAYS
-from armflex.effects.unnamed import PRODUCT, SHAPES, WAVE_PRODUCT
 from armflex.errors import MissingCovariateError
+from armflex.estimate.effect_block import EffectBlock, shy_prior
+from armflex.estimate.view import Setup, View, look
+from armflex.laws.effects import Effect, EffectLaw, LoadLaw, Spot, TwistLaw
+from armflex.laws.effects.catalogue import CATALOGUE, EVERY
+from armflex.laws.effects.guide import GUIDE
+from armflex.laws.effects.remember import known_rows
+from armflex.laws.effects.scene import Scene, survey
+from armflex.laws.effects.tool_shift import ALWAYS
+from armflex.laws.effects.unnamed import PRODUCT, SHAPES, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import respond
 from armflex.readings.instrument import Instrument
@@ -324,7 +324,7 @@ def test_every_law_has_a_name_of_its_own_and_is_found_by_it():
 
 @cache
 def shapes_of(count: int) -> Callable[[Array, float, float], list[Array]]:
-    from armflex.effects.unnamed import hats
+    from armflex.laws.effects.unnamed import hats
 
     return partial(hats, count=count)
 

@@ -13,10 +13,10 @@ from test_effect_files import BACKLASH, TEXT, arm_with, plain, spots
 
 from armflex import Arm, Trajectory, check, compensate, read_trajectory, view
 from armflex.cli.options import parse_covariates
-from armflex.effects import CATALOGUE, Effect, TwistLaw
-from armflex.effects.effect_file import SHAPES
 from armflex.errors import InputError, MissingCovariateError, TableError
-from armflex.workspace import map_workspace
+from armflex.files.effect_file import SHAPES
+from armflex.laws.effects import CATALOGUE, Effect, TwistLaw
+from armflex.tasks.workspace import map_workspace
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
 KNOWN = {"time": 30.0, "hold": 40.0, "temperature": 27.0, "oil_temp": 27.0, "humidity": 0.4}

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from armflex.effects.hysteresis import play
-from armflex.effects.shapes import follow
-from armflex.effects.stepping import play_in, stepper
+from armflex.laws.effects.hysteresis import play
+from armflex.laws.effects.shapes import follow
+from armflex.laws.effects.stepping import play_in, stepper
 
 LAG = 1800.0
 loads = arrays(float, st.integers(1, 40), elements=st.floats(-100.0, 100.0, width=32))

@@ -13,11 +13,11 @@ from test_effects import few, readings
 from undeclared import Effect as Hidden
 
 from armflex import load_arm, predict, read_measurements
-from armflex.calibrate.view import Setup
-from armflex.effects import Effect, Spot
-from armflex.effects.catalogue import EVERY
-from armflex.effects.remember import known_rows
+from armflex.estimate.view import Setup
 from armflex.laws import LinearLaw
+from armflex.laws.effects import Effect, Spot
+from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.remember import known_rows
 from armflex.measured.measurements import Measurements
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections

@@ -14,12 +14,12 @@ from test_effects import ROWS, Stage, some_effects
 from test_structural import nonlinear
 
 from armflex import Arm, Payload
-from armflex.effects import Effect, Spot, TwistLaw
-from armflex.effects.catalogue import EVERY
-from armflex.effects.in_arm import BoundTwist
-from armflex.effects.remember import known_rows
 from armflex.errors import ConvergenceError, SmallDisplacementError, UnstableEquilibriumError
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, Row
+from armflex.laws.effects import Effect, Spot, TwistLaw
+from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.in_arm import BoundTwist
+from armflex.laws.effects.remember import known_rows
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, tangent_of
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics

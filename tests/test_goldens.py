@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from goldens import COMMANDS, command_json, compare, differences
 
-from armflex.calibrate.identify import partners_of
-from armflex.effects.shapes import shares_of_load
-from armflex.effects.spot import Spot
+from armflex.estimate.identify import partners_of
+from armflex.laws.effects.shapes import shares_of_load
+from armflex.laws.effects.spot import Spot
 from armflex.linear_gaussian import LinearGaussian
 
 

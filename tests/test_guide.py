@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from small_arms import joint, link, robot, write
 
 from armflex import Arm, calibrate, load_arm, read_measurements, trace
-from armflex.effects import Effect, Spot
-from armflex.effects.effect_file import effect_table
-from armflex.effects.guide import GUIDE
-from armflex.effects.in_arm import BoundTwist
-from armflex.effects.scene import Scene
-from armflex.effects.spot import Here
 from armflex.errors import ArmFileError
+from armflex.files.effect_file import effect_table
 from armflex.laws import Row
+from armflex.laws.effects import Effect, Spot
+from armflex.laws.effects.guide import GUIDE
+from armflex.laws.effects.in_arm import BoundTwist
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import Here
 from armflex.trace.result import Trace
 
 SPOT = Spot("lift", "ry", ("q_lift",), (0, 1))

@@ -18,21 +18,21 @@ from hypothesis import strategies as st
 from small_arms import central_difference
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements, total_covariance
-from armflex.calibrate import Calibration
-from armflex.calibrate.calibrate import first_guess, loads_seen
-from armflex.calibrate.file import write_calibrated
-from armflex.calibrate.law_block import law_block, with_laws
-from armflex.calibrate.learned import learned_axes
-from armflex.calibrate.sample import sample_laws
-from armflex.calibrate.view import look
 from armflex.certainty import Certainty
 from armflex.cli.main import armflex
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import ArmFileError, ConvergenceError, InputError
+from armflex.estimate import Calibration
+from armflex.estimate.calibrate import first_guess, loads_seen
+from armflex.estimate.file import write_calibrated
+from armflex.estimate.law_block import law_block, with_laws
+from armflex.estimate.learned import learned_axes
+from armflex.estimate.sample import sample_laws
+from armflex.estimate.view import look
 from armflex.flexure import Flexure
 from armflex.laws import AtNode, Beam, Law, LinearLaw, PositionDependentLaw, Row, Section, StructuralLaw, SubJoint
+from armflex.laws.joint.linear import LinearFit, beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
-from armflex.laws.linear import LinearFit, beyond
 
 RNG = np.random.default_rng(5)
 SIZE = np.array([1e3, 2e3, 500.0, 100.0, 200.0, 300.0])
@@ -381,7 +381,7 @@ def test_a_campaign_is_within_the_loads_that_it_taught_and_others_are_told_once(
 
 def test_a_search_that_has_not_settled_says_so_or_is_refused(six, learned, monkeypatch):
     folder, found = learned
-    learn, rows = sys.modules["armflex.calibrate.learn"], read_measurements(folder / "train.csv", found.arm)
+    learn, rows = sys.modules["armflex.estimate.learn"], read_measurements(folder / "train.csv", found.arm)
     assert found.fit.left == 0.0 and not found.flags
     arm = load_arm(folder / "arm.toml")
     monkeypatch.setattr(learn, "ROUNDS", 1)
@@ -477,8 +477,8 @@ def test_what_cannot_be_learned_is_refused(six, tmp_path, change, message):
 
 def test_sampled_bands_are_laplace_bands_where_laws_are_nearly_straight(tmp_path, monkeypatch):
     """A compliance about its most probable value is almost linear in its parameters: both ways must agree."""
-    monkeypatch.setattr(sys.modules["armflex.calibrate.sample"], "TUNE", 60)
-    monkeypatch.setattr(sys.modules["armflex.calibrate.sample"], "CHAINS", 2)
+    monkeypatch.setattr(sys.modules["armflex.estimate.sample"], "TUNE", 60)
+    monkeypatch.setattr(sys.modules["armflex.estimate.sample"], "CHAINS", 2)
     six = bent(4, "six")
     arm = load_arm(six.write(tmp_path, "linear"))
     found = calibrate(arm, read_measurements(tmp_path / "train.csv", arm))

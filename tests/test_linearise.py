@@ -12,9 +12,9 @@ from small_arms import arm_of, joint, link, random_compliance
 
 from armflex import Arm, Flexure, Payload, Wrench
 from armflex.conventions import Array
-from armflex.effects import CATALOGUE, Effect, Spot
-from armflex.effects.spot import same_site, site_of
 from armflex.laws import Law, LinearLaw, Row
+from armflex.laws.effects import CATALOGUE, Effect, Spot
+from armflex.laws.effects.spot import same_site, site_of
 from armflex.mechanics.response import Response, respond
 from armflex.robot import Corrections
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from armflex import Arm, InputError, Measurements, read_measurements
-from armflex.calibrate.view import Setup, look
 from armflex.errors import TableError
+from armflex.estimate.view import Setup, look
 from armflex.measured.doubts import without_duplicates
 from armflex.readings.instrument import Instrument
 from armflex.rows.poses import leaked, pose_groups

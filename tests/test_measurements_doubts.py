@@ -11,8 +11,8 @@ import pytest
 from test_measurements import campaign, written
 
 from armflex import Arm, Measurements, calibrate, read_measurements
-from armflex.calibrate.enough import check_enough
 from armflex.errors import AxesError, IdentifiabilityError, Place, UnitError
+from armflex.estimate.enough import check_enough
 from armflex.measured.axes import check_axes
 from armflex.measured.repeats import repeats
 

@@ -9,11 +9,10 @@ import pytest
 from scipy.special import digamma, ndtri
 from scipy.stats import rankdata
 
-from armflex.errors import ConvergenceError, InputError, NotFiniteError, ShapeError
-from armflex.learning.diagnostics import check_converged, diagnose, ess, rhat
-from armflex.learning.linear import fit_compliance
-from armflex.learning.linear_chain import fit_linear_chain, sample_compliance
-from armflex.learning.metropolis import (
+from armflex.bench.diagnostics import check_converged, diagnose, ess, rhat
+from armflex.bench.linear import fit_compliance
+from armflex.bench.linear_chain import fit_linear_chain, sample_compliance
+from armflex.bench.metropolis import (
     Adaptation,
     Running,
     adaptive_metropolis,
@@ -21,7 +20,8 @@ from armflex.learning.metropolis import (
     scale_of,
     updated,
 )
-from armflex.learning.model import Diagnostics
+from armflex.bench.model import Diagnostics
+from armflex.errors import ConvergenceError, InputError, NotFiniteError, ShapeError
 
 EPSILON = 1e-3
 

@@ -10,10 +10,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from armflex.bench.network import network_law
+from armflex.bench.network_problem import (
+    scaled_problem,
+)
 from armflex.errors import LawError
 from armflex.laws import LinearLaw, Row
-from armflex.laws.linear import LinearFit
-from armflex.laws.network import (
+from armflex.laws.joint.linear import LinearFit
+from armflex.laws.joint.network import (
     NetworkLaw,
     hidden_values,
     layers,
@@ -23,10 +27,6 @@ from armflex.laws.network import (
     unpack,
     weight_count,
     weight_jacobian,
-)
-from armflex.learning.network import network_law
-from armflex.learning.network_problem import (
-    scaled_problem,
 )
 
 NOWHERE = Row(np.zeros(0), {})
@@ -209,7 +209,7 @@ def test_only_a_single_network_has_a_laplace_covariance() -> None:
 
 def test_a_torch_module_as_a_law() -> None:
     torch = pytest.importorskip("torch")
-    from armflex.laws.torch_law import TorchLaw
+    from armflex.laws.joint.torch_law import TorchLaw
 
     law, rng = some_law(3, 1), np.random.default_rng(6)
     first, last = torch.nn.Linear(3, 7), torch.nn.Linear(7, 3)

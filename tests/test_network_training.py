@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armflex.errors import InputError
-from armflex.laws import Row
-from armflex.laws.network import NetworkLaw, layers, pack, weight_jacobian
-from armflex.learning.evidence import find_modes, laplace
-from armflex.learning.network import fit_network
-from armflex.learning.network_problem import (
+from armflex.bench.evidence import find_modes, laplace
+from armflex.bench.network import fit_network
+from armflex.bench.network_problem import (
     GROUPS,
     jacobian,
     predictions,
     scaled_problem,
     start_weights,
 )
+from armflex.errors import InputError
+from armflex.laws import Row
+from armflex.laws.joint.network import NetworkLaw, layers, pack, weight_jacobian
 
 NOWHERE = Row(np.zeros(0), {})
 LARGEST = np.array([2e3, 1e3, 2.5e3, 5e2, 5e2, 3e2])

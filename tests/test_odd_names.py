@@ -23,9 +23,9 @@ from armflex.cli.main import Commands, main
 from armflex.errors import ArmFileError, TableError, UrdfError
 from armflex.picture import picture
 from armflex.printable import printable
-from armflex.view.laws import draw_laws
-from armflex.view.page import render_page
-from armflex.view.scene import Scene
+from armflex.show.view.laws import draw_laws
+from armflex.show.view.page import render_page
+from armflex.show.view.scene import Scene
 
 MARKUP, FORMULA, SCRIPT, BOLD, DATA = "[/x]", r"$\frac{$", "<script>alert(1)</script>", "[bold", '"]</script>{{7*7}}'
 ODD = (MARKUP, FORMULA, SCRIPT, BOLD, DATA)

@@ -28,11 +28,11 @@ from armflex import (
     read_measurements,
     write_plan,
 )
-from armflex.calibrate import calibrate
-from armflex.effects.catalogue import LAWS
-from armflex.effects.effect_file import spots_on
-from armflex.effects.law import Effect
 from armflex.errors import UnknownNameError, UnsupportedError
+from armflex.estimate import calibrate
+from armflex.files.effect_file import spots_on
+from armflex.laws.effects.catalogue import LAWS
+from armflex.laws.effects.law import Effect
 from armflex.laws.learned import Learning
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.choose import exchanged, greedy, path

@@ -13,9 +13,12 @@ from hypothesis.extra.numpy import arrays
 from small_arms import ROBOTS
 
 from armflex import read_joint_data
+from armflex.bench.held_out import NOWHERE, hold_out, predicted, single_folds
+from armflex.bench.linear import fit_compliance
+from armflex.bench.polynomial import PLAIN, fit_polynomial, learner
 from armflex.errors import IdentifiabilityError, LawError, UnknownNameError
-from armflex.laws.at_node import AtNode
-from armflex.laws.polynomial import (
+from armflex.laws.joint.at_node import AtNode
+from armflex.laws.joint.polynomial import (
     FEATURES,
     PolynomialLaw,
     feature_values,
@@ -23,9 +26,6 @@ from armflex.laws.polynomial import (
     polynomial_from_tensors,
     to_tensors,
 )
-from armflex.learning.held_out import NOWHERE, hold_out, predicted, single_folds
-from armflex.learning.linear import fit_compliance
-from armflex.learning.polynomial import PLAIN, fit_polynomial, learner
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 EVERYTHING = "radial+magnitude+absolute+quadratic"

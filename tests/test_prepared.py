@@ -13,10 +13,6 @@ from test_batch import bundled, corrected, networks, positions
 from test_equilibria import KINDS, KNOWN, effects, laws_of
 
 from armflex import Arm, Payload
-from armflex.effects.catalogue import EVERY
-from armflex.effects.in_arm import BoundTwist
-from armflex.effects.law import Effect, TwistLaw
-from armflex.effects.spot import Here, Spot
 from armflex.errors import (
     ArrayTypeError,
     ConvergenceError,
@@ -30,6 +26,10 @@ from armflex.errors import (
     UnstableEquilibriumError,
 )
 from armflex.laws import LinearLaw, Row
+from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.in_arm import BoundTwist
+from armflex.laws.effects.law import Effect, TwistLaw
+from armflex.laws.effects.spot import Here, Spot
 from armflex.mechanics import query
 
 METHODS = ("exact", "first_order", "newton", "fixed_point")

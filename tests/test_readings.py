@@ -11,9 +11,9 @@ import pytest
 from small_arms import ROBOTS
 
 from armflex import Arm, Measurements, calibrate, load_arm
-from armflex.calibrate.robust import huber_weights
-from armflex.calibrate.view import Setup, look
 from armflex.errors import InputError
+from armflex.estimate.robust import huber_weights
+from armflex.estimate.view import Setup, look
 from armflex.prior import Prior
 from armflex.readings import Kind, Orientation, Position, Readings, unread
 from armflex.readings.chance import median_length, outlier_limit

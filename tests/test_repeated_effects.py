@@ -14,12 +14,12 @@ from test_effect_files import quietly
 from test_measurements import written
 
 from armflex import Arm, Reading, Tracker, calibrate, draw_arms, plan, predict, read_measurements, trace
-from armflex.calibrate.file import write_calibrated, write_traced
 from armflex.certainty import Certainty
-from armflex.effects.effect_file import effect_table
 from armflex.errors import InputError
+from armflex.estimate.file import write_calibrated, write_traced
+from armflex.files.effect_file import effect_table
 from armflex.readings.instrument import Instrument
-from armflex.report import write_report
+from armflex.show.report import write_report
 from armflex.trace.result import Trace
 
 URDF = robot(

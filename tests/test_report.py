@@ -16,11 +16,11 @@ from campaigns import draw
 import armflex
 from armflex.conventions import number
 from armflex.errors import FileError
-from armflex.report import render_report, write_report
-from armflex.report.accuracy import Errors
-from armflex.report.numbers import change, measure, millimetres, short
-from armflex.report.svg import canvas, drawing, inline
-from armflex.report.words import LAWS, called, labelled
+from armflex.show.report import render_report, write_report
+from armflex.show.report.accuracy import Errors
+from armflex.show.report.numbers import change, measure, millimetres, short
+from armflex.show.report.svg import canvas, drawing, inline
+from armflex.show.report.words import LAWS, called, labelled
 from armflex.trace.result import Trace, Unexplained
 from armflex.trace.rounds import trace
 from armflex.trace.state import begin
@@ -209,7 +209,7 @@ def test_rms_uncertainty_takes_poses_as_independent() -> None:
 
 
 def test_every_law_has_words(found: Trace) -> None:
-    from armflex.effects.catalogue import EVERY
+    from armflex.laws.effects.catalogue import EVERY
 
     assert set(LAWS) == set(EVERY)
     effect = found.found[0].effect
@@ -219,8 +219,8 @@ def test_every_law_has_words(found: Trace) -> None:
 def test_of_many_effects_the_first_two_make_the_headline():
     from types import SimpleNamespace
 
-    from armflex.effects import CATALOGUE, Effect, Spot
-    from armflex.report.summary import headline
+    from armflex.laws.effects import CATALOGUE, Effect, Spot
+    from armflex.show.report.summary import headline
 
     law = CATALOGUE["backlash"]
     effects = [Effect(law, Spot(f"A{i}", "ry", (f"approach_A{i}",)), (1e-3,)) for i in range(1, 5)]

@@ -10,8 +10,8 @@ from test_effect_files import arm_with
 from test_measurements import campaign, written
 
 from armflex import Arm, Measurements, calibrate, predict, read_measurements
-from armflex.effects.remember import derived_directions
 from armflex.errors import MissingCovariateError
+from armflex.laws.effects.remember import derived_directions
 
 BACKLASH = 'name = "backlash"\nsite = "J2"\naxis = "ry"\nparameters = { gap = 3.6e-4 }'
 TIMED = {

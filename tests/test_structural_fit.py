@@ -12,14 +12,14 @@ import pytest
 from test_cli import Run, fine
 
 from armflex import InputError, read_joint_data, train
+from armflex.bench.learners import Options
+from armflex.bench.structural import fit_structural
 from armflex.errors import ModelFileError
 from armflex.laws import LinearLaw, Row
 from armflex.laws.declared import read_assembly
+from armflex.laws.joint.position_dependent import PositionDependentLaw
+from armflex.laws.joint.structural import StructuralLaw
 from armflex.laws.law_file import load_law, save_law
-from armflex.laws.position_dependent import PositionDependentLaw
-from armflex.laws.structural import StructuralLaw
-from armflex.learning.learners import Options
-from armflex.learning.structural import fit_structural
 from armflex.measured.joint_data import JointData
 
 NOWHERE = Row(np.zeros(0), {})

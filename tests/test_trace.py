@@ -12,11 +12,11 @@ from scoring import score
 from test_effects import few
 
 from armflex import calibrate, load_arm, read_measurements
-from armflex.calibrate.fit import Fit
-from armflex.calibrate.held_out import held_out, pose_folds
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.effects import CATALOGUE
-from armflex.effects.catalogue import EVERY
+from armflex.estimate.fit import Fit
+from armflex.estimate.held_out import held_out, pose_folds
+from armflex.laws.effects import CATALOGUE
+from armflex.laws.effects.catalogue import EVERY
 from armflex.trace.accept import improvement, null_maximum, session_folds, sessions_held_out
 from armflex.trace.candidates import Bank, Candidate, bank, candidates_of, screen, sift
 from armflex.trace.exchange import SAME, equivalents, leave_out

@@ -30,7 +30,7 @@ from armflex.cli.calibrate import as_json as calibrated_json
 from armflex.cli.trace import Outputs, as_json, command, print_trace, telling
 from armflex.errors import ConvergenceError, FileError, InputError
 from armflex.measured.measurements import Measurements
-from armflex.report import render_report
+from armflex.show.report import render_report
 from armflex.trace.checkpoint import identity, read_checkpoint, restored
 from armflex.trace.result import Trace
 from armflex.trace.state import begin
@@ -118,7 +118,7 @@ def test_an_unfinished_arm_stays_whole_until_the_next_takes_its_place(
     whole: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where a large covariance is in a file of its own, and whoever writes is killed between the two."""
-    files = importlib.import_module("armflex.calibrate.file")
+    files = importlib.import_module("armflex.estimate.file")
     monkeypatch.setattr(files, "MOST_ROWS", 5)
     path = tmp_path / "t.toml"
     files.write_traced(whole.truth.arm, whole.accounts[0], path)
@@ -355,7 +355,7 @@ def test_whatever_ends_it_what_was_accepted_is_there_and_goes_on(field: Truth, t
 
     page = (tmp_path / "t.html").read_text()
     with monkeypatch.context() as patch:
-        patch.setattr("armflex.report.write_report", unmade)
+        patch.setattr("armflex.show.report.write_report", unmade)
         failed = run(field, tmp_path, "--resume")
     assert str(failed.exception) == "no ink" and kept.exists() and "What the arm lacked" in failed.stdout
     assert "unfinished" not in strict_json(tmp_path / "t.json") and (tmp_path / "t.html").read_text() == page

@@ -14,9 +14,9 @@ from test_cli import Run, fine, strict_json
 from test_effect_files import quietly
 
 from armflex import predict, read_measurements, read_points, trace
-from armflex.calibrate.spread import without_declared_doubt
 from armflex.cli.trace import as_json, print_trace
-from armflex.tip_uncertainty import tip_covariance
+from armflex.estimate.spread import without_declared_doubt
+from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.trace.result import Unexplained
 
 CONTRACT = {

@@ -14,14 +14,14 @@ from test_effects import few
 
 from armflex import calibrate, load_arm, pose_groups, predict, read_measurements
 from armflex.arm import Arm
-from armflex.calibrate.file import as_table
-from armflex.calibrate.held_out import HeldOut, believed, held_out, pose_folds
 from armflex.cli.trace import as_json, print_trace
-from armflex.effects import CATALOGUE, Effect, Spot
-from armflex.effects.catalogue import EVERY
+from armflex.estimate.file import as_table
+from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds
+from armflex.laws.effects import CATALOGUE, Effect, Spot
+from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
 from armflex.plan.advice import INSTEAD, instead
-from armflex.report import render_report
+from armflex.show.report import render_report
 from armflex.trace.accept import improvement
 from armflex.trace.lost import MOST, lost_beams
 from armflex.trace.result import Trace

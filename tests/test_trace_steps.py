@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from test_effects import few
 
 from armflex import load_arm, predict, read_measurements, trace
-from armflex.calibrate.file import write_traced
-from armflex.calibrate.fit import moved
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.effects import CATALOGUE, Spot
-from armflex.effects.remember import derived_directions
 from armflex.errors import MissingCovariateError
-from armflex.laws.linear import SOFTEST
+from armflex.estimate.file import write_traced
+from armflex.estimate.fit import moved
+from armflex.laws.effects import CATALOGUE, Spot
+from armflex.laws.effects.remember import derived_directions
+from armflex.laws.joint.linear import SOFTEST
 from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
 from armflex.trace.polish import Polished, polish

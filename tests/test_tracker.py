@@ -16,13 +16,13 @@ from small_arms import ROBOTS
 
 from armflex import Arm, Reading, Tracker, calibrate, load_arm, predict, read_measurements
 from armflex.certainty import Certainty
-from armflex.effects.catalogue import EVERY
-from armflex.effects.law import Effect
-from armflex.effects.spot import Spot
 from armflex.errors import MissingCovariateError
+from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.law import Effect
+from armflex.laws.effects.spot import Spot
 from armflex.readings.instrument import Instrument
-from armflex.tracking.model import Model, model_of
-from armflex.tracking.sight import Sight
+from armflex.track.model import Model, model_of
+from armflex.track.sight import Sight
 
 LOADS = {"empty": 0.0, "p300": 300.0, "p600": 600.0}
 SIGMA = 2e-4

@@ -12,7 +12,7 @@ import pytest
 from test_tracker import known, machine  # noqa: F401 - fixtures
 
 from armflex import Tracker
-from armflex.tracking.estimate import Seen, estimate_of, take
+from armflex.track.estimate import Seen, estimate_of, take
 
 TESTS = Path(__file__).parent
 

@@ -14,9 +14,9 @@ from armflex import Arm, Reading, Tracker, load_arm
 from armflex.certainty import Certainty
 from armflex.errors import InputError, JointLimitError, UnknownNameError
 from armflex.prior import Prior
-from armflex.tracking.estimate import Seen, absorb, estimate_of, innovation, take, widen
-from armflex.tracking.groups import groups_of
-from armflex.tracking.model import model_of
+from armflex.track.estimate import Seen, absorb, estimate_of, innovation, take, widen
+from armflex.track.groups import groups_of
+from armflex.track.model import model_of
 
 NOISE = np.sqrt(3.0) * SIGMA
 

@@ -11,9 +11,9 @@ import pytest
 from small_arms import ROBOTS, random_compliance
 
 from armflex import InputError, read_joint_data, train
+from armflex.bench.linear import fit_compliance
 from armflex.errors import TableError, UnitError, UnknownNameError
 from armflex.laws import LinearLaw, Row
-from armflex.learning.linear import fit_compliance
 from armflex.measured.joint_data import JointData
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"

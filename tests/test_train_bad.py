@@ -13,6 +13,12 @@ from test_structural_fit import ASSEMBLY, BEAM
 from test_train import SIX, bench, write
 
 from armflex import InputError, load_law, read_joint_data, train
+from armflex.bench import bayesian
+from armflex.bench.bayesian import fit_bayesian
+from armflex.bench.doubts import bench_doubts, law_doubts
+from armflex.bench.held_out import NOWHERE
+from armflex.bench.learners import Options, learner
+from armflex.bench.linear import fit_compliance
 from armflex.errors import (
     ArrayTypeError,
     ConvergenceError,
@@ -23,12 +29,6 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.laws.declared import read_assembly
-from armflex.learning import bayesian
-from armflex.learning.bayesian import fit_bayesian
-from armflex.learning.doubts import bench_doubts, law_doubts
-from armflex.learning.held_out import NOWHERE
-from armflex.learning.learners import Options, learner
-from armflex.learning.linear import fit_compliance
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 SMALL = {"neurons": 2, "starts": 1}
@@ -207,7 +207,7 @@ def test_a_chain_that_has_converged_on_all_rows_but_not_without_some(monkeypatch
             raise ConvergenceError("the chains have not converged", ())
         return fit_bayesian(loads, deflections, 2)
 
-    monkeypatch.setattr("armflex.learning.bayesian.fit_bayesian", learn)
+    monkeypatch.setattr("armflex.bench.bayesian.fit_bayesian", learn)
     with pytest.raises(ConvergenceError, match=r"held-out error, without data row .* and 4 others: the chains"):
         train(data, "bayesian", options=Options(sampler="nuts"))
 

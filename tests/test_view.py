@@ -17,8 +17,8 @@ from test_view_page import BROWSER, hue_share, picture
 
 from armflex import Arm, InputError, Trajectory, check, load_arm, view
 from armflex.errors import FileError, UrdfError
-from armflex.view import meshes
-from armflex.view.arm_scene import (
+from armflex.show.view import meshes
+from armflex.show.view.arm_scene import (
     FLEXED_PATH,
     MAX_FRAMES,
     SCALE,
@@ -28,8 +28,8 @@ from armflex.view.arm_scene import (
     contribution_colors,
     nice_magnification,
 )
-from armflex.view.scene import Scene
-from armflex.view.view import _motion as motion_of
+from armflex.show.view.scene import Scene
+from armflex.show.view.view import _motion as motion_of
 
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no chromium, chromium-browser or google-chrome on PATH")
 TRIANGLE = bytes(80) + struct.pack("<I12fH", 1, *[0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0], 0)

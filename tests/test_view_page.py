@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armflex.view.page import capsule_mesh, render_page, tube_mesh
-from armflex.view.scene import (
+from armflex.show.view.page import capsule_mesh, render_page, tube_mesh
+from armflex.show.view.scene import (
     Camera,
     LegendRow,
     Marker,

@@ -15,7 +15,7 @@ from small_arms import ROBOTS
 
 import armflex
 from armflex.errors import FileError
-from armflex.whole_file import write_whole
+from armflex.storage.whole_file import write_whole
 
 PACKAGE = Path(armflex.__file__).parent
 WRITERS = {"write_text", "write_bytes", "save_file", "tofile", "to_csv", "to_parquet", "dump", "ZipFile", "hardlink_to"}

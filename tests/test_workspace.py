@@ -40,8 +40,9 @@ from armflex.errors import (
 )
 from armflex.laws import Law, LinearLaw, Row
 from armflex.parallel import WAVE, in_order
-from armflex.workspace import WorkspaceMap, draw_map, map_page
-from armflex.workspace.tally import Tally, cell_indices, cell_numbers, joined
+from armflex.show.view.map_page import map_page
+from armflex.tasks.workspace import WorkspaceMap, draw_map
+from armflex.tasks.workspace.tally import Tally, cell_indices, cell_numbers, joined
 
 Run = Callable[..., subprocess.CompletedProcess]
 TARM = ROBOTS / "tarm_like" / "arm.toml"

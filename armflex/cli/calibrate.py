@@ -8,11 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from armflex.calibrate import Calibration, calibrate
-from armflex.calibrate.file import write_calibrated
-from armflex.calibrate.identify import Parameter
-from armflex.calibrate.law_block import LAW
-from armflex.calibrate.sample import sample_laws
+from armflex.bench.diagnostics import FEWEST_DRAWS
 from armflex.cli.learned import laws_json, print_laws
 from armflex.cli.options import (
     Command,
@@ -29,7 +25,11 @@ from armflex.cli.options import (
 from armflex.cli.tables import console, number, print_table
 from armflex.conventions import RESOLUTION
 from armflex.errors import InputError
-from armflex.learning.diagnostics import FEWEST_DRAWS
+from armflex.estimate import Calibration, calibrate
+from armflex.estimate.file import write_calibrated
+from armflex.estimate.identify import Parameter
+from armflex.estimate.law_block import LAW
+from armflex.estimate.sample import sample_laws
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
 

@@ -9,7 +9,6 @@ from typing import Any
 import click
 
 from armflex.arm import Arm
-from armflex.check import CheckReport, Point, check
 from armflex.cli.options import (
     Choice,
     Command,
@@ -24,6 +23,7 @@ from armflex.cli.options import (
 from armflex.cli.tables import console, no_via_points, number, print_table
 from armflex.conventions import parse_quantity
 from armflex.mechanics.equilibrium import METHODS
+from armflex.tasks.check import CheckReport, Point, check
 from armflex.trajectory import read_trajectory
 
 

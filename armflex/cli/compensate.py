@@ -22,8 +22,8 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import console, no_via_points, number, print_table
-from armflex.compensate import CompensatedRow, Compensation, compensate
 from armflex.conventions import parse_quantity
+from armflex.tasks.compensate import CompensatedRow, Compensation, compensate
 from armflex.trajectory import read_trajectory, write_trajectory
 
 MOST_ROWS = 40

@@ -10,7 +10,6 @@ import click
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.check import overload
 from armflex.cli.options import (
     Choice,
     Command,
@@ -23,12 +22,13 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import console, number, print_table
-from armflex.effects.remember import settled
 from armflex.errors import Flag
+from armflex.estimate.tip_uncertainty import total_covariance
+from armflex.laws.effects.remember import settled
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
 from armflex.mechanics.loads import Wrench
-from armflex.tip_uncertainty import total_covariance
+from armflex.tasks.check import overload
 from armflex.trajectory import check_approaches
 
 

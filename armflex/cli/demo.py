@@ -9,10 +9,8 @@ import click
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.arm_file import load_arm
+from armflex.bench.train import train
 from armflex.bundled import bundled_robot
-from armflex.calibrate.file import write_traced
-from armflex.check import check
 from armflex.cli.check import print_check
 from armflex.cli.compensate import print_compensation
 from armflex.cli.deflect import print_deflection
@@ -20,20 +18,22 @@ from armflex.cli.options import Command, PathArgument, json_option, progress, sa
 from armflex.cli.tables import console, heading, number, print_table
 from armflex.cli.trace import print_trace
 from armflex.cli.train import print_training
-from armflex.compensate import Compensation, compensate
 from armflex.errors import FileError, InputError, Place
+from armflex.estimate.file import write_traced
+from armflex.files.arm_file import load_arm
 from armflex.laws.law_file import save_law
-from armflex.learning.train import train
 from armflex.measured.joint_data import read_joint_data
 from armflex.measured.measurements import read_measurements
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import MAX_ROTATION
-from armflex.report import write_report
+from armflex.show.report import write_report
+from armflex.show.view.view import view
+from armflex.storage.whole_file import write_whole
+from armflex.tasks.check import check
+from armflex.tasks.compensate import Compensation, compensate
 from armflex.trace import trace
 from armflex.trace.result import Trace
 from armflex.trajectory import Trajectory, read_trajectory, write_trajectory
-from armflex.view.view import view
-from armflex.whole_file import write_whole
 
 TOLERANCE = 0.1
 PAYLOAD = "p600"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from armflex.calibrate import Calibration
-from armflex.calibrate.law_block import LAW, learned_laws
-from armflex.calibrate.learned import LearnedAxis, learned_axes
-from armflex.calibrate.sample import LawSamples
 from armflex.cli.tables import console, number, print_table
+from armflex.estimate import Calibration
+from armflex.estimate.law_block import LAW, learned_laws
+from armflex.estimate.learned import LearnedAxis, learned_axes
+from armflex.estimate.sample import LawSamples
 
 
 def print_laws(found: Calibration, samples: LawSamples | None) -> None:

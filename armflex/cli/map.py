@@ -27,9 +27,10 @@ from armflex.conventions import Array, parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
 from armflex.picture import SUFFIXES as PICTURES
-from armflex.workspace import WorkspaceMap, draw_map, map_page, map_workspace, write_map
-from armflex.workspace.map_file import SUFFIXES
-from armflex.workspace.workspace_map import CHUNK, VERDICTS
+from armflex.show.view.map_page import map_page
+from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write_map
+from armflex.tasks.workspace.map_file import SUFFIXES
+from armflex.tasks.workspace.workspace_map import CHUNK, VERDICTS
 
 DRAWS = "Arms drawn from what is known of this one, asked as well: a voxel is ok only where all are."
 

@@ -16,12 +16,12 @@ import click
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.arm_file import load_arm
 from armflex.cli.tables import complain, stream
 from armflex.conventions import NUMBER, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean
+from armflex.files.arm_file import load_arm
 from armflex.measured.point_export import read_points
-from armflex.whole_file import is_replaced, write_whole
+from armflex.storage.whole_file import is_replaced, write_whole
 
 PathArgument = click.Path(path_type=Path)
 

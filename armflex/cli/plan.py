@@ -107,7 +107,7 @@ def command(
 
 
 def _declared(path: Path) -> Arm:
-    from armflex.arm_file import load_arm
+    from armflex.files.arm_file import load_arm
 
     if path.suffix != ".toml":
         raise InputError(f"{path}: plan needs an arm.toml, whose [prior] says what is not known")

@@ -20,7 +20,7 @@ from armflex.cli.options import (
 )
 from armflex.cli.tables import console
 from armflex.measured.measurements import read_measurements
-from armflex.predict import predict, write_predictions
+from armflex.tasks.predict import predict, write_predictions
 
 
 @click.command(cls=Command)

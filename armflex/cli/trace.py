@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from armflex.calibrate.effect_block import numbered
-from armflex.calibrate.file import write_traced
 from armflex.cli.options import (
     Command,
     OutputPath,
@@ -30,11 +28,13 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import complain, console, number, print_table, stream
-from armflex.effects.effect_file import names_of
-from armflex.effects.law import Effect
-from armflex.effects.remember import derived_directions
-from armflex.effects.spot import LINK
 from armflex.errors import FileError, InputError
+from armflex.estimate.effect_block import numbered
+from armflex.estimate.file import write_traced
+from armflex.files.effect_file import names_of
+from armflex.laws.effects.law import Effect
+from armflex.laws.effects.remember import derived_directions
+from armflex.laws.effects.spot import LINK
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
 from armflex.trace import trace
@@ -141,7 +141,7 @@ class Outputs:
         if self.json is not None:
             yield self.json, lambda: write_json(self.json, as_json(found))
         if self.report is not None:
-            from armflex.report import write_report  # imports a plotting library
+            from armflex.show.report import write_report  # imports a plotting library
 
             report = self.report
             yield report, lambda: write_report(found, report)

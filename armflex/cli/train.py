@@ -11,15 +11,15 @@ import click
 import numpy as np
 from click.core import ParameterSource
 
+from armflex.bench.learners import CONCERNS, MODELS, SAMPLERS, Options, affordable_starts, rivals
+from armflex.bench.linear import STRUCTURES
+from armflex.bench.train import CHOICE, TrainResult, train
 from armflex.cli.options import Choice, Command, OutputPath, PathArgument, json_option, progress, show_flags, write_json
 from armflex.cli.tables import complain, console, number, print_table
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import InputError
 from armflex.laws.declared import read_assembly
 from armflex.laws.law_file import save_law
-from armflex.learning.learners import CONCERNS, MODELS, SAMPLERS, Options, affordable_starts, rivals
-from armflex.learning.linear import STRUCTURES
-from armflex.learning.train import CHOICE, TrainResult, train
 from armflex.measured.joint_data import read_joint_data
 
 

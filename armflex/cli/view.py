@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from armflex.arm import Arm
-from armflex.check import check
 from armflex.cli.options import (
     Command,
     OutputPath,
@@ -23,8 +22,9 @@ from armflex.cli.options import (
 from armflex.cli.tables import console
 from armflex.conventions import parse_quantity
 from armflex.errors import InputError
+from armflex.show.view.view import view
+from armflex.tasks.check import check
 from armflex.trajectory import read_trajectory
-from armflex.view.view import view
 
 
 @click.command(cls=Command)

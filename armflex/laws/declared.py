@@ -10,13 +10,13 @@ import numpy as np
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import LawError, ModelFileError, UnknownNameError
-from armflex.laws.at_node import AtNode
-from armflex.laws.beam import Beam, Section, stiffness
+from armflex.laws.joint.at_node import AtNode
+from armflex.laws.joint.beam import Beam, Section, stiffness
+from armflex.laws.joint.linear import read_linear
+from armflex.laws.joint.position_dependent import read_position_dependent
+from armflex.laws.joint.structural import StructuralLaw, SubJoint
 from armflex.laws.law import Law, Ranges
 from armflex.laws.law_file import FORMS, load_law
-from armflex.laws.linear import read_linear
-from armflex.laws.position_dependent import read_position_dependent
-from armflex.laws.structural import StructuralLaw, SubJoint
 
 MOST_PARTS = 200
 """Nodes, sub-joints or beams of a structure: its equations are dense, six or more to each of them."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import LawError, ModelFileError, Place, UnknownNameError
-from armflex.laws import network, polynomial, structural_file
+from armflex.laws.joint import network, polynomial, structural_file
+from armflex.laws.joint.linear import LinearFit, LinearLaw
 from armflex.laws.law import Law, check_ordered, embed
-from armflex.laws.linear import LinearFit, LinearLaw
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
 

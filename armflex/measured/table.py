@@ -15,7 +15,7 @@ from armflex.conventions import LARGEST, NUMBER, UNITS, Array
 from armflex.errors import Place, TableError, UnknownNameError, did_you_mean, listing, shown
 from armflex.measured.parquet import is_parquet, parquet_rows
 from armflex.printable import unprintable
-from armflex.whole_file import write_whole
+from armflex.storage.whole_file import write_whole
 
 if TYPE_CHECKING:
     from armflex.arm import Arm

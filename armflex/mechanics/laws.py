@@ -11,8 +11,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Law, LinearLaw, Row, StructuralLaw
+from armflex.laws.joint.network import NetworkLaw
 from armflex.laws.learned import LearnedLaw
-from armflex.laws.network import NetworkLaw
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
 from armflex.laws import Law, Row
-from armflex.laws.network import NetworkLaw
+from armflex.laws.joint.network import NetworkLaw
 from armflex.mechanics.deflect import Asked, deflect, deflect_moving
 from armflex.mechanics.doubts import wrench_doubts
 from armflex.mechanics.equilibrium import check_method

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.calibrate.blocks import Block
-from armflex.calibrate.identify import UNDETERMINED, partners_of
-from armflex.calibrate.spread import FRAMES
 from armflex.conventions import Array
-from armflex.effects.law import Effect
+from armflex.estimate.blocks import Block
+from armflex.estimate.identify import UNDETERMINED, partners_of
+from armflex.estimate.spread import FRAMES
+from armflex.laws.effects.law import Effect
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.model import Model, Suspect
 

@@ -9,14 +9,16 @@ from functools import cached_property
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate import calibrate
-from armflex.calibrate.arm_blocks import ComplianceBlock
-from armflex.calibrate.blocks import Block, FrameBlock, SessionBlock, declared_blocks, places_of
-from armflex.calibrate.effect_block import EffectBlock, effect_columns, numbers_of, shy_prior
-from armflex.calibrate.fit import Fit, prior_of
-from armflex.calibrate.law_block import LawBlock, law_block, learned_laws, with_laws
-from armflex.calibrate.robust import whitened_columns
-from armflex.calibrate.spread import (
+from armflex.conventions import Array
+from armflex.errors import Flag, InputError, listing
+from armflex.estimate import calibrate
+from armflex.estimate.arm_blocks import ComplianceBlock
+from armflex.estimate.blocks import Block, FrameBlock, SessionBlock, declared_blocks, places_of
+from armflex.estimate.effect_block import EffectBlock, effect_columns, numbers_of, shy_prior
+from armflex.estimate.fit import Fit, prior_of
+from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
+from armflex.estimate.robust import whitened_columns
+from armflex.estimate.spread import (
     FRAMES,
     OF_THE_INSTRUMENT,
     OTHER_PARAMETERS,
@@ -25,11 +27,9 @@ from armflex.calibrate.spread import (
     rebuilt_blocks,
     scene_of,
 )
-from armflex.calibrate.view import Setup, View, look
-from armflex.conventions import Array
-from armflex.effects.law import Effect
-from armflex.effects.scene import Scene
-from armflex.errors import Flag, InputError, listing
+from armflex.estimate.view import Setup, View, look
+from armflex.laws.effects.law import Effect
+from armflex.laws.effects.scene import Scene
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements

@@ -9,19 +9,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.spread import scene_of
-from armflex.calibrate.view import Setup, View, look
+from armflex.configurations import Configurations
 from armflex.conventions import Array
-from armflex.effects.law import Effect, TwistLaw
-from armflex.effects.remember import known_rows
-from armflex.effects.scene import Scene
-from armflex.effects.shapes import LAGGED
-from armflex.errors import InputError, listing
+from armflex.errors import NO_ANSWER, InputError, listing
+from armflex.estimate.spread import scene_of
+from armflex.estimate.view import Setup, View, look
+from armflex.laws.effects.law import Effect, TwistLaw
+from armflex.laws.effects.remember import known_rows
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.shapes import LAGGED
 from armflex.readings import Position, unread
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
-from armflex.workspace.configurations import Configurations
-from armflex.workspace.question import REASONS
 
 OVERSHOOT = 0.02
 """Share of its range by which a joint goes past a pose to come back to it from the wanted side."""
@@ -200,9 +199,9 @@ def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:
         given = {name: values[some] for name, values in known.items()}
         try:
             arm.deflection(rows.q[some], [rows.payload[i] for i in some], covariates=given, enforce_limits=False)
-        except tuple(REASONS.values()) as error:
+        except tuple(NO_ANSWER.values()) as error:
             if len(some) == 1:
-                dropped[next(name for name, kind in REASONS.items() if isinstance(error, kind))] += 1
+                dropped[next(name for name, kind in NO_ANSWER.items() if isinstance(error, kind))] += 1
                 return []
             return [part for half in np.array_split(some, 2) for part in asked(half)]
         return [some]

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.spread import SESSIONS, scene_of
-from armflex.calibrate.view import look
 from armflex.conventions import Array
-from armflex.effects.law import Effect
 from armflex.errors import Flag, InputError
+from armflex.estimate.spread import SESSIONS, scene_of
+from armflex.estimate.view import look
+from armflex.laws.effects.law import Effect
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.plan.advice import blind_spots

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.arm import Arm
+from armflex.configurations import drawn_range
 from armflex.conventions import Array
-from armflex.effects.law import Effect
-from armflex.effects.scene import TEMPERATURE
 from armflex.errors import Flag, InputError, did_you_mean, listing
+from armflex.laws.effects.law import Effect
+from armflex.laws.effects.scene import TEMPERATURE
 from armflex.measured.measurements import Measurements
 from armflex.plan.model import Before
 from armflex.plan.offer import Reach, remembers
 from armflex.plan.rivals import needed
 from armflex.trajectory import Trajectory
-from armflex.workspace.configurations import drawn_range
 
 MOST_ROWS = 500
 

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.calibrate.effect_block import numbered
 from armflex.conventions import Array
 from armflex.errors import Flag
+from armflex.estimate.effect_block import numbered
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.advice import Blind, in_words, instead
 from armflex.plan.information import Foreseen, Goal

@@ -13,17 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.effect_block import EffectBlock, numbered, numbers_of, shy_prior
-from armflex.calibrate.fit import ROUGH, Fit, fit
 from armflex.conventions import Array
-from armflex.effects.catalogue import CATALOGUE
-from armflex.effects.effect_file import DEFAULTS, names_of, spots_on
-from armflex.effects.effect_file import TEMPERATURE as USUAL_TEMPERATURE
-from armflex.effects.law import Effect, EffectLaw, Inner
-from armflex.effects.scene import TEMPERATURE, Scene
-from armflex.effects.session_frame import SESSION_FRAME
-from armflex.effects.spot import Spot
 from armflex.errors import InputError, UnknownNameError, UnsupportedError
+from armflex.estimate.effect_block import EffectBlock, numbered, numbers_of, shy_prior
+from armflex.estimate.fit import ROUGH, Fit, fit
+from armflex.files.effect_file import DEFAULTS, names_of, spots_on
+from armflex.files.effect_file import TEMPERATURE as USUAL_TEMPERATURE
+from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.law import Effect, EffectLaw, Inner
+from armflex.laws.effects.scene import TEMPERATURE, Scene
+from armflex.laws.effects.session_frame import SESSION_FRAME
+from armflex.laws.effects.spot import Spot
 from armflex.plan.model import NOWHERE, Before, Suspect, answers, free_inner
 from armflex.plan.offer import Offer, remembers
 

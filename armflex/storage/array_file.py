@@ -22,7 +22,7 @@ from safetensors.numpy import save
 
 from armflex.errors import FileError, Place
 from armflex.storage.schema import Numbers, check_numbers, check_shapes, strict_json, typed
-from armflex.whole_file import write_whole
+from armflex.storage.whole_file import write_whole
 
 KEY = "armflex"
 HEADER_BYTES = 8_000_000

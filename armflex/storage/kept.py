@@ -12,12 +12,12 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from armflex.digest import digest
 from armflex.errors import FileError, Place, listing
 from armflex.parallel import in_order
 from armflex.storage.array_file import HEADER_BYTES, About, Arrays, Layout, read_arrays, write_arrays
+from armflex.storage.digest import digest
 from armflex.storage.schema import strict_json
-from armflex.whole_file import write_whole
+from armflex.storage.whole_file import write_whole
 
 MANIFEST, EARLIER = "manifest.json", "map.json"
 """What a folder is of, now and as earlier versions named it."""

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armflex.calibrate.blocks import Block
-from armflex.calibrate.fit import Fit
-from armflex.calibrate.held_out import HeldOut, believed, held_out
 from armflex.conventions import Array
+from armflex.estimate.blocks import Block
+from armflex.estimate.fit import Fit
+from armflex.estimate.held_out import HeldOut, believed, held_out
 from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Sifted
 from armflex.trace.projection import evidence

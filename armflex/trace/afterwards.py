@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import f
 
-from armflex.calibrate.view import position_rms
 from armflex.conventions import TWIST_NAMES
+from armflex.estimate.view import position_rms
 from armflex.measured.repeats import repeats
 from armflex.trace.candidates import Bank
 from armflex.trace.localise import NOTICED, RandomTwist

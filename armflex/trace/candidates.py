@@ -9,11 +9,11 @@ from itertools import product
 
 import numpy as np
 
-from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
-from armflex.effects.law import Along, Effect, EffectLaw, Inner, LoadLaw, TwistLaw, Values, full
-from armflex.effects.scene import Scene
-from armflex.effects.spot import Spot
+from armflex.estimate.fit import Fit
+from armflex.laws.effects.law import Along, Effect, EffectLaw, Inner, LoadLaw, TwistLaw, Values, full
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import Spot
 from armflex.trace.projection import Projection, evidence
 from armflex.trace.telling import Tell, silent
 

@@ -17,19 +17,20 @@ from typing import Any
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.effect_block import EffectBlock
-from armflex.calibrate.fit import Fit, realise
-from armflex.calibrate.robust import huber_weights
-from armflex.calibrate.view import look
 from armflex.conventions import TWIST_NAMES
-from armflex.digest import digest
-from armflex.effects.catalogue import EVERY
-from armflex.effects.law import Effect, EffectLaw
-from armflex.effects.scene import Scene
-from armflex.effects.spot import Spot
 from armflex.errors import FileError, Place, did_you_mean, listing
+from armflex.estimate.effect_block import EffectBlock
+from armflex.estimate.fit import Fit, realise
+from armflex.estimate.robust import huber_weights
+from armflex.estimate.view import look
+from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.law import Effect, EffectLaw
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import Spot
 from armflex.measured.measurements import Measurements
 from armflex.rows.rows import POSE
+from armflex.storage.digest import digest
+from armflex.storage.whole_file import write_whole
 from armflex.trace.candidates import Candidate
 from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished
@@ -37,7 +38,6 @@ from armflex.trace.pose_block import PoseBlock
 from armflex.trace.result import Proof, Step
 from armflex.trace.state import State, scene_at
 from armflex.version import __version__
-from armflex.whole_file import write_whole
 
 FORMAT = "armflex-trace-checkpoint-1"
 

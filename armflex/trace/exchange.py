@@ -8,12 +8,12 @@ from itertools import combinations
 
 import numpy as np
 
-from armflex.calibrate.effect_block import EffectBlock
-from armflex.calibrate.fit import robust_limit
-from armflex.effects.catalogue import LAWS
-from armflex.effects.law import Effect
-from armflex.effects.unnamed import SHAPES, shaped_places
 from armflex.errors import ArmflexError
+from armflex.estimate.effect_block import EffectBlock
+from armflex.estimate.fit import robust_limit
+from armflex.laws.effects.catalogue import LAWS
+from armflex.laws.effects.law import Effect
+from armflex.laws.effects.unnamed import SHAPES, shaped_places
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, screen, sift
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import Projection, evidence, projected, shyness

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.calibrate.fit import Fit
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.effects.scene import Scene
-from armflex.effects.spot import LINK
+from armflex.estimate.fit import Fit
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import LINK
 from armflex.trace.projection import Projection
 
 RATIOS = np.logspace(-4.0, 8.0, 61)

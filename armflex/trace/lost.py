@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armflex.calibrate.fit import huber_weights
-from armflex.calibrate.view import View
+from armflex.estimate.fit import huber_weights
+from armflex.estimate.view import View
 
 LOST = 0.1
 """Robust weight below which a reading may be a lost beam: forty standard deviations or more."""

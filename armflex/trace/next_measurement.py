@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.calibrate.blocks import Block, SessionBlock
-from armflex.calibrate.effect_block import EffectBlock, numbered
-from armflex.calibrate.spread import scene_of
-from armflex.calibrate.view import View, look
 from armflex.conventions import Array
-from armflex.effects.law import Effect
-from armflex.effects.scene import Scene
 from armflex.errors import ArmflexError
+from armflex.estimate.blocks import Block, SessionBlock
+from armflex.estimate.effect_block import EffectBlock, numbered
+from armflex.estimate.spread import scene_of
+from armflex.estimate.view import View, look
+from armflex.laws.effects.law import Effect
+from armflex.laws.effects.scene import Scene
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.advice import instead
 from armflex.plan.information import Truth

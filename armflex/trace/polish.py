@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
-from armflex.effects.law import Inner, Values
-from armflex.effects.scene import Scene
+from armflex.estimate.fit import Fit
+from armflex.laws.effects.law import Inner, Values
+from armflex.laws.effects.scene import Scene
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.projection import Projection, evidence
 from armflex.trace.sensible import sensible

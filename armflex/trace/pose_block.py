@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.calibrate.view import Setup, View
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.effects.law import Amplitude, Effect, TwistLaw, Values
-from armflex.effects.spot import Here, Spot
+from armflex.estimate.view import Setup, View
 from armflex.laws import Row
+from armflex.laws.effects.law import Amplitude, Effect, TwistLaw, Values
+from armflex.laws.effects.spot import Here, Spot
 from armflex.rows.rows import POSE
 from armflex.trace.localise import RandomTwist
 

@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.calibrate.effect_block import LARGEST_MOTION
-from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
+from armflex.estimate.effect_block import LARGEST_MOTION
+from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import LinearGaussian
 
 

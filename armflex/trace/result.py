@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.calibrate import Calibration, Outlier
-from armflex.calibrate.effect_block import numbers_of
-from armflex.calibrate.fit import Fit
-from armflex.calibrate.held_out import believed
-from armflex.calibrate.view import look, position_rms
 from armflex.conventions import Array
-from armflex.effects.law import Effect
+from armflex.estimate.calibrate import Calibration, Outlier
+from armflex.estimate.effect_block import numbers_of
+from armflex.estimate.fit import Fit
+from armflex.estimate.held_out import believed
+from armflex.estimate.view import look, position_rms
+from armflex.laws.effects.law import Effect
 from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock

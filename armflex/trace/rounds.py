@@ -11,17 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.calibrate import Calibration, calibrate
-from armflex.calibrate.effect_block import EffectBlock
-from armflex.calibrate.fit import Fit, robust_limit
-from armflex.calibrate.held_out import believed, held_out, pose_folds
-from armflex.calibrate.learn import settled
-from armflex.calibrate.spread import certainty_of
-from armflex.calibrate.view import look
-from armflex.effects.law import Effect
 from armflex.errors import ArmflexError, FileError
+from armflex.estimate.calibrate import Calibration, calibrate
+from armflex.estimate.effect_block import EffectBlock
+from armflex.estimate.fit import Fit, robust_limit
+from armflex.estimate.held_out import believed, held_out, pose_folds
+from armflex.estimate.learn import settled
+from armflex.estimate.spread import certainty_of
+from armflex.estimate.view import look
+from armflex.laws.effects.law import Effect
 from armflex.measured.measurements import Measurements
 from armflex.rows.rows import POSE
+from armflex.storage.whole_file import remove
 from armflex.trace.accept import improvement, null_maximum, sessions_held_out
 from armflex.trace.advice import lacking
 from armflex.trace.afterwards import as_likely, not_identifiable, smallest, unexplained
@@ -48,7 +49,6 @@ from armflex.trace.state import (
 )
 from armflex.trace.telling import Doing, Report, Teller, tell_steps
 from armflex.trace.withdraw import never_worse
-from armflex.whole_file import remove
 
 MOST_EFFECTS = 12
 ENOUGH = 16.0

@@ -8,12 +8,22 @@ from itertools import permutations
 
 import numpy as np
 
-from armflex.calibrate.fit import Fit
-from armflex.effects.catalogue import CATALOGUE, EVERY, LAWS
-from armflex.effects.guide import GUIDE
-from armflex.effects.scene import Scene
-from armflex.effects.spot import LINK, Spot
-from armflex.effects.unnamed import BUMP, LEVEL, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT, suspects
+from armflex.estimate.fit import Fit
+from armflex.laws.effects.catalogue import CATALOGUE, EVERY, LAWS
+from armflex.laws.effects.guide import GUIDE
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import LINK, Spot
+from armflex.laws.effects.unnamed import (
+    BUMP,
+    LEVEL,
+    LINE,
+    PRODUCT,
+    SPLINE,
+    SPLINE_COMPLIANCE,
+    WAVE,
+    WAVE_PRODUCT,
+    suspects,
+)
 from armflex.trace.candidates import (
     Candidate,
     Screening,

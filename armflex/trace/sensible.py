@@ -9,15 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.fit import Fit
 from armflex.conventions import Array
-from armflex.effects.in_arm import BoundTwist
-from armflex.effects.law import Effect, TwistLaw
-from armflex.effects.link_mass import LinkMass
-from armflex.effects.scene import Scene
-from armflex.effects.spot import link_of, resolve
-from armflex.effects.unnamed import LEAST_PERIODS, WAVE, WAVE_PRODUCT
-from armflex.laws.linear import SOFTEST
+from armflex.estimate.fit import Fit
+from armflex.laws.effects.in_arm import BoundTwist
+from armflex.laws.effects.law import Effect, TwistLaw
+from armflex.laws.effects.link_mass import LinkMass
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import link_of, resolve
+from armflex.laws.effects.unnamed import LEAST_PERIODS, WAVE, WAVE_PRODUCT
+from armflex.laws.joint.linear import SOFTEST
 from armflex.trace.candidates import Candidate
 
 ROWS = 15

@@ -9,15 +9,15 @@ from functools import cached_property, partial
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.calibrate.blocks import Block
-from armflex.calibrate.calibrate import Calibration
-from armflex.calibrate.effect_block import EffectBlock, numbers_of, shy_prior
-from armflex.calibrate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
-from armflex.calibrate.view import Setup, look
 from armflex.conventions import Array
-from armflex.effects.law import Effect
-from armflex.effects.remember import known_rows, without_direction
-from armflex.effects.scene import Scene, survey
+from armflex.estimate.blocks import Block
+from armflex.estimate.calibrate import Calibration
+from armflex.estimate.effect_block import EffectBlock, numbers_of, shy_prior
+from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
+from armflex.estimate.view import Setup, look
+from armflex.laws.effects.law import Effect
+from armflex.laws.effects.remember import known_rows, without_direction
+from armflex.laws.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import Response, respond
 from armflex.trace.candidates import Candidate, candidate_columns

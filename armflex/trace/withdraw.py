@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from armflex.calibrate.effect_block import EffectBlock, shy_prior
-from armflex.calibrate.fit import THOROUGH, Fit
-from armflex.calibrate.held_out import believed, held_out, near, pose_folds
-from armflex.calibrate.robust import huber_weights
-from armflex.calibrate.view import look
 from armflex.conventions import Array
 from armflex.errors import ArmflexError
+from armflex.estimate.effect_block import EffectBlock, shy_prior
+from armflex.estimate.fit import THOROUGH, Fit
+from armflex.estimate.held_out import believed, held_out, near, pose_folds
+from armflex.estimate.robust import huber_weights
+from armflex.estimate.view import look
 from armflex.linear_gaussian import most_probable
 from armflex.measured.measurements import Measurements
 from armflex.trace.candidates import Candidate, bank, candidate_columns, grid, sift

@@ -9,8 +9,8 @@ import numpy as np
 from a4.study import Trial, average, determined, precisions
 from a4.surrogate import NOISE, Rows
 
+from armflex.bench.held_out import BAND, predicted, spread
 from armflex.laws.law import Law
-from armflex.learning.held_out import BAND, predicted, spread
 
 matplotlib.use("Agg")
 from matplotlib import pyplot

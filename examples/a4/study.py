@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from a4.surrogate import NOISE, Bench, Rows, bench
 
+from armflex.bench.held_out import BAND, NOWHERE, predicted, spread, wrenches
+from armflex.bench.learners import Options, learner
+from armflex.bench.model import Fitted, Learner
+from armflex.bench.network import fit_network
+from armflex.bench.network_problem import GROUPS
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
+from armflex.laws.joint.network import NetworkLaw
 from armflex.laws.law import Law
-from armflex.laws.network import NetworkLaw
-from armflex.learning.held_out import BAND, NOWHERE, predicted, spread, wrenches
-from armflex.learning.learners import Options, learner
-from armflex.learning.model import Fitted, Learner
-from armflex.learning.network import fit_network
-from armflex.learning.network_problem import GROUPS
 
 NEURONS = 20
 PARAMETRIC, ANN = "parametric (diagonal)", "ANN, plain LM, 3-20-3"

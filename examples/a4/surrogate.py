@@ -19,10 +19,10 @@ from functools import cache
 import numpy as np
 
 import armflex
+from armflex.bench.held_out import predicted
+from armflex.bench.learners import Options, learner
 from armflex.conventions import Array
 from armflex.laws.law import Law
-from armflex.learning.held_out import predicted
-from armflex.learning.learners import Options, learner
 
 TRAINING, NEW, EXACT = 91, 60, 1000
 """Rows to train on, measured rows to judge by, and rows without noise to judge by."""

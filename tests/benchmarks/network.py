@@ -17,11 +17,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from baseline import machine, medians_us
 
-from armflex.conventions import Array
-from armflex.laws import LinearLaw, Row
-from armflex.learning.levenberg import PAPER, minimise
-from armflex.learning.network import fit_network, network_law
-from armflex.learning.network_problem import (
+from armflex.bench.levenberg import PAPER, minimise
+from armflex.bench.network import fit_network, network_law
+from armflex.bench.network_problem import (
     NetworkProblem,
     jacobian,
     least_squares,
@@ -29,6 +27,8 @@ from armflex.learning.network_problem import (
     scaled_problem,
     start_weights,
 )
+from armflex.conventions import Array
+from armflex.laws import LinearLaw, Row
 
 ROWS, STEPS, SEEDS, ROUNDS = 91, 200, 5, 3
 NOISE = 1e-5

@@ -26,10 +26,10 @@ from boom import Boom, make_boom
 
 from armflex import Arm, Wrench
 from armflex.conventions import Array
-from armflex.effects.catalogue import EVERY
-from armflex.effects.law import Effect
-from armflex.effects.spot import Spot
-from armflex.laws.network import NetworkLaw
+from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.law import Effect
+from armflex.laws.effects.spot import Spot
+from armflex.laws.joint.network import NetworkLaw
 
 NEURONS, CALLS = 20, 100_000
 GOALS = {

@@ -23,10 +23,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from baseline import machine
 
+from armflex.bench.bayesian import SAMPLERS, fit_bayesian
+from armflex.bench.model import Fitted
 from armflex.conventions import Array
 from armflex.laws.law import Row
-from armflex.learning.bayesian import SAMPLERS, fit_bayesian
-from armflex.learning.model import Fitted
 
 NOISE = 1e-5
 COMPLIANCE = np.array([[0.5, 0.05, 0.2], [0.03, 0.8, -0.1], [0.15, -0.1, 0.9]])

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from baseline import machine, medians_us, rigid_baseline
 
 from armflex import bundled_robot, load_arm, map_workspace
-from armflex.workspace.configurations import Configurations
+from armflex.configurations import Configurations
 
 ROUNDS = 3
 

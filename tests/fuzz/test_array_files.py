@@ -23,9 +23,9 @@ from test_tracker import in_base
 
 from armflex import Reading, Tracker, load_arm, load_law, map_workspace, read_map, save_law, write_map
 from armflex.arm import Arm
-from armflex.calibrate.bootstrap import FORM
-from armflex.certainty_table import LAYOUT as COVARIANCE
 from armflex.errors import FileError, ModelFileError
+from armflex.estimate.bootstrap import FORM
+from armflex.files.certainty_table import LAYOUT as COVARIANCE
 from armflex.laws.law import Row
 from armflex.laws.law_file import TrainedLaw
 from armflex.storage.array_file import read_arrays, write_arrays

@@ -12,10 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
+from armflex.laws.joint.linear import LinearLaw
+from armflex.laws.joint.position_dependent import PositionDependentLaw
 from armflex.laws.law import Law, Row
 from armflex.laws.learned.part import Group
-from armflex.laws.linear import LinearLaw
-from armflex.laws.position_dependent import PositionDependentLaw
 
 LOOSE = 0.5
 """Prior standard deviation of a factor's logarithm where nothing was declared."""

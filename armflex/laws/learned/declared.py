@@ -9,7 +9,10 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.declaration import Declaration
-from armflex.laws.at_node import AtNode
+from armflex.laws.joint.at_node import AtNode
+from armflex.laws.joint.linear import LinearLaw
+from armflex.laws.joint.position_dependent import PositionDependentLaw
+from armflex.laws.joint.structural import StructuralLaw
 from armflex.laws.law import Law, Ranges, Row
 from armflex.laws.learned.compliance_part import LOOSE, CompliancePart
 from armflex.laws.learned.fixed_part import FixedPart
@@ -20,9 +23,6 @@ from armflex.laws.learned.part import Part
 from armflex.laws.learned.polynomial_part import PolynomialPart
 from armflex.laws.learned.seen import Seen
 from armflex.laws.learned.structural_part import StructuralPart
-from armflex.laws.linear import LinearLaw
-from armflex.laws.position_dependent import PositionDependentLaw
-from armflex.laws.structural import StructuralLaw
 
 CORRECTED = ("polynomial", "neural", "bayesian")
 """Models with a correction on top of a compliance; without a file they are declared by the compliance."""

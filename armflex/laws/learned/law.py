@@ -10,13 +10,13 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
+from armflex.laws.joint.linear import NOTHING, LinearLaw, beyond
 from armflex.laws.law import Law, Ranges, Row, block_norms
 from armflex.laws.learned.correction import Correction, fading
 from armflex.laws.learned.linearised import Linearised, moved
 from armflex.laws.learned.part import Group, Part
 from armflex.laws.learned.seen import Seen
 from armflex.laws.learned.window import Window
-from armflex.laws.linear import NOTHING, LinearLaw, beyond
 
 SLACK = 0.02
 """Of the range of a load, by which it may be beyond those seen: a campaign's loads are those of the arm as it bends."""

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.at_node import AtNode
+from armflex.laws.joint.at_node import AtNode
+from armflex.laws.joint.linear import LinearLaw
 from armflex.laws.law import Law, Row
 from armflex.laws.learned.part import OfPart, Part
-from armflex.laws.linear import LinearLaw
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
+from armflex.laws.joint.linear import LinearLaw
+from armflex.laws.joint.scaled import scaled
+from armflex.laws.joint.structural import StructuralLaw
 from armflex.laws.law import Law, Row
 from armflex.laws.learned.compliance_part import LOOSE
 from armflex.laws.learned.part import Group
-from armflex.laws.linear import LinearLaw
-from armflex.laws.scaled import scaled
-from armflex.laws.structural import StructuralLaw
 
 
 @dataclass(frozen=True, eq=False)

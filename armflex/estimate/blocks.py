@@ -1,0 +1,108 @@
+"""Blocks of parameters that a fit may move: each knows its prior, its columns, and how to apply its values.
+
+Everything declared in [prior] is a block, of the instrument (`instrument_blocks`) or of the arm (`arm_blocks`); an
+effect that was added becomes one, too (`effect_block`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.estimate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
+from armflex.estimate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
+from armflex.estimate.view import Setup, View
+from armflex.laws import LinearLaw, PositionDependentLaw
+from armflex.measured.measurements import Measurements
+from armflex.readings import Orientation
+
+
+class Block(Protocol):
+    """Parameters that belong together."""
+
+    @property
+    def name(self) -> str:
+        """Which part of the model it is."""
+        ...
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """One name per parameter."""
+        ...
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """One unit per parameter."""
+        ...
+
+    @property
+    def prior(self) -> Array:
+        """(k,) standard deviations about zero; infinite where nothing is known."""
+        ...
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether a parameter is the logarithm of a factor: its column then changes as fast as what it stands for."""
+        ...
+
+    def columns(self, view: View) -> Array:
+        """Return (M, d, k) changes of the readings per parameter at the view's setup."""
+        ...
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with (k,) values added to the declared one."""
+        ...
+
+
+def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ...]:
+    """Return the blocks that an arm's [prior] and [measurement] free; `setup` holds the first guess."""
+    arm, prior = setup.arm, setup.arm.prior
+    blocks: list[Block] = []
+    if arm.measurement.frame == "unknown":
+        blocks.append(FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement"))
+    sessions = tuple(dict.fromkeys(measurements.session))
+    if len(sessions) > 1 and (prior.session_translation or prior.session_rotation):
+        blocks.append(SessionBlock(sessions, measurements.session, prior.session_translation, prior.session_rotation))
+    if prior.tool:
+        blocks.append(TargetBlock(prior.tool))
+    if measurements.readings.of(Orientation):
+        blocks.append(MountingBlock(setup.instrument.mounting))
+    if prior.joint_offset:
+        blocks.append(OffsetBlock(arm.joint_names, prior.joint_offset, joint_units(arm)))
+    if prior.geometry:
+        blocks.append(GeometryBlock(arm.joint_names, prior.geometry))
+    if prior.compliance:
+        blocks += _compliance_block(setup, prior.compliance)
+    return tuple(blocks)
+
+
+def joint_units(arm: Arm) -> tuple[str, ...]:
+    """Return the unit of every joint's position."""
+    return tuple("m" if joint.kind == "prismatic" else "rad" for joint in arm.robot.moving)
+
+
+def _compliance_block(setup: Setup, std: float) -> Sequence[Block]:
+    names, axes = [], []
+    for flexure in setup.arm.flexures:
+        law = flexure.law
+        if flexure.learn is None and isinstance(law, LinearLaw | PositionDependentLaw):
+            matrix = law.compliance if isinstance(law, LinearLaw) else np.abs(law.coefficients).sum(axis=0)
+            given = tuple(np.flatnonzero(np.diag(matrix) > 0.0).tolist())
+            if given:
+                names.append(flexure.name)
+                axes.append(given)
+    return [ComplianceBlock(tuple(names), tuple(axes), std)] if names else []
+
+
+def places_of(block: Block, blocks: Sequence[Block]) -> np.ndarray:
+    """Return the places of one block's parameters among those of all."""
+    start = 0
+    for other in blocks:
+        if other is block:
+            return np.arange(start, start + len(other.labels))
+        start += len(other.labels)
+    raise KeyError(block.name)

@@ -1,0 +1,162 @@
+"""How much a calibration depends on the poses that happened to be measured: fitted again to poses drawn from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from itertools import compress
+from pathlib import Path
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import FileError, InputError, Place, naming
+from armflex.estimate.calibrate import FEWEST_ROWS, calibrate, loads_seen
+from armflex.estimate.spread import INSTRUMENT
+from armflex.laws.learned import Seen
+from armflex.measured.measurements import Measurements
+from armflex.parallel import in_order
+from armflex.storage.array_file import Layout
+from armflex.storage.digest import digest
+from armflex.storage.kept import Form, Kept, open_kept
+from armflex.storage.schema import Numbers
+from armflex.version import __version__
+
+Progress = Callable[[int, int], None]
+
+Fitted = tuple[tuple[str, ...], Array]
+"""Names of the parameters, and their (P,) values."""
+
+FORM: Form[Fitted] = Form(
+    Layout(
+        "a fit of a bootstrap",
+        "armflex-bootstrap-fit-2",
+        {"values": Numbers(("parameters",))},
+        {"names": tuple[str, ...]},
+        lambda about: {"parameters": (len(about["names"]),)},
+    ),
+    lambda fit: ({"names": list(fit[0])}, {"values": fit[1]}),
+    lambda about, arrays: (about["names"], arrays["values"]),
+)
+"""A finished fit as a file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """Fits to resampled campaigns.
+
+    Attributes:
+        names: Block and label of each parameter, those of the instrument's frame left out: it has no value that
+            campaigns share.
+        values: (n, P) what each of n fits found, in the parameters' units.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+
+    @property
+    def std(self) -> Array:
+        """(P,) standard deviation over the fits. A parameter that only its prior determines hardly moves."""
+        return self.values.std(axis=0, ddof=1)
+
+    def interval(self, coverage: float = 0.95) -> Array:
+        """Return the (2, P) percentile interval of every parameter.
+
+        Raises:
+            InputError: The coverage is not between 0 and 1.
+        """
+        if not 0.0 < coverage < 1.0:
+            raise InputError(f"coverage is {coverage}, expected a number between 0 and 1")
+        return np.quantile(self.values, [0.5 - 0.5 * coverage, 0.5 + 0.5 * coverage], axis=0)
+
+
+def bootstrap(
+    arm: Arm,
+    measurements: Measurements,
+    draws: int = 200,
+    seed: int = 0,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+    store: str | Path | None = None,
+) -> Bootstrap:
+    """Calibrate an arm to campaigns whose poses are drawn, with replacement, from those of one.
+
+    The spread of the fits asks nothing of the stated noise, nor of rows of one pose being independent of each other;
+    the fit's own covariance does. Where the two differ, the statement is wrong. Efron (1979), Bootstrap methods.
+
+    Args:
+        arm: The arm as declared; see `calibrate`.
+        measurements: Where the tip was seen.
+        draws: Number of campaigns.
+        seed: The same seed gives the same campaigns, whatever the number of processes.
+        jobs: Processes, -1 for all cores; None for what `joblib.parallel_config` says, else one.
+        progress: Called with (fits done, in all).
+        store: Folder that keeps finished fits. With it an interrupted bootstrap goes on from where it was, and one of
+            more draws from one of fewer.
+
+    Raises:
+        InputError: Fewer than two draws, or as `calibrate`.
+        FileError: The store belongs to another bootstrap or cannot be used.
+        ConvergenceError: A fit did not settle; its number is named.
+    """
+    if draws < 2:
+        raise InputError(f"{draws} draws: expected 2 or more")
+    poses = _rows_of_poses(measurements)
+    seen = loads_seen(arm, measurements)  # what a draw leaves out was seen all the same
+    tasks = [
+        partial(_fitted, arm, measurements, poses, seen, number, own)
+        for number, own in enumerate(np.random.SeedSequence(seed).spawn(draws))
+    ]
+    kept = None if store is None else open_kept(Path(store), _manifest(arm, measurements, seed), FORM)
+    fits: list[Fitted] = []
+    with closing(_fits(tasks, kept, jobs)) as found:
+        for fit in found:
+            if kept is not None and fit[0] != (fits or [fit])[0][0]:
+                raise FileError(Place(kept.folder), "holds fits of different parameters: name another folder")
+            fits.append(fit)
+            if progress:
+                progress(len(fits), draws)
+    return Bootstrap(fits[0][0], np.array([values for _, values in fits]))
+
+
+def _fits(
+    tasks: Sequence[Callable[[], Fitted]], kept: Kept[Fitted] | None, jobs: int | None
+) -> Generator[Fitted, None, None]:
+    """Yield every fit in order: read where it is kept, else made, and kept."""
+    if kept is None:
+        return in_order(tasks, jobs)
+    return kept.resumed([f"fit-{i:07d}" for i in range(len(tasks))], partial(compress, tasks), jobs)
+
+
+def _manifest(arm: Arm, measurements: Measurements, seed: int) -> dict[str, object]:
+    """Return everything that a fit depends on by name."""
+    asked = {"format": "armflex-bootstrap-2", "arm": digest(arm), "measurements": digest(measurements), "seed": seed}
+    return {**asked, "armflex": __version__, "numpy": np.__version__}
+
+
+def _rows_of_poses(measurements: Measurements) -> list[np.ndarray]:
+    """Return the measured rows of every pose."""
+    used = np.flatnonzero(measurements.measured)
+    if len(used) < FEWEST_ROWS:
+        raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
+    groups = measurements.pose_number[used]
+    return [used[groups == group] for group in np.unique(groups)]
+
+
+def _fitted(
+    arm: Arm,
+    measurements: Measurements,
+    poses: list[np.ndarray],
+    seen: dict[str, Seen],
+    number: int,
+    seed: np.random.SeedSequence,
+) -> Fitted:
+    """Return the names and values of what a fit to one resampled campaign found."""
+    chosen = np.random.default_rng(seed).integers(len(poses), size=len(poses))
+    with naming(f"resampled campaign {number}"):
+        found = calibrate(arm, measurements, rows=np.concatenate([poses[i] for i in chosen]), seen=seen)
+    kept = [parameter for parameter in found.parameters if parameter.block != INSTRUMENT]
+    return tuple(parameter.name for parameter in kept), np.array([parameter.value for parameter in kept])

@@ -1,0 +1,270 @@
+"""`calibrate`: everything that [prior] frees, fitted to a campaign through the deflected arm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import Flag, InputError, Place, UnsupportedError, listing
+from armflex.estimate.blocks import Block, declared_blocks
+from armflex.estimate.enough import check_readings
+from armflex.estimate.fit import Fit, fit
+from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
+from armflex.estimate.identify import Parameter, parameters
+from armflex.estimate.law_block import law_block
+from armflex.estimate.learn import fit_learning, settled
+from armflex.estimate.robust import huber_weights
+from armflex.estimate.spread import FRAMES, INSTRUMENT, certainty_of
+from armflex.estimate.view import Progress, Setup, View, look, position_rms
+from armflex.estimate.weigh import ROUNDS, Weighed
+from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.law import LoadLaw, TwistLaw
+from armflex.laws.effects.remember import derived_directions, known_rows, without_direction
+from armflex.laws.learned import Seen
+from armflex.measured.measurements import Measurements
+from armflex.mechanics.response import respond
+from armflex.readings.instrument import Instrument, fit_frame, fit_mounting
+
+OUTLIER = 0.5
+"""Robust weight below which a row is listed as an outlier."""
+
+FEWEST_ROWS = 4
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A row that the fit does not believe: its place, its error [m], and what became of it."""
+
+    row: int
+    place: Place | None
+    error_m: float
+    kind: str = "counted less"
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibrated arm and an account of it.
+
+    Attributes:
+        arm: The arm with its fitted compliances and corrections, and the instrument that saw it.
+        fit: The fit itself: values, covariance, residuals.
+        placed: The rows as the declared arm explains them, only the instrument's frame fitted.
+        measurements: The campaign.
+        flags: Doubts: directions that the order of the rows stood in for, a search for learned laws that did not
+            settle, an arm that predicts worse than the declared one.
+        held_out: RMS of the 3-D error on held-out poses, of the declared arm with the instrument placed and of the
+            calibrated one [m]; None where there are too few poses.
+    """
+
+    arm: Arm
+    fit: Fit
+    placed: View
+    measurements: Measurements
+    flags: tuple[Flag, ...] = ()
+    held_out: tuple[float, float] | None = None
+
+    @property
+    def declared_rms(self) -> float:
+        """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
+        return position_rms(self.placed.residual)
+
+    @property
+    def noise_rms(self) -> float:
+        """What the stated standard deviations alone would give [m]."""
+        return position_rms(self.placed.sigma)
+
+    @property
+    def rms(self) -> float:
+        """RMS of the 3-D position error after calibration [m]."""
+        return self.fit.rms
+
+    @property
+    def weighed(self) -> float:
+        """Factor on the stated noise by which the fit weighed the readings: 1, more where they scatter more."""
+        return self.fit.factor
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the readings over the stated one, if what is left of them is nothing else."""
+        return self.weighed * self.fit.noise
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every fitted parameter."""
+        return parameters(self.fit)
+
+    @property
+    def findings(self) -> tuple[Parameter, ...]:
+        """Parameters that moved by more than their prior allows."""
+        return tuple(parameter for parameter in self.parameters if parameter.surprising)
+
+    @property
+    def undetermined(self) -> tuple[Parameter, ...]:
+        """Parameters that these data say nothing about."""
+        return tuple(parameter for parameter in self.parameters if not parameter.determined)
+
+    @property
+    def outliers(self) -> tuple[Outlier, ...]:
+        """Rows with little weight, the worst first."""
+        view = self.fit.view
+        error = np.linalg.norm(view.residual[:, view.positions], axis=1)
+        far = np.flatnonzero(self.fit.weights < OUTLIER)
+        places = self.measurements.places
+        ordered = far[np.argsort(-error[far])]
+        return tuple(
+            Outlier(int(view.rows[i]), places[view.rows[i]] if places else None, float(error[i])) for i in ordered
+        )
+
+
+def calibrate(
+    arm: Arm,
+    measurements: Measurements,
+    rows: np.ndarray | None = None,
+    progress: Progress | None = None,
+    keep: bool = False,
+    as_stated: bool = False,
+    seen: Mapping[str, Seen] | None = None,
+) -> Calibration:
+    """Return the arm with everything that its [prior] frees fitted to a campaign.
+
+    Readings that scatter more than they state, because the arm lacks something, are weighed by their scatter: else what
+    is free would be driven far beyond its prior to make up for it. An arm that was calibrated before is fitted about
+    what it was calibrated to. Rows that do not tell a direction which an effect derives from their order are left out.
+
+    Args:
+        arm: The arm as declared; its prior says what may move and how far.
+        measurements: Where the tip was seen.
+        rows: Row numbers to use; every measured row when not given.
+        progress: Called with (steps done, steps at most).
+        keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames, and how the
+            target is turned on the tool, are fitted. The covariance of what is kept stays as it was, as if it were
+            independent of the new frames'.
+        as_stated: Weigh readings by their stated noise alone, as a search for what the arm lacks must.
+        seen: Loads that learned laws are made for, by flexure; those of the rows when not given.
+
+    Raises:
+        InputError: Too few rows were measured, or see `check_readings`.
+        MissingCovariateError: An effect of the arm depends on what the campaign does not give.
+        UnsupportedError: The arm has effects that change masses, gravity or the instrument.
+        ConvergenceError: The fit did not settle.
+    """
+    used, derived = _usable(arm, measurements, rows)
+    declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
+    blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.name in FRAMES]
+    laws = None if keep else law_block(declared, placed.view, seen)
+
+    begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS
+    if laws is None:
+        found, flags = _fit(declared, blocks, begun, used, rounds, progress), ()
+    else:
+        found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
+    known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
+    calibrated = replace(settled(found.setup.arm, found), **known)
+    errors = _held_out(placed, found, measurements)
+    doubts = (*derived, *flags, *_worse(errors))
+    return Calibration(calibrated, found, placed.view, measurements, doubts, errors)
+
+
+def _fit(
+    declared: Setup,
+    blocks: Sequence[Block],
+    weighed: Weighed,
+    used: np.ndarray,
+    rounds: int,
+    progress: Progress | None,
+) -> Fit:
+    """Return a fit to readings that scatter as they are weighed."""
+    found = fit(declared, blocks, weighed.measurements, used, progress=progress)
+    for _ in range(rounds):
+        better = weighed.again(found)
+        if better.close_to(weighed):
+            break
+        weighed, found = better, fit(declared, blocks, better.measurements, used, found.values, progress)
+    return replace(found, factor=weighed.factor)
+
+
+def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:
+    """Return the loads that a campaign puts on each flexure that learns, as the declared arm has them.
+
+    Raises:
+        As `calibrate`, before its fit.
+    """
+    used = _usable(arm, measurements, None)[0]
+    declared, placed = _placed(replace(arm, certainty=None), measurements, used)
+    laws = law_block(declared, placed.view)
+    return {} if laws is None else {name: law.seen for name, law in zip(laws.flexures, laws.laws, strict=True)}
+
+
+def _placed(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Setup, Fit]:
+    """Return the first guess, and the rows with only the instrument's frame fitted."""
+    declared = first_guess(arm, measurements, used)
+    frame = [block for block in declared_blocks(declared, measurements) if block.name == INSTRUMENT]
+    if frame:
+        return declared, fit(declared, frame, measurements, used)
+    view = look(declared, measurements, used)
+    return declared, Fit(declared, (), np.zeros(0), view, huber_weights(view), ())
+
+
+def _held_out(placed: Fit, found: Fit, measurements: Measurements) -> tuple[float, float] | None:
+    """Return the RMS of the 3-D error on held-out poses, of the declared arm and of the calibrated one [m]."""
+    poses = measurements.pose_number[found.view.rows]
+    if len(np.unique(poses)) < FOLDS:
+        return None
+    folds, judged = pose_folds(poses), believed(placed, found)
+    declared, calibrated = (held_out(one, folds, judged=judged).rms for one in (placed, found))
+    return declared, calibrated
+
+
+def _worse(errors: tuple[float, float] | None) -> Iterator[Flag]:
+    """Yield the doubt about an arm that predicts poses it was not fitted to worse than it did before."""
+    if errors is not None and errors[1] > errors[0]:
+        declared, calibrated = (f"{1e3 * error:.3g} mm" for error in errors)
+        text = f"poses held out are predicted to {calibrated} RMS, by the arm as declared to {declared}"
+        hint = "there are too few poses for what [prior] frees, or it frees too much: use the arm as declared"
+        yield Flag("worse_than_declared", f"{text}: {hint}")
+
+
+def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tuple[np.ndarray, tuple[Flag, ...]]:
+    """Return the rows that an arm can be fitted to, and doubts about them; raise where it cannot, see `calibrate`."""
+    asked = np.flatnonzero(measurements.measured) if rows is None else rows
+    untold = without_direction([effect for effect in arm.effects if effect.derived], measurements)[asked]
+    used = asked[~untold]
+    if len(used) < FEWEST_ROWS:
+        raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
+    fixed = [effect.name for effect in arm.effects if not isinstance(effect.law, TwistLaw | LoadLaw)]
+    if fixed:
+        text = f"effects that change the model itself cannot be fitted about: {listing(fixed)}"
+        others = listing(name for name, law in CATALOGUE.items() if not isinstance(law, TwistLaw | LoadLaw))
+        raise UnsupportedError(f"{text} (such are {others}); leave them out of the arm that is fitted")
+    flags = derived_directions(arm, measurements, used)
+    if untold.any():
+        text = f"{untold.sum()} rows are left out: nothing tells from where a joint came before it first moved"
+        flags = (*flags, Flag("direction_unknown", text))
+    return used, flags
+
+
+def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup:
+    """Return the arm with its instrument, placed by a best rigid fit where its frame is unknown."""
+    instrument = arm.instrument or Instrument()
+    known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
+    line = respond(arm, measurements.q[rows], [measurements.payload[row] for row in rows], known)
+    points = line.tip[:, :3, 3] + line.tip[:, :3, :3] @ instrument.target
+    check_readings(arm, points, measurements, rows)
+    if arm.measurement.frame != "base":
+        instrument = replace(instrument, pose=fit_frame(points, measurements.position[rows]))
+    return Setup(arm, _mounted(instrument, line.tip, measurements, rows))
+
+
+def _mounted(instrument: Instrument, tip: Array, measurements: Measurements, rows: np.ndarray) -> Instrument:
+    """Return the instrument with its target turned on the tool as read orientations have it."""
+    if measurements.rotation is None:
+        return instrument
+    read = np.isfinite(measurements.sigma_r[rows])
+    if not read.any():
+        return instrument
+    return replace(instrument, mounting=fit_mounting(instrument.axes(tip[read]), measurements.rotation[rows[read]]))

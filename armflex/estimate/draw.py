@@ -1,0 +1,165 @@
+"""Arms that are as likely as one: their laws, and what was fitted to a campaign, drawn from what is known of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from numbers import Integral
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armflex.arm import Arm
+from armflex.conventions import Array, covariate_array, real_array
+from armflex.covariance import root_of_covariance
+from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
+from armflex.estimate.blocks import Block
+from armflex.estimate.effect_block import EffectBlock
+from armflex.estimate.law_block import LawBlock, with_laws
+from armflex.estimate.spread import OF_THE_INSTRUMENT, applied_blocks, without_declared_doubt
+from armflex.estimate.view import Setup
+from armflex.laws.effects.law import LoadLaw, TwistLaw
+from armflex.mechanics.batch import check_positions
+from armflex.mechanics.ensemble import draw_laws
+from armflex.mechanics.loads import Payload
+from armflex.readings.instrument import Instrument
+
+METHODS = ("exact", "first_order")
+
+LEAST = 0.1
+"""What a draw leaves at least of a compliance."""
+
+
+def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
+    """Return arms drawn from what is known of one.
+
+    On an arm that was calibrated or traced the fitted parameters are drawn together, effects included, by the
+    covariance that the fit left; declared uncertainties of fitted laws are contained in it. All other laws are drawn by
+    `Law.draw`. Where the instrument stands is no part of the arm. What nothing determines stays as it is, as does what
+    remained without a cause, and that by which an effect remembers: the state that is given to it is told by it.
+
+    Args:
+        arm: The arm.
+        draws: How many.
+        seed: Of the random numbers.
+
+    Raises:
+        InputError: `draws` or `seed` is no whole number, or below 0.
+        UnsupportedError: The arm no longer has every parameter that was fitted.
+    """
+    draws, seed = check_draws(draws, seed)
+    rng = np.random.default_rng(seed)
+    certain = without_declared_doubt(arm)
+    if arm.certainty is None:
+        return tuple(_with_drawn_laws(certain, rng) for _ in range(draws))
+    setup = Setup(certain, Instrument())
+    blocks = applied_blocks(arm.certainty, setup)
+    if blocks is None:
+        raise UnsupportedError("the arm no longer has every fitted parameter (another preset?): it cannot be drawn")
+    root = root_of_covariance(arm.certainty.covariance)
+    steps = (root @ rng.normal(size=len(root)) for _ in range(draws))
+    return tuple(_with_drawn_laws(_stepped(setup, blocks, step), rng) for step in steps)
+
+
+def check_draws(draws: int, seed: int) -> tuple[int, int]:
+    """Return both as whole numbers; raise `InputError` where they are none, or negative."""
+    for name, value in (("draws", draws), ("seed", seed)):
+        if not isinstance(value, Integral) or value < 0:
+            raise InputError(f"{name} is {value!r}, expected a whole number, 0 or more")
+    return int(draws), int(seed)
+
+
+def _with_drawn_laws(arm: Arm, rng: np.random.Generator) -> Arm:
+    """Return the arm with the laws that carry an uncertainty of their own drawn, and none left."""
+    flexures = [replace(one, law=one.law.draw(rng)) for one in arm.flexures]
+    return replace(arm, flexures=tuple(flexures), certainty=None)
+
+
+def _stepped(setup: Setup, blocks: Sequence[Block], step: Array) -> Arm:
+    """Return the arm a (P,) step of its parameters away, to first order in how it bends.
+
+    Factors of compliances are drawn, not their logarithms: what several do against each other cancels in a straight
+    line alone, and no reading told the rest.
+    """
+    parts = np.split(step, np.cumsum([len(block.labels) for block in blocks])[:-1])
+    for block, own in zip(blocks, parts, strict=True):
+        if block.name.startswith(OF_THE_INSTRUMENT):
+            continue
+        if isinstance(block, EffectBlock):
+            setup = _with_effect(setup, block, block.start + own)
+        elif isinstance(block, LawBlock):
+            pairs = zip(block.flexures, block.laws, block.split(own), strict=True)
+            setup = replace(setup, arm=with_laws(setup.arm, {name: law.moved(part) for name, law, part in pairs}))
+        else:
+            setup = block.apply(setup, np.log(np.maximum(1.0 + own, LEAST)) if block.logarithmic else own)
+    return setup.arm
+
+
+def _with_effect(setup: Setup, block: EffectBlock, values: Array) -> Setup:
+    """Return the setup with one of its effects at other values."""
+    if isinstance(block.effect.law, TwistLaw) and block.effect.law.memory:
+        values = np.append(values[: len(block.effect.spot.terms)], np.zeros(len(block.free)))
+    effect, kept = block.at(values), list(setup.arm.effects)
+    if not isinstance(effect.law, TwistLaw | LoadLaw):  # it has changed the arm, to which what is more of it is added
+        more = np.subtract(effect.amplitudes, block.effect.amplitudes)
+        setup = effect.law.apply(replace(effect, values=(*more.tolist(), *effect.inner)), setup)
+    kept[block.ordinal] = effect
+    return replace(setup, arm=replace(setup.arm, effects=tuple(kept)))
+
+
+def ensemble(
+    arm: Arm,
+    q: ArrayLike,
+    payload: str | Payload | None = None,
+    *,
+    draws: int = 100,
+    seed: int = 0,
+    covariates: Mapping[str, ArrayLike] | None = None,
+    method: str = "exact",
+) -> Array:
+    """Return the (draws, 6) or (draws, N, 6) displacements of the tip, each draw with one set of laws in all rows.
+
+    Laws are drawn by `Law.draw`: compliances by their relative uncertainty or their fit's covariance, networks from
+    their posterior. What is shared is computed once: where the rigid arm is, and the loads from which every draw comes
+    to rest (to first order they are the same for all). On an arm that was calibrated or traced what was fitted is drawn
+    as well, see `draw_arms`; each draw is then an arm of its own, and takes as long, also where an effect pulls at a
+    link.
+
+    Args:
+        arm: The arm.
+        q: (nq,) or (N, nq) joint positions [rad or m], within their limits.
+        payload: Name or object.
+        draws: How many.
+        seed: Of the random numbers; the same laws are drawn for any q.
+        covariates: What the arm's effects depend on: a number, or one per row.
+        method: "exact" or "first_order"; see `find_equilibrium`.
+
+    Raises:
+        InputError: As `Arm.deflection`, or no such method; also where a draw has no equilibrium.
+        UnsupportedError: A draw has no equilibrium that is proven stable, or see `draw_arms`.
+    """
+    draws, seed = check_draws(draws, seed)
+    arm.loaded(payload)  # what is wrong with it is no draw's fault
+    if method not in METHODS:
+        raise InputError(f"method {method!r} is not known{did_you_mean(method, METHODS)} (known: {', '.join(METHODS)})")
+    positions = real_array(q, "q")
+    if positions.ndim not in (1, 2):
+        raise ShapeError(f"q: expected shape (nq,) or (N, nq), got {positions.shape}")
+    rows = check_positions(arm, np.atleast_2d(positions), enforce_limits=True)
+    count = len(rows) if positions.ndim == 2 else 0
+    known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
+    asked = (arm, rows, payload, known, method)
+    plain = arm.certainty is None and not arm.pulls
+    found = draw_laws(*asked, draws, seed) if plain else _by_arms(*asked, draws, seed)
+    return found if positions.ndim == 2 else found[:, 0]
+
+
+def _by_arms(
+    arm: Arm, rows: Array, payload: str | Payload | None, known: dict[str, Array], method: str, draws: int, seed: int
+) -> Array:
+    """Return the (draws, N, 6) displacements of drawn arms, one after the other."""
+    found = np.empty((draws, len(rows), 6))
+    for number, drawn in enumerate(draw_arms(arm, draws, seed)):
+        with naming(f"draw {number}"):
+            found[number] = drawn.deflection(rows, payload, covariates=known, method=method).displacement
+    return found

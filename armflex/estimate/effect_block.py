@@ -1,0 +1,145 @@
+"""An effect as a block of a fit: its amplitudes, and those of its inner parameters that the law is smooth in."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.estimate.view import Setup, View
+from armflex.laws.effects.law import Effect
+from armflex.laws.effects.scene import Scene
+
+LARGEST_MOTION = 0.1
+"""RMS of the tip's motion [m] that is expected of a missing effect at most: one standard deviation."""
+
+LOOSE = 2.0
+"""Prior standard deviation of the logarithm of an inner parameter about where its search ended."""
+
+STEP = 1e-4
+"""Step of numerical derivatives by inner parameters: relative for positive ones, of their size for others."""
+
+
+@dataclass(frozen=True, eq=False)
+class EffectBlock:
+    """Free values of one effect.
+
+    Attributes:
+        effect: Where it starts; its fixed inner parameters stay as they are here.
+        free: Which inner parameters move, from where they start; positive ones by the logarithm of a factor.
+        scene: The campaign; None where the block is only applied.
+        ordinal: Place of the effect among the arm's.
+        prior: (k,) standard deviations of its values about zero; see `shy_prior`.
+        number: Which it is among the arm's effects of the same name, from 1 on; see `numbers_of`.
+    """
+
+    effect: Effect
+    free: tuple[int, ...]
+    scene: Scene | None
+    ordinal: int
+    prior: Array
+    logarithmic: bool = False
+    number: int = 1
+
+    @property
+    def name(self) -> str:
+        """Law, site and axis, and its number where it is not the first such one: 'effect gear_harmonic A2 rz #2'."""
+        return f"effect {self.effect.name}{numbered(self.number)}"
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Acting amplitudes, then free inner parameters."""
+        law = self.effect.law
+        return tuple(law.amplitudes[i].name for i in self.effect.spot.terms) + tuple(
+            law.inner[i].name for i in self.free
+        )
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their units; '1' for a logarithm."""
+        named = dict(zip(self.effect.named, self.effect.units, strict=True))
+        logs = {self.effect.law.inner[i].name for i in self.free if self.effect.law.inner[i].positive}
+        return tuple("1" if label in logs else named[label] for label in self.labels)
+
+    @property
+    def start(self) -> Array:
+        """The values that give the effect as it is."""
+        amplitudes = [self.effect.amplitudes[i] for i in self.effect.spot.terms]
+        return np.array(amplitudes + [0.0] * len(self.free))
+
+    def columns(self, view: View) -> Array:
+        """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
+        assert self.scene is not None
+        return effect_columns(view.setup.arm.effects[self.ordinal], self.free, view, self.scene)
+
+    def at(self, values: Array) -> Effect:
+        """Return the effect at (k,) values of the block."""
+        law, spot = self.effect.law, self.effect.spot
+        amplitudes = np.zeros(len(law.amplitudes))
+        amplitudes[list(spot.terms)] = values[: len(spot.terms)]
+        inner = list(self.effect.inner)
+        for place, i in enumerate(self.free):
+            inner[i] = law.inner[i].moved(inner[i], float(values[len(spot.terms) + place]))
+        return replace(self.effect, values=(*amplitudes.tolist(), *inner))
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with the effect."""
+        effect = self.at(values)
+        return effect.law.apply(effect, setup)
+
+    def std(self, values: Array, std: Array) -> dict[str, float]:
+        """Return the standard uncertainty of each free value by name, logarithms turned back."""
+        effect, found = self.at(values), {}
+        for label, deviation in zip(self.labels, std, strict=True):
+            inner = {inner.name: inner for inner in effect.law.inner}.get(label)
+            scale = abs(effect.named[label]) if inner is not None and inner.positive else 1.0
+            found[label] = float(deviation) * scale
+        return found
+
+
+def numbers_of(effects: Sequence[Effect]) -> tuple[int, ...]:
+    """Return for each of an arm's effects which of its name (law, site and axis) it is, in their order, from 1 on.
+
+    A joint may have several harmonics, and a name tells them apart by nothing else.
+    """
+    met: Counter[str] = Counter()
+    numbers = []
+    for effect in effects:
+        met[effect.name] += 1
+        numbers.append(met[effect.name])
+    return tuple(numbers)
+
+
+def numbered(number: int) -> str:
+    """Return how a number ends an effect's name: ' #2', and nothing for the first."""
+    return f" #{number}" if number > 1 else ""
+
+
+def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
+    """Return (M, d, k) changes of the readings: exact per amplitude, central differences per free inner parameter."""
+    spot, law = effect.spot, effect.law
+    columns = [law.columns(spot, effect.inner, view, scene)]
+    amplitudes = np.array([effect.amplitudes[i] for i in spot.terms])
+    for i in free:
+        step = STEP if law.inner[i].positive else STEP * max(abs(effect.inner[i]), 1e-2)
+        ends = []
+        for side in (1.0, -1.0):
+            moved = list(effect.inner)
+            moved[i] = law.inner[i].moved(effect.inner[i], side * step)
+            ends.append(law.columns(spot, tuple(moved), view, scene) @ amplitudes)
+        columns.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
+    return np.concatenate(columns, axis=2)
+
+
+def shy_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
+    """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`, inner ones loosely."""
+    columns = effect.law.columns(effect.spot, effect.inner, view, scene)
+    moved = np.sqrt((columns[:, view.positions] ** 2).sum(axis=1).mean(axis=0))
+    # What moves nothing stays at zero rather than wander off.
+    amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
+    amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.spot.terms])
+    searched = [LOOSE if effect.law.inner[i].positive else np.inf for i in free]
+    return np.concatenate([amplitudes, searched])

@@ -1,0 +1,351 @@
+"""MAP least squares: Gauss-Newton on whitened residuals with physical priors, robust to lost-beam outliers."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import ArmflexError, ConvergenceError
+from armflex.estimate.blocks import Block, places_of
+from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
+from armflex.estimate.view import Progress, Setup, View, look, position_rms
+from armflex.linear_gaussian import LinearGaussian
+from armflex.measured.measurements import Measurements
+
+SETTLED = 1e-3
+"""Steps below this many posterior standard deviations end the iteration."""
+
+MOVING = 10
+"""Steps after which the length beyond which rows count less stays as it is."""
+
+LIGHT = 1e-4
+"""Least damping, relative to a parameter's own information."""
+
+BROKEN, KEPT = 0.25, 0.75
+"""Shares of the promised fall of the cost below which damping grows, and above which it shrinks."""
+
+CALM = 1e-2
+"""Damping beyond which a step is short because it must be, not because it has arrived."""
+
+FLAT = 1e-2
+"""Fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as stated."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How far a fit goes.
+
+    Attributes:
+        iterations: Steps at most.
+        trials: Dampings of a step that are tried.
+        flat: Fall of the cost (-2 log posterior density) below which a step is the last.
+        content: Whether what is reached is taken where it does not settle, rather than an error raised.
+    """
+
+    iterations: int
+    trials: int
+    flat: float
+    content: bool
+
+
+THOROUGH = Effort(200, 8, FLAT, content=False)
+ROUGH = Effort(10, 4, 0.3, content=True)
+"""To compare candidates: a fall of 0.3 is a tenth of what tells two apart, and some laws have kinks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted setup.
+
+    Attributes:
+        declared: The setup before any value is applied.
+        blocks: What was free.
+        values: (P,) deviations from the declared values, all blocks in order.
+        view: The campaign's fitted rows at the solution.
+        weights: (M,) robust weight of each row, 1 for most.
+        history: Objective after each step.
+        left: Fall of the cost that was still to be had where the steps ended unsettled, over that which noise as stated
+            would make of 1; 0 where they settled.
+        factor: On the stated standard deviations of the readings that were fitted.
+    """
+
+    declared: Setup
+    blocks: tuple[Block, ...]
+    values: Array
+    view: View
+    weights: Array
+    history: tuple[float, ...]
+    left: float = 0.0
+    factor: float = 1.0
+
+    @property
+    def setup(self) -> Setup:
+        """The fitted arm and instrument."""
+        return self.view.setup
+
+    @cached_property
+    def labels(self) -> tuple[tuple[str, str], ...]:
+        """(block, label) of every parameter."""
+        return tuple((block.name, label) for block in self.blocks for label in block.labels)
+
+    @cached_property
+    def prior(self) -> Array:
+        """(P,) prior standard deviations."""
+        return prior_of(self.blocks)
+
+    @cached_property
+    def precision(self) -> Array:
+        """(P,) prior precisions, 0 where nothing was known."""
+        return self.prior**-2.0
+
+    @cached_property
+    def columns(self) -> Array:
+        """(M d, P) whitened and weighted change of the readings per parameter."""
+        return whitened_columns(self.blocks, self.view, self.weights)
+
+    @cached_property
+    def residual(self) -> Array:
+        """(M d,) whitened and weighted residual."""
+        return whitened_residual(self.view, self.weights)
+
+    @cached_property
+    def freedom(self) -> float:
+        """Number of readings less what was fitted to them: a parameter that its prior holds takes nothing."""
+        held = np.diag(self._as_stated.covariance) * self.precision
+        taken = (1.0 - held).sum() - len(self._as_stated.null_space)
+        return max(float(self.view.count - taken), 1.0)
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the readings over that by which they were weighed, if the residual is nothing else.
+
+        A reading that is far off counts as one at the limit (Huber's proposal 2), so that a lost beam is no noise.
+        """
+        size = len(self.residual) // len(self.weights)
+        within = self.residual * np.sqrt(np.repeat(self.weights, size))
+        return float(np.sqrt(within @ within / self.freedom))
+
+    @property
+    def misfit(self) -> float:
+        """Standard deviation of each coordinate [m] beyond the stated one, where readings had to be weighed by it."""
+        scatter = self.factor * self.noise
+        if self.factor == 1.0 or scatter <= 1.0:
+            return 0.0
+        return position_rms(self.view.sigma) / self.factor * float(np.sqrt((scatter**2 - 1.0) / 3.0))
+
+    @cached_property
+    def posterior(self) -> LinearGaussian:
+        """What is known of the values; readings that scatter more than was stated count that much less."""
+        noise = self.noise
+        return LinearGaussian.of(self.columns / noise, self.precision) if noise > 1.0 else self._as_stated
+
+    @cached_property
+    def _as_stated(self) -> LinearGaussian:
+        """What is known if the readings scatter as was stated."""
+        return LinearGaussian.of(self.columns, self.precision)
+
+    @property
+    def rms(self) -> float:
+        """RMS of the 3-D position error over the fitted rows [m]."""
+        return position_rms(self.view.residual)
+
+    def cost(self, limit: float) -> float:
+        """Return -2 log posterior density but for a constant; rows beyond `limit` times the noise count less."""
+        return objective(self.view, self.values, self.prior, limit)
+
+    def places(self, block: Block) -> np.ndarray:
+        """Return the places of one block's parameters among all."""
+        return places_of(block, self.blocks)
+
+    def value(self, block: str) -> Array:
+        """Return the values of the block of a name."""
+        named = {candidate.name: candidate for candidate in reversed(self.blocks)}
+        return self.values[self.places(named[block])]
+
+
+def prior_of(blocks: Sequence[Block]) -> Array:
+    """Return the (P,) prior standard deviations of all blocks."""
+    return np.concatenate([np.zeros(0), *(block.prior for block in blocks)])
+
+
+def moved(blocks: Sequence[Block], values: Array, step: Array) -> Array:
+    """Return the (P,) values after a step that is meant to first order.
+
+    A factor's logarithm follows as the factor itself would in a straight line: exp(4) times is never meant by a column.
+    """
+    return values + np.where(_logarithmic(blocks), np.sign(step) * np.log1p(np.abs(step)), step)
+
+
+def _logarithmic(blocks: Sequence[Block]) -> np.ndarray:
+    """Return (P,) whether a value is the logarithm of a factor."""
+    return np.array([block.logarithmic for block in blocks for _ in block.labels], dtype=bool)
+
+
+def realise(declared: Setup, blocks: Sequence[Block], values: Array) -> Setup:
+    """Return the declared setup with all (P,) values applied."""
+    setup, start = declared, 0
+    for block in blocks:
+        count = len(block.labels)
+        setup = block.apply(setup, values[start : start + count])
+        start += count
+    return setup
+
+
+def fit(
+    declared: Setup,
+    blocks: Sequence[Block],
+    measurements: Measurements,
+    rows: np.ndarray | None = None,
+    start: Array | None = None,
+    progress: Progress | None = None,
+    effort: Effort = THOROUGH,
+) -> Fit:
+    """Return the most probable values of all blocks.
+
+    Args:
+        declared: Arm and instrument before the fit.
+        blocks: What is free.
+        measurements: The campaign.
+        rows: Row numbers to use; all measured rows when not given.
+        start: (P,) values to start from; zero when not given.
+        progress: Called with (steps done, steps at most).
+        effort: When to stop, and whether to be content with what is reached.
+
+    Raises:
+        ConvergenceError: The steps did not settle.
+        ArmflexError: The arm has no equilibrium at the first guess.
+    """
+    used = np.flatnonzero(measurements.measured) if rows is None else rows
+    task = _Task(declared, tuple(blocks), measurements, prior_of(blocks))
+    here = task.at(np.zeros(len(task.prior)) if start is None else start, used)
+    here, history, left = _settled(task, here, effort, progress)
+    return Fit(declared, task.blocks, here.values, here.view, huber_weights(here.view), tuple(history), left)
+
+
+def _settled(
+    task: _Task, here: _Iterate, effort: Effort, progress: Progress | None
+) -> tuple[_Iterate, list[float], float]:
+    """Return where steps from an iterate lead to, the objective after each, and what is left of its fall."""
+    history: list[float] = []
+    damping, limit, fall = 0.0, np.inf, np.inf
+    for iteration in range(effort.iterations):
+        # A limit that goes on moving with the residuals' median could keep the fit going round in circles.
+        limit = robust_limit(here.view) if iteration < MOVING else limit
+        before, problem = task.cost(here, limit), task.problem(here, limit)
+        found = task.descend(here, problem, limit, effort.trials, damping)
+        unit = max(1.0, before / here.view.count)  # while the model is wrong the residual is many times the noise
+        if found is None and effort.content:
+            return here, history, problem.promised(problem.step(max(damping, LIGHT))) / unit
+        if found is None:
+            raise ConvergenceError("calibration finds no better values along its step", [before])
+        size, (here, damping) = problem.length(found[0].values - here.values), found
+        history.append(task.cost(here, limit))
+        if progress:
+            progress(iteration + 1, effort.iterations)
+        fall = (before - history[-1]) / unit
+        if (size < SETTLED or fall < effort.flat) and (damping <= CALM or not effort.content):
+            return here, history, 0.0
+    if not effort.content:
+        raise ConvergenceError("calibration did not settle", history)
+    return here, history, fall
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The linear problem about an iterate.
+
+    Attributes:
+        known: What rows and priors tell there.
+        gradient: (P,) minus half the gradient of the cost.
+        bend: (P,) what Gauss and Newton leave out of a logarithm's curvature: its column is its second derivative, too.
+    """
+
+    known: LinearGaussian
+    gradient: Array
+    bend: Array
+
+    def step(self, damping: float) -> Array:
+        """Return the Gauss-Newton step, damped as Levenberg and Marquardt do, by a share of a parameter's information.
+
+        A compliance that is drawn towards zero would go past it and back for ever without its `bend`; where steps keep
+        their promises it is only in the way.
+        """
+        damped = damping * np.diag(self.known.information) + self.bend
+        return (self.known.with_precision(damped) if damping else self.known).solve(self.gradient)
+
+    def promised(self, step: Array) -> float:
+        """Return the fall of the cost that the linear problem promises of a step."""
+        return max(float(step @ (2.0 * self.gradient - self.known.information @ step)), 1e-300)
+
+    def length(self, step: Array) -> float:
+        """Return the RMS length of a step in posterior standard deviations."""
+        return float(np.sqrt(max(step @ self.known.information @ step, 0.0) / max(len(step), 1)))
+
+
+def _next_damping(damping: float, kept: float) -> float:
+    """Return the damping after a step that kept so much of its promise: a step too long may fall, and fall back."""
+    if kept < BROKEN:
+        return max(10.0 * damping, LIGHT)
+    if kept < KEPT:
+        return damping
+    return damping / 10.0 if damping > LIGHT else 0.0
+
+
+@dataclass(frozen=True)
+class _Iterate:
+    """Where a fit has come to: (P,) values, and what is seen there."""
+
+    values: Array
+    view: View
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What stays the same while a fit goes on."""
+
+    declared: Setup
+    blocks: tuple[Block, ...]
+    measurements: Measurements
+    prior: Array
+
+    def at(self, values: Array, rows: np.ndarray) -> _Iterate:
+        """Return the iterate at (P,) values."""
+        return _Iterate(values, look(realise(self.declared, self.blocks, values), self.measurements, rows))
+
+    def cost(self, here: _Iterate, limit: float) -> float:
+        """Return the cost of an iterate."""
+        return objective(here.view, here.values, self.prior, limit)
+
+    def problem(self, here: _Iterate, limit: float) -> _Problem:
+        """Return the linear problem about an iterate."""
+        weights = huber_weights(here.view, limit)
+        columns, residual = whitened_columns(self.blocks, here.view, weights), whitened_residual(here.view, weights)
+        precision, pull = self.prior**-2.0, columns.T @ residual
+        gradient = pull - precision * np.where(np.isfinite(self.prior), here.values, 0.0)
+        bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
+        return _Problem(LinearGaussian.of(columns, precision), gradient, bend)
+
+    def descend(
+        self, here: _Iterate, problem: _Problem, limit: float, trials: int, damping: float
+    ) -> tuple[_Iterate, float] | None:
+        """Return the iterate after a step, damped until the cost falls or is flat, and the next damping; None if never.
+
+        Laws have kinks, and along some directions only priors hold: a full step may be far too long in a few of them.
+        """
+        before, start = self.cost(here, limit), damping
+        for _ in range(trials):
+            with contextlib.suppress(ArmflexError):
+                step = problem.step(damping)
+                trial = self.at(moved(self.blocks, here.values, step), here.view.rows)
+                after = self.cost(trial, limit)
+                if after <= before + 1e-9 * abs(before):
+                    kept = (before - after) / problem.promised(step)
+                    # What had to be damped more just now is not asked with less at once: it would fail again.
+                    return trial, max(_next_damping(damping, kept), damping if damping > start else 0.0)
+            damping = max(10.0 * damping, LIGHT)
+        return None

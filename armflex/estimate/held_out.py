@@ -1,0 +1,92 @@
+"""Errors on rows that a fit has not seen, in the linear problem about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.estimate.fit import Fit
+from armflex.estimate.robust import huber_weights, robust_limit
+from armflex.estimate.view import View
+from armflex.linear_gaussian import most_probable
+
+FOLDS = 5
+
+BELIEVED = 0.5
+"""Robust weight below which a row is left out of held-out errors: a lost beam says nothing about a model."""
+
+
+def near(*views: View) -> np.ndarray:
+    """Return (M,) rows that one or more of several views of the same rows come near, by the limit of the closest.
+
+    A row that only an effect explains speaks for it, one that it alone spoils against it, and a beam that every view
+    misses about none of them.
+    """
+    limit = min(robust_limit(view) for view in views)
+    return np.any([huber_weights(view, limit) > BELIEVED for view in views], axis=0)
+
+
+def believed(*fits: Fit) -> np.ndarray:
+    """Return (M,) rows that one or more of several fits to the same rows come near; see `near`."""
+    return near(*(fit.view for fit in fits))
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Errors on rows that a fit has not seen.
+
+    Attributes:
+        squares: (M,) squared 3-D error of every row [m^2].
+        believed: (M,) False for rows that say nothing about a model.
+    """
+
+    squares: Array
+    believed: np.ndarray
+
+    @property
+    def rms(self) -> float:
+        """RMS of the 3-D error over believed rows [m]."""
+        return self.rms_of(self.believed)
+
+    def rms_of(self, rows: np.ndarray) -> float:
+        """Return the RMS of the 3-D error over the believed among (M,) rows [m]."""
+        return float(np.sqrt(self.squares[self.believed & rows].mean()))
+
+
+def held_out(
+    fit: Fit, folds: np.ndarray, refitted: Sequence[np.ndarray] | None = None, judged: np.ndarray | None = None
+) -> HeldOut:
+    """Return the errors of every row predicted from the other folds, in the linear problem about the fit.
+
+    Args:
+        fit: The fit; its columns and robust weights are used as they are.
+        folds: (M,) fold of every row.
+        refitted: For every fold, parameters that may follow the fold's own rows (a session's frame), if any.
+        judged: (M,) rows that count, see `believed`; those that this fit believes when not given.
+    """
+    size = fit.view.residual.shape[1]
+    data = fit.residual + fit.columns @ fit.values
+    left = np.empty(len(data))
+    for number in range(int(folds.max()) + 1):
+        own = np.repeat(folds == number, size)
+        values = most_probable(fit.columns[~own], fit.precision, data[~own])
+        error = data[own] - fit.columns[own] @ values
+        if refitted is not None and len(refitted[number]):
+            some = refitted[number]
+            follow = fit.columns[np.ix_(own, some)]
+            error = error - follow @ most_probable(follow, fit.precision[some], error)
+        left[own] = error
+    where = fit.view.positions
+    errors = left.reshape(-1, size)[:, where] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, where]
+    return HeldOut((errors**2).sum(axis=1), fit.weights > BELIEVED if judged is None else judged)
+
+
+def pose_folds(groups: np.ndarray, count: int = FOLDS, seed: int = 0) -> np.ndarray:
+    """Return (M,) folds that keep the rows of a pose together."""
+    poses = np.unique(groups)
+    order = np.random.default_rng(seed).permutation(len(poses))
+    fold = dict(zip(poses[order].tolist(), (np.arange(len(poses)) % min(count, len(poses))).tolist(), strict=True))
+    return np.array([fold[group] for group in groups.tolist()])

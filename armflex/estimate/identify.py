@@ -1,0 +1,115 @@
+"""What the data could tell about each parameter, and what it could not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.estimate.fit import Fit
+from armflex.linear_gaussian import LinearGaussian
+
+UNDETERMINED = 0.9
+"""Posterior over prior standard deviation above which the data has said nothing about a parameter."""
+
+SURPRISING = 3.0
+"""Prior standard deviations beyond which a fitted value is a finding."""
+
+STILL = 1e-9
+"""Standard deviations of the readings by which a parameter moves them altogether, below which it is rounding."""
+
+PARTNER = 0.25
+"""Share of a parameter's effect that another must be able to take over to be named."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One fitted number.
+
+    Attributes:
+        block, label, unit: Which it is; compliance is the logarithm of a factor.
+        value, std: Deviation from the declared value and its posterior standard uncertainty, infinite where neither the
+            data nor a prior determine it.
+        prior: Its prior standard deviation, infinite where nothing was known.
+        determined: Whether the data said anything about it.
+        trades_against: Parameters that it can be exchanged for without the readings noticing.
+    """
+
+    block: str
+    label: str
+    unit: str
+    value: float
+    std: float
+    prior: float
+    determined: bool
+    trades_against: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Block and label."""
+        return f"{self.block} {self.label}"
+
+    @property
+    def pull(self) -> float:
+        """Value in prior standard deviations."""
+        return self.value / self.prior
+
+    @property
+    def surprising(self) -> bool:
+        """Whether the declared value was wrong by more than its prior allows, and the data determine it."""
+        return self.determined and abs(self.pull) > SURPRISING
+
+
+def parameters(fit: Fit) -> tuple[Parameter, ...]:
+    """Return every parameter of a fit with what is known about it."""
+    std = fit.posterior.std
+    units = [unit for block in fit.blocks for unit in block.units]
+    partners = _trades(fit)
+    return tuple(
+        Parameter(
+            block,
+            label,
+            units[i],
+            float(fit.values[i]),
+            float(std[i]),
+            float(fit.prior[i]),
+            bool(std[i] < UNDETERMINED * fit.prior[i]),
+            partners[i],
+        )
+        for i, (block, label) in enumerate(fit.labels)
+    )
+
+
+def _trades(fit: Fit) -> list[tuple[str, ...]]:
+    """Return for each parameter the others that can take over its effect on the readings, if any can.
+
+    Its column, moved by one prior deviation, is fitted by the others within their priors.
+    """
+    names = [f"{block} {label}" for block, label in fit.labels]
+    normal = fit.columns.T @ fit.columns
+    known = LinearGaussian(normal + np.diag(fit.precision))
+    told = fit.posterior.std < UNDETERMINED * fit.prior
+    return [() if told[i] else partners_of(normal, known, i, names) for i in range(len(names))]
+
+
+def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:
+    """Return up to four parameters that take over one parameter's effect on the readings best, the strongest first.
+
+    None where the readings do not depend on it: what rounding resembles is no finding, and differs between processors.
+
+    Args:
+        normal: (P, P) what the readings alone tell.
+        known: What they tell with what was known before.
+        index: Which parameter.
+        names: Of all parameters.
+    """
+    others = np.delete(np.arange(len(names)), index)
+    own = np.sqrt(normal[index, index])
+    if own < STILL:
+        return ()
+    amount = known.conditional(others).solve(normal[others, index])
+    effect = np.abs(amount) * np.sqrt(np.diag(normal)[others])
+    strong = [i for i in np.argsort(-effect) if effect[i] > PARTNER * own]
+    return tuple(names[others[i]] for i in strong[:4])

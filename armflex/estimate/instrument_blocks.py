@@ -1,0 +1,138 @@
+"""Blocks of the instrument: where it stands, what it looks at, and how that is turned on the tool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.estimate.view import Setup, View
+
+MOUNTING = "mounting"
+"""Name of the block of the target's orientation."""
+
+
+@dataclass(frozen=True)
+class FrameBlock:
+    """The instrument's pose about a first guess: shift and rotation vector in instrument axes, free."""
+
+    start: pin.SE3
+    level: bool
+    name: str = "instrument"
+    logarithmic: bool = False
+    labels: tuple[str, ...] = TWIST_NAMES
+    units: tuple[str, ...] = ("m",) * 3 + ("rad",) * 3
+
+    @property
+    def prior(self) -> Array:
+        """Nothing is known."""
+        return np.full(6, np.inf)
+
+    def columns(self, view: View) -> Array:
+        """Return the readings' change; with a level instrument the arm's gravity turns as well."""
+        columns = view.by_frame
+        if self.level:
+            rotation, gravity = view.setup.instrument.pose.rotation, view.setup.arm.robot.gravity
+            turned = pin.skew(gravity) @ rotation.T  # base gravity R^T g when R becomes exp(w) R
+            columns[:, :, 3:] += view.answer(view.line.gravity @ turned)
+        return columns
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with the instrument moved (and, when level, gravity turned with it)."""
+        rotation = pin.exp3(values[3:]) @ self.start.rotation
+        pose = pin.SE3(rotation, pin.exp3(values[3:]) @ self.start.translation + values[:3])
+        moved = replace(setup, instrument=replace(setup.instrument, pose=pose))
+        if not self.level:
+            return moved
+        down = rotation.T @ setup.arm.robot.gravity
+        return replace(moved, arm=replace(setup.arm, robot=replace(setup.arm.robot, gravity=down)))
+
+
+@dataclass(frozen=True)
+class SessionBlock:
+    """The instrument set up again: a small shift and rotation for every session."""
+
+    sessions: tuple[str, ...]
+    rows: tuple[str, ...]
+    translation: float
+    rotation: float
+    name: str = "session_frame"
+    logarithmic: bool = False
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Session and component."""
+        return tuple(f"{session} {axis}" for session in self.sessions for axis in TWIST_NAMES)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Shift and rotation of each session."""
+        return (("m",) * 3 + ("rad",) * 3) * len(self.sessions)
+
+    @property
+    def prior(self) -> Array:
+        """As declared, the same for every session."""
+        return np.tile(np.repeat([self.translation, self.rotation], 3), len(self.sessions))
+
+    def columns(self, view: View) -> Array:
+        """Return the rigid motions, each for its session's rows only."""
+        motion = view.by_frame
+        own = [np.array([self.rows[row] == session for row in view.rows]) for session in self.sessions]
+        return np.concatenate([motion * mask[:, None, None] for mask in own], axis=2)
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with every session's shift."""
+        shifts = dict(zip(self.sessions, values.reshape(-1, 6), strict=True))
+        return replace(setup, instrument=replace(setup.instrument, sessions=shifts))
+
+
+@dataclass(frozen=True)
+class TargetBlock:
+    """The measured point in the tip frame."""
+
+    std: float
+    name: str = "tool"
+    logarithmic: bool = False
+    labels: tuple[str, ...] = TWIST_NAMES[:3]
+    units: tuple[str, ...] = ("m",) * 3
+
+    @property
+    def prior(self) -> Array:
+        """As declared."""
+        return np.full(3, self.std)
+
+    def columns(self, view: View) -> Array:
+        """Return the tip's axes as the instrument sees them."""
+        return view.by_target
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with the target moved."""
+        instrument = setup.instrument
+        return replace(setup, instrument=replace(instrument, target=instrument.target + values))
+
+
+@dataclass(frozen=True)
+class MountingBlock:
+    """How the target is turned on the tool, where orientations are read: nobody mounts a target to a milliradian."""
+
+    start: Array
+    name: str = MOUNTING
+    logarithmic: bool = False
+    labels: tuple[str, ...] = TWIST_NAMES[3:]
+    units: tuple[str, ...] = ("rad",) * 3
+
+    @property
+    def prior(self) -> Array:
+        """Nothing is known."""
+        return np.full(3, np.inf)
+
+    def columns(self, view: View) -> Array:
+        """Return the tip's axes as the instrument sees them, for orientations alone."""
+        return view.by_mounting
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with the target turned about its first guess, in tip axes."""
+        turned = pin.log3(pin.exp3(values) @ pin.exp3(self.start))
+        return replace(setup, instrument=replace(setup.instrument, mounting=turned))

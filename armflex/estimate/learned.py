@@ -1,0 +1,81 @@
+"""What a campaign taught about the law of each flexure that it was to learn, in numbers that people ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.estimate.fit import Fit
+from armflex.estimate.sample import LawSamples
+from armflex.laws.learned import LearnedLaw
+
+TOLD = 0.5
+"""Part of the declared law's uncertainty that must be gone for an axis to count as told by the readings."""
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedAxis:
+    """One axis of a learned law over the loads of the campaign; RMS over its rows [m or rad].
+
+    Attributes:
+        flexure, axis: Which.
+        declared: Twist of the law as declared.
+        learned: Twist of the law as learned.
+        change: What was learned, learned minus declared.
+        correction: The part of it that no compliance can express.
+        std: Standard uncertainty of the learned twist.
+        before: The same of the law as declared, by what was expected of its parameters before the campaign.
+        sampled: Standard deviation of the twist among sampled laws, None where none were.
+    """
+
+    flexure: str
+    axis: str
+    declared: float
+    learned: float
+    change: float
+    correction: float
+    std: float
+    before: float
+    sampled: float | None
+
+    @property
+    def told(self) -> bool:
+        """Whether the readings say anything about it; else its prior holds it."""
+        return self.std < TOLD * self.before
+
+
+def learned_axes(fit: Fit, laws: Mapping[str, LearnedLaw], samples: LawSamples | None) -> tuple[LearnedAxis, ...]:
+    """Return every axis of every learned law that gives at all.
+
+    Args:
+        fit: The fit.
+        laws: The laws with the covariance of their values, by flexure.
+        samples: Sampled laws, None where none were drawn.
+    """
+    line, names = fit.view.line, fit.setup.arm.flexure_names
+    found = []
+    for name, law in laws.items():
+        loads = line.flexure_wrenches[:, names.index(name)]
+        drawn = None if samples is None else samples.twists(name, loads, line.row).std(axis=0)
+        found += _axes(name, law, loads, fit, drawn)
+    return tuple(found)
+
+
+def _axes(name: str, law: LearnedLaw, loads: Array, fit: Fit, drawn: Array | None) -> list[LearnedAxis]:
+    row = fit.view.line.row
+    start = law.at(law.start)
+    declared, learned = start.twist(loads, row), law.twist(loads, row)
+    correction = law.correcting(loads, row)
+    assert law.spread is not None
+    std, before = law.std(law.spread, loads, row), start.std(np.diag(law.expected_std**2), loads, row)
+    columns = (declared, learned, learned - declared, correction, std, before)
+    rms = [np.sqrt((values**2).mean(axis=0)) for values in columns]
+    sampled = None if drawn is None else np.sqrt((drawn**2).mean(axis=0))
+    return [
+        LearnedAxis(name, axis, *(float(r[i]) for r in rms), None if sampled is None else float(sampled[i]))
+        for i, axis in enumerate(TWIST_NAMES)
+        if rms[0][i] > 0.0
+    ]

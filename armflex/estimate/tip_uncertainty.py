@@ -1,0 +1,118 @@
+"""How uncertain the tip's displacement is: because of the joints' laws, and of what a campaign was fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import Flag
+from armflex.estimate.spread import displacement_covariance, without_declared_doubt
+from armflex.laws.effects.law import TwistLaw
+from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.deflection_batch import DeflectionBatch
+from armflex.mechanics.loads import Payload
+from armflex.rows import Rows
+
+AT_ONCE = 512
+"""Rows that are linearised together: each takes some ten kilobytes."""
+
+AT_REST = Flag(
+    "certainty_at_rest", "what was fitted is taken to be as uncertain as where the arm stands under its own weight"
+)
+"""For a moving arm, or one under loads from outside."""
+
+REMEMBERED = (
+    Flag("certainty_of_memory", "an effect with a memory is taken to be as uncertain as if it began where it settles"),
+)
+"""For effects that lag, or depend on the rows before."""
+
+
+def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None, tuple[Flag, ...]]:
+    """Return the covariance of the tip's displacement, of the laws and of what the arm was fitted to, and doubts.
+
+    `Deflection.covariance` is of the laws alone. On an arm that was calibrated or traced the fitted parameters have a
+    covariance of their own, in which the declared uncertainty of fitted compliances is contained already: they are not
+    counted twice. On other arms this is `Deflection.covariance`.
+
+    Args:
+        found: What `Arm.deflection` returned.
+
+    Returns:
+        (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty; and doubts.
+    """
+    if isinstance(found, DeflectionBatch):
+        return _of_batch(found)
+    solved, payload = found.solved, found.payload
+    certain = without_declared_doubt(solved.loaded.arm)
+    own = replace(found, solved=solved._replace(loaded=certain.loaded(payload))).covariance
+    laws = None if own is None else own[None]
+    covariance, doubts = tip_covariance(certain, found.q[None], [_known_as(certain, payload)], solved.covariates, laws)
+    rest = solved.case is None or certain.certainty is None
+    return None if covariance is None else covariance[0], doubts if rest else (*doubts, AT_REST)
+
+
+def _of_batch(found: DeflectionBatch) -> tuple[Array | None, tuple[Flag, ...]]:
+    """Return the (N, 6, 6) covariance of a batch, and doubts about it."""
+    acting = found.acting
+    certain = without_declared_doubt(acting.arm)
+    laws = replace(found, acting=replace(acting, arm=certain)).covariance
+    payloads = [_known_as(certain, certain.payload(acting.payload(i))) for i in range(len(found.q))]
+    covariance, doubts = tip_covariance(certain, found.q, payloads, acting.covariates, laws)
+    rest = certain.certainty is None or not (acting.moves or acting.wrenches)
+    return covariance, doubts if rest else (*doubts, AT_REST)
+
+
+def _known_as(arm: Arm, payload: Payload) -> str | Payload:
+    """Return the name of a payload, by which effects know it, where it has one."""
+    return next((name for name, body in arm.payloads.items() if body is payload), payload)
+
+
+def tip_covariance(
+    arm: Arm, q: Array, payloads: Sequence[str | Payload], covariates: Mapping[str, ArrayLike], laws: Array | None
+) -> tuple[Array | None, tuple[Flag, ...]]:
+    """Return the (N, 6, 6) covariance of the tip's displacement, base axes [m, rad], None where nobody states one.
+
+    Args:
+        arm: The arm; for one that was fitted `laws` are those of `without_declared_doubt`.
+        q: (N, nq) joint positions [rad or m].
+        payloads: What is carried in each row, or its name.
+        covariates: What the arm's effects depend on, numbers or (N,) by name.
+        laws: (N, 6, 6) covariance that the laws themselves give, None where none does.
+
+    Returns:
+        The covariance, and doubts about it.
+    """
+    if arm.certainty is None:
+        return laws, ()
+    known = {name: np.broadcast_to(np.asarray(value, dtype=float), len(q)) for name, value in covariates.items()}
+    derived = tuple(dict.fromkeys(name for effect in arm.effects for name in effect.derived))
+    parts, doubts = [np.zeros((0, 6, 6))], dict.fromkeys(REMEMBERED if _remembers(arm) else ())
+    for some in (slice(first, first + AT_ONCE) for first in range(0, len(q), AT_ONCE)):
+        given = {name: values[some] for name, values in known.items()}
+        # A direction of 0 is one that nothing tells: of effects that derive it, the joint came from either side.
+        rows = Rows.of(arm.joint_names, q[some], payloads[some], {"time": 0.0} | given, derived=derived)
+        part, flags = displacement_covariance(arm, rows)
+        if part is None:
+            return laws, flags
+        parts.append(part)
+        doubts |= dict.fromkeys(flags)
+    fitted = np.concatenate(parts)
+    return fitted if laws is None else laws + fitted, tuple(doubts)
+
+
+def _remembers(arm: Arm) -> bool:
+    return any(isinstance(effect.law, TwistLaw) and effect.law.memory is not None for effect in arm.effects)
+
+
+def length_sigma(vectors: Array, covariance: Array) -> Array:
+    """Return (n,) standard deviations of the lengths of (n, 3) vectors, to first order; see `Deflection.sigma`."""
+    length = np.linalg.norm(vectors, axis=1)
+    moves = length > 0.0
+    along = vectors / np.where(moves, length, 1.0)[:, None]
+    variance = np.einsum("ni,nij,nj->n", along, covariance, along)
+    return np.sqrt(np.where(moves, np.maximum(variance, 0.0), np.trace(covariance, axis1=1, axis2=2)))

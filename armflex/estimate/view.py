@@ -1,0 +1,179 @@
+"""What a fit sees of a campaign at one state of the arm: readings, residuals, and how readings answer to tip motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.laws.effects.law import Effect
+from armflex.laws.effects.remember import directions, known_rows
+from armflex.laws.effects.spot import same_site, site_of
+from armflex.measured.measurements import Measurements
+from armflex.mechanics.response import Response, respond
+from armflex.readings import Position, Readings
+from armflex.readings.instrument import Instrument
+from armflex.rows import Rows
+from armflex.rows.rows import APPROACH
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """An arm and the instrument that looks at it: everything a fit may move."""
+
+    arm: Arm
+    instrument: Instrument
+
+    def with_effect(self, effect: Effect) -> Setup:
+        """Return the setup with an effect added to its arm's list."""
+        return replace(self, arm=replace(self.arm, effects=(*self.arm.effects, effect)))
+
+
+@dataclass(frozen=True)
+class View:
+    """A campaign at one setup, measured rows only.
+
+    Attributes:
+        setup: The state it was computed at.
+        rows: (M,) numbers of the measured rows.
+        line: The linearised arm at those rows.
+        points: (M, 3) target in the instrument frame, sessions left out.
+        readings: What was read in those rows, or is to be: d numbers each.
+        residual: (M, d) measured minus predicted, in the units of the readings.
+        seen: (M, d, 6) change of a reading per motion of the tip (origin, base axes).
+    """
+
+    setup: Setup
+    rows: np.ndarray
+    line: Response
+    points: Array
+    readings: Readings
+    residual: Array
+    seen: Array
+
+    @property
+    def sigma(self) -> Array:
+        """(M, d) one standard deviation of each number; infinite where it was not read."""
+        return self.readings.sigma
+
+    @property
+    def positions(self) -> slice:
+        """Where the numbers of positions stand among the d of a row."""
+        return self.readings.place(Position)
+
+    @property
+    def whitened(self) -> Array:
+        """(M, d) residual in standard deviations."""
+        return self.residual / self.sigma
+
+    @property
+    def count(self) -> int:
+        """Number of readings: an orientation that was not read is none."""
+        return int(np.isfinite(self.sigma).sum())
+
+    @property
+    def by_frame(self) -> Array:
+        """(M, d, 6) changes of the readings per shift and rotation vector of the instrument's frame [m, rad]."""
+        return self.readings.stacked(lambda kind: kind.by_frame(self.points))
+
+    @property
+    def by_scale(self) -> Array:
+        """(M, d) changes of the readings per share by which the instrument's distances are too long."""
+        return self.readings.stacked(lambda kind: kind.by_scale(self.setup.instrument, self.points))
+
+    @property
+    def by_target(self) -> Array:
+        """(M, d, 3) changes of the readings per shift of the target in the tip frame [m]."""
+        return self.readings.stacked(lambda kind: kind.by_target(self.setup.instrument, self.line.tip))
+
+    @property
+    def by_mounting(self) -> Array:
+        """(M, d, 3) changes of the readings per rotation vector of the target on the tool, in tip axes [rad]."""
+        return self.readings.stacked(lambda kind: kind.by_mounting(self.setup.instrument, self.line.tip))
+
+    def answer(self, motion: Array) -> Array:
+        """Return (M, d, k) changes of the readings for (M, 6, k) motions of the tip."""
+        return self.seen @ motion
+
+    def to_twist(self, site: str) -> Array:
+        """Return (M, d, 6) changes of the readings per twist added to what a site gives."""
+        if site not in self._to_twist:
+            place = site_of(site, self.setup.arm.robot)
+            known = [i for i, flexure in enumerate(self.setup.arm.modelled) if same_site(flexure.site, place)]
+            motion = self.line.laws[:, :, known[-1]] if known else self.line.site(site)
+            self._to_twist[site] = self.answer(motion)
+        return self._to_twist[site]
+
+    @cached_property
+    def _to_twist(self) -> dict[str, Array]:
+        return {}
+
+    def to_load(self, link: str) -> Array:
+        """Return (M, d, 6) changes of the readings per wrench at a link's origin, base axes."""
+        if link not in self._to_load:
+            self._to_load[link] = self.answer(self.line.link_loads[:, self.line.link_names.index(link)])
+        return self._to_load[link]
+
+    @cached_property
+    def _to_load(self) -> dict[str, Array]:
+        return {}
+
+
+def look(
+    setup: Setup,
+    rows: Rows,
+    some: np.ndarray,
+    progress: Progress | None = None,
+    readings: Readings | None = None,
+) -> View:
+    """Return the view of some rows at one setup.
+
+    Args:
+        setup: Arm and instrument.
+        rows: All rows in the order driven.
+        some: (M,) numbers of those looked at.
+        progress: Told how many rows are done.
+        readings: What was read in all rows, or would be; what the rows themselves have where it is not given.
+    """
+    payloads = [rows.payload[row] for row in some]
+    known = {name: values[some] for name, values in known_rows(setup.arm, rows).items()}
+    line = respond(setup.arm, rows.q[some], payloads, known, progress)
+    sessions = [rows.session[row] for row in some]
+    if readings is None:
+        readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))
+    read, instrument = readings.some(some), setup.instrument
+    residual = read.stacked(lambda kind: kind.residual(instrument, line.tip, sessions))
+    seen = read.stacked(lambda kind: kind.jacobian(instrument, line.tip))
+    return View(setup, some, line, instrument.points(line.tip), read, residual, seen)
+
+
+def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
+    """Return (K, N, d) by how much readings are off halfway where nothing tells from which side a joint came [m, rad].
+
+    One for each direction that effects derive from the order of the rows (`Effect.derived`), zero where the rows tell
+    it: the joint came from either side, so it is the standard deviation of what is read, too.
+    """
+    effects = setup.arm.effects
+    untold = {name: unknown for name, effect, unknown in directions(effects, rows) if name in effect.derived}
+    shifts = np.zeros((len(untold), len(rows), readings.size))
+    for shift, (name, unknown) in zip(shifts, untold.items(), strict=True):
+        some, sides = np.flatnonzero(unknown), []
+        joint = rows.joint_names.index(name.removeprefix(APPROACH))
+        for side in (-1.0, 1.0) if len(some) else ():
+            approach = rows.approach.copy()
+            approach[some, joint] = side
+            sides.append(look(setup, replace(rows, approach=approach), some, readings=readings).residual)
+        if sides:
+            shift[some] = 0.5 * (sides[0] - sides[1])
+    return shifts
+
+
+def position_rms(errors: Array) -> float:
+    """Return the RMS of the 3-D position error [m] of (M, 3) or (M, 6) errors."""
+    return float(np.sqrt((errors[:, :3] ** 2).sum(axis=1).mean()))

@@ -1,0 +1,232 @@
+"""arm.toml: an arm as declared, read whole or refused with file, line and the nearest valid name."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from armflex.arm import Arm, Flexure, warn
+from armflex.conventions import SMALLEST_STD, STANDARD_GRAVITY
+from armflex.declaration import Declaration, read_toml
+from armflex.errors import (
+    ArmFileError,
+    Flag,
+    InputError,
+    PayloadError,
+    UnknownNameError,
+    UrdfError,
+    did_you_mean,
+    listing,
+)
+from armflex.estimate.view import Setup
+from armflex.files.calibration_table import read_calibration
+from armflex.files.effect_file import read_effect
+from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, StructuralLaw, read_law
+from armflex.laws.declared import model_of
+from armflex.laws.joint.linear import softness
+from armflex.laws.learned import read_learning
+from armflex.mechanics.loads import Payload
+from armflex.prior import Measurement, Prior
+from armflex.readings.instrument import Instrument
+from armflex.robot import Robot, load_robot
+from armflex.robot.urdf import MAX_LINKS
+
+
+def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
+    """Read an arm.toml and the URDF it names.
+
+    Args:
+        path: The arm.toml; a URDF is taken as an arm without flexures.
+        preset: Name of a [preset.NAME] table whose flexures replace or join the declared ones.
+        tip: Link whose motion is reported, for a bare URDF with several ends; an arm.toml names its own.
+        strict: Refuse unknown URDF tags on the chain, and motion with impossible inertias, instead of flagging them.
+
+    Raises:
+        ArmFileError: The file is not valid TOML, misses a key, has an unknown one, or its numbers are not physical.
+        UrdfError: The URDF is no robot that can be computed with.
+        UnknownNameError: There is no such preset.
+    """
+    path = Path(path)
+    is_urdf = path.suffix.lower() == ".urdf"
+    if not is_urdf and tip is not None:
+        raise InputError(f"{path} names its own tip, to which its payloads are fixed; tip is for a bare URDF")
+    if is_urdf and preset is not None:
+        raise UnknownNameError("preset", preset, ())
+    arm = _bare(load_robot(path, tip, strict=strict)) if is_urdf else _read(read_toml(path), preset, strict)
+    warn(arm.flags)
+    return arm
+
+
+def _bare(robot: Robot) -> Arm:
+    return Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so nothing gives: the arm is rigid")))
+
+
+def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
+    robot, rating, flags = _read_robot(root.sub("robot"), strict)
+    payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
+    tables = _flexure_tables(root, preset)
+    if len(tables) > MAX_LINKS:
+        raise ArmFileError(root.place("flexure"), f"has {len(tables)} flexures, more than the {MAX_LINKS} allowed")
+    flexures = tuple(_read_flexure(name, table, robot) for name, table in tables.items())
+    measurement = _read_measurement(root.sub("measurement")) if root.has("measurement") else Measurement()
+    prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
+    effects = root.array_of("effect")
+    root.has("calibration")
+    root.finish()
+    soft = [flag for flexure in flexures for flag in _soft(flexure)]
+    doubts = (*robot.flags, *flags, *soft, *_partly_certain(flexures))
+    arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=doubts)
+    fitted = read_calibration(root.sub("calibration"), arm) if root.has("calibration") else _say_level(arm)
+    return _with_effects(fitted, effects)
+
+
+def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
+    """Return the arm with its [[effect]] tables applied in order, as a fit does: some change the model itself."""
+    setup = start = Setup(arm, arm.instrument or Instrument())
+    for table in tables:
+        effect = read_effect(table, arm)
+        setup = effect.law.apply(effect, setup)
+    instrument = arm.instrument if setup.instrument is start.instrument else setup.instrument
+    return replace(setup.arm, instrument=instrument)
+
+
+def _say_level(arm: Arm) -> Arm:
+    """Return the arm with a flag where its gravity is known in a frame that is not placed yet."""
+    if arm.measurement.gravity_in == "base":
+        return arm
+    text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
+    return replace(arm, flags=(*arm.flags, Flag("gravity_in", f"gravity {text}")))
+
+
+def _flexure_tables(root: Declaration, preset: str | None) -> dict[str, Declaration]:
+    declared, presets = root.subs("flexure"), root.subs("preset")
+    if preset is None:
+        return declared
+    if preset not in presets:
+        raise UnknownNameError("preset", preset, presets)
+    changed = presets[preset].subs("flexure")
+    presets[preset].finish()
+    return declared | changed
+
+
+def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:
+    urdf = table.path.parent / table.text("urdf")
+    tip, base = table.text("tip"), table.text("base", "-")
+    flags: tuple[Flag, ...] = ()
+    if table.has("gravity"):
+        gravity = table.numbers("gravity", (3,))
+    else:
+        gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY])
+        flags = (Flag("gravity", f"{table.place()}: no gravity given, taken as {gravity.tolist()} m/s^2"),)
+    rating = table.number("payload_rating") if table.has("payload_rating") else None
+    locked_table = table.sub("locked") if table.has("locked") else None
+    locked = {name: locked_table.number(name) for name in locked_table.table} if locked_table else {}
+    massless = table.flag("allow_massless")
+    table.finish()
+    try:
+        robot = load_robot(
+            urdf, tip, None if base == "-" else base, gravity, strict=strict, allow_massless=massless, locked=locked
+        )
+    except UnknownNameError as error:
+        raise table.fail(_key_of(error, tip, base), str(error)) from None
+    except UrdfError as error:
+        if error.place.line or "cannot be read" not in error.problem:
+            raise
+        raise UrdfError(table.place("urdf"), f"[robot] urdf: {error}") from None  # the key that names no file
+    return robot, rating, flags
+
+
+def _key_of(error: UnknownNameError, tip: str, base: str) -> str:
+    return {tip: "tip", base: "base"}.get(error.name, "locked")
+
+
+def _read_payload(name: str, table: Declaration) -> Payload:
+    if name == "none":
+        raise ArmFileError(table.place(), "[payload.none]: 'none' means that nothing is carried, choose another name")
+    mass, com = table.number("mass"), table.numbers("com", (3,))
+    inertia = table.numbers("inertia", (6,)) if table.has("inertia") else None
+    table.finish()
+    try:
+        return Payload(mass, com, inertia)
+    except PayloadError as error:
+        raise table.fail("mass" if "mass" in str(error) else "inertia", str(error)) from None
+
+
+def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
+    joint = table.text("joint")
+    chain = [joint.name for joint in robot.chain]
+    if joint not in chain:
+        hint = did_you_mean(joint, chain)
+        raise table.fail("joint", f"no joint {joint!r} between base and tip{hint} (known: {listing(chain)})")
+    law = read_law(table, joint, _ranges(robot))
+    learn = read_learning(table, model_of(table), law, _ranges(robot)) if table.flag("learn") else None
+    table.finish()
+    return Flexure(name, joint, law, learn=learn)
+
+
+def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:
+    """Return every moving joint's limits; a continuous joint is looked at over a turn either way."""
+    turn = 2.0 * np.pi
+    return {
+        joint.name: (max(joint.lower, -turn), min(joint.upper, turn))
+        if np.isinf([joint.lower, joint.upper]).any()
+        else (joint.lower, joint.upper)
+        for joint in robot.moving
+    }
+
+
+def _soft(flexure: Flexure) -> list[Flag]:
+    law = flexure.law.law if isinstance(flexure.law, AtNode) else flexure.law
+    if not isinstance(law, LinearLaw):
+        return []
+    return [Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}") for flag in softness(law.compliance)]
+
+
+def _read_measurement(table: Declaration) -> Measurement:
+    frame = table.choice("frame", ("base", "unknown"), "unknown")
+    gravity_in = table.choice("gravity_in", ("base", "measurement"), "base")
+    table.finish()
+    return Measurement(frame, gravity_in)
+
+
+def _read_prior(table: Declaration) -> Prior:
+    values = {field.name: table.number(field.name, 0.0) for field in fields(Prior)}
+    table.finish()
+    for name, value in values.items():
+        if value < 0.0:
+            raise table.fail(name, f"a standard deviation cannot be negative, got {value:g}")
+        if 0.0 < value < SMALLEST_STD:
+            raise table.fail(name, f"{value:g} is less than anything can be known to; 0 keeps it fixed")
+    return Prior(**values)
+
+
+def _partly_certain(flexures: tuple[Flexure, ...]) -> list[Flag]:
+    """Return a flag where some flexures carry an uncertainty and others do not: the sum would look too sure."""
+    laws = {flexure.name: _leaves(flexure.law) for flexure in flexures}
+    exact = [name for name, parts in laws.items() if not any(map(_is_uncertain, parts)) and any(map(_gives, parts))]
+    if not exact or not any(_is_uncertain(part) for parts in laws.values() for part in parts):
+        return []
+    text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"
+    return [Flag("partly_certain", text)]
+
+
+def _leaves(law: Law) -> list[Law]:
+    if isinstance(law, AtNode):
+        return _leaves(law.law)
+    if isinstance(law, StructuralLaw):
+        return [leaf for sub in law.subjoints for leaf in _leaves(sub.law)]
+    return [law]
+
+
+def _is_uncertain(law: Law) -> bool:
+    if isinstance(law, LinearLaw):
+        return law.fit is not None or law.relative_std > 0.0
+    return isinstance(law, PositionDependentLaw) and law.relative_std > 0.0
+
+
+def _gives(law: Law) -> bool:
+    if isinstance(law, LinearLaw):
+        return bool(law.compliance.any())
+    return isinstance(law, PositionDependentLaw) and bool(law.coefficients.any())

@@ -1,0 +1,122 @@
+"""[calibration] in an arm.toml, read: what a fit found is applied to what was declared."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm, Flexure
+from armflex.certainty import Certainty
+from armflex.conventions import Array
+from armflex.declaration import Declaration
+from armflex.errors import Flag, did_you_mean
+from armflex.estimate.law_table import read_learned
+from armflex.estimate.spread import law_labels
+from armflex.files.certainty_table import read_certainty
+from armflex.laws.joint.scaled import scaled
+from armflex.readings.instrument import Instrument
+from armflex.robot import Corrections
+
+LARGEST_LOGARITHM = 200.0
+"""Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""
+UNFINISHED = "written while `armflex trace` was still searching: more effects may be missing, none was compared"
+
+
+def read_calibration(table: Declaration, arm: Arm) -> Arm:
+    """Return an arm with its [calibration] table applied.
+
+    Raises:
+        ArmFileError: A value is of the wrong shape, or names a joint or flexure that the arm does not have.
+    """
+    offset, geometry, compliance = (table.sub(name) for name in ("joint_offset", "geometry", "compliance"))
+    laws = table.sub("law") if table.has("law") else None
+    if laws is not None:
+        _check_names(laws, arm.flexure_names)
+    for part, known in ((offset, arm.joint_names), (geometry, arm.joint_names), (compliance, arm.flexure_names)):
+        _check_names(part, known)
+    instrument = _read_instrument(table)
+    corrections = Corrections(
+        {name: offset.number(name) for name in offset.table},
+        {name: geometry.numbers(name, (6,)) for name in geometry.table},
+    )
+    _check_campaign(table)
+    certainty = read_certainty(table, arm)
+    unfinished = [Flag("unfinished", f"{table.place()}: {UNFINISHED}")] if table.flag("unfinished") else []
+    table.finish()
+    factors = {name: _factors(compliance, name) for name in compliance.table}
+    fitted = replace(
+        arm,
+        flexures=tuple(_learned(_scaled(flexure, factors), laws, certainty) for flexure in arm.flexures),
+        corrections=corrections,
+        factors=factors,
+        instrument=instrument,
+        certainty=certainty,
+        flags=(*arm.flags, *unfinished),
+    )
+    return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
+
+
+def _read_instrument(table: Declaration) -> Instrument:
+    pose, sessions = table.numbers("instrument", (6,)), table.sub("sessions")
+    turn = float(np.linalg.norm(pose[3:]))
+    if turn > 2.0 * np.pi:
+        raise table.fail("instrument", f"a rotation vector of {turn:g} rad is more than a turn: degrees?")
+    scale = table.number("scale", 0.0)
+    if abs(scale) >= 1.0:
+        raise table.fail("scale", f"a relative error of the instrument's lengths, got {scale:g}")
+    return Instrument(
+        pin.SE3(pin.exp3(pose[3:]), pose[:3]),
+        {name: sessions.numbers(name, (6,)) for name in sessions.table},
+        table.numbers("target", (3,)),
+        scale,
+        table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3),
+    )
+
+
+def _factors(table: Declaration, key: str) -> Array:
+    """Return the (6,) logarithms of a flexure's factors."""
+    found = table.numbers(key, (6,))
+    if np.abs(found).max() > LARGEST_LOGARITHM:
+        text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {found.tolist()}"
+        raise table.fail(key, text)
+    return found
+
+
+def _check_campaign(table: Declaration) -> None:
+    """Check what the table says of the campaign, of which nothing is computed."""
+    if table.has("measurements_sha256") and not isinstance(table.raw("measurements_sha256"), str):
+        raise table.fail("measurements_sha256", "expected a text")
+    for key in ("rows", "rms_m"):
+        if table.number(key, 0.0) < 0.0:
+            raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
+
+
+def _check_names(table: Declaration, known: tuple[str, ...]) -> None:
+    for name in table.table:
+        if name not in known:
+            raise table.fail(name, f"the arm has no {name!r}{did_you_mean(name, known)}")
+
+
+def _scaled(flexure: Flexure, factors: Mapping[str, Array]) -> Flexure:
+    if flexure.name not in factors:
+        return flexure
+    return replace(flexure, law=scaled(flexure.law, np.exp(0.5 * factors[flexure.name])))
+
+
+def _learned(flexure: Flexure, laws: Declaration | None, certainty: Certainty | None) -> Flexure:
+    if laws is None or flexure.name not in laws.table:
+        return flexure
+    found = read_learned(flexure, laws.sub(flexure.name), None)
+    if certainty is None:
+        return found
+    return replace(found, law=replace(found.law, spread=certainty.among(law_labels(found))))
+
+
+def _level(arm: Arm) -> Arm:
+    """Return the arm with gravity, known in the level instrument's frame, turned into its base."""
+    assert arm.instrument is not None
+    down = arm.instrument.pose.rotation.T @ arm.robot.gravity
+    return replace(arm, robot=replace(arm.robot, gravity=down))

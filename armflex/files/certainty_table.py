@@ -1,0 +1,113 @@
+"""How well the parameters of a calibrated arm are known, as its file says it.
+
+`parameters` names what the rows of `covariance` are of: block and parameter, 'compliance A4 ry'. An effect's are
+'effect LAW SITE AXIS PARAMETER'; where the file has several [[effect]]s of one law, site and axis, those from the
+second on have their number before the parameter, in the order of the file: 'effect gear_harmonic A2 rz #2 k'.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.certainty import Certainty
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.covariance import covariance_fault
+from armflex.declaration import Declaration
+from armflex.errors import FileError, did_you_mean, listing
+from armflex.estimate.instrument_blocks import MOUNTING
+from armflex.estimate.law_block import LAW
+from armflex.estimate.spread import COMPLIANCE, EFFECT, INSTRUMENT, SESSIONS
+from armflex.laws.effects.spot import site_names
+from armflex.storage.array_file import Layout, read_arrays
+from armflex.storage.schema import Numbers
+
+BLOCKS = (INSTRUMENT, SESSIONS, MOUNTING, "tool", "joint_offset", "geometry", COMPLIANCE, LAW, EFFECT)
+"""What the name of every fitted parameter begins with."""
+
+LAYOUT = Layout(
+    "the covariance of a calibrated arm",
+    "armflex-covariance-1",
+    {"covariance": Numbers(("parameters", "parameters"), covariance=True)},
+    {"parameters": tuple[str, ...]},
+    lambda about: {"parameters": (len(about["parameters"]),)},
+    anew="calibrate the arm anew",
+    most_bytes=130_000_000,
+)
+"""Of 4000 parameters at most, so that it is proven positive within seconds."""
+
+
+def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
+    """Return the covariance of the fitted parameters; None where it is not given."""
+    if not all([table.has("parameters"), table.has("covariance") or table.has("covariance_file")]):
+        return None
+    labels = table.texts("parameters")
+    if len(set(labels)) < len(labels):
+        raise table.fail("parameters", "a parameter is named twice")
+    for label in labels:
+        block, _, parameter = label.partition(" ")
+        if block not in BLOCKS or not parameter:
+            hint = did_you_mean(block, BLOCKS)
+            raise table.fail("parameters", f"{label!r} is no parameter of a fit{hint} (they begin: {listing(BLOCKS)})")
+    key = "covariance_file" if table.has("covariance_file") else "covariance"
+    covariance = _from_file(table, labels) if key == "covariance_file" else _from_rows(table, labels)
+    directions = _directions(table, len(labels))
+    known = np.ones(len(labels), dtype=bool) if directions is None else ~directions.any(axis=0)
+    if (known & (np.diag(covariance) == 0.0)).any():
+        label = labels[int((known & (np.diag(covariance) == 0.0)).argmax())]
+        raise table.fail(key, f"the variance of {label!r} is zero, which no campaign leaves")
+    misfit = table.number("misfit_m", 0.0)
+    if misfit < 0.0:
+        raise table.fail("misfit_m", f"a standard deviation cannot be negative, got {misfit:g}")
+    return Certainty(labels, covariance, _unexplained(table, arm), directions, misfit)
+
+
+def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
+    """Return a covariance given as the lower triangle's rows."""
+    expected = f"{len(labels)} rows of 1, 2, ... finite numbers, one for each of the parameters"
+    rows = table.ragged("covariance", range(1, len(labels) + 1), expected)
+    covariance = np.zeros((len(labels), len(labels)))
+    for i, row in enumerate(rows):
+        covariance[i, : i + 1] = covariance[: i + 1, i] = row
+    if fault := covariance_fault(covariance):
+        raise table.fail("covariance", fault)
+    return covariance
+
+
+def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:
+    """Return a covariance from the safetensors file beside the arm.toml, whose layout says that it must be one."""
+    path = table.path.parent / table.text("covariance_file")
+    if not table.has("covariance_sha256"):
+        raise table.fail("covariance_file", f"was made by an earlier version, without its SHA-256: {LAYOUT.anew}")
+    digest = table.text("covariance_sha256")
+    try:
+        found = read_arrays(path, LAYOUT)
+    except FileError as error:
+        raise table.fail("covariance_file", f"{path.name} {error.problem}") from None
+    if found.digest != digest or found.about["parameters"] != labels:
+        problem = f"{path.name} is not the file that was written with this table: {LAYOUT.anew}"
+        raise table.fail("covariance_file", problem)
+    return found.arrays["covariance"]
+
+
+def _directions(table: Declaration, count: int) -> Array | None:
+    """Return the (k, count) directions that nothing determined; None where there are none."""
+    if not table.has("undetermined"):
+        return None
+    given = table.raw("undetermined")
+    lengths = [count] * len(given) if isinstance(given, list) else []
+    expected = f"rows of {count} finite numbers, one for each of the parameters"
+    rows = table.ragged("undetermined", lengths, expected)
+    return np.array(rows) if rows else None
+
+
+def _unexplained(table: Declaration, arm: Arm) -> tuple[str, str, float] | None:
+    if not table.has("unexplained"):
+        return None
+    part = table.sub("unexplained")
+    site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
+    size = part.number("std")
+    part.finish()
+    if size < 0.0:
+        raise part.fail("std", f"a standard deviation cannot be negative, got {size:g}")
+    return site, axis, size

@@ -1,0 +1,31 @@
+"""A base that gives under the moment on it: C_b times the moment, the same about all axes, or each its own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values
+from armflex.laws.effects.scene import AXES_TURN, Scene
+from armflex.laws.effects.spot import BASE, Here, Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    single = [Spot(BASE, axis, terms=(1 + i,)) for i, axis in enumerate(AXES_TURN)]
+    return [Spot(BASE), *single, Spot(BASE, terms=(1, 2)), Spot(BASE, terms=(1, 2, 3))]
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    turns = wrench[..., None, :] * np.eye(6)[3:]
+    return np.concatenate([turns.sum(axis=-2, keepdims=True), turns], axis=-2)
+
+
+BASE_COMPLIANCE = TwistLaw(
+    "base_compliance",
+    _places,
+    tuple(Amplitude(name, "rad/Nm", positive=True) for name in ("C", "C_rx", "C_ry", "C_rz")),
+    _basis,
+    loaded=True,
+    linear=True,
+)

@@ -1,0 +1,35 @@
+"""A base that moves as it warms: beta (T - Tref), along or about one axis, or any."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values
+from armflex.laws.effects.scene import AXES, Scene
+from armflex.laws.effects.shapes import LAGGED, WARM, at_base, warmth, with_temperature
+from armflex.laws.effects.spot import BASE, Here, Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    return with_temperature(_of, scene)
+
+
+def _of(name: str) -> list[Spot]:
+    single = [Spot(BASE, spot.axis, (name,), (AXES.index(str(spot.axis)),)) for spot in at_base()]
+    return single + [Spot(BASE, None, (name,), terms) for terms in ((0, 1, 2), (3, 4, 5))]
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    return np.asarray(warmth(here, row, *inner))[..., None, None] * np.eye(6)
+
+
+BASE_THERMAL = TwistLaw(
+    "base_thermal",
+    _places,
+    tuple(Amplitude(f"beta_{axis}", "m/K" if axis[0] == "d" else "rad/K") for axis in AXES),
+    _basis,
+    WARM,
+    memory=LAGGED,
+)

@@ -1,0 +1,35 @@
+"""Compliance on top of the declared one, missing or wrong: C_aa w_a, on one axis or about several at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values
+from armflex.laws.effects.scene import AXES, Scene
+from armflex.laws.effects.shapes import TURNS, along, at_joints, unit_twists
+from armflex.laws.effects.spot import Here, Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    several = [Spot(joint, terms=tuple(4 + i for i in turns)) for joint in scene.joints for turns in TURNS]
+    return [*at_joints(scene), *several]
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    single = along(here, wrench)[..., None, None] * here.direction
+    return np.concatenate([single, unit_twists(wrench)], axis=-2)
+
+
+COMPLIANCE = TwistLaw(
+    "compliance",
+    _places,
+    (
+        Amplitude("C", "{m}/{w}"),
+        *(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm") for axis in AXES),
+    ),
+    _basis,
+    loaded=True,
+    linear=True,
+)

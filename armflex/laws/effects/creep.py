@@ -1,0 +1,36 @@
+"""Creep under load: c tau log(1 + h / t0), h the time that the load has stood."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.shapes import along, at_joints, on_axis
+from armflex.laws.effects.spot import Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    return at_joints(scene, covariate="hold") if "hold" in scene.recorded else []
+
+
+def _times(spot: Spot, scene: Scene) -> Iterable[float]:
+    longest = float(scene.column("hold").max())
+    return longest * np.array([0.01, 0.05, 0.2, 1.0])
+
+
+CREEP = TwistLaw(
+    "creep",
+    _places,
+    (Amplitude("c", "{m}/{w}"),),
+    on_axis(
+        lambda here, wrench, row, inner: (
+            along(here, wrench) * np.log1p(np.maximum(row.covariate("hold"), 0.0) / inner[0]),
+        )
+    ),
+    (Inner("t0", "s", _times),),
+    loaded=True,
+    linear=True,
+)

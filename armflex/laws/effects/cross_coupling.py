@@ -1,0 +1,30 @@
+"""Coupling of two axes of a joint: C_ab w_b on a and the same on b, because compliance is symmetric."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.laws import Row
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import Here, Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    pairs = list(combinations(TWIST_NAMES, 2))
+    return [Spot(joint, a, partner=b) for joint in scene.joints for a, b in pairs]
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    a, b = TWIST_NAMES.index(str(here.spot.axis)), TWIST_NAMES.index(here.spot.partner)
+    twist = np.zeros_like(wrench)
+    twist[..., a], twist[..., b] = wrench[..., b], wrench[..., a]
+    return twist[..., None, :]
+
+
+CROSS_COUPLING = TwistLaw(
+    "cross_coupling", _places, (Amplitude("C", "{m}/{across}"),), _basis, loaded=True, linear=True
+)

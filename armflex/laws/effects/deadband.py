@@ -1,0 +1,35 @@
+"""Deadband: play that the load takes up, g clip(tau / tau0, -1, 1), on one axis or about several at once."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values
+from armflex.laws.effects.scene import AXES_TURN, Scene
+from armflex.laws.effects.shapes import TURNS, along, at_joints, shares_of_load
+from armflex.laws.effects.spot import Here, Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    several = [Spot(joint, terms=tuple(1 + i for i in turns)) for joint in scene.joints for turns in TURNS]
+    return [*at_joints(scene), *several]
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    single = np.clip(along(here, wrench) / inner[0], -1.0, 1.0)[..., None, None] * here.direction
+    turning = np.clip(wrench / inner[0], -1.0, 1.0)[..., None, :] * np.eye(6)[3:]
+    return np.concatenate([single, turning], axis=-2)
+
+
+DEADBAND = TwistLaw(
+    "deadband",
+    _places,
+    (Amplitude("g", "{m}", positive=True), *(Amplitude(f"g_{axis}", "rad", positive=True) for axis in AXES_TURN)),
+    _basis,
+    (Inner("tau0", "{w}", partial(shares_of_load, shares=(0.03, 0.1, 0.2, 0.4, 0.7))),),
+    loaded=True,
+)

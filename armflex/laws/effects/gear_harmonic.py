@@ -1,0 +1,36 @@
+"""Transmission error of a gear: A sin kq + B cos kq, k of 2 or more to be found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.shapes import at_drives, on_drive, own_position
+from armflex.laws.effects.spot import Spot, with_terms
+
+MOST_PERIODS = 24.0
+"""Periods over a joint's driven range beyond which a campaign of some hundred poses tells nothing."""
+
+
+def _orders(spot: Spot, scene: Scene) -> Iterable[float]:
+    """Return wave numbers a third of a period over the driven range apart, from two per turn (or per range) on."""
+    span = float(np.ptp(scene.row.position(spot.place))) or 1.0
+    least = 2.0 if str(spot.axis).startswith("r") else np.pi / span
+    return np.arange(least, max(least, 2.0 * np.pi * MOST_PERIODS / span), 2.0 * np.pi / span / 3.0)
+
+
+GEAR_HARMONIC = TwistLaw(
+    "gear_harmonic",
+    lambda scene: with_terms(at_drives(scene, "q_{joint}"), (0, 1)),
+    (Amplitude("A", "{m}"), Amplitude("B", "{m}")),
+    on_drive(
+        lambda here, wrench, row, inner: (
+            np.sin(inner[0] * own_position(here, row)),
+            np.cos(inner[0] * own_position(here, row)),
+        )
+    ),
+    (Inner("k", "1", _orders),),
+)

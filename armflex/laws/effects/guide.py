@@ -1,0 +1,60 @@
+"""Guides of a telescopic joint: a tube rocks in them by their gap over their overlap, and gives under the moment.
+
+    turn = (g clip(tau / tau0, -1, 1) + c tau) / overlap,    overlap = spare + |q - out|
+
+`out` is the recorded position at which the tubes overlap least, `spare` what is left of the overlap there. A deadband
+and a position-dependent compliance are what this looks like at one position, or over a short way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import partial
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values
+from armflex.laws.effects.scene import AXES_TURN, Scene, column_of
+from armflex.laws.effects.shapes import along, on_axis, shares_of_load
+from armflex.laws.effects.spot import Here, Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    sliding = [joint.name for joint in scene.robot.moving if joint.kind == "prismatic"]
+    return [
+        Spot(joint, axis, (f"q_{joint}",), terms)
+        for joint in sliding
+        for axis in AXES_TURN
+        for terms in ((0,), (1,), (0, 1))
+    ]
+
+
+def _spare(spot: Spot, scene: Scene) -> Iterable[float]:
+    return max(float(np.ptp(scene.column(spot.covariates[0]))), 1e-3) * np.array([0.05, 0.15, 0.5])
+
+
+def _ends(spot: Spot, scene: Scene) -> Iterable[float]:
+    values = scene.column(spot.covariates[0])
+    return (float(values.max()), float(values.min()))
+
+
+def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
+    load = along(here, wrench)
+    overlap = inner[1] + np.abs(column_of(row, here.spot.covariates[0]) - inner[2])
+    return np.clip(load / inner[0], -1.0, 1.0) / overlap, load / overlap
+
+
+GUIDE = TwistLaw(
+    "unnamed_guide",
+    _places,
+    (Amplitude("g", "rad m", positive=True), Amplitude("c", "rad m/Nm", positive=True)),
+    on_axis(_shapes),
+    (
+        Inner("tau0", "Nm", partial(shares_of_load, shares=(0.05, 0.2, 0.5))),
+        Inner("spare", "m", _spare),
+        Inner("out", "m", _ends, positive=False, polished=False),
+    ),
+    loaded=True,
+)

@@ -1,0 +1,43 @@
+"""Hysteresis: a play operator of the load, which depends on the rows driven before (Maxwell slip with one element)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.law import Amplitude, Inner, Memory, TwistLaw, Values
+from armflex.laws.effects.scene import AXES, Scene
+from armflex.laws.effects.shapes import along, at_joints, on_axis
+from armflex.laws.effects.spot import Here, Spot
+from armflex.laws.effects.stepping import play_in, stepper
+
+
+def play(load: Array, radius: float) -> Array:
+    """Return (N,) the play operator of a (N,) load in row order, at rest at zero before the first row."""
+    return stepper(play_in)(np.asarray(load, dtype=float), float(radius))
+
+
+def _state(spot: Spot, inner: Values) -> str:
+    return f"play_{spot.key}_{inner[0]:.4g}"
+
+
+def _remember(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    return play(along(here, wrench), inner[0])
+
+
+def _radii(spot: Spot, scene: Scene) -> Iterable[float]:
+    load = scene.wrenches[spot.site][:, AXES.index(str(spot.axis))]
+    return float(np.ptp(load)) * np.array([0.05, 0.1, 0.2, 0.3])
+
+
+HYSTERESIS = TwistLaw(
+    "hysteresis",
+    at_joints,
+    (Amplitude("gain", "{m}/{w}"),),
+    on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.spot, inner)),)),
+    (Inner("radius", "{w}", _radii),),
+    memory=Memory(_state, _remember, "{w}"),
+)

@@ -1,0 +1,37 @@
+"""A pull towards a point that falls with distance: F1 / (d^2 + reach^2), with a small reach F1 is that at one metre."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws.effects.law import Amplitude, Inner, LoadLaw, Values
+from armflex.laws.effects.points import coordinates, force_at, middle_of
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import Here, Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    return [Spot(link) for link in scene.links]
+
+
+def _pull(here: Here, pose: Array, inner: Values) -> Array:
+    lever = pose[..., :3, :3] @ middle_of(here)
+    way = np.array(inner[:3]) - pose[..., :3, 3] - lever
+    distance = np.sqrt((way * way).sum(axis=-1, keepdims=True))
+    return force_at(way / np.maximum(distance, 1e-9) / np.maximum(distance**2 + inner[3] ** 2, 1e-6), lever)
+
+
+def _reaches(spot: Spot, scene: Scene) -> Iterable[float]:
+    return (0.0, 0.15 * float(np.linalg.norm(np.ptp(scene.box, axis=0))))
+
+
+MAGNETIC_PULL = LoadLaw(
+    "magnetic_pull",
+    _places,
+    (Amplitude("F1", "N m^2", positive=True),),
+    _pull,
+    (*coordinates("point", 4), Inner("reach", "m", _reaches)),
+)

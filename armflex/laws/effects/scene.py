@@ -1,0 +1,170 @@
+"""A campaign as the catalogue sees it: everything known in every driven row, and which columns are suspects."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.spot import LINK, TOOL, Here, Spot, link_of, resolve, site_names
+from armflex.robot import Robot
+from armflex.rows import Driven, Rows
+from armflex.rows.rows import LEVEL_OF, POSE
+
+if TYPE_CHECKING:
+    from armflex.arm import Arm
+    from armflex.estimate.view import View
+    from armflex.laws.effects.law import Memory, Values
+
+TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
+"""Names of columns that are taken for a temperature."""
+
+AXES_TURN = ("rx", "ry", "rz")
+AXES = ("dx", "dy", "dz", *AXES_TURN)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is known in the N rows of a campaign, measured or not.
+
+    Attributes:
+        robot: The robot.
+        row: Joint positions and every numeric column of all rows, in the order driven.
+        recorded: Names of the numeric columns that vary, which are suspects.
+        payloads: Name of each row's payload.
+        sessions: Name of each row's session.
+        wrenches: (N, 6) load on the structure at every site, local axes.
+        box: (2, 3) lowest and highest coordinates that any link was at [m], base axes.
+    """
+
+    robot: Robot
+    row: Row
+    recorded: tuple[str, ...]
+    payloads: tuple[str, ...]
+    sessions: tuple[str, ...]
+    wrenches: Mapping[str, Array]
+    box: Array
+
+    @property
+    def temperatures(self) -> tuple[str, ...]:
+        """Suspects that go by the name of a temperature."""
+        return tuple(name for name in self.recorded if TEMPERATURE.search(name))
+
+    @property
+    def levels(self) -> tuple[str, ...]:
+        """Suspects that are entries of a text column: 1 where the column has it, else 0."""
+        return tuple(name for name, values in self.row.covariates.items() if LEVEL_OF in name and np.ptp(values) > 0.0)
+
+    @property
+    def timed(self) -> bool:
+        """Whether it is known when the rows were taken."""
+        return "time" in self.row.covariates
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Moving joints of the chain."""
+        return self.robot.joint_names
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Sites at the ends of the links, the tool's last; what ends in the first joint is the base."""
+        return (*(LINK + joint for joint in self.joints[1:]), TOOL)
+
+    @cached_property
+    def sites(self) -> tuple[str, ...]:
+        """All sites from base to tool."""
+        return site_names(self.robot)
+
+    def column(self, name: str) -> Array:
+        """Return the (N,) values of a column or of a joint's position ('q_J')."""
+        return column_of(self.row, name)
+
+    def here(self, spot: Spot, arm: Arm) -> Here:
+        """Return what is known about the arm at a spot."""
+        known = self._heres.get(spot)
+        if known is None or known[0] is not arm:
+            self._heres[spot] = known = (arm, resolve(spot, arm.robot, arm.flexures))
+        return known[1]
+
+    @cached_property
+    def _heres(self) -> dict[Spot, tuple[Arm, Here]]:
+        return {}
+
+    def row_at(self, view: View) -> Row:
+        """Return what is known in a view's rows."""
+        key = view.rows.tobytes()
+        if key not in self._rows:
+            self._rows[key] = self.row.some(view.rows)
+        return self._rows[key]
+
+    @cached_property
+    def _rows(self) -> dict[bytes, Row]:
+        return {}
+
+    def remembered(self, memory: Memory, spot: Spot, inner: Values, view: View) -> Array:
+        """Return the (N,) state of a memory at a spot; one of a column is the same at every spot, and kept."""
+        here = self.here(spot, view.setup.arm)
+        if not spot.covariates:
+            return memory.remember(here, self.wrench(view, spot.site), self.row, inner)
+        key = (memory, spot.covariates, inner)
+        if key not in self._states:
+            self._states[key] = memory.remember(here, self.wrenches[spot.site], self.row, inner)
+        return self._states[key]
+
+    @cached_property
+    def _states(self) -> dict[tuple[Memory, tuple[str, ...], Values], Array]:
+        return {}
+
+    def wrench(self, view: View, site: str) -> Array:
+        """Return the (N, 6) wrench at a site: the view's own where it has a row, else that of the scene."""
+        wrench = self.wrenches[site].copy()
+        wrench[view.rows] = view.line.load_at(site)
+        return wrench
+
+    def link(self, site: str) -> str:
+        """Return the name of the link that a load effect at a site acts on."""
+        return link_of(site, self.robot)
+
+
+def column_of(row: Row, name: str) -> Array:
+    """Return the values of a column or of a joint's position ('q_J')."""
+    if name.startswith("q_") and name[2:] in row.joint_index:
+        return row.position(name[2:])
+    return row.covariate(name)
+
+
+def survey(rows: Rows, arm: Arm, known: Mapping[str, Array], wrenches: Mapping[str, Array], points: Array) -> Scene:
+    """Return the scene of a campaign.
+
+    Args:
+        rows: All rows in the order driven.
+        arm: The arm; its payloads' masses are suspects, too.
+        known: Everything known of the rows, (N,) each; see `known_rows`.
+        wrenches: (N, 6) loads at every site.
+        points: (..., 3) where links were, in the base [m].
+    """
+    hidden = {POSE, *(f"approach_{joint}" for joint in rows.joint_names)}
+    suspects = [name for name in known_columns(rows, arm) if name not in hidden and LEVEL_OF not in name]
+    recorded = tuple(name for name in suspects if np.ptp(known[name]) > 0.0)
+    places = points.reshape(-1, 3)
+    box = np.array([places.min(axis=0), places.max(axis=0)])
+    index = {name: i for i, name in enumerate(rows.joint_names)}
+    row = Row(rows.q, index, dict(known))
+    return Scene(arm.robot, row, recorded, rows.payload, rows.session, wrenches, box)
+
+
+def known_columns(rows: Driven, arm: Arm) -> dict[str, Array]:
+    """Return everything that is known of rows by name, each payload's mass included, (N,) numbers each.
+
+    An entry of a text column that effects depend on and these rows never have is 0 throughout.
+    """
+    known = {**rows.known, "payload_mass": np.array([arm.payload(name).mass for name in rows.payload])}
+    texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}
+    asked = {name for effect in arm.effects for name in effect.spot.covariates if LEVEL_OF in name}
+    return {name: np.zeros(len(rows.q)) for name in asked if name.partition(LEVEL_OF)[0] in texts} | known

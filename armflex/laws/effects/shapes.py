@@ -1,0 +1,147 @@
+"""What the laws of the catalogue have in common: shapes along an axis, lagged columns, and where a law makes sense."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.law import Along, Inner, Memory, Shapes, Values
+from armflex.laws.effects.scene import AXES, Scene, column_of
+from armflex.laws.effects.spot import BASE, Here, Spot, drive_axis
+from armflex.laws.effects.stepping import lag_behind, stepper
+
+LAGS = (600.0, 1800.0, 5400.0, 10800.0)
+"""Time constants to begin a search with [s]: hours for links of a tonne."""
+
+REFERENCE = 20.0
+"""Temperature at which machines are made [deg C]."""
+
+ROUNDING = 1e-9
+"""Share of a joint's largest load below which a load along another of its axes is rounding."""
+
+TURNS = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
+"""Turning axes that laws act about together."""
+
+
+def on_axis(shapes: Shapes) -> Along:
+    """Return the basis of (...,) shapes along the spot's axis."""
+    return Along(shapes, lambda here, inner: here.direction)
+
+
+def on_drive(shapes: Shapes) -> Along:
+    """Return the basis of (...,) shapes along the joint's own motion."""
+    return Along(shapes, lambda here, inner: here.drive)
+
+
+def along(here: Here, wrench: Array) -> Array:
+    """Return the (...,) load along the spot's axis: tau about a turning one."""
+    return wrench @ here.direction
+
+
+def shares_of_load(spot: Spot, scene: Scene, shares: tuple[float, ...]) -> Iterable[float]:
+    """Return shares of the largest load along a spot's axes, none where it is rounding beside the joint's others.
+
+    A law that saturates makes a column of any load, so rounding would become a candidate.
+    """
+    wrench = np.abs(scene.wrenches[spot.site]).max(axis=0)  # of forces and moments alike: as if at 1 m
+    load = float(wrench[[AXES.index(spot.axis)] if spot.axis else [2 + term for term in spot.terms]].max())
+    return () if load <= ROUNDING * wrench.max() else load * np.array(shares)
+
+
+def own_position(here: Here, row: Row) -> Array:
+    """Return the (...,) position of the site's joint."""
+    return row.position(here.spot.place)
+
+
+def approach(here: Here, row: Row) -> Array:
+    """Return the (...,) direction from which the site's joint came."""
+    return row.covariate(f"approach_{here.spot.place}")
+
+
+def warmth(here: Here, row: Row, reference: float, lag: float) -> Array:
+    """Return the (...,) temperature above the reference, lagged where there is a lag."""
+    name = lagged_name(here.spot, (lag,)) if lag > 0.0 else here.spot.covariates[0]
+    return column_of(row, name) - reference
+
+
+def lagged_name(spot: Spot, inner: Values) -> str:
+    """Return the name of the derived covariate of a column behind a lag of `inner[-1]` seconds."""
+    return f"{spot.covariates[0]}_lagged_{inner[-1]:.4g}s"
+
+
+def lagged(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    """Return (N,) the spot's column behind a first-order lag, `inner[-1]` seconds; in equilibrium at the first row."""
+    values, lag = column_of(row, here.spot.covariates[0]), inner[-1]
+    if lag <= 0.0:
+        return values
+    return follow(row.covariate("time"), values, lag)
+
+
+def follow(time: Array, values: Array, lag: float) -> Array:
+    """Return (N,) y of y' = (x - y) / lag, x straight between the rows, y = x at the earliest."""
+    order = np.argsort(time, kind="stable")
+    step, known = np.diff(time[order]), values[order]
+    moves = step > 0.0
+    ahead = np.diff(known) / np.where(moves, step, 1.0) * lag
+    state = np.empty(len(values))
+    state[order] = stepper(lag_behind)(known, ahead, np.where(moves, np.exp(-step / lag), np.nan))
+    return state
+
+
+LAGGED = Memory(lagged_name, lagged, "K")
+
+
+def reference_grid(spot: Spot, scene: Scene) -> Iterable[float]:
+    """Return the temperature of manufacture and the campaign's mean."""
+    return (REFERENCE, float(scene.column(spot.covariates[0]).mean()))
+
+
+def lag_grid(spot: Spot, scene: Scene) -> Iterable[float]:
+    """Return no lag, and lags that the campaign is long enough to show; none of them where it has no time."""
+    if not scene.timed:
+        return (0.0,)
+    span = float(np.ptp(scene.column("time")))
+    return (0.0, *(lag for lag in LAGS if lag < span))
+
+
+WARM = (
+    Inner("reference", "degC", reference_grid, positive=False, polished=False),
+    Inner("lag", "s", lag_grid, positive=True),
+)
+
+
+def at_drives(scene: Scene, *covariates: str) -> list[Spot]:
+    """Return every moving joint's own axis; a covariate may name the joint as {joint}."""
+    return [
+        Spot(joint.name, drive_axis(joint), tuple(name.format(joint=joint.name) for name in covariates))
+        for joint in scene.robot.moving
+    ]
+
+
+def at_joints(scene: Scene, axes: Iterable[str] = AXES, covariate: str | None = None) -> list[Spot]:
+    """Return every joint with each axis."""
+    covariates = () if covariate is None else (covariate,)
+    return [Spot(joint, axis, covariates) for joint in scene.joints for axis in axes]
+
+
+def at_links(scene: Scene, axes: Iterable[str] = AXES, *covariates: str) -> list[Spot]:
+    """Return every link's end with each axis."""
+    return [Spot(link, axis, covariates) for link in scene.links for axis in axes]
+
+
+def at_base(axes: Iterable[str] = AXES, *covariates: str) -> list[Spot]:
+    """Return the base with each axis."""
+    return [Spot(BASE, axis, covariates) for axis in axes]
+
+
+def with_temperature(make: Callable[..., list[Spot]], scene: Scene) -> list[Spot]:
+    """Return the spots of `make(temperature)` for every recorded temperature."""
+    return [spot for name in scene.temperatures for spot in make(name)]
+
+
+def unit_twists(wrench: Array) -> Array:
+    """Return (..., 6, 6) with row a the wrench's component a on axis a: a diagonal compliance's columns."""
+    return wrench[..., None] * np.eye(6)

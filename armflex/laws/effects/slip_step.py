@@ -1,0 +1,30 @@
+"""A joint that slipped: a step at a time to be found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.shapes import at_joints, on_axis
+from armflex.laws.effects.spot import Spot
+
+STEPS = 40
+"""Times to begin the search with."""
+
+
+def _times(spot: Spot, scene: Scene) -> Iterable[float]:
+    time = np.unique(scene.column("time"))
+    between = 0.5 * (time[1:] + time[:-1])
+    return between[np.linspace(0, len(between) - 1, STEPS).astype(int)] if len(between) else ()
+
+
+SLIP_STEP = TwistLaw(
+    "slip_step",
+    lambda scene: at_joints(scene, covariate="time") if scene.timed else [],
+    (Amplitude("size", "{m}"),),
+    on_axis(lambda here, wrench, row, inner: (np.where(row.covariate("time") >= inner[0], 1.0, 0.0),)),
+    (Inner("at", "s", _times, positive=False, smooth=False),),
+)

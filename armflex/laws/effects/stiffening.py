@@ -1,0 +1,22 @@
+"""A joint that stiffens (or softens) with its load: c2 tau|tau| and c3 tau^3."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.laws.effects.law import Amplitude, TwistLaw
+from armflex.laws.effects.shapes import along, at_joints, on_axis
+from armflex.laws.effects.spot import with_terms
+
+STIFFENING = TwistLaw(
+    "stiffening",
+    lambda scene: with_terms(at_joints(scene), (0,), (1,), (0, 1)),
+    (Amplitude("c2", "{m}/{w}^2"), Amplitude("c3", "{m}/{w}^3")),
+    on_axis(
+        lambda here, wrench, row, inner: (
+            along(here, wrench) * np.abs(along(here, wrench)),
+            along(here, wrench) ** 3,
+        )
+    ),
+    loaded=True,
+)

@@ -1,0 +1,39 @@
+"""A joint that softens as it warms: beta (T - Tref) C w, on one axis or on all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warmth, with_temperature
+from armflex.laws.effects.spot import Here, Spot
+
+MOST = 0.1
+"""Largest beta that is believed [1/K]: plastics near their softening point; steel and gears have a thousandth."""
+
+
+def _places(scene: Scene) -> list[Spot]:
+    whole = [Spot(joint, None, (name,)) for joint in scene.joints for name in scene.temperatures]
+    return whole + with_temperature(lambda name: at_joints(scene, covariate=name), scene)
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    twist = np.zeros_like(wrench) if here.base_law is None else here.base_law.twist(wrench, row)
+    if here.spot.axis:
+        twist = twist * np.abs(here.direction)
+    return (warmth(here, row, *inner)[..., None] * twist)[..., None, :]
+
+
+THERMAL_SOFTENING = TwistLaw(
+    "thermal_softening",
+    _places,
+    (Amplitude("beta", "1/K", most=MOST),),
+    _basis,
+    WARM,
+    loaded=True,
+    memory=LAGGED,
+    linear=True,
+)

@@ -1,0 +1,22 @@
+"""A constant force from outside on the tool, in base axes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws.effects.law import Amplitude, LoadLaw, Values
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import TOOL, Here, Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    single = [Spot(TOOL, axis, terms=(i,)) for i, axis in enumerate(("dx", "dy", "dz"))]
+    return [*single, Spot(TOOL, None, terms=(0, 1, 2))]
+
+
+def _pull(here: Here, pose: Array, inner: Values) -> Array:
+    return np.broadcast_to(np.eye(3, 6), (*pose.shape[:-2], 3, 6))
+
+
+TIP_FORCE = LoadLaw("tip_force", _places, tuple(Amplitude(f"f{axis}", "N") for axis in "xyz"), _pull)

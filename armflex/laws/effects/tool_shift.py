@@ -1,0 +1,45 @@
+"""The target or the tool moved: for the whole campaign, or from some time on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import TOOL, Here, Spot
+
+ALWAYS = -np.inf
+"""A start before every row, which needs no time."""
+
+
+def _places(scene: Scene) -> list[Spot]:
+    single = [Spot(TOOL, axis, terms=(i,)) for i, axis in enumerate(("dx", "dy", "dz"))]
+    return [*single, *([Spot(TOOL, None, ("time",), (0, 1, 2))] if scene.timed else [])]
+
+
+def _starts(spot: Spot, scene: Scene) -> Iterable[float]:
+    """Return always, and the first moment of every later session where time is known."""
+    if not scene.timed:
+        return (ALWAYS,)
+    time = scene.column("time")
+    first = {name: min(time[i] for i, s in enumerate(scene.sessions) if s == name) for name in set(scene.sessions)}
+    return (ALWAYS, *sorted(first.values())[1:])
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    since = inner[0]
+    there = np.ones(wrench.shape[:-1]) if since == ALWAYS else np.where(row.covariate("time") >= since, 1.0, 0.0)
+    return there[..., None, None] * np.eye(6)[:3]
+
+
+TOOL_SHIFT = TwistLaw(
+    "tool_shift",
+    _places,
+    tuple(Amplitude(axis, "m") for axis in ("dx", "dy", "dz")),
+    _basis,
+    (Inner("since", "s", _starts, positive=False, polished=False),),
+)

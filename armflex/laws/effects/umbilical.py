@@ -1,0 +1,42 @@
+"""An umbilical: a spring from a point of a link to a fixed point, pulling once it is longer than at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws.effects.law import Amplitude, Inner, LoadLaw, Values
+from armflex.laws.effects.points import coordinates, end_of, force_at
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import Here, Spot
+
+
+def _places(scene: Scene) -> list[Spot]:
+    return [Spot(link) for link in scene.links]
+
+
+def _pull(here: Here, pose: Array, inner: Values) -> Array:
+    """Return k (|d| - rest) along d, the way from the hook on the link to the anchor; slack pushes nothing."""
+    lever = pose[..., :3, :3] @ (inner[4] * end_of(here))
+    way = np.array(inner[:3]) - pose[..., :3, 3] - lever
+    distance = np.sqrt((way * way).sum(axis=-1, keepdims=True))
+    stretched = np.maximum(distance - inner[3], 0.0) / np.maximum(distance, 1e-9)
+    return force_at(stretched * way, lever)
+
+
+def _rests(spot: Spot, scene: Scene) -> Iterable[float]:
+    return (0.0, 0.25 * float(np.linalg.norm(np.ptp(scene.box, axis=0))))
+
+
+HOOK = Inner("hook", "1", lambda spot, scene: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0))
+"""Where on the link it is hooked, as a part of the way to the link's end."""
+
+UMBILICAL = LoadLaw(
+    "umbilical",
+    _places,
+    (Amplitude("k", "N/m", positive=True),),
+    _pull,
+    (*coordinates("anchor", 3), Inner("rest", "m", _rests, positive=False), HOOK),
+)

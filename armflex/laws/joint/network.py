@@ -1,0 +1,304 @@
+"""Network law: one hidden layer of sigmoids, linear output (the paper's eqs. (14) to (18)), one network or many draws.
+
+Weights of one network stand in this order, P = H (k + 1) + k (H + 1) of them: for each hidden neuron its k input
+weights and its bias, then for each output its H weights and its offset. They belong to scaled loads and deflections.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import Flag, LawError
+from armflex.laws.joint.linear import beyond
+from armflex.laws.law import Law, Ranges, Row, embed
+from armflex.storage.schema import LARGEST, Numbers, check_arrays
+
+CHUNK = 2**17
+"""Hidden values held at once when many loads are asked about: about what a core's own cache takes."""
+
+ARRAYS = {
+    "hidden": Numbers(("networks", "neurons", "k")),
+    "bias": Numbers(("networks", "neurons")),
+    "output": Numbers(("networks", "k", "neurons")),
+    "offset": Numbers(("networks", "k")),
+    "input_mean": Numbers(("k",)),
+    "input_scale": Numbers(("k",), least=1.0 / LARGEST),
+    "output_mean": Numbers(("k",)),
+    "output_scale": Numbers(("k",), least=1.0 / LARGEST),
+    "noise": Numbers(("k",), least=0.0),
+    "weight_covariance": Numbers(("weights", "weights"), covariance=True, optional=True),
+    "seen": Numbers((2, "k")),
+    "load_mean": Numbers(("k",)),
+    "load_precision": Numbers(("k", "k"), covariance=True),
+    "furthest": Numbers((1,), least=1.0 / LARGEST),
+}
+SIZES = {
+    "k": (3, 6),
+    "networks": range(1, 1_000_000),
+    "neurons": range(1, 10_000),
+    "weights": range(1, 4000),
+}
+"""Arrays of a law's file. Weights are as many as a covariance is proven positive of within seconds."""
+
+
+@dataclass(frozen=True)
+class NetworkLaw(Law):
+    """S networks of H neurons for k = 3 or 6 components, answering with the average of their predictions.
+
+    Averaging weights instead, as the paper does, would give the answer of no network: neurons can change places.
+
+    Attributes:
+        hidden: (S, H, k) weights of the scaled load.
+        bias: (S, H).
+        output: (S, k, H).
+        offset: (S, k).
+        input_mean, input_scale: (k,) [N, Nm]; a network sees (load - mean) / scale.
+        output_mean, output_scale: (k,) [m, rad]; its answer is mean + scale times what it gives.
+        noise: (k,) standard deviation of a measured deflection [m, rad].
+        weight_covariance: (P, P) Laplace covariance of the weights of a single network, or None.
+        seen: (2, k) smallest and largest load of each component in training [N, Nm].
+        load_mean: (k,) [N, Nm].
+        load_precision: (k, k) inverse covariance of the loads in training.
+        furthest: Largest Mahalanobis distance of a load in training.
+    """
+
+    hidden: Array
+    bias: Array
+    output: Array
+    offset: Array
+    input_mean: Array
+    input_scale: Array
+    output_mean: Array
+    output_scale: Array
+    noise: Array
+    weight_covariance: Array | None
+    seen: Array
+    load_mean: Array
+    load_precision: Array
+    furthest: float
+
+    @property
+    def size(self) -> int:
+        """Number of components k, 3 or 6."""
+        return self.hidden.shape[2]
+
+    @cached_property
+    def _units(self) -> tuple[Array, Array]:
+        """(k, S H) and (S H,): loads in SI to half the net value of every neuron of every network."""
+        slopes = self.hidden.reshape(-1, self.size) / self.input_scale
+        return np.ascontiguousarray(0.5 * slopes.T), 0.5 * (self.bias.ravel() - slopes @ self.input_mean)
+
+    @cached_property
+    def _answers(self) -> tuple[Array, Array]:
+        """(S H, k) and (k,): tanh of half the net values to the average twist in SI; sigmoid(x) = (1 + tanh(x/2))/2."""
+        halves = 0.5 * self.output * self.output_scale[:, None]
+        constant = self.offset * self.output_scale + halves.sum(axis=2)
+        gains = np.moveaxis(halves, 1, 2).reshape(-1, self.size) / len(halves)
+        return np.ascontiguousarray(gains), self.output_mean + constant.mean(axis=0)
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array]:
+        """(S H, k k) slope that each neuron gives where it is steepest, and its sum over all [m/N, ...]."""
+        gains, units = self._answers[0], self._units[0]
+        each = (gains[:, :, None] * units.T[:, None, :]).reshape(len(gains), -1)
+        return each, each.sum(axis=0)
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6) average of the networks' answers, zero in components they do not have."""
+        twist = _by_chunks(self._twist, np.asarray(wrench)[..., : self.size], len(self._units[1]))
+        if self.size == 6:
+            return twist
+        whole = np.zeros((*twist.shape[:-1], 6))
+        whole[..., : self.size] = twist
+        return whole
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6, 6) analytic derivative of `twist`."""
+        slopes = _by_chunks(self._tangent, np.asarray(wrench)[..., : self.size], len(self._units[1]))
+        slopes = slopes.reshape(*slopes.shape[:-1], self.size, self.size)
+        if self.size == 6:
+            return slopes
+        whole = np.zeros((*slopes.shape[:-2], 6, 6))
+        whole[..., : self.size, : self.size] = slopes
+        return whole
+
+    def steepest(self, ranges: Ranges) -> Array:
+        """Return the sum over all neurons of what each gives where it is steepest."""
+        (units, _), (gains, _) = self._units, self._answers
+        norms = np.zeros((2, 2))
+        for i, out in enumerate(np.split(gains, self.size // 3, axis=1)):
+            for j, into in enumerate(np.split(units, self.size // 3, axis=0)):
+                norms[i, j] = np.linalg.norm(out, axis=1) @ np.linalg.norm(into, axis=0)
+        return norms
+
+    def neurons(self) -> tuple[Array, Array, Array, Array]:
+        """Return the law as `gains.T @ tanh(units.T @ load + bias) + constant`, loads and twists in SI.
+
+        (k, S H) units, (S H,) bias, (S H, k) gains, (k,) constant.
+        """
+        return *self._units, *self._answers
+
+    def _twist(self, load: Array) -> Array:
+        (units, bias), (gains, constant) = self._units, self._answers
+        return np.tanh(load @ units + bias) @ gains + constant
+
+    def _tangent(self, load: Array) -> Array:
+        (units, bias), (each, total) = self._units, self._slopes
+        return total - np.square(np.tanh(load @ units + bias)) @ each
+
+    def draws(self, load: Array) -> Array:
+        """Return the (S, k) answers [m, rad] of the single networks to a (k,) load."""
+        units, bias = self._units
+        curves = np.tanh(load @ units + bias).reshape(self.bias.shape)
+        values = self.offset + (self.output @ (0.5 + 0.5 * curves)[..., None])[..., 0]
+        return self.output_mean + self.output_scale * values
+
+    def draw(self, rng: np.random.Generator) -> NetworkLaw:
+        """Return one of the networks, or the only one with weights drawn from their Laplace covariance."""
+        if len(self.hidden) > 1:
+            chosen = slice(i := int(rng.integers(len(self.hidden))), i + 1)
+            parts = {name: getattr(self, name)[chosen] for name in ("hidden", "bias", "output", "offset")}
+            return replace(self, **parts)
+        if self.weight_covariance is None:
+            return self
+        weights = rng.multivariate_normal(pack(self)[0], self.weight_covariance, method="eigh")
+        return replace(self, **unpack(weights, self.size), weight_covariance=None)
+
+    def covariance(self, wrench: Array, row: Row) -> Array:
+        """Return the (6, 6) covariance of the twist: what the weights leave open, and the noise.
+
+        Beyond the loads trained on, standard deviations grow with the square of `reach`: a network says nothing there.
+        """
+        load = wrench[: self.size]
+        widening = max(1.0, float(self.reach(load))) ** 2
+        return embed(widening**2 * (self._doubt(load) + np.diag(self.noise**2)))
+
+    def _doubt(self, load: Array) -> Array:
+        """Return the (k, k) covariance that is due to the weights not being known."""
+        if len(self.hidden) > 1:
+            return np.atleast_2d(np.cov(self.draws(load), rowvar=False))
+        if self.weight_covariance is None:
+            return np.zeros((self.size, self.size))
+        scaled = (load - self.input_mean) / self.input_scale
+        gradient = self.output_scale[:, None] * weight_jacobian(scaled, pack(self)[0], self.size)
+        return gradient @ self.weight_covariance @ gradient.T
+
+    def distance(self, load: Array) -> Array:
+        """Return the (...) Mahalanobis distance of (..., k) loads from the mean of those trained on."""
+        off = load - self.load_mean
+        return np.sqrt(np.einsum("...i,ij,...j->...", off, self.load_precision, off))
+
+    def reach(self, load: Array) -> Array:
+        """Return how far out (..., k) loads are, 1 at the edge of those trained on: by distance or one component."""
+        low, high = self.seen
+        single = np.abs(2.0 * load - low - high) / (high - low)
+        return np.maximum(self.distance(load) / self.furthest, single.max(axis=-1))
+
+    @property
+    def trained(self) -> bool:
+        """A network always was."""
+        return True
+
+    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return a flag for every component beyond those trained on, or one for a combination of them that is."""
+        load = wrench[: self.size]
+        flags = beyond(self.seen, wrench)
+        times = float(self.distance(load)) / self.furthest
+        if times <= 1.0 + 1e-9 or any(flag.code == "extrapolating" for flag in flags):
+            return flags
+        text = f"load is outside the loads it was trained on: {times:.3g} times as far from their mean as any of them"
+        return (*flags, Flag("extrapolating", text))
+
+
+def _by_chunks(ask: Callable[[Array], Array], loads: Array, width: int) -> Array:
+    """Return what is asked at (..., k) loads, some rows at a time so that hidden values stay near the processor."""
+    if loads.ndim == 1 or loads.size // loads.shape[-1] * width <= CHUNK:
+        return ask(loads)
+    flat, rows = loads.reshape(-1, loads.shape[-1]), max(CHUNK // width, 1)
+    parts = [ask(flat[start : start + rows]) for start in range(0, len(flat), rows)]
+    return np.concatenate(parts).reshape(*loads.shape[:-1], -1)
+
+
+def weight_count(size: int, neurons: int) -> int:
+    """Return P, the number of weights of a network with k inputs and outputs."""
+    return neurons * (size + 1) + size * (neurons + 1)
+
+
+def layers(weights: Array, size: int) -> tuple[Array, Array]:
+    """Return views of (..., P) weights: (..., H, k + 1) hidden with biases last, (..., k, H + 1) output and offsets."""
+    neurons = (weights.shape[-1] - size) // (2 * size + 1)
+    split = neurons * (size + 1)
+    hidden = weights[..., :split].reshape(*weights.shape[:-1], neurons, size + 1)
+    return hidden, weights[..., split:].reshape(*weights.shape[:-1], size, neurons + 1)
+
+
+def pack(law: NetworkLaw) -> Array:
+    """Return the (S, P) weights of a law's networks."""
+    hidden = np.concatenate([law.hidden, law.bias[..., None]], axis=2)
+    output = np.concatenate([law.output, law.offset[..., None]], axis=2)
+    return np.concatenate([hidden.reshape(len(hidden), -1), output.reshape(len(output), -1)], axis=1)
+
+
+def unpack(weights: Array, size: int) -> dict[str, Array]:
+    """Return `hidden`, `bias`, `output` and `offset` of a `NetworkLaw` from (S, P) weights."""
+    hidden, output = (np.ascontiguousarray(layer) for layer in layers(np.atleast_2d(weights), size))
+    parts = {"hidden": hidden[..., :-1], "bias": hidden[..., -1], "output": output[..., :-1], "offset": output[..., -1]}
+    return {name: np.ascontiguousarray(part) for name, part in parts.items()}
+
+
+def hidden_values(x: Array, hidden: Array) -> Array:
+    """Return (..., H) sigmoids of (..., k) scaled loads under (H, k + 1) hidden weights, the paper's eq. (15)."""
+    return 0.5 + 0.5 * np.tanh(0.5 * (x @ hidden[:, :-1].T + hidden[:, -1]))
+
+
+def weight_jacobian(x: Array, weights: Array, size: int) -> Array:
+    """Return the (..., k, P) derivative of the scaled answer to (..., k) scaled loads by a network's (P,) weights."""
+    hidden, output = layers(weights, size)
+    values = hidden_values(x, hidden)
+    ones = np.ones((*values.shape[:-1], 1))
+    inner = output[:, :-1] * (values * (1.0 - values))[..., None, :]  # (..., k, H)
+    inner = inner[..., None] * np.concatenate([x, ones], axis=-1)[..., None, None, :]
+    outer = np.einsum("cd,...h->...cdh", np.eye(size), np.concatenate([values, ones], axis=-1))
+    flat = (*values.shape[:-1], size, -1)
+    return np.concatenate([inner.reshape(flat), outer.reshape(flat)], axis=-1)
+
+
+def to_tensors(law: NetworkLaw) -> dict[str, Array]:
+    """Return the law as named arrays, for a file; `weight_covariance` is left out where there is none."""
+    arrays = {name: np.atleast_1d(value) for name, value in _fields(law).items() if value is not None}
+    return {name: np.ascontiguousarray(value, dtype=np.float64) for name, value in arrays.items()}
+
+
+def _fields(law: NetworkLaw) -> dict[str, Array | None]:
+    return {name: getattr(law, name) for name in NetworkLaw.__dataclass_fields__}
+
+
+def network_from_tensors(tensors: Mapping[str, Array]) -> NetworkLaw:
+    """Return the law that `to_tensors` wrote.
+
+    Raises:
+        LawError: An array is missing, unknown, of a wrong shape or kind, not finite, or impossible.
+    """
+    try:
+        check_arrays(tensors, ARRAYS, SIZES)
+    except ValueError as error:
+        raise LawError(str(error)) from None
+    draws, neurons, k = tensors["hidden"].shape
+    if "weight_covariance" in tensors:
+        if draws != 1:
+            raise LawError(f"'weight_covariance' belongs to a single network, not to {draws}")
+        if len(tensors["weight_covariance"]) != weight_count(k, neurons):
+            raise LawError(
+                f"'weight_covariance' is of {len(tensors['weight_covariance'])} weights, not of the network's"
+            )
+    if (tensors["seen"][0] >= tensors["seen"][1]).any():
+        raise LawError("'seen' has a smallest load that is not below the largest")
+    if not np.diag(tensors["load_precision"]).all():
+        raise LawError("'load_precision' has loads that did not vary")
+    fields = dict(tensors) | {"furthest": float(tensors["furthest"][0])}
+    return NetworkLaw(**{"weight_covariance": None, **fields})

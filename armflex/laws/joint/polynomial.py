@@ -1,0 +1,217 @@
+"""Polynomial law: twist linear in coefficients over named features of the load, among them some even in the load.
+
+A bearing or a contact gives the same way whichever way it is pushed; a compliance cannot, a term in |F| can.
+No feature is constant: no load, no deflection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import WRENCH_NAMES, Array
+from armflex.errors import Flag, LawError, UnknownNameError, did_you_mean, listing
+from armflex.laws.joint.linear import beyond
+from armflex.laws.law import Law, Row, check_ordered
+from armflex.storage.schema import Numbers, check_arrays, check_shapes
+
+_NORMS = {
+    **{f"|{name}|": (i,) for i, name in enumerate(WRENCH_NAMES)},
+    "radial_force": (0, 1),
+    "radial_moment": (3, 4),
+    "magnitude_force": (0, 1, 2),
+    "magnitude_moment": (3, 4, 5),
+}
+"""Feature -> the components whose root of squares it is."""
+
+_PAIRS = [(i, j) for i in range(6) for j in range(i, 6)]
+
+FEATURES = (*WRENCH_NAMES, *_NORMS, *(f"{WRENCH_NAMES[i]}*{WRENCH_NAMES[j]}" for i, j in _PAIRS))
+"""Every feature: components, roots of squares, products. Files hold places in this tuple: append, never reorder."""
+
+_MEMBERS = (*((i,) for i in range(6)), *_NORMS.values(), *_PAIRS)
+
+ARRAYS = {
+    "features": Numbers(("features",), least=0.0, most=len(FEATURES) - 1.0),
+    "coefficients": Numbers(("features", "k")),
+    "row_covariance": Numbers(("k", "features", "features"), covariance=True),
+    "residual_std": Numbers(("k",), least=0.0),
+    "loads": Numbers((2, "k")),
+}
+SIZES = {"k": (3, 6), "features": range(1, len(FEATURES) + 1)}
+
+_MASKS = np.array([[float(i in members) for i in range(6)] for members in _NORMS.values()])
+_FIRST, _SECOND = np.array(_PAIRS).T
+_PRODUCT = np.eye(6)[_FIRST][:, :, None] * np.eye(6)[_SECOND][:, None, :]
+_PRODUCT = _PRODUCT + _PRODUCT.swapaxes(1, 2)
+"""(21, 6, 6) second derivatives of the products."""
+
+
+@dataclass(frozen=True)
+class PolynomialLaw(Law):
+    """twist_k = sum_p coefficients_pk feature_p(wrench).
+
+    Attributes:
+        features: P names of `FEATURES`.
+        coefficients: (P, k) [m or rad per unit of the feature], k = 3 or 6.
+        row_covariance: (k, P, P) covariance of the coefficients of each component of the twist.
+        residual_std: (k,) scatter about the fit [m, rad].
+        loads: (2, k) smallest and largest load of each component that was seen [N, Nm].
+
+    Raises:
+        LawError: Shapes do not fit, a feature is unknown or twice there, or one is of a component that is not there.
+    """
+
+    features: tuple[str, ...]
+    coefficients: Array
+    row_covariance: Array
+    residual_std: Array
+    loads: Array
+
+    def __post_init__(self) -> None:
+        _check_shapes(self)
+        _check_features(self.features, self.residual_std.size)
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6) twist."""
+        return feature_values(wrench)[..., self._places] @ self._padded
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6, 6) derivative; that of a root of squares is taken as zero where the root is zero."""
+        linear, masks, roots, curvature = self._slopes
+        length = np.sqrt((wrench * wrench) @ masks.T)
+        share = roots.T / np.where(length > 0.0, length, 1.0)[..., None, :]
+        return linear + share @ (masks * wrench[..., None, :]) + (curvature @ wrench[..., None, :, None])[..., 0]
+
+    def covariance(self, wrench: Array, row: Row) -> Array | None:
+        """Return the (..., 6, 6) covariance of a new reading: that of the coefficients, and the scatter."""
+        values = feature_values(wrench)[..., self._places]
+        variance = np.einsum("...p,kpq,...q->...k", values, self.row_covariance, values) + self.residual_std**2
+        whole = np.zeros((*wrench.shape, 6))
+        place = np.arange(self.residual_std.size)
+        whole[..., place, place] = variance
+        return whole
+
+    def draw(self, rng: np.random.Generator) -> PolynomialLaw:
+        """Return the law with coefficients drawn from their covariance."""
+        pairs = zip(self.coefficients.T, self.row_covariance, strict=True)
+        drawn = [rng.multivariate_normal(mean, covariance, method="eigh") for mean, covariance in pairs]
+        return replace(self, coefficients=np.array(drawn).T)
+
+    @property
+    def trained(self) -> bool:
+        """Always: the coefficients are fitted."""
+        return True
+
+    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return a flag for every component of the load that the fit has not seen."""
+        return beyond(self.loads, wrench)
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        return np.array([FEATURES.index(name) for name in self.features])
+
+    @cached_property
+    def _padded(self) -> Array:
+        return np.pad(self.coefficients, [(0, 0), (0, 6 - self.residual_std.size)])
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array, Array, Array]:
+        """(6, 6) slope of the components, (r, 6) masks and (r, 6) coefficients of roots, (6, 6, 6) of products."""
+        whole = np.zeros((len(FEATURES), 6))
+        whole[self._places] = self._padded
+        linear, roots, products = np.split(whole, [6, 6 + len(_NORMS)])
+        used = roots.any(axis=1)
+        return linear.T, _MASKS[used], roots[used], np.tensordot(products, _PRODUCT, axes=(0, 0))
+
+
+def feature_values(wrench: Array) -> Array:
+    """Return all (..., 37) features of a (..., 6) wrench, in the order of `FEATURES`."""
+    roots = np.sqrt((wrench * wrench) @ _MASKS.T)
+    return np.concatenate([wrench, roots, wrench[..., _FIRST] * wrench[..., _SECOND]], axis=-1)
+
+
+def features_of(names: str | Sequence[str], size: int) -> tuple[str, ...]:
+    """Return the components of a load and the further features that are meant, each once.
+
+    Args:
+        names: Features and groups of them ("radial", "magnitude", "absolute", "squares", "quadratic"); a text holds
+            several joined by "+", such as "linear+radial".
+        size: 3 for forces only, 6 with moments; a group is of the forces and, where there are moments, of those.
+
+    Raises:
+        UnknownNameError: No such feature or group.
+    """
+    names = [name.strip() for name in names.split("+")] if isinstance(names, str) else names
+    groups, known = _groups(size), _known(size)
+    found = list(groups["linear"])
+    for name in names:
+        if name not in groups and name not in known:
+            raise UnknownNameError("feature of a load", name, (*groups, *known))
+        found += groups.get(name, (name,))
+    return tuple(dict.fromkeys(found))
+
+
+def to_tensors(law: PolynomialLaw) -> dict[str, Array]:
+    """Return the law as arrays; `features` holds places in `FEATURES`."""
+    arrays = {name: getattr(law, name) for name in ARRAYS if name != "features"}
+    arrays["features"] = np.array([FEATURES.index(name) for name in law.features], dtype=float)
+    return {name: np.ascontiguousarray(array, dtype=float) for name, array in arrays.items()}
+
+
+def polynomial_from_tensors(tensors: Mapping[str, Array]) -> PolynomialLaw:
+    """Return the law that `to_tensors` wrote.
+
+    Raises:
+        LawError: An array is missing, strange, or of the wrong shape; a place is none of `FEATURES`.
+    """
+    try:
+        check_arrays(tensors, ARRAYS, SIZES)
+    except ValueError as error:
+        raise LawError(str(error)) from None
+    places = tensors["features"]
+    if not np.isin(places, np.arange(len(FEATURES))).all():
+        raise LawError(f"'features' holds {places.tolist()}, expected whole numbers from 0 to {len(FEATURES) - 1}")
+    names = tuple(FEATURES[int(place)] for place in places)
+    return PolynomialLaw(names, *(tensors[name] for name in ARRAYS if name != "features"))
+
+
+def _known(size: int) -> tuple[str, ...]:
+    return tuple(name for name, members in zip(FEATURES, _MEMBERS, strict=True) if max(members) < size)
+
+
+def _groups(size: int) -> dict[str, tuple[str, ...]]:
+    known = _known(size)
+    products = tuple(name for name in known if "*" in name)
+    return {
+        "linear": WRENCH_NAMES[:size],
+        "radial": tuple(name for name in known if name.startswith("radial")),
+        "magnitude": tuple(name for name in known if name.startswith("magnitude")),
+        "absolute": tuple(name for name in known if name.startswith("|")),
+        "squares": tuple(name for name in products if name[:2] == name[3:]),
+        "quadratic": products,
+    }
+
+
+def _check_shapes(law: PolynomialLaw) -> None:
+    arrays = {"features": ("f8", (len(law.features),))}
+    arrays |= {name: ("f8", np.shape(getattr(law, name))) for name in ARRAYS if name != "features"}
+    try:
+        check_shapes(arrays, ARRAYS, SIZES)
+    except ValueError as error:
+        raise LawError(str(error)) from None
+    check_ordered(law.loads)
+    if (law.residual_std < 0.0).any():
+        raise LawError("a scatter is negative")
+
+
+def _check_features(features: Sequence[str], size: int) -> None:
+    known = _known(size)
+    for name in features:
+        if name not in known:
+            raise LawError(f"{name!r} is no feature of a load of {size} components{did_you_mean(name, known)}")
+    if len(set(features)) < len(features):
+        raise LawError(f"a feature is there twice: {listing(features)}")

@@ -1,0 +1,261 @@
+"""Composed joint: sub-joints and beams assembled by matrix structural analysis, condensed onto the tip node.
+
+The paper's eqs (1) to (6), with `K23^4` in the lower block of (4) where `K22^4` is printed. A sub-joint stands
+between ground and a node and may follow any law. With linear laws the condensed compliance is that of
+`K = K22 - K21 K11^-1 K12`; with others the condensation is a small equilibrium of its own, solved by Newton:
+
+    K u + A^T s = F            beams and sub-joints carry the load at the tip
+    A u - law(s) = 0           each sub-joint gives as its law says
+
+with node twists u and the loads s on the sub-joints. Taking the sub-joints by their compliance lets a direction be
+rigid. The arm's mission is equilibrium, so this solver is our own rather than a structural package's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import ConvergenceError, Flag, LawError, UnknownNameError
+from armflex.laws.joint.beam import Beam, stiffness
+from armflex.laws.joint.linear import NOTHING, LinearLaw, unturned
+from armflex.laws.law import Law, Ranges, Row, block_norms
+
+MAX_ITERATIONS = 50
+TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True)
+class SubJoint:
+    """A law between ground and a node, in axes parallel to the structure's.
+
+    Attributes:
+        node: The node it holds.
+        law: Its deformation model.
+        holds: The components (0 to 5) it carries load in; the node is free in the others. A spherical bearing holds
+            0, 1, 2, a drive about z holds 5.
+    """
+
+    node: str
+    law: Law
+    holds: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+
+
+@dataclass(frozen=True)
+class StructuralLaw(Law):
+    """Sub-joints and beams seen from the tip node.
+
+    Attributes:
+        nodes: (3,) position of each node in the flexure's frame [m].
+        tip: The node that the next link hangs on.
+        subjoints: What stands between ground and nodes.
+        beams: What joins nodes.
+        components: 6, or 3 for nodes that only translate, as in the paper.
+        noise: (6,) scatter of the tip node about the law it was fitted to [m, rad], None where it was declared.
+    """
+
+    nodes: Mapping[str, Array]
+    tip: str
+    subjoints: tuple[SubJoint, ...]
+    beams: tuple[Beam, ...]
+    components: int = 6
+    noise: Array | None = None
+
+    def __post_init__(self) -> None:
+        for name in (self.tip, *(s.node for s in self.subjoints), *(e for b in self.beams for e in (b.start, b.end))):
+            if name not in self.nodes:
+                raise UnknownNameError("node", name, self.nodes)
+        # As if sub-joints were as stiff as beams: whether it holds is a question of geometry.
+        system = self._system([np.eye(6) / self.scale] * len(self.subjoints))
+        if np.linalg.matrix_rank(system, tol=1e-10) < len(system):
+            raise LawError("the structure is a mechanism: some node can move with nothing giving")
+
+    @cached_property
+    def beam_stiffness(self) -> Array:
+        """(k n, k n) stiffness of all beams over all nodes, in structure axes."""
+        size = self.components
+        total = np.zeros((size * len(self.nodes),) * 2)
+        for beam in self.beams:
+            places = np.concatenate([self._dofs(beam.start), self._dofs(beam.end)])
+            total[np.ix_(places, places)] += stiffness(beam, self.nodes[beam.start], self.nodes[beam.end], size)
+        return total
+
+    @cached_property
+    def scale(self) -> float:
+        """A typical stiffness [N/m], so that the system mixes numbers of one size."""
+        return float(np.abs(self.beam_stiffness).max()) or 1e8
+
+    @cached_property
+    def held(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """For each sub-joint its places among the node dofs and the components of its law that it holds."""
+        own = [np.array([i for i in sub.holds if i < self.components], dtype=int) for sub in self.subjoints]
+        return tuple((self._dofs(sub.node)[i], i) for sub, i in zip(self.subjoints, own, strict=True))
+
+    @cached_property
+    def linear_compliance(self) -> Array | None:
+        """(6, 6) condensed compliance when every sub-joint is linear, else None."""
+        if not all(isinstance(sub.law, LinearLaw) for sub in self.subjoints):
+            return None
+        return self._condense([sub.law.compliance for sub in self.subjoints])
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the twist of the tip node, carried to the flexure's origin.
+
+        Raises:
+            ConvergenceError: The small equilibrium of a nonlinear structure was not found.
+        """
+        if self.linear_compliance is not None:
+            return wrench @ self.linear_compliance.T
+        if wrench.ndim > 1:
+            return self._each(self.twist, wrench, row)
+        return self._solve(wrench, row)[0]
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return the derivative of the tip's twist with respect to the wrench."""
+        if self.linear_compliance is not None:
+            return self.linear_compliance
+        if wrench.ndim > 1:
+            return self._each(self.tangent, wrench, row)
+        return self._condense(self._solve(wrench, row)[1])
+
+    def affine(self, row: Row) -> tuple[Array, Array] | None:
+        """Return no twist and the condensed compliance where every sub-joint is linear."""
+        return None if self.linear_compliance is None else (NOTHING, self.linear_compliance)
+
+    def steepest(self, ranges: Ranges) -> Array | None:
+        """Return the norms of the condensed compliance's blocks where every sub-joint is linear."""
+        return None if self.linear_compliance is None else block_norms(self.linear_compliance)
+
+    @staticmethod
+    def _each(ask: Callable[[Array, Row], Array], wrenches: Array, row: Row) -> Array:
+        """Return what is asked at every load: each has an inner equilibrium of its own."""
+        rows = row.spread(len(wrenches))
+        return np.stack([ask(wrench, rows.some(i)) for i, wrench in enumerate(wrenches)])
+
+    def covariance(self, wrench: Array, row: Row) -> Array | None:
+        """Return the (6, 6) covariance that the sub-joints' uncertainties give the tip, None when all are certain."""
+        _, _, loads = self._solve(wrench, row)
+        scatter = np.zeros((6, 6)) if self.noise is None else np.diag(self.noise**2)
+        covariances = [sub.law.covariance(load, row) for sub, load in zip(self.subjoints, loads, strict=True)]
+        if self.noise is None and all(covariance is None for covariance in covariances):
+            return None
+        total = scatter
+        for (gain, _), (_, own), covariance in zip(self.answers(wrench, row), self.held, covariances, strict=True):
+            if covariance is not None:
+                total = total + gain[:, own] @ covariance[np.ix_(own, own)] @ gain[:, own].T
+        return total
+
+    def answers(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
+        """Return for each sub-joint the (6, 6) twist of the tip per twist that it gives more, and its (6,) load."""
+        _, tangents, loads = self._solve(wrench, row)
+        inverse = _solved(self._system(tangents), np.eye(self._size + sum(len(own) for _, own in self.held)))
+        found = []
+        for start, (_, own), load in zip(self._load_places, self.held, loads, strict=True):
+            gain = np.zeros((6, 6))
+            gain[:, own] = self._seen @ inverse[: self._size, start : start + len(own)]
+            found.append((gain, load))
+        return found
+
+    def draw(self, rng: np.random.Generator) -> StructuralLaw:
+        """Return the structure with a draw of every sub-joint."""
+        drawn = tuple(replace(sub, law=sub.law.draw(rng)) for sub in self.subjoints)
+        return replace(self, subjoints=drawn)
+
+    @cached_property
+    def trained(self) -> bool:
+        """Whether any sub-joint was trained."""
+        return any(sub.law.trained for sub in self.subjoints)
+
+    def loads_on_subjoints(self, wrench: Array, row: Row) -> list[Array]:
+        """Return the (6,) load that each sub-joint carries under a (6,) wrench at the tip node."""
+        return self._solve(wrench, row)[2]
+
+    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return the doubts about the loads on the sub-joints, and about a moment where nodes only translate."""
+        if not self.trained:
+            return ()
+        asked = zip(self.subjoints, self.loads_on_subjoints(wrench, row), strict=True)
+        doubts = [(sub.node, flag) for sub, load in asked for flag in sub.law.doubts(load, row)]
+        inside = tuple(Flag(flag.code, f"sub-joint at {node!r}: {flag.text}") for node, flag in doubts)
+        return (*inside, *unturned(self.components, wrench))
+
+    def _dofs(self, node: str) -> np.ndarray:
+        return self.components * list(self.nodes).index(node) + np.arange(self.components)
+
+    @property
+    def _size(self) -> int:
+        return self.components * len(self.nodes)
+
+    @cached_property
+    def _load_places(self) -> tuple[int, ...]:
+        counts = [len(own) for _, own in self.held]
+        return tuple(int(start) for start in self._size + np.cumsum([0, *counts])[:-1])
+
+    @cached_property
+    def _seen(self) -> Array:
+        """(6, k n) map from node dofs to the tip node's twist at the flexure's origin (small displacements)."""
+        seen = np.zeros((6, self._size))
+        dofs = self._dofs(self.tip)
+        seen[: self.components, dofs] = np.eye(self.components)
+        x, y, z = self.nodes[self.tip]
+        seen[:3] += np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ seen[3:]
+        return seen
+
+    def _system(self, compliances: list[Array]) -> Array:
+        """Return the scaled (kn + m, kn + m) matrix of the two equations above; loads are in units of `scale`."""
+        held = [places for places, _ in self.held]
+        total = self._size + sum(map(len, held))
+        matrix = np.zeros((total, total))
+        matrix[: self._size, : self._size] = self.beam_stiffness / self.scale
+        for start, (places, own), compliance in zip(self._load_places, self.held, compliances, strict=True):
+            loads = start + np.arange(len(own))
+            matrix[places, loads] = matrix[loads, places] = 1.0
+            matrix[np.ix_(loads, loads)] = -self.scale * compliance[np.ix_(own, own)]
+        return matrix
+
+    def _condense(self, compliances: list[Array]) -> Array:
+        loaded = np.zeros((len(self._system(compliances)), 6))
+        loaded[: self._size] = self._seen.T / self.scale
+        return self._seen @ _solved(self._system(compliances), loaded)[: self._size]
+
+    def _solve(self, wrench: Array, row: Row) -> tuple[Array, list[Array], list[Array]]:
+        """Return the tip twist, the sub-joints' tangents and the loads on them."""
+        state = np.zeros(len(self._system([np.zeros((6, 6))] * len(self.subjoints))))
+        history: list[float] = []
+        for _ in range(MAX_ITERATIONS):
+            loads = self._loads(state)
+            tangents = [sub.law.tangent(load, row) for sub, load in zip(self.subjoints, loads, strict=True)]
+            residual = self._residual(state, loads, wrench, row)
+            history.append(float(np.abs(residual).max()))
+            if history[-1] <= TOLERANCE * (np.abs(state).max() + np.abs(wrench).max() / self.scale):
+                return self._seen @ state[: self._size], tangents, loads
+            state = state - _solved(self._system(tangents), residual)
+        raise ConvergenceError("the structure's inner equilibrium did not converge", history)
+
+    def _loads(self, state: Array) -> list[Array]:
+        loads = []
+        for start, (_, own) in zip(self._load_places, self.held, strict=True):
+            load = np.zeros(6)
+            load[own] = self.scale * state[start : start + len(own)]
+            loads.append(load)
+        return loads
+
+    def _residual(self, state: Array, loads: list[Array], wrench: Array, row: Row) -> Array:
+        free = self._system([np.zeros((6, 6))] * len(self.subjoints)) @ state
+        free[: self._size] -= self._seen.T @ wrench / self.scale
+        for start, (_, own), sub, load in zip(self._load_places, self.held, self.subjoints, loads, strict=True):
+            free[start : start + len(own)] -= sub.law.twist(load, row)[own]
+        return free
+
+
+def _solved(system: Array, right: Array) -> Array:
+    """Return the solution of a structure's equations; raise `LawError` where they have none."""
+    try:
+        return np.linalg.solve(system, right)
+    except np.linalg.LinAlgError:
+        text = "two rigid sub-joints hold one node the same way, or one is softer than numbers can tell beside the rest"
+        raise LawError(f"the structure's equations are singular: {text}") from None

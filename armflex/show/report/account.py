@@ -1,0 +1,245 @@
+"""Everything that the page shows, as text and tables; figures come as finished SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.errors import Place
+from armflex.estimate.identify import Parameter, parameters
+from armflex.show.report import effect_figures, figures, summary
+from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
+from armflex.show.report.numbers import measure, millimetres, short
+from armflex.show.report.words import Words, called, labelled, site_words, units_of, words
+from armflex.trace.localise import localise
+from armflex.trace.projection import project
+from armflex.trace.result import Found, Trace
+from armflex.version import __version__
+
+SHOWN = 20
+"""Rows of a list of outliers or parameters."""
+
+Table = tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class EffectAccount:
+    """One effect as the page shows it."""
+
+    heading: str
+    name: str
+    words: Words
+    values: Table
+    sure: str
+    proof: Table
+    equivalent: Table
+    against: str
+    ranking: str
+    posterior: str
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterAccount:
+    """What became of the declared parameters: a figure, those that moved far, those that nothing is known of."""
+
+    pulls: str
+    moved: Table
+    undetermined: Table
+
+
+@dataclass(frozen=True, eq=False)
+class Account:
+    """A trace as the page shows it; texts are plain and escaped by the template, figures are SVG."""
+
+    title: str
+    headline: str
+    accuracy: str
+    further: list[str]
+    cards: Table
+    campaign: Table
+    numbers: Table
+    workspace: str
+    sessions: str
+    effects: list[EffectAccount]
+    heat: str
+    left: str
+    parameters: ParameterAccount
+    hidden: Table
+    detectable: str
+    outliers: Table
+    doubts: list[str]
+    next_measurement: Sequence[str]
+    unfinished: bool
+    version: str
+
+
+def account(trace: Trace) -> Account:
+    """Return everything to show of a trace."""
+    accurate = accuracy(trace)
+    left = localise(trace.state.fit, trace.state.scene, project(trace.state.fit), trace.state.groups)
+    return Account(
+        title=f"{trace.arm.robot.urdf.name}: what the arm lacks",
+        headline=summary.headline(trace),
+        accuracy=summary.accuracy_sentence(accurate, trace),
+        further=summary.further(trace, accurate),
+        cards=_cards(trace, accurate),
+        campaign=_campaign(trace),
+        numbers=_numbers(trace, accurate),
+        workspace=figures.workspace(trace),
+        sessions=figures.by_session_and_pose(accurate, bool(trace.found)),
+        effects=[_effect(trace, index) for index in range(len(trace.found))],
+        heat=figures.heat(trace, left),
+        left=summary.left(trace.unexplained) if trace.unexplained else "",
+        parameters=_parameters(trace),
+        hidden=_hidden(trace),
+        detectable=figures.detectable(trace.smallest, accurate.stated) if trace.smallest else "",
+        outliers=_outliers(trace),
+        doubts=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
+        next_measurement=trace.next_measurement,
+        unfinished=trace.unfinished,
+        version=__version__,
+    )
+
+
+def _parameters(trace: Trace) -> ParameterAccount:
+    before, after = (_with_prior(parameters(fit)) for fit in (trace.before, trace.state.fit))
+    return ParameterAccount(
+        figures.pulls(before, after, bool(trace.found)) if after else "",
+        tuple(_parameter(one) for one in after if one.surprising),
+        tuple((one.name, _partners(one)) for one in after if not one.determined),
+    )
+
+
+def _with_prior(found: Sequence[Parameter]) -> list[Parameter]:
+    """Return declared parameters whose prior says how far they may move."""
+    own = ("effect ", "unexplained ")
+    return [one for one in found if np.isfinite(one.prior) and not one.block.startswith(own)]
+
+
+def _cards(trace: Trace, accurate: Accuracy) -> Table:
+    before, after = (millimetres(errors.rms, errors.std) for errors in (accurate.before, accurate.after))
+    cards = [("Error before", before, "RMS in 3-D, calibrated arm, poses held out")]
+    cards.append(("Error now", after, "the same poses, effects added"))
+    if not trace.found:
+        cards = [("Error", after, "RMS in 3-D, calibrated arm, poses held out")]
+    cards.append(("Noise as stated", millimetres(accurate.stated), "what no model can get below"))
+    if accurate.again is not None:
+        size, std = scatter_rms(accurate.again)
+        sets = f"{accurate.again.groups} sets; what changed meanwhile included"
+        cards.append(("Scatter of repeats", millimetres(size, std), sets))
+    return tuple(cards)
+
+
+def _campaign(trace: Trace) -> Table:
+    measurements = trace.state.measurements
+    source = measurements.places[0].file.name if measurements.places else ""
+    left_out = len(trace.outliers) - trace.told("counted less")
+    doubted = f"{len(trace.outliers)}, {left_out} of them left out of the fit; no error here is over them"
+    return (
+        ("Arm", f"{trace.arm.robot.urdf.name}, {trace.arm.robot.base} to {trace.arm.robot.tip}"),
+        ("Campaign", source),
+        ("SHA-256 of the campaign", measurements.sha256),
+        ("Readings used", f"{len(trace.rows)} of {len(measurements)} rows driven"),
+        ("Readings not believed", doubted),
+        ("Poses, payloads, sessions", _counts(trace)),
+        ("Made with", f"armflex {__version__}"),
+    )
+
+
+def _counts(trace: Trace) -> str:
+    measurements, rows = trace.state.measurements, trace.rows
+    columns = (measurements.pose_number.tolist(), measurements.payload, measurements.session)
+    return ", ".join(str(len({column[row] for row in rows})) for column in columns)
+
+
+def _numbers(trace: Trace, accurate: Accuracy) -> Table:
+    """Return name, before and after of every error there is; where nothing was found, name and value."""
+    found = trace.found
+    sessions = trace.held_out_sessions or (None, None)
+    again = (None, None) if trace.compared is None else (trace.compared.before, trace.compared.after)
+    rows = [
+        ("Poses held out", *(millimetres(errors.rms, errors.std) for errors in (accurate.before, accurate.after))),
+        ("Poses held out, effects chosen without them", *(millimetres(one) for one in again)),
+        ("Whole sessions held out", *(millimetres(one) for one in sessions)),
+        ("Readings that were fitted", *(millimetres(one) for one in accurate.fitted)),
+        ("As declared, only the instrument placed ", millimetres(trace.declared_rms), ""),
+        ("Noise as stated", "", millimetres(accurate.stated)),
+        ("Noise, if the final residual is nothing else", "", millimetres(trace.noise * accurate.stated)),
+    ]
+    if accurate.again is not None:
+        rows.append(("Scatter of repeats", "", millimetres(*scatter_rms(accurate.again))))
+    kept = [row for row in rows if row[1:] != ("–", "–")]
+    return tuple(kept) if found else tuple((row[0], row[2] or row[1]) for row in kept)
+
+
+def _effect(trace: Trace, index: int) -> EffectAccount:
+    found, number = trace.found[index], trace.numbers[index]
+    return EffectAccount(
+        heading=summary.where_effect(found, number),
+        name=labelled(found.effect, number),
+        words=words(found.effect.law.name),
+        values=_values(found),
+        sure=summary.sure(found),
+        proof=_proof(found),
+        equivalent=tuple((called(effect), labelled(effect), short(less)) for effect, less in found.equivalent),
+        against=effect_figures.against_suspect(trace, index),
+        ranking=effect_figures.ranking(found, index + 1),
+        posterior=effect_figures.posterior(trace, index),
+    )
+
+
+def _values(found: Found) -> Table:
+    units, std = units_of(found.effect), {name: one for name, one in found.std.items() if np.isfinite(one)}
+    said = {name: "" if name in std else "not determined" for name in found.std}
+    return tuple(
+        (name, measure(value, std.get(name), units[name]), said.get(name, "chosen, not fitted"))
+        for name, value in found.effect.named.items()
+    )
+
+
+def _proof(found: Found) -> Table:
+    proof = found.proof
+    poses = ("Poses held out", millimetres(proof.before), millimetres(proof.after))
+    if proof.sessions_before is None:
+        return (poses,)
+    return poses, ("Whole sessions held out", millimetres(proof.sessions_before), millimetres(proof.sessions_after))
+
+
+def _parameter(one: Parameter) -> tuple[str, ...]:
+    return one.name, measure(one.value, one.std, one.unit), measure(one.prior, None, one.unit), f"{abs(one.pull):.1f}"
+
+
+def _partners(one: Parameter) -> str:
+    return ", ".join(one.trades_against) or "nothing in particular: the readings do not depend on it"
+
+
+def _hidden(trace: Trace) -> Table:
+    """Return laws that could not have been told: where fitted parameters hide them, and where they move nothing."""
+    added = {(one.effect.law.name, one.effect.spot.place) for one in trace.found}
+    rows: dict[str, tuple[list[str], list[str]]] = {}
+    for one in trace.not_identifiable:
+        if (one.effect, one.site) in added:
+            continue  # hidden by itself
+        _, taken, partner = one.reason.partition("most by ")
+        place = site_words(one.site)
+        rows.setdefault(one.effect, ([], []))[not taken].append(f"{place} ({partner})" if taken else place)
+    return tuple((words(law).title, "; ".join(taken), ", ".join(still)) for law, (taken, still) in rows.items())
+
+
+def _outliers(trace: Trace) -> Table:
+    measurements = trace.state.measurements
+    return tuple(
+        (
+            _row(measurements.places, one.row),
+            measurements.pose[one.row],
+            millimetres(one.error_m),
+            one.kind,
+        )
+        for one in trace.outliers[:SHOWN]
+    )
+
+
+def _row(places: Sequence[Place], row: int) -> str:
+    return f"{places[row].file.name}:{places[row].line}" if places else f"row {row}"

@@ -1,0 +1,107 @@
+"""How large the error is: on rows that no fit has seen, by session and by pose, beside the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.estimate.held_out import held_out, pose_folds
+from armflex.measured.measurements import Measurements
+from armflex.measured.repeats import Scatter, repeats
+from armflex.trace.result import Trace
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Squared 3-D errors of rows that belong to poses.
+
+    Attributes:
+        squares: (M,) [m^2].
+        groups: (M,) number of each row's pose: errors of one pose are not independent.
+    """
+
+    squares: Array
+    groups: np.ndarray
+
+    @property
+    def rms(self) -> float:
+        """RMS of the 3-D error [m], nan of no rows."""
+        return float(np.sqrt(self.squares.mean())) if len(self.squares) else float("nan")
+
+    @property
+    def std(self) -> float:
+        """Standard uncertainty of the RMS [m], poses taken as independent; nan of fewer than two poses."""
+        poses = np.unique(self.groups, return_inverse=True)[1]
+        if len(self.squares) < 2 or poses.max() < 1:
+            return float("nan")
+        sums = np.bincount(poses, self.squares - self.squares.mean())
+        spread = np.sqrt((sums**2).sum() * len(sums) / (len(sums) - 1.0)) / len(self.squares)
+        return float(spread / (2.0 * self.rms))
+
+    def of(self, mask: np.ndarray) -> Errors:
+        """Return the errors of some rows."""
+        return Errors(self.squares[mask], self.groups[mask])
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """Errors on poses that were held out, before and after, and what noise leaves.
+
+    Attributes:
+        before, after: Of the rows that every error is over.
+        used: (M,) which of the fitted rows those are.
+        sessions: Session of each of them.
+        poses: Pose of each of them.
+        fitted: RMS of the same rows where they were fitted, before and after [m].
+        stated: RMS of the stated noise in 3-D [m].
+        again: Scatter of repeated readings, None where nothing was repeated.
+    """
+
+    before: Errors
+    after: Errors
+    used: np.ndarray
+    sessions: tuple[str, ...]
+    poses: tuple[str, ...]
+    fitted: tuple[float, float]
+    stated: float
+    again: Scatter | None
+
+    def by(self, names: Sequence[str]) -> list[tuple[str, Errors, Errors]]:
+        """Return name, errors before and errors after for every name, in order of first appearance."""
+        array = np.array(names)
+        return [(name, self.before.of(array == name), self.after.of(array == name)) for name in dict.fromkeys(names)]
+
+
+def accuracy(trace: Trace) -> Accuracy:
+    """Return a trace's errors on held-out poses, row by row."""
+    state, measurements = trace.state, trace.state.measurements
+    groups = state.groups
+    folds, used, rows = pose_folds(groups), trace.believed, trace.rows
+    before, after = (held_out(fit, folds).squares[used] for fit in (trace.before, state.fit))
+    return Accuracy(
+        Errors(before, groups[used]),
+        Errors(after, groups[used]),
+        used,
+        tuple(measurements.session[row] for row in rows),
+        tuple(measurements.pose[row] for row in rows),
+        (trace.calibrated_rms, trace.rms),
+        trace.noise_rms,
+        _again(measurements),
+    )
+
+
+def _again(measurements: Measurements) -> Scatter | None:
+    """Return the scatter of repeats, of those approached from the same side where there are enough."""
+    found = repeats(measurements)
+    if found is None:
+        return None
+    return found.same_approach if found.same_approach is not None else found.same_session
+
+
+def scatter_rms(scatter: Scatter) -> tuple[float, float]:
+    """Return the 3-D noise that repeats show and its standard uncertainty [m]."""
+    size = float(np.sqrt((scatter.sigma**2).sum()))
+    return size, size * scatter.uncertainty / float(np.sqrt(3.0))

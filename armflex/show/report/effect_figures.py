@@ -1,0 +1,191 @@
+"""Figures of one effect: the residual against its suspect, its rivals, and the posterior of its parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.show.report.numbers import measure, scaled
+from armflex.show.report.suspects import Suspicion, suspicion
+from armflex.show.report.svg import AFTER, BEFORE, INK, MARK, MUTED, RULE, canvas, cut, grid, inline
+from armflex.show.report.words import labelled, units_of
+from armflex.trace.result import Found, Trace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BINS = 12
+DASHED = (0, (4, 3))
+MOST_RIVALS = 14
+MOST_CURVES = 6
+GOLDEN = 0.6180339887
+FEW = 8
+"""Values of a column up to which every one is a bin of its own."""
+
+
+def against_suspect(trace: Trace, index: int) -> str:
+    """Return the residual along an effect's direction against what it depends on: before, left out, and after."""
+    seen = suspicion(trace, index)
+    figure, axes = canvas(10.0, 3.3, 1, 3, sharey=True, sharex=True)
+    panels = (
+        ("Before: calibrated arm", seen.calibrated, BEFORE),
+        ("All refitted, only this left out", seen.without, BEFORE),
+        ("After: with the effect", seen.after, AFTER),
+    )
+    for number, (panel, (title, values, colour)) in enumerate(zip(axes, panels, strict=True)):
+        _cloud(panel, seen, values, colour)
+        if number == 1:
+            _curve(panel, seen)
+        panel.axhline(0.0, color=MUTED, linewidth=0.8)
+        panel.set_title(title)
+        grid(panel)
+    axes[0].set_ylabel(seen.y_label, fontsize=8.0)
+    axes[1].set_xlabel(cut(seen.x_label, 60))
+    axes[0].set_ylim(*_limits(seen))
+    return inline(figure, f"Residual against its suspect, effect {index + 1}")
+
+
+def _limits(seen: Suspicion) -> tuple[float, float]:
+    good = seen.std <= 2.0 * np.median(seen.std)
+    values = np.concatenate([seen.calibrated[good], seen.without[good], seen.after[good], seen.effect[good]])
+    low, high = np.quantile(values, [0.003, 0.997])
+    room = 0.08 * (high - low) + 1e-12
+    return float(low - room), float(high + room)
+
+
+def _cloud(panel: Axes, seen: Suspicion, values: Array, colour: str) -> None:
+    """Draw every reading, fainter the less it can tell, and means where the readings lie close."""
+    faint = np.clip((np.median(seen.std) / seen.std) ** 2, 0.06, 1.0) * 0.45
+    spread = np.zeros(len(seen.x))
+    kinds = np.unique(seen.x)
+    if len(kinds) <= FEW:
+        even = np.arange(len(values)) * GOLDEN % 1.0 - 0.5  # no two neighbours alike, and the same every time
+        spread = even * 0.4 * (np.diff(kinds).min() if len(kinds) > 1 else 1.0)
+        panel.set_xticks(kinds)
+    for level in np.unique(np.round(faint, 1)):
+        own = np.round(faint, 1) == level
+        panel.scatter(seen.x[own] + spread[own], values[own], s=9, color=colour, alpha=max(level, 0.08), linewidths=0)
+    if seen.is_curve:
+        panel.errorbar(*_means(seen, values), fmt="o", color=INK, markersize=4, elinewidth=1.2, capsize=2, zorder=4)
+
+
+def _means(seen: Suspicion, values: Array) -> tuple[Array, Array, Array]:
+    """Return centres, weighted means and their standard uncertainties in bins of x."""
+    kinds = np.unique(seen.x)
+    edges = kinds if len(kinds) <= FEW else np.unique(np.quantile(seen.x, np.linspace(0.0, 1.0, BINS + 1)))[:-1]
+    own = np.clip(np.searchsorted(edges, seen.x, side="right") - 1, 0, len(edges) - 1)
+    weight = seen.std**-2.0
+    total = np.bincount(own, weight, len(edges))
+    x, y = (np.bincount(own, weight * column, len(edges)) / total for column in (seen.x, values))
+    scatter = np.bincount(own, weight * (values - y[own]) ** 2, len(edges)) / total
+    count = np.bincount(own, minlength=len(edges))
+    return x, y, np.sqrt(np.maximum(scatter / np.maximum(count - 1, 1), 1.0 / total * (count < 2)))
+
+
+def _curve(panel: Axes, seen: Suspicion) -> None:
+    order = np.argsort(seen.x)
+    if seen.is_curve and len(np.unique(seen.x)) > FEW:
+        panel.plot(seen.x[order], seen.effect[order], color=MARK, linewidth=2.2, zorder=3)
+        return
+    panel.scatter(seen.x, seen.effect, s=13 if not seen.is_curve else 900, marker="_", color=MARK, zorder=3)
+
+
+def ranking(found: Found, number: int) -> str:
+    """Return the candidates' evidence when the effect was added; what these data cannot tell from it is marked."""
+    rows = _bars(found)[:MOST_RIVALS][::-1]
+    place = np.arange(len(rows))
+    figure, (panel,) = canvas(8.4, 0.75 + 0.25 * len(rows))
+    panel.barh(place, [row[1] for row in rows], 0.66, color=[row[2] for row in rows])
+    panel.axvline(found.proof.null, color=INK, linewidth=1.0, linestyle=DASHED)
+    for height, (_, evidence, _colour) in zip(place, rows, strict=True):
+        panel.annotate(f"{evidence:.0f}", (max(evidence, 0.0), height), (4, 0), textcoords="offset points", va="center",
+                       fontsize=7.5, color=MUTED)  # fmt: skip
+    panel.set_yticks(place, [cut(row[0], 48) for row in rows])
+    panel.set_xlabel("evidence (dashed: the best that chance gave in 200 trials)")
+    panel.set_xlim(0.0, 1.08 * max(found.proof.null, *(row[1] for row in rows)))
+    grid(panel, "x")
+    return inline(figure, f"Ranking of the candidates, effect {number}")
+
+
+def _bars(found: Found) -> list[tuple[str, float, str]]:
+    """Return label, evidence and colour of every candidate once, the best first."""
+    same = {(effect.law.name, effect.spot) for effect, _ in found.equivalent}
+    own = (found.effect.law.name, found.effect.spot)
+    rows: dict[str, tuple[str, float, str]] = {}
+    for one in found.ranking:
+        key, label = (one.candidate.law.name, one.candidate.spot), labelled(one.candidate.effect(one.amplitudes))
+        colour = AFTER if key == own else MARK if key in same else RULE
+        rows.setdefault(label, (label, one.evidence, colour))
+    return list(rows.values())
+
+
+def posterior(trace: Trace, index: int) -> str:
+    """Return the marginal distribution of every fitted parameter and, of the first two, their joint one."""
+    found, correlation = trace.found[index], correlation_of(trace, index)
+    units = units_of(found.effect)
+    names = [name for name in found.std if 0.0 < found.std[name] < np.inf]
+    pair = len(names) >= 2
+    if not 0 < len(names) <= MOST_CURVES:  # the knots of a free shape mean nothing one by one
+        return ""
+    figure, axes = canvas(min(10.0, 3.3 * (len(names[:3]) + pair)), 2.5 if len(names) <= 3 else 4.6,
+                          1 if len(names) <= 3 else 2, min(len(names), 3) + pair)  # fmt: skip
+    across = min(len(names), 3) + pair
+    free = [panel for i, panel in enumerate(axes) if not (pair and i % across == across - 1)]
+    for panel, name in zip(free, names, strict=False):
+        _bell(panel, name, found.effect.named[name], found.std[name], units[name])
+    for panel in free[len(names) :]:
+        panel.set_axis_off()
+    if pair:
+        _ellipse(axes[across - 1], found, correlation, units, names[:2])
+        for panel in axes[2 * across - 1 :: across]:
+            panel.set_axis_off()
+    return inline(figure, f"Posterior of the parameters, effect {index + 1}")
+
+
+def correlation_of(trace: Trace, index: int) -> Array:
+    """Return the (k, k) correlation matrix of an effect's fitted values."""
+    fit, block = trace.state.fit, trace.state.effects[index]
+    start = sum(len(other.labels) for other in fit.blocks[: fit.blocks.index(block)])
+    own = slice(start, start + len(block.labels))
+    covariance = fit.posterior.covariance[own, own]
+    std = np.sqrt(np.diag(covariance))
+    return covariance / np.outer(std, std)
+
+
+def _bell(panel: Axes, name: str, value: float, std: float, unit: str) -> None:
+    factor, shown = scaled(max(abs(value), std), unit)
+    x = np.linspace(value - 4.0 * std, value + 4.0 * std, 161) / factor
+    y = np.exp(-0.5 * ((x * factor - value) / std) ** 2)
+    inside = np.abs(x * factor - value) <= std
+    panel.fill_between(x, y, color=AFTER, alpha=0.15, linewidth=0)
+    panel.fill_between(x[inside], y[inside], color=AFTER, alpha=0.3, linewidth=0)
+    panel.plot(x, y, color=AFTER, linewidth=1.6)
+    panel.set_title(f"{name} = {measure(value, std, unit)}", fontsize=8.5)
+    panel.set_xlabel(f"{name} [{shown}]" if shown else name)
+    panel.set_yticks([])
+    panel.set_ylim(bottom=0.0)
+    panel.spines["left"].set_visible(False)
+    panel.locator_params(axis="x", nbins=5)
+
+
+def _ellipse(panel: Axes, found: Found, correlation: Array, units: dict[str, str], names: list[str]) -> None:
+    places = [list(found.std).index(name) for name in names]
+    rho = float(np.clip(correlation[places[0], places[1]], -0.999999, 0.999999))
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    circle = np.linalg.cholesky(np.array([[1.0, rho], [rho, 1.0]])) @ np.array([np.cos(angle), np.sin(angle)])
+    values = [found.effect.named[name] for name in names]
+    scales = [scaled(max(abs(v), found.std[n]), units[n]) for v, n in zip(values, names, strict=True)]
+    for reach, alpha in ((np.sqrt(5.991), 0.15), (np.sqrt(2.296), 0.3)):
+        edge = [
+            (value + found.std[name] * reach * line) / factor
+            for value, name, line, (factor, _) in zip(values, names, circle, scales, strict=True)
+        ]
+        panel.fill(*edge, color=AFTER, alpha=alpha, linewidth=0)
+    panel.plot(values[0] / scales[0][0], values[1] / scales[1][0], "+", color=INK)
+    panel.set_title(f"68 % and 95 %, correlation {rho:.2f}", fontsize=8.5)
+    panel.set_xlabel(f"{names[0]} [{scales[0][1]}]" if scales[0][1] else names[0])
+    panel.set_ylabel(f"{names[1]} [{scales[1][1]}]" if scales[1][1] else names[1])
+    panel.locator_params(nbins=5)
+    grid(panel)

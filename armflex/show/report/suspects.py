@@ -1,0 +1,215 @@
+"""A residual seen along an effect's own direction, against what the effect depends on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
+from armflex.laws.effects.law import Effect, TwistLaw
+from armflex.laws.effects.scene import Scene
+from armflex.show.report.numbers import scaled
+from armflex.trace.result import Trace
+
+STRAIGHT = 1e-6
+"""Share of a twist across its main direction below which it has one direction."""
+
+FUNCTION = 0.03
+"""Scatter of an effect about a curve, as a share of its range, below which it is drawn as one."""
+
+
+CONSTANT = ("encoder_offset", "link_geometry", "tool_shift")
+"""Laws that depend on nothing: drawn against time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Suspicion:
+    """Residuals of M readings along one effect's direction.
+
+    Attributes:
+        x: (M,) what it depends on.
+        calibrated: (M,) residual before anything was added.
+        without: (M,) residual with everything else fitted and only this effect left out.
+        after: (M,) residual with the effect.
+        effect: (M,) what the effect says.
+        std: (M,) standard uncertainty of one reading along that direction.
+        x_label, y_label: What the axes show, with units.
+    """
+
+    x: Array
+    calibrated: Array
+    without: Array
+    after: Array
+    effect: Array
+    std: Array
+    x_label: str
+    y_label: str
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether the effect is a function of x alone."""
+        order = np.lexsort((self.effect, self.x))
+        x, y = self.x[order], self.effect[order]
+        rough = np.abs(y[1:-1] - 0.5 * (y[2:] + y[:-2])) if len(np.unique(x)) > 8 else _within(x, y)
+        return bool(len(rough) and np.quantile(rough, 0.9) <= FUNCTION * np.ptp(y))
+
+
+def _within(x: Array, y: Array) -> Array:
+    return np.array([np.ptp(y[x == value]) for value in np.unique(x)])
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """How readings answer to one unit of an effect, and how much of it there is.
+
+    Attributes:
+        unit: (M, 3) change of a reading per unit [m].
+        value: (M,) the effect in that unit.
+        name: What the unit measures.
+        base: 'rad' or 'm'.
+    """
+
+    unit: Array
+    value: Array
+    name: str
+    base: str
+
+
+def suspicion(trace: Trace, index: int) -> Suspicion:
+    """Return the residuals along the direction of one found effect."""
+    effect = trace.found[index].effect
+    motion = motion_of(trace, effect)
+    direction, x, x_label = _seen(trace, effect, motion)
+    return _resolved(trace, motion, direction, x, x_label)
+
+
+def motion_of(trace: Trace, effect: Effect) -> Array:
+    """Return the (M, 3) change of the readings by an effect [m]."""
+    view, scene = trace.state.fit.view, trace.state.scene
+    amplitudes = np.array([effect.amplitudes[i] for i in effect.spot.terms])
+    return effect.law.columns(effect.spot, effect.inner, view, scene)[:, view.positions] @ amplitudes
+
+
+def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array, str]:
+    """Return the direction of an effect, what it depends on, and the label of that."""
+    twist, axis = _twist(trace, effect)
+    many = axis is None or (isinstance(effect.law, TwistLaw) and effect.law.loaded)
+    if "reference" in effect.named and many:
+        x, x_label = _suspect(trace, effect, None)
+        return _per_kelvin(trace, effect, motion, x), x, x_label
+    if axis is None:
+        size = np.linalg.norm(motion, axis=1)
+        unit = motion / np.maximum(size, 1e-300)[:, None]
+        return Direction(unit, size, "residual along it", "m"), 1e3 * size, "motion that the effect predicts [mm]"
+    x, x_label = _suspect(trace, effect, axis)
+    view = trace.state.fit.view
+    unit, value = view.to_twist(effect.spot.site)[:, view.positions] @ axis, twist @ axis
+    if np.any(axis[:3]) and np.any(axis[3:]):
+        return _usual(unit, value), x, x_label
+    gain, per = _gain(trace, effect)
+    name = f"{'rotation' if np.any(axis[3:]) else 'shift'} at the place{per}"
+    return Direction(unit * gain[:, None], value / gain, name, "rad" if np.any(axis[3:]) else "m"), x, x_label
+
+
+def _usual(unit: Array, value: Array) -> Direction:
+    """Return a direction in metres at the target of a typical reading."""
+    size = float(np.sqrt((unit**2).sum(axis=1).mean())) or 1.0
+    return Direction(unit / size, value * size, "residual along it,\nas in a typical reading", "m")
+
+
+def _per_kelvin(trace: Trace, effect: Effect, motion: Array, warm: Array) -> Direction:
+    """Return the direction of an effect that grows with a temperature above its reference."""
+    place = [inner.name for inner in effect.law.inner].index("reference")
+    lower = list(effect.inner)
+    lower[place] -= 1.0
+    moved = replace(effect, values=(*effect.amplitudes, *lower))
+    return _usual(motion_of(trace, moved) - motion, warm - effect.named["reference"])
+
+
+def _twist(trace: Trace, effect: Effect) -> tuple[Array, Array | None]:
+    """Return the (M, 6) twist of an effect and the one (6,) direction that it has, None where it has several."""
+    law, state = effect.law, trace.state
+    if not isinstance(law, TwistLaw):
+        return np.zeros((0, 6)), None
+    amplitudes = np.array([effect.amplitudes[i] for i in effect.spot.terms])
+    features = law.features(effect.spot, effect.inner, state.fit.view, state.scene)
+    twist = np.einsum("mka,k->ma", features, amplitudes)
+    _, sizes, directions = np.linalg.svd(twist, full_matrices=False)
+    if sizes[0] == 0.0 or sizes[1] > STRAIGHT * sizes[0]:
+        return twist, None
+    axis = np.where(np.abs(directions[0]) > STRAIGHT, directions[0], 0.0)
+    return twist, axis * np.sign(axis[np.abs(axis).argmax()])
+
+
+def _gain(trace: Trace, effect: Effect) -> tuple[Array, str]:
+    """Return what the effect is divided by, so that it depends on its column alone: the load, where it is a product."""
+    spot, law, rows = effect.spot, effect.law, trace.state.rows
+    is_product = law.loaded and spot.axis and spot.covariates and not spot.covariates[0].startswith("approach_")
+    if not is_product:
+        return np.ones(len(rows)), ""
+    load = trace.state.scene.wrench(trace.state.fit.view, spot.site)[rows, TWIST_NAMES.index(spot.axis)]
+    usual = float(np.median(np.abs(load))) or 1.0
+    tiny = 1e-3 * usual
+    gain = np.where(np.abs(load) < tiny, tiny, load) / usual
+    return gain, f"\nunder its median load ({_load(usual, spot.axis)})"
+
+
+def _load(value: float, axis: str) -> str:
+    unit = "Nm" if axis.startswith("r") else "N"
+    return f"{value / 1e3:.3g} k{unit}" if value >= 1e3 else f"{value:.3g} {unit}"
+
+
+def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, str]:
+    """Return (M,) what an effect depends on, and its label with unit."""
+    state, spot, law = trace.state, effect.spot, effect.law
+    rows, scene = state.rows, state.scene
+    if law.memory:
+        here, wrench = scene.here(spot, state.fit.setup.arm), scene.wrench(state.fit.view, spot.site)
+        return _remembered(law.memory.remember(here, wrench, scene.row, effect.inner)[rows], effect)
+    if spot.covariates and not (law.loaded and spot.covariates[0].startswith("approach_")):
+        return _column(scene, spot.covariates[0], rows)
+    if law.loaded and axis is not None:
+        main = int(np.abs(axis).argmax())
+        load = scene.wrench(state.fit.view, spot.site)[rows, main]
+        return _loads(load, WRENCH_NAMES[main], f"load {WRENCH_NAMES[main]} at {spot.place}")
+    own = spot.place in scene.joints and np.ptp(scene.column(f"q_{spot.place}")[rows]) > 0.0
+    return _column(scene, f"q_{spot.place}" if own and law.name not in CONSTANT else "time", rows)
+
+
+def _remembered(values: Array, effect: Effect) -> tuple[Array, str]:
+    if not effect.spot.covariates:
+        axis = str(effect.spot.axis)
+        return _loads(values, "m" if effect.spot.turns else "f", f"load {axis} that play passes on")
+    name, lag = effect.spot.covariates[0], effect.named.get("lag", 0.0)
+    return values, f"{name}, {lag / 3600.0:.2g} h behind" if lag else name
+
+
+def _loads(values: Array, kind: str, label: str) -> tuple[Array, str]:
+    unit = "Nm" if kind.startswith("m") else "N"
+    return (values / 1e3, f"{label} [k{unit}]") if np.abs(values).max() >= 2e3 else (values, f"{label} [{unit}]")
+
+
+def _column(scene: Scene, name: str, rows: np.ndarray) -> tuple[Array, str]:
+    if name == "time" and not scene.timed:
+        return rows.astype(float), "row"
+    values = scene.column(name)[rows]
+    if name in ("time", "hold"):
+        return (values / 3600.0, f"{name} [h]") if values.max() > 7200.0 else (values, f"{name} [s]")
+    kinds = {f"q_{joint.name}": "m" if joint.kind == "prismatic" else "rad" for joint in scene.robot.moving}
+    return values, f"{name} [{kinds[name]}]" if name in kinds else name
+
+
+def _resolved(trace: Trace, motion: Array, direction: Direction, x: Array, x_label: str) -> Suspicion:
+    """Return all residuals resolved along the effect, believed rows only, in a unit that suits them."""
+    fit, unit = trace.state.fit, direction.unit
+    where = fit.view.positions
+    sigma = fit.view.sigma[:, where]
+    information = np.maximum((unit**2 / sigma**2).sum(axis=1), 1e-300)
+    after = trace.residual[:, where]
+    residuals = (trace.before.view.residual[:, where], after + motion, after)
+    seen = [(unit / sigma**2 * residual).sum(axis=1) / information for residual in residuals]
+    kept = trace.believed & np.isfinite(direction.value)
+    factor, name = scaled(float(np.quantile(np.abs(direction.value[kept]), 0.9)), direction.base)
+    numbers = [array[kept] / factor for array in (*seen, direction.value, 1.0 / np.sqrt(information))]
+    return Suspicion(x[kept], *numbers, x_label, f"{direction.name} [{name}]")

@@ -1,0 +1,328 @@
+"""Joint positions that put the loaded, deflected tip where the rigid arm would have been.
+
+For each row the smallest change of the joints is found (in the norm given by `weights`) that cancels the tip's error
+inside the limits, with the Jacobian of the deflected arm. What cannot be reached is said, with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm
+from armflex.conventions import Array, as_pose, number
+from armflex.errors import Flag, InputError, UnreachableError, naming
+from armflex.mechanics.deflection import Deflection
+from armflex.tasks.compensate_doubts import doubts, too_fast, too_wide
+from armflex.tasks.correction import NEAR_SINGULAR, TOLERANCE, Corrector, Point
+from armflex.trajectory import Trajectory
+
+MAX_INSERTIONS = 8
+MAX_HISTORIES = 6
+SAME_STATE = 1e-9
+"""Relative change of a remembered state, such as play, below which rows need not be solved again."""
+
+LARGEST_CHANGE = 0.5
+"""A correction of more than this [rad or m] is no correction of a deflection."""
+
+TO_BLAME = 1e-3
+"""Joints are blamed whose way out of their limits has at least this part in the way the error would have to go."""
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class CompensatedRow:
+    """What came out for one row.
+
+    Attributes:
+        time: [s].
+        via: Name of the via-point, or ''.
+        before: (6,) error of the tip without compensation, deflected minus rigid, base axes [m, rad].
+        after: (6,) error that remains in the same form.
+        change: (nq,) change of the joint positions [rad or m].
+        reached: Whether the matched components are within `TOLERANCE`.
+        reason: Why not: "limit", "too far", "singular", "joints", "equilibrium", "history" or "tolerance", and what
+            exactly; '' when reached.
+        sigma_min: Smallest singular value of the matched Jacobian [m per m or rad].
+        smallest: Whether no smaller change near by reaches it, as far as could be shown; False where not reached.
+    """
+
+    time: float
+    via: str
+    before: Array
+    after: Array
+    change: Array
+    reached: bool
+    reason: str
+    sigma_min: float
+    smallest: bool = True
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """A compensated trajectory and what remains.
+
+    Attributes:
+        trajectory: The same rows with new joint positions.
+        rows: What came out for each.
+        match: "position" or "pose".
+        between_m: Largest error of the tip halfway between rows of one payload, the path being straight in joint
+            space there [m]; None with targets of one's own.
+        flags: Doubts: near singular rows, joints asked to move faster than their limit, payloads that change,
+            changes that may not be the smallest.
+    """
+
+    trajectory: Trajectory
+    rows: tuple[CompensatedRow, ...]
+    match: str
+    between_m: float | None
+    flags: tuple[Flag, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every row was reached."""
+        return all(row.reached for row in self.rows)
+
+
+def compensate(
+    arm: Arm,
+    trajectory: Trajectory,
+    match: str = "position",
+    targets: Sequence[object] | None = None,
+    weights: Array | None = None,
+    best_effort: bool = False,
+    between: float | None = None,
+    progress: Progress | None = None,
+    covariates: Mapping[str, float] | None = None,
+) -> Compensation:
+    """Return the trajectory whose deflected tip is where the rigid arm's would have been.
+
+    Where the arm's effects depend on the rows before, on the side that a joint came from or on play, it is those of the
+    compensated rows that count.
+
+    Args:
+        arm: The arm.
+        trajectory: Commanded path, payloads included.
+        match: "position" holds the tip's origin, "pose" its orientation too (six joints or more).
+        targets: Poses to hold instead, one per row: `pin.SE3`, (4, 4) or (7,) position and quaternion xyzw.
+        weights: (nq,) cost of moving each joint; 1 per rad and 1 per m when not given.
+        best_effort: Return the best feasible rows where others cannot be reached, instead of raising.
+        between: Insert rows until the error halfway between rows is at most this [m]; None keeps the given rows.
+        progress: Called with (rows done, rows in all).
+        covariates: What the arm's effects depend on and no column gives, the same in every row.
+
+    Raises:
+        MissingCovariateError: An effect depends on something that was not given.
+        UnreachableError: Some row cannot be reached; its `report` is the `Compensation`.
+        InputError: Bad targets, weights or positions, or a covariate that no effect depends on.
+    """
+    if match not in ("position", "pose"):
+        raise InputError(f"match is {match!r}, expected 'position' or 'pose'")
+    if between is not None and not between > 0.0:
+        raise InputError(f"between must be positive, got {between} m")
+    trajectory = trajectory.with_constants(arm, covariates or {})
+    scale = _scale(arm, weights)
+    poses = _targets(arm, trajectory, targets)
+    rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
+    gaps = _gaps(arm, trajectory, moved) if targets is None else None
+    for _ in range(MAX_INSERTIONS if between and gaps is not None else 0):
+        if not (gaps > between).any():
+            break
+        trajectory = trajectory.with_midpoints(gaps > between)
+        poses = _targets(arm, trajectory, None)
+        rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
+        gaps = _gaps(arm, trajectory, moved)
+    widest = None if gaps is None else float(gaps.max(initial=0.0))
+    derived = moved.derived_directions(arm)
+    flags = (*derived, *doubts(moved, rows), *too_fast(arm, trajectory, moved), *too_wide(widest, between))
+    result = Compensation(moved, rows, match, widest, flags)
+    if not (result.ok or best_effort):
+        raise UnreachableError(_summary(result), result)
+    return result
+
+
+def _solve_rows(
+    solver: _Solver, poses: list[pin.SE3], progress: Progress | None
+) -> tuple[tuple[CompensatedRow, ...], Trajectory]:
+    """Return every row and the moved trajectory, solved again while the rows' history is not that of the moved ones."""
+    arm, bare = solver.arm, solver.trajectory
+    moved = bare
+    for _ in range(MAX_HISTORIES):
+        history = moved.prepared(arm).covariates
+        solver = replace(solver, trajectory=replace(bare, covariates=history))
+        rows, moved = _solve_each(solver, poses, progress)
+        moved = replace(moved, covariates=bare.covariates)
+        if not arm.effects or _same(history, moved.prepared(arm).covariates):
+            return rows, moved
+    return _as_driven(solver, rows, moved, poses), moved
+
+
+def _solve_each(
+    solver: _Solver, poses: list[pin.SE3], progress: Progress | None
+) -> tuple[tuple[CompensatedRow, ...], Trajectory]:
+    rows: list[CompensatedRow] = []
+    for i, pose in enumerate(poses):
+        rows.append(solver.row(i, pose, rows[-1].change if rows else np.zeros_like(solver.scale)))
+        if progress:
+            progress(i + 1, len(poses))
+    moved = np.array([solver.inside(i, row.change) for i, row in enumerate(rows)])
+    return tuple(rows), replace(solver.trajectory, q=moved)
+
+
+def _same(before: Mapping[str, Array], after: Mapping[str, Array]) -> bool:
+    return all(np.allclose(before[name], after[name], rtol=SAME_STATE, atol=0.0) for name in before)
+
+
+def _as_driven(
+    solver: _Solver, rows: Sequence[CompensatedRow], moved: Trajectory, poses: list[pin.SE3]
+) -> tuple[CompensatedRow, ...]:
+    """Return the rows with what remains when they are driven: the sides that joints come from never settled."""
+    driven = replace(solver, trajectory=moved.prepared(solver.arm))
+    found = []
+    for i, (row, pose) in enumerate(zip(rows, poses, strict=True)):
+        after = _error(driven.ask(i, moved.q[i]).pose, pose)
+        left = float(np.abs(after[: solver.size]).max())
+        lost = row.reached and left > TOLERANCE
+        reason = "history: the change of the joints turns the side that one of them comes from" if lost else row.reason
+        found.append(replace(row, after=after, reached=row.reached and not lost, reason=reason))
+    return tuple(found)
+
+
+def _targets(arm: Arm, trajectory: Trajectory, targets: Sequence[object] | None) -> list[pin.SE3]:
+    if targets is None:
+        return [_rigid_pose(arm, trajectory, i) for i in range(len(trajectory))]
+    if len(targets) != len(trajectory):
+        raise InputError(f"targets: expected {len(trajectory)} poses, one per row, got {len(targets)}")
+    return [as_pose(target, f"target {i}") for i, target in enumerate(targets)]
+
+
+def _rigid_pose(arm: Arm, trajectory: Trajectory, i: int) -> pin.SE3:
+    with naming(_where(trajectory, i)):
+        return arm.rigid_pose(trajectory.q[i])
+
+
+def _where(trajectory: Trajectory, i: int) -> str:
+    return f"row {i} at {trajectory.time[i]:g} s"
+
+
+def _scale(arm: Arm, weights: Array | None) -> Array:
+    scale = np.ones(len(arm.joint_names)) if weights is None else np.asarray(weights, dtype=float)
+    if scale.shape != (len(arm.joint_names),) or not (scale > 0.0).all() or not np.isfinite(scale).all():
+        raise InputError(f"weights: expected {len(arm.joint_names)} positive numbers")
+    return np.sqrt(scale.min() / scale)
+
+
+@dataclass(frozen=True)
+class _Solver:
+    arm: Arm
+    trajectory: Trajectory
+    match: str
+    scale: Array
+
+    @property
+    def size(self) -> int:
+        return 3 if self.match == "position" else 6
+
+    def ask(self, i: int, q: Array) -> Deflection:
+        """Return the deflection of row i's load at joint positions q."""
+        return self.arm.deflection(q, self.trajectory.payload[i], enforce_limits=False, **self.trajectory.asked(i))
+
+    def row(self, i: int, target: pin.SE3, start: Array) -> CompensatedRow:
+        """Solve one row, starting from the previous row's change."""
+        t = self.trajectory
+        with naming(_where(t, i)):
+            before = _error(self.ask(i, t.q[i]).pose, target)
+        point, smallest, trouble = self.solve(i, target, start)
+        reached = point.left <= TOLERANCE
+        reason = "" if reached else trouble or self.explain(i, point)
+        time, via = float(t.time[i]), t.via[i]
+        return CompensatedRow(time, via, before, point.error, point.change, reached, reason, point.sigma_min, smallest)
+
+    def solve(self, i: int, target: pin.SE3, start: Array) -> tuple[Point, bool, str]:
+        """Return the best point, whether its change is shown to be the smallest, and what equilibrium was missed."""
+
+        def ask(change: Array) -> tuple[Array, Array]:
+            found = self.ask(i, self.trajectory.q[i] + change)
+            return _error(found.pose, target), found.total_jacobian[: self.size]
+
+        def find(start: Array) -> tuple[Point | None, bool, str]:
+            corrector = Corrector(ask, *self.box(i), self.scale)
+            return (*corrector.find(start), corrector.trouble)
+
+        found = find(start)
+        if start.any() and (found[0] is None or found[0].left > TOLERANCE):
+            # The previous row's change may lead astray where that row was not reached or the payload changes.
+            again = find(np.zeros_like(start))
+            if found[0] is None or (again[0] is not None and again[0].left < found[0].left):
+                found = again
+        if found[0] is None:
+            raise InputError(f"row {i} at {self.trajectory.time[i]:g} s: {found[2]}")
+        return found
+
+    def box(self, i: int) -> tuple[Array, Array]:
+        """Return the smallest and largest change of row i: inside the limits, and no more than `LARGEST_CHANGE`."""
+        low, high = (limit - self.trajectory.q[i] for limit in (self.arm.robot.lower, self.arm.robot.upper))
+        return np.clip(-LARGEST_CHANGE, low, high), np.clip(LARGEST_CHANGE, low, high)
+
+    def inside(self, i: int, change: Array) -> Array:
+        """Return row i's joint positions after a change; rounding takes none past its limit."""
+        return np.clip(self.trajectory.q[i] + change, self.arm.robot.lower, self.arm.robot.upper)
+
+    def explain(self, i: int, point: Point) -> str:
+        """Return why row i was not reached."""
+        count, sigma = len(point.change), point.sigma_min
+        if count < self.size == 6:
+            return f"joints: a pose takes six, this arm has {count}"
+        if blamed := self.blocked(i, point):
+            return blamed
+        if sigma < NEAR_SINGULAR:
+            return f"singular: smallest singular value {sigma:.1e}"
+        if count < self.size:
+            return f"joints: a position takes three, this arm has {count}"
+        return "tolerance: the iteration stalled"
+
+    def blocked(self, i: int, point: Point) -> str:
+        """Return which joints could lower the error if they were let further, and what holds them; '' if none."""
+        (low, high), change = self.box(i), point.change
+        pull = point.jacobian.T @ point.matched
+        size = np.linalg.norm(point.jacobian, axis=0) * np.linalg.norm(point.matched)
+        down, up = (sign * pull > TO_BLAME * size for sign in (1.0, -1.0))
+        stuck = ((change <= low + 1e-9) & down) | ((change >= high - 1e-9) & up)
+        far = np.abs(change) >= LARGEST_CHANGE - 1e-9
+        names = np.array(self.arm.joint_names)
+        parts = []
+        if (stuck & ~far).any():
+            parts.append(f"limit: {', '.join(names[stuck & ~far])}")
+        if (stuck & far).any():
+            parts.append(f"too far: {', '.join(names[stuck & far])} by more than {LARGEST_CHANGE:g} rad or m")
+        return "; ".join(parts)
+
+
+def _error(pose: pin.SE3, target: pin.SE3) -> Array:
+    turn = pin.log3(pose.rotation @ target.rotation.T)
+    return np.concatenate([pose.translation - target.translation, turn])
+
+
+def _gaps(arm: Arm, commanded: Trajectory, moved: Trajectory) -> Array:
+    """Return the (N - 1,) tip error halfway between rows [m], 0 where the payload changes between them."""
+    gaps, known = np.zeros(len(commanded) - 1), moved.prepared(arm)
+    for segment in range(len(gaps)):
+        if commanded.payload[segment] == commanded.payload[segment + 1]:
+            target = arm.rigid_pose(commanded.at(segment, np.array([0.5])).q[0])
+            middle = known.at(segment, np.array([0.5]))
+            pose = arm.deflection(middle.q[0], middle.payload[0], **middle.asked(0)).pose
+            gaps[segment] = np.linalg.norm(pose.translation - target.translation)
+    return gaps
+
+
+def _summary(result: Compensation) -> str:
+    lost = [row for row in result.rows if not row.reached]
+    worst = max(lost, key=lambda row: float(np.linalg.norm(row.after[:3])))
+    left = float(np.linalg.norm(worst.after[:3]))
+    what = f"{len(lost)} of {len(result.rows)} rows cannot be reached"
+    place = f"{worst.time:g} s {worst.via}".rstrip()
+    return f"{what}; worst at {place}: {number(left * 1e3, 3)} mm remain, {worst.reason}"

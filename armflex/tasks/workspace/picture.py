@@ -1,0 +1,95 @@
+"""A map as a picture: from the side and from above, with the arm where its tip moves most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.picture import picture
+from armflex.tasks.workspace.workspace_map import WorkspaceMap
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+    from matplotlib.image import AxesImage
+
+VIEWS: dict[str, tuple[str, str, Callable[[Array], Array]]] = {
+    "all around": (
+        "distance from the base's z axis [m]",
+        "z [m]",
+        lambda p: np.stack([np.hypot(*p[:, :2].T), p[:, 2]]),
+    ),
+    "from above": ("x [m]", "y [m]", lambda p: p[:, :2].T),
+}
+"""Title -> names of the axes, and (2, N) where (N, 3) points are seen. Most arms turn about an upright axis: seen from
+one side, the rim of the workspace would hide all that is within."""
+
+
+def draw_map(arm: Arm, found: WorkspaceMap, path: str | Path, tolerance: float | None = None) -> Path:
+    """Write a picture of the largest displacement in the voxels that are seen at one place.
+
+    Args:
+        arm: The arm of the map, drawn where its tip moves most.
+        found: The map.
+        path: Ends in .png, .pdf or .svg.
+        tolerance: Where the colours change from blue to red [m].
+
+    Raises:
+        InputError: The path ends otherwise, or the tolerance is no positive length.
+        FileError: It cannot be written.
+    """
+    path = Path(path)
+    with picture(path, 13.0, 6.0) as figure:
+        colours, norm = _colours(found, tolerance)
+        places = figure.subplots(1, len(VIEWS))
+        for axes, (title, (right, up, seen)) in zip(places, VIEWS.items(), strict=True):
+            image = _draw(axes, found, seen, colours, norm)
+            axes.plot(*seen(_skeleton(arm, found)), color="0.1", lw=1.5, marker="o", ms=3)
+            axes.set(title=title, xlabel=right, ylabel=up, aspect="equal")
+        bar = figure.colorbar(image, ax=places, label=f"largest displacement of {found.tip} [mm]")
+        if tolerance is not None:
+            bar.ax.axhline(tolerance * 1e3, color="0.1", lw=2)
+        figure.suptitle(_title(found, tolerance))
+    return path
+
+
+def _colours(found: WorkspaceMap, tolerance: float | None) -> tuple[str, Normalize]:
+    """Return the name of a scale of colours, and where it begins and ends [mm]."""
+    from matplotlib.colors import Normalize, TwoSlopeNorm
+
+    most = float(np.nanmax(found.worst, initial=1e-6)) * 1e3
+    if tolerance is None:
+        return "viridis", Normalize(0.0, most)
+    found.margin(tolerance)  # is it one?
+    limit = tolerance * 1e3
+    return "RdYlBu_r", TwoSlopeNorm(limit, 0.0, max(most, 1.001 * limit))
+
+
+def _draw(axes: Axes, found: WorkspaceMap, seen: Callable[[Array], Array], colours: str, norm: Normalize) -> AxesImage:
+    """Draw the largest displacement at every place; a cross stands where a configuration was refused."""
+    place = np.floor(seen(found.centres) / found.voxel).astype(int)
+    low, high = place.min(axis=1), place.max(axis=1) + 1
+    most = np.full(tuple((high - low)[::-1]), -1.0)
+    np.maximum.at(most, tuple((place - low[:, None])[::-1]), np.nan_to_num(found.worst, nan=-1.0))
+    extent = (np.array([low, high]) * found.voxel).T.ravel()
+    image = axes.imshow(np.ma.masked_less(most * 1e3, 0.0), extent=extent, origin="lower", cmap=colours, norm=norm)
+    axes.plot(*seen(found.centres[found.refused.any(axis=1)]), "x", color="0.3", ms=3)
+    return image
+
+
+def _skeleton(arm: Arm, found: WorkspaceMap) -> Array:
+    """Return the (k, 3) origins of the links from base to tip where the tip moves most, undeflected [m]."""
+    pose = Arm(arm.robot).deflection(found.worst_q[found.worst_voxel]).link_poses()  # rigid: it needs no covariates
+    return np.array([np.zeros(3), *(pose[joint.child][:3, 3] for joint in arm.robot.chain)])
+
+
+def _title(found: WorkspaceMap, tolerance: float | None) -> str:
+    carried = ", ".join(found.payloads)
+    title = f"{found.rows:,} configurations, payload {carried}, voxels of {found.voxel:g} m, base {found.base}"
+    title += f", {found.draws} draws" if found.draws else ""
+    return title if tolerance is None else f"{title}, tolerance {tolerance * 1e3:g} mm"

@@ -1,0 +1,345 @@
+"""`map_workspace`: how far the tip of a loaded arm moves, wherever it can be."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+
+from armflex.arm import Arm
+from armflex.configurations import MOST_ROWS, Configurations, default_voxel, drawn_range, furthest
+from armflex.conventions import Array, number
+from armflex.errors import NO_ANSWER, Flag, InputError, UnknownNameError
+from armflex.estimate.draw import draw_arms
+from armflex.estimate.spread import without_declared_doubt
+from armflex.laws.effects.remember import settled
+from armflex.mechanics.equilibrium import METHODS
+from armflex.parallel import in_order
+from armflex.storage.digest import digest
+from armflex.storage.kept import Kept, open_kept
+from armflex.tasks.check import COVERAGE
+from armflex.tasks.workspace.question import Answer, Question, answers, sigmas
+from armflex.tasks.workspace.store import form_of
+from armflex.tasks.workspace.tally import SIDE, Tally, cell_indices, joined
+from armflex.version import __version__
+
+Progress = Callable[[int, int], None]
+
+CHUNK = 8192
+"""Configurations that are asked, counted and kept together."""
+
+JOINED_AT_ONCE = 16
+"""Chunks whose tallies wait to be joined with the rest, as all cells are sorted each time."""
+
+WORST_AT_ONCE = 256
+"""Largest displacements whose uncertainty is found together."""
+
+MOST_DRAWS = 1000
+"""Arms that are drawn; each has its own models, of some hundred kilobytes."""
+
+MOST_VOXELS = 5_000_000
+"""Voxels that a map may have, which is about a gigabyte."""
+
+PARTS = ("robot", "flexures", "corrections", "effects")
+"""What an arm's answers depend on, beside what it carries."""
+
+VERDICTS = ("ok", "uncertain", "fail")
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class WorkspaceMap:
+    """The displacement of the tip by where the rigid arm has it: V voxels of a grid along the base's axes.
+
+    An answer is that of one configuration under one payload by the arm as it is; those of arms that were drawn from
+    what is known of it are in `worst_of_draws` alone.
+
+    Attributes:
+        voxel: Edge of a voxel [m].
+        index: (V, 3) which voxel; 0 0 0 has the base's origin as its lowest corner.
+        configurations: (V,) how many had their rigid tip there.
+        answered: (V,) answers.
+        refused: (V, r) configurations and payloads without an answer, for each of `reasons`.
+        reasons: "unstable", "too_large" (a flexure turns too far for its law), "no_equilibrium", "beyond_training".
+        mean: (V,) mean displacement [m], NaN where everything was refused.
+        worst: (V,) largest displacement [m], likewise.
+        sigma: (V,) its standard uncertainty [m], likewise and where it cannot be told; None where nobody states one.
+        worst_of_draws: (V,) largest displacement of any drawn arm [m], inf where one has no answer to a configuration
+            there; None where none were drawn.
+        worst_q: (V, nq) configuration of the largest [rad or m].
+        worst_payload: (V,) its payload, as a place in `payloads`.
+        payloads: Names of what was carried in turn.
+        joints, base, tip: Order of q, and the frames.
+        rows, seed: How many configurations were drawn, and how.
+        draws: How many arms were drawn.
+        flags: Doubts about the arm as it is; each came up somewhere.
+    """
+
+    voxel: float
+    index: np.ndarray
+    configurations: np.ndarray
+    answered: np.ndarray
+    refused: np.ndarray
+    reasons: tuple[str, ...]
+    mean: Array
+    worst: Array
+    sigma: Array | None
+    worst_of_draws: Array | None
+    worst_q: Array
+    worst_payload: np.ndarray
+    payloads: tuple[str, ...]
+    joints: tuple[str, ...]
+    base: str
+    tip: str
+    rows: int
+    seed: int
+    draws: int
+    flags: tuple[Flag, ...]
+
+    def __repr__(self) -> str:
+        """One line: how much was asked, and the largest displacement."""
+        most = f"up to {number(self.worst[self.worst_voxel] * 1e3)} mm" if self.answered.any() else "nowhere"
+        size = f"{self.rows} configurations, {len(self.payloads)} payloads, {len(self)} voxels of {self.voxel:g} m"
+        return f"<WorkspaceMap: {size}, {self.tip} moves {most}>"
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @cached_property
+    def centres(self) -> Array:
+        """(V, 3) centres of the voxels in the base frame [m]."""
+        return (self.index + 0.5) * self.voxel
+
+    @property
+    def worst_voxel(self) -> int:
+        """Which voxel holds the largest displacement of all."""
+        return int(np.nanargmax(self.worst)) if self.answered.any() else 0
+
+    def margin(self, tolerance: float) -> Array:
+        """Return (V,) tolerance minus the largest displacement [m], -inf where a configuration was refused.
+
+        Raises:
+            InputError: The tolerance is no positive length [m].
+        """
+        if not 0.0 < tolerance < np.inf:
+            raise InputError(f"tolerance must be positive, got {tolerance} m")
+        return np.where(self.refused.any(axis=1), -np.inf, tolerance - self.worst)
+
+    def verdicts(self, tolerance: float) -> np.ndarray:
+        """Return (V,) "ok", "uncertain" or "fail", as `check` would say of the worst in every voxel.
+
+        What would be ok is uncertain where a drawn arm is beyond the tolerance, or has no answer.
+        """
+        margin = self.margin(tolerance)
+        doubt = np.zeros(len(self)) if self.sigma is None else COVERAGE * np.nan_to_num(self.sigma, nan=np.inf)
+        doubtful = np.isfinite(margin) & (np.abs(margin) < doubt)
+        if self.worst_of_draws is not None:
+            doubtful |= (margin >= 0.0) & (self.worst_of_draws > tolerance)
+        return np.where(doubtful, "uncertain", np.where(margin >= 0.0, "ok", "fail"))
+
+
+def map_workspace(
+    arm: Arm,
+    payloads: str | Sequence[str] = "none",
+    *,
+    rows: int = 1 << 16,
+    voxel: float | None = None,
+    seed: int = 0,
+    covariates: Mapping[str, float] | None = None,
+    method: str = "exact",
+    strict: bool = False,
+    uncertainty: bool = True,
+    draws: int = 0,
+    jobs: int | None = None,
+    chunk: int = CHUNK,
+    store: str | Path | None = None,
+    progress: Progress | None = None,
+) -> WorkspaceMap:
+    """Ask an arm how far its tip moves at configurations spread evenly over its joint limits, under every payload.
+
+    Memory is bounded by the voxels reached, however many configurations there are. The map does not depend on the
+    number of processes; `joblib.parallel_config(backend="dask")` around the call puts it on a cluster.
+
+    Args:
+        arm: The arm.
+        payloads: Name or names; "none" for nothing carried.
+        rows: Number of configurations; a power of two covers the joint limits most evenly.
+        voxel: Edge of a voxel [m]; a round one when not given.
+        seed: Of the configurations, see `Configurations`.
+        covariates: What the arm's effects depend on, the same everywhere.
+        method: See `Arm.deflection`.
+        strict: Refuse, and count, loads beyond those that a trained law has seen.
+        uncertainty: False leaves out the standard uncertainty of the largest displacement in every voxel.
+        draws: Ask so many arms drawn from what is known of this one as well, see `draw_arms`; `seed` is theirs, too.
+            All else in the map is as without them.
+        jobs: Processes, -1 for all cores; None for what joblib was told, else one.
+        chunk: Configurations that are asked at once, a power of two; part of what the map's last digits depend on.
+        store: Folder that keeps finished chunks. With it an interrupted map goes on from where it was, and one of more
+            rows from one of fewer.
+        progress: Called with (done, in all): configurations, then also voxels whose uncertainty is found.
+
+    Raises:
+        UnknownNameError: No such payload or method.
+        InputError: A number is out of its range, no effect depends on a covariate, or the voxels would be too many.
+        FileError: The store belongs to another map or cannot be used.
+        MissingCovariateError: An effect depends on something that was not given.
+    """
+    rows, seed, chunk, draws = _counts(rows, seed, chunk, draws)
+    lower, upper, flags = drawn_range(arm)
+    names = _payload_names(arm, payloads)
+    if method not in METHODS:
+        raise UnknownNameError("method", method, METHODS)
+    edge = _edge(voxel, furthest(arm, lower, upper), rows)
+    known = settled(arm, covariates or {})
+    options = {"covariates": known, "method": method, "strict": strict}
+    arms = (without_declared_doubt(arm), *(draw_arms(arm, draws, seed) if draws else ()))
+    question = Question(arms, names, edge, options)
+    drawn = Configurations(lower, upper, rows, seed, chunk)
+    kept = None
+    if store is not None:
+        kept = open_kept(Path(store), _manifest(question, drawn), form_of(len(lower), len(names)))
+    with closing(_chunks(question, drawn, kept, jobs)) as chunks:
+        tally, met = _gathered(drawn, chunks, progress)
+    sigma, doubts = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
+    return _map_of(question, drawn, tally, sigma, (*flags, *met, *doubts))
+
+
+def _counts(rows: int, seed: int, chunk: int, draws: int) -> tuple[int, int, int, int]:
+    try:
+        rows, seed, chunk, draws = (operator.index(value) for value in (rows, seed, chunk, draws))
+    except TypeError:
+        text = f"rows {rows!r}, seed {seed!r}, chunk {chunk!r}, draws {draws!r}"
+        raise InputError(f"{text}: expected whole numbers") from None
+    if not 0 <= draws <= MOST_DRAWS:
+        raise InputError(f"draws is {draws}, expected 0 to {MOST_DRAWS}")
+    if not 1 <= rows <= MOST_ROWS:
+        raise InputError(f"{rows} configurations: expected 1 to {MOST_ROWS}")
+    if seed < 0:
+        raise InputError(f"seed is {seed}, expected 0 or more")
+    if not 1 <= chunk <= 1 << 20 or chunk & (chunk - 1):
+        raise InputError(f"chunk is {chunk}, expected a power of two up to {1 << 20}")
+    return rows, seed, chunk, draws
+
+
+def _payload_names(arm: Arm, payloads: str | Sequence[str]) -> tuple[str, ...]:
+    names = (payloads,) if isinstance(payloads, str) else tuple(payloads)
+    if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+        raise InputError(f"payloads {names!r}: expected one name or several different ones")
+    for name in names:
+        arm.payload(name)
+    return names
+
+
+def _edge(voxel: float | None, reach: float, rows: int) -> float:
+    """Return the edge of a voxel [m] for a tip that is never beyond `reach` [m] of the base."""
+    edge = default_voxel(reach) if voxel is None else float(voxel)
+    if not 0.0 < edge < np.inf:
+        raise InputError(f"voxel must be positive, got {voxel} m")
+    along = 2.0 * np.ceil(reach / edge)
+    if along > 2 * SIDE or min(float(rows), along**3) > MOST_VOXELS:
+        text = f"voxels of {edge:g} m within {reach:.3g} m of the base may be more than {MOST_VOXELS}"
+        raise InputError(f"{text}: ask for larger ones or for fewer configurations")
+    return edge
+
+
+def _manifest(question: Question, drawn: Configurations) -> dict[str, object]:
+    """Return everything that a chunk depends on by name, in numbers where a person can read them."""
+    import scipy  # not needed otherwise before there is work
+
+    arm = question.arm
+    parts = {name: digest(getattr(arm, name)) for name in PARTS}
+    carried = {f"payload {name}": digest(arm.payload(name)) for name in question.payloads}
+    software = {"armflex": __version__, **{module.__name__: module.__version__ for module in (np, scipy, pinocchio)}}
+    settings = {"payloads": list(question.payloads), "voxel": question.voxel}
+    settings |= {"seed": drawn.seed, "chunk": drawn.chunk, **question.options, "draws": _digests(question.arms[1:])}
+    return {"format": "armflex-map-chunks-4", **parts, **carried, **settings, **software}
+
+
+def _digests(arms: Sequence[Arm]) -> list[str]:
+    return [digest(tuple(getattr(arm, name) for name in PARTS)) for arm in arms]
+
+
+def _chunks(
+    question: Question, drawn: Configurations, kept: Kept[Answer] | None, jobs: int | None
+) -> Generator[Answer, None, None]:
+    """Yield every chunk's answer in order: read where it is kept, else found, and kept."""
+
+    def tasks(wanted: list[bool]) -> Iterator[Callable[[], Answer]]:
+        return (partial(answers, question, q) for q in drawn.chunks(wanted))
+
+    if kept is None:
+        return in_order(tasks([True] * len(drawn.sizes)), jobs)
+    return kept.resumed([f"chunk-{i:07d}-{size}" for i, size in enumerate(drawn.sizes)], tasks, jobs)
+
+
+def _gathered(
+    drawn: Configurations, chunks: Iterable[Answer], progress: Progress | None
+) -> tuple[Tally, tuple[Flag, ...]]:
+    """Return all chunks as one tally, joined in their order, and the doubts met, each once."""
+    flags: dict[str, Flag] = {}
+    waiting: list[Tally] = []
+    done = 0
+    for size, answer in zip(drawn.sizes, chunks, strict=True):
+        waiting.append(answer.tally)
+        if len(waiting) > JOINED_AT_ONCE:
+            waiting = [joined(waiting)]
+        for flag in answer.flags:
+            flags.setdefault(flag.code, flag)
+        done += size
+        if progress:
+            progress(done, drawn.rows)
+    return joined(waiting), tuple(flags.values())
+
+
+def _uncertainties(
+    question: Question, drawn: Configurations, tally: Tally, jobs: int | None, progress: Progress | None
+) -> tuple[Array | None, tuple[Flag, ...]]:
+    """Return (V,) standard uncertainties of the largest displacements, None where nobody states any, and doubts.
+
+    Only these are asked for: an uncertainty takes as long as tens of displacements.
+    """
+    some = np.flatnonzero(tally.answered)
+    pieces = [some[first : first + WORST_AT_ONCE] for first in range(0, len(some), WORST_AT_ONCE)]
+    tasks = (partial(sigmas, question, tally.q[rows], tally.payload[rows]) for rows in pieces)
+    sigma, flags, done = np.full(len(tally), np.nan), {}, 0
+    for rows, (found, doubts) in zip(pieces, in_order(tasks, jobs), strict=True):
+        sigma[rows] = found
+        flags |= {flag.code: flag for flag in doubts}
+        done += len(rows)
+        if progress:
+            progress(drawn.rows + done, drawn.rows + len(some))
+    return sigma if np.isfinite(sigma).any() else None, tuple(flags.values())
+
+
+def _map_of(
+    question: Question, drawn: Configurations, tally: Tally, sigma: Array | None, flags: tuple[Flag, ...]
+) -> WorkspaceMap:
+    arm, some = question.arm, tally.answered > 0
+    blank = np.where(some, 0.0, np.nan)
+    return WorkspaceMap(
+        voxel=question.voxel,
+        index=cell_indices(tally.cell),
+        configurations=tally.configurations,
+        answered=tally.answered,
+        refused=tally.refused,
+        reasons=tuple(NO_ANSWER),
+        mean=tally.total / np.maximum(tally.answered, 1) + blank,
+        worst=np.where(some, tally.worst, np.nan),
+        sigma=sigma,
+        worst_of_draws=tally.worst_of_draws if len(question.arms) > 1 else None,
+        worst_q=tally.q,
+        worst_payload=tally.payload,
+        payloads=question.payloads,
+        joints=arm.joint_names,
+        base=arm.robot.base,
+        tip=arm.robot.tip,
+        rows=drawn.rows,
+        seed=drawn.seed,
+        draws=len(question.arms) - 1,
+        flags=flags,
+    )

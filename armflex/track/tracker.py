@@ -1,0 +1,385 @@
+"""`Tracker`: calibration kept up with the arm, one reading at a time, for a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import isfinite
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import ArmflexError, InputError, ModelFileError, Place, UnknownNameError
+from armflex.mechanics.rows import kernel
+from armflex.rows.rows import APPROACH, last_motion
+from armflex.storage.digest import digest
+from armflex.track.estimate import Estimate, estimate_of, recentred, spread, take, widen
+from armflex.track.groups import Group
+from armflex.track.model import model_of
+from armflex.track.reading import Reading, as_row, number, sensible
+from armflex.track.sight import Sight
+from armflex.track.state import begun
+from armflex.track.state_file import LAYOUT, read_state, write_state
+from armflex.track.watch import WINDOW, Anchor, Change, Found, contradicted, fainter, seek
+
+KEPT = 100
+"""Changes that are remembered."""
+
+EVERY, PATIENCE = 16, 0.02
+"""Drift is added to the covariance at every sixteenth reading at the latest, and before a reading where it has come to
+this part of a parameter's variance: a new square root costs more than a reading."""
+
+HEARD = 1e12
+"""What is not known of a reading, in its standard deviations, at most: a kilometre where it is read to a nanometre."""
+
+FASTEST = 10
+"""A rate, per unit of time, at most, by what is expected of a change."""
+
+
+class Step(NamedTuple):
+    """What became of a reading.
+
+    Attributes:
+        weight: 1 for most; less the farther a reading is from what was expected, 0 where it was left out.
+        distance: How far it is, in standard deviations of what was expected (Mahalanobis).
+        change: What is announced with it, None for most.
+    """
+
+    weight: float
+    distance: float
+    change: Change | None
+
+
+class Tracker:
+    """The streaming form of `calibrate`; for one thread. Without drift it is the same least squares, to rounding.
+
+    It starts from what a calibration left of certainty (`Arm.certainty`), or where there is none from [prior]. Frames
+    of the campaign's sessions are left behind: every new session's frame is uncertain as [prior] says. Effects of the
+    arm stay as they are; where one derives from which side a joint came (`Effect.derived`), readings tell it by their
+    order unless they give it. Directions of parameters that calibration left open are as uncertain as can be until a
+    reading tells of them. A reading that is off counts less; where several agree that a law has changed, the law is
+    announced, and followed from where it changed. What is not among the parameters cannot be told from what is.
+
+    While too little is known to tell a gross reading from a true one (the arm is as declared, or the session is new),
+    the readings so far, 48 at most, are judged again by one another after every reading, and no change is announced.
+
+    Memory is constant. An update takes some tenths of a millisecond, one that judges readings again or looks for a
+    change some milliseconds. The first reading with a payload takes ten milliseconds more; the first tracker of all on
+    a machine takes some seconds to make: it compiles, and what it compiled is kept.
+
+    Args:
+        arm: A calibrated arm, or one that is measured in its base.
+        rates: How fast what drifts, one standard deviation of a random walk per square root of a second where readings
+            have a time, else per square root of a reading; by the beginning of parameters' labels ('compliance A4'), in
+            their units. What is not named does not drift.
+        sigma: What the arm does that no parameter explains [m], one standard deviation, beside that of every reading: 0
+            where the calibration came down to the noise.
+
+    Raises:
+        InputError: Nobody knows where the instrument stands, or nothing may move; a rate or sigma is no number of its
+            kind, or absurd.
+        UnknownNameError: A rate is for no parameter.
+    """
+
+    def __init__(self, arm: Arm, rates: Mapping[str, float] | None = None, sigma: float = 0.0) -> None:
+        self._arm, self._model, self._sigma = arm, model_of(arm), number(sigma, "sigma")
+        if self._sigma:
+            sensible(self._sigma, "sigma")
+        rates = {} if rates is None else rates
+        self._variance = _variances(rates, self.labels, self._model.groups)
+        self._rates = {name: float(rate) for name, rate in rates.items()}
+        self._derived = tuple({name: None for effect in arm.effects for name in effect.derived})
+        self._drifting = np.flatnonzero(self._variance)
+        self._state = begun(estimate_of(self._model.known), self._model.point)
+        self._sight = self._sight_at(self._state.point)
+        kernel().compile_everything()  # now, not in the loop
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Block and parameter of each, as calibration names them."""
+        return self._model.labels
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of what can be announced to have changed."""
+        return tuple(group.name for group in self._model.groups)
+
+    @property
+    def values(self) -> Array:
+        """(P,) deviations from the arm that tracking started with; values of learned laws as they are."""
+        return self._model.at(self._state.point, self._state.estimate.values)
+
+    @property
+    def covariance(self) -> Array:
+        """(P, P) covariance, drift up to now included."""
+        state, model = self._state, self._model
+        factor, drifted = model.factor(state.estimate.values), self._variance * (state.clock - state.drifted)
+        return state.estimate.covariance / np.outer(factor, factor) + np.diag(drifted)
+
+    @property
+    def std(self) -> Array:
+        """(P,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def readings(self) -> int:
+        """How many readings were taken in."""
+        return self._state.count
+
+    @property
+    def outliers(self) -> int:
+        """How many of them counted less than in full."""
+        return self._state.outliers
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """What was announced, the last hundred, the latest last."""
+        return tuple(self._state.changes)
+
+    @property
+    def arm(self) -> Arm:
+        """The arm as it is known now, with its certainty: for `compensate`, `deflection`, or another tracker."""
+        return self._model.arm(self.values, self.covariance)
+
+    @property
+    def stale(self) -> bool:
+        """Whether the estimate is so far from where the arm was linearised that `relinearise` is worth its time."""
+        if self._state.watch.unsettled and self._state.watch.part == 1.0:
+            return False
+        return bool((np.abs(self._state.estimate.values) > self._model.straight).any())
+
+    def update(self, reading: Reading) -> Step:
+        """Take in a reading.
+
+        Raises:
+            InputError, UnknownNameError, MissingCovariateError, ConvergenceError, UnstableEquilibriumError: The reading
+                cannot be used, see `Sight`, or its time runs backwards; the tracker is as it was before.
+        """
+        if not isinstance(reading, Reading):
+            raise InputError(f"expected a Reading, got {reading!r}")
+        reading, moved = self._directed(reading)
+        seen, clock, state = self._sight(reading), self._clock_at(reading), self._state
+        if self._derived:
+            state.q, state.approach = moved
+        if reading.session != state.session:
+            self._enter(reading.session)
+        state.clock, state.timed = clock, reading.time is not None
+        state.time = float(reading.time) if state.timed else None
+        self._drift()
+        watch = state.watch
+        if watch.turning:
+            watch.turn(state.now)
+        before, state.count = state.estimate, state.count + 1
+        state.estimate, weight, distance = take(before, seen)
+        state.outliers += weight < 1.0
+        try:
+            if watch.unsettled:
+                watch.add_unsettled(reading, seen, weight, spread(before, seen))
+                return Step(self._reconsidered(), distance, None)
+            suspicious = watch.add(seen, weight, distance)
+            return Step(weight, distance, self._look() if suspicious else None)
+        except np.linalg.LinAlgError as error:
+            text = f"what is known and the last readings differ too much in size ({error}): begin a new tracker"
+            raise InputError(text) from None
+
+    def relinearise(self) -> None:
+        """Linearise the arm about the present estimate: some milliseconds, not for a tick of a controller.
+
+        Raises:
+            ConvergenceError, UnstableEquilibriumError: The arm would not stay there; the tracker is as it was before.
+        """
+        state, model, step = self._state, self._model, self._state.estimate.values
+        factor, point = model.factor(step), model.at(state.point, step)
+        sight = self._sight_at(point)
+        anew = [sight(reading) for reading in state.watch.readings]
+        state.point, self._sight = point, sight
+        state.estimate = recentred(state.estimate, step, factor)
+        state.watch.recentre(step, factor)
+        if anew:
+            state.watch.window = anew
+            self._take_again(self._before, *contradicted(anew, self._before))
+
+    def save(self, path: str | Path) -> Path:
+        """Write all that is known to a file, whole or not at all; return its path."""
+        return write_state(self._state, self._about, Path(path))
+
+    @classmethod
+    def restore(cls, path: str | Path, arm: Arm) -> Tracker:
+        """Return a tracker that goes on where it was saved, to the last bit; `arm` is the one that it began with.
+
+        Raises:
+            ModelFileError: Missing, damaged, no tracker's state, or that of another arm.
+        """
+        state, about = read_state(Path(path))
+        if about["arm"] != digest(arm):
+            raise ModelFileError(Place(Path(path)), "is of another arm: expected the one that the tracker began with")
+        try:
+            tracker = cls(arm, about["rates"], about["sigma"])
+            if len(state.point) != len(tracker.labels):
+                raise InputError(f"{len(state.point)} parameters, expected the arm's {len(tracker.labels)}")
+            tracker._state = state
+            tracker._sight = tracker._sight_at(state.point)
+            if state.q is not None:
+                arm.check_position(state.q)
+            for reading in state.watch.readings:
+                arm.payload(reading.payload)
+                as_row(reading, arm)
+            tracker._check_numbers()
+        except ArmflexError as error:
+            raise ModelFileError(Place(Path(path)), f"does not hold {LAYOUT.what} of this arm: {error}") from None
+        return tracker
+
+    def _check_numbers(self) -> None:
+        """Raise `InputError` where a state's numbers differ so much in size that rounding leaves nothing of them."""
+        state, watch = self._state, self._state.watch
+        try:
+            for before in (self._before, watch.first.estimate, watch.later.estimate, state.estimate):
+                heard = [float(np.abs(seen.columns @ before.root).max()) for seen in watch.window]
+                if max(heard, default=0.0) > HEARD:
+                    raise InputError("a reading says less of the parameters than rounding leaves")
+                if watch.window:
+                    contradicted(watch.window, before)
+        except np.linalg.LinAlgError as error:
+            raise InputError(f"its window cannot be judged again: {error}") from None
+        if not np.isfinite(self.covariance).all():
+            raise InputError("its covariance is not finite")
+
+    @property
+    def _about(self) -> dict[str, object]:
+        """What a state is of."""
+        return {"arm": digest(self._arm), "rates": self._rates, "sigma": self._sigma}
+
+    def _sight_at(self, point: Array) -> Sight:
+        model = self._model
+        return Sight(model.setup(point), model.blocks, model.aside.unexplained, self._sigma)
+
+    def _directed(self, reading: Reading) -> tuple[Reading, tuple[list[float], list[float]] | None]:
+        """Return a reading with the directions that effects derive as the readings before tell them, and the motion.
+
+        What a reading gives itself counts; where none before tells a direction, it stays untold.
+        """
+        if not self._derived:
+            return reading, None
+        q, state, names = self._arm.check_position(reading.q)[0], self._state, self._arm.joint_names
+        moved = last_motion(np.array([q if state.q is None else state.q, q]))[1]
+        approach = np.where(moved == 0.0, np.zeros(len(q)) if state.approach is None else state.approach, moved)
+        known = {f"{APPROACH}{name}": side for name, side in zip(names, approach.tolist(), strict=True) if side}
+        told = {name: known[name] for name in self._derived if name in known}
+        return replace(reading, covariates={**told, **reading.covariates}), (q.tolist(), approach.tolist())
+
+    def _clock_at(self, reading: Reading) -> float:
+        """Return the time that drift goes by, at a reading."""
+        state, timed = self._state, reading.time is not None
+        if state.timed is not None and timed != state.timed:
+            raise InputError("time: given for some readings and not for others")
+        if not timed:
+            return state.clock + 1.0
+        time = number(reading.time, "time")
+        if not isfinite(time):
+            raise InputError(f"time: expected a finite number of seconds, got {time:g}")
+        if state.time is not None and time < state.time:
+            raise InputError(f"time: {time:.12g} s after {state.time:.12g} s, expected readings in order")
+        return state.clock + (time - state.time if state.time is not None else 0.0)
+
+    def _enter(self, session: str) -> None:
+        """Begin a session: its frame is uncertain, and readings before it say nothing of its changes."""
+        state = self._state
+        state.session = session
+        if self._model.restationed.any():
+            state.estimate = widen(state.estimate, self._model.restationed)
+        state.watch.restart(state.now)
+
+    def _drift(self) -> None:
+        """Add what has drifted, where it is time."""
+        state = self._state
+        state.waiting += 1
+        if not len(self._drifting):
+            return
+        if state.waiting < EVERY and state.clock - state.drifted < state.patience:
+            return
+        rate = self._rate(state.estimate)
+        state.estimate = widen(state.estimate, rate * (state.clock - state.drifted))
+        root, state.drifted, state.waiting = state.estimate.root[self._drifting], state.clock, 0
+        state.patience = PATIENCE * float(((root**2).sum(axis=1) / rate[self._drifting]).min())
+
+    def _rate(self, estimate: Estimate) -> Array:
+        """Return (P,) variances that steps gain per unit of time; those of logarithms are of the factor."""
+        return self._variance * self._model.factor(estimate.values) ** 2
+
+    def _reconsidered(self) -> float:
+        """Judge the window's readings again, each by all others; return what the last one counts."""
+        watch, base = self._state.watch, self._before
+        lost, part = contradicted(watch.window, base)
+        if min(part, watch.part) < 1.0 or lost != [weight == 0.0 for weight in watch.weights]:
+            self._take_again(base, lost, part)
+        return watch.weights[-1]
+
+    def _take_again(self, base: Estimate, lost: Sequence[bool], part: float) -> None:
+        """Let a part of the window's readings count, but for the lost ones, from the estimate before all of them."""
+        state, watch, weights = self._state, self._state.watch, []
+        for place, (seen, gone) in enumerate(zip(watch.window, lost, strict=True)):
+            if place == WINDOW:
+                watch.later = Anchor(base, watch.first.count + place, state.clock)
+            base, weight, _ = (base, 0.0, 0.0) if gone else take(base, fainter(seen, part))
+            weights.append(weight * part**2)
+        state.estimate, state.drifted = base, state.clock
+        state.outliers += sum(one < 1.0 for one in weights) - sum(one < 1.0 for one in watch.weights)
+        watch.weights, watch.part = weights, part
+
+    @property
+    def _before(self) -> Estimate:
+        """The estimate from before the window, with what has drifted since."""
+        first = self._state.watch.first
+        elapsed = self._state.clock - first.drifted
+        return widen(first.estimate, self._rate(first.estimate) * elapsed) if len(self._drifting) else first.estimate
+
+    def _look(self) -> Change | None:
+        """Look for a change; where there is one, go back to before it, open what changed, and go on from there."""
+        state, first, base, model = self._state, self._state.watch.first, self._before, self._model
+        factor = model.factor(state.estimate.values)
+        found = seek(state.watch, base, [group.in_steps(factor) for group in model.groups])
+        if found is None:
+            return None
+        own, jump = found.group.places, np.zeros(len(factor))
+        jump[own] = found.size
+        size = (model.at(state.point, base.values + jump) - model.at(state.point, base.values))[own]
+        self._follow(base, found)
+        labels = tuple(self.labels[i] for i in own)
+        said = (found.group.name, found.probability, state.count, first.count + found.start + 1)
+        change = Change(*said, labels, size, found.std / factor[own], found.others)
+        state.changes = [*state.changes, change][-KEPT:]
+        return change
+
+    def _follow(self, base: Estimate, found: Found) -> None:
+        """Take the window's readings again, with what changed open from where it changed."""
+        state, opened = self._state, np.zeros(len(self.labels))
+        opened[found.group.places] = found.group.sizes**2
+        state.estimate, state.drifted = base, state.clock
+        for place, (seen, gone) in enumerate(zip(state.watch.window, found.lost, strict=True)):
+            if place == found.start:
+                state.estimate = widen(state.estimate, opened)
+            if not gone:
+                state.estimate = take(state.estimate, seen)[0]
+        state.watch.restart(state.now)
+
+
+def _variances(rates: Mapping[str, float], labels: tuple[str, ...], groups: Sequence[Group]) -> Array:
+    """Return (P,) variances per unit of time; the longest name that fits a label counts."""
+    if not isinstance(rates, Mapping) or not all(isinstance(name, str) for name in rates):
+        raise InputError(f"rates: expected a mapping such as {{{labels[0]!r}: 1e-3}}, got {rates!r}")
+    variance, most = np.zeros(len(labels)), np.zeros(len(labels))
+    for group in groups:
+        most[group.places] = FASTEST * group.sizes
+    for name in sorted(rates, key=len):
+        own = [label == name or label.startswith(f"{name} ") for label in labels]
+        if not any(own):
+            raise UnknownNameError("parameter", name, labels)
+        rate, limit = number(rates[name], f"rate of {name!r}"), float(most[own].max())
+        if not 0.0 <= rate <= limit:
+            expected = f"{limit:.3g}, {FASTEST} times the size of a change of it"
+            raise InputError(f"rate of {name!r}: expected a number from 0 to {expected}, got {rate:g}")
+        variance[own] = rate**2
+    return variance

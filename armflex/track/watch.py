@@ -1,0 +1,334 @@
+"""Has a law changed, which one, and how sure is that? Asked over the last readings, of which one alone proves nothing.
+
+A cumulated sum of the innovations' squares (Page 1954) says when to look. Then every law is a hypothesis: that its
+parameters jumped, by an amount of the size that is expected of it, just before the sum began to rise. Its evidence is
+the density of the readings since an earlier estimate (Willsky and Jones 1976, with the jump integrated out). In every
+hypothesis, also that nothing changed, a reading that all others contradict counts as lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.estimate.spread import COMPLIANCE
+from armflex.readings import Position
+from armflex.readings.chance import outlier_limit
+from armflex.track.estimate import Estimate, Seen, recentred
+from armflex.track.groups import Group
+from armflex.track.reading import Reading
+
+WINDOW = 8
+"""An earlier estimate is kept from 8 to 16 readings back."""
+
+SLACK, GATE = 1.5, 16.0
+"""What the sum leaves out of each squared innovation beside its expectation, and where it says to look: further than
+one reading can raise it."""
+
+LOST = 8.0
+"""What a lost reading costs: -log density of one so far off that one in a thousand is."""
+
+RARE = 1e-4
+"""How often a law is expected to change: once in ten thousand readings."""
+
+SURE, CLEAR = 0.99, 0.95
+"""Probability that something changed, and that it was this law, from which on a change is announced."""
+
+FEWEST, MOST = 3, 10
+"""Readings after a change before it can be announced, and after which it is whether or not one law stands out."""
+
+FORESEEN = 1.0
+"""Variance of what is expected of a reading, by that of its noise, below which it is foreseen."""
+
+LONGEST = 48
+"""Readings after which nothing is unsettled."""
+
+FAINTEST = 1e-5
+"""Part of its residual below which a reading counts for nothing."""
+
+PROMISING = 8
+"""Laws that are weighed with lost readings left out; the others explain the readings too badly."""
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Change:
+    """A law that changed.
+
+    Attributes:
+        name: The law, as `Tracker.groups` names it: 'compliance A4', 'joint_offset A2', 'instrument', ...
+        probability: That it was this one, among all laws and no change at all.
+        reading: Number of the reading after which it was announced, the first being 1.
+        since: Number of the first reading after the change, as far as can be told.
+        labels: What changed.
+        size: (k,) by how much, against what was known of the arm just before: joint offsets, geometry, tool and
+            instrument in m and rad, learned laws in parts of what was declared; of compliances the logarithm of the
+            factor that they became larger by (0.18 is 20 %).
+        std: (k,) one standard deviation of each.
+        others: What else it may have been, with probabilities above one in a hundred.
+    """
+
+    name: str
+    probability: float
+    reading: int
+    since: int
+    labels: tuple[str, ...]
+    size: Array
+    std: Array
+    others: tuple[tuple[str, float], ...] = ()
+
+    def __repr__(self) -> str:
+        """One line: what changed, how sure that is, and by how much; compliances in percent."""
+        told = ", ".join(map(self._said, self.labels, self.size, self.std))
+        return f"<Change: {self.name} since reading {self.since}, {self.probability:.3%} sure: {told}>"
+
+    def _said(self, label: str, size: float, std: float) -> str:
+        part, unit = label.removeprefix(self.name).strip(), ""
+        if label.startswith(f"{COMPLIANCE} "):
+            size, std, unit = 100.0 * np.expm1(size), 100.0 * np.exp(size) * std, " %"
+        return f"{part} {size:+.3g} ± {std:.2g}{unit}".strip()
+
+
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """An earlier estimate: how many readings it knows, and the clock up to which drift is in it."""
+
+    estimate: Estimate
+    count: int
+    drifted: float
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The most probable hypothesis: its group, the place in the window where it begins, and what it says."""
+
+    group: Group
+    start: int
+    probability: float
+    size: Array
+    std: Array
+    others: tuple[tuple[str, float], ...]
+    lost: list[bool]
+
+
+@dataclass
+class Watch:
+    """The last readings, an estimate from before them, and how surprising they were.
+
+    Attributes:
+        first: From before all readings of the window.
+        later: From before its ninth, which will take the first one's place.
+        window: Readings since the first anchor, 16 at most, 48 while unsettled.
+        weights: What each of them counted.
+        total: Cumulated sum of squared innovations beyond what is expected.
+        rising: Place in the window from which on it has not been zero.
+        unsettled: Readings in a row that have yet to be foreseen before a change is believed. Until then what was
+            expected was so wide that a gross reading may have been taken for true: those of the window are judged
+            again, each by all others, after every reading.
+        part: Part of their residuals by which they are judged then; see `contradicted`.
+        readings: Those of the window while unsettled, to be looked at anew where the arm is linearised elsewhere.
+    """
+
+    first: Anchor
+    later: Anchor
+    window: list[Seen] = field(default_factory=list)
+    weights: list[float] = field(default_factory=list)
+    total: float = 0.0
+    rising: int = 0
+    unsettled: int = FEWEST
+    part: float = 1.0
+    readings: list[Reading] = field(default_factory=list)
+
+    def restart(self, anchor: Anchor) -> None:
+        """Forget all readings; from here on it is another matter."""
+        self.first = self.later = anchor
+        self.window, self.weights, self.total, self.rising, self.unsettled = [], [], 0.0, 0, FEWEST
+        self.part, self.readings = 1.0, []
+
+    def turn(self, now: Anchor) -> None:
+        """Before every eighth reading: let the later anchor be the first and those before it go; `now` is the later."""
+        if len(self.window) > 2 * WINDOW:
+            self.restart(now)
+            self.unsettled = 0
+        elif len(self.window) == 2 * WINDOW:
+            self.first, self.window, self.weights = self.later, self.window[WINDOW:], self.weights[WINDOW:]
+            self.rising = max(0, self.rising - WINDOW)
+        self.later = now
+
+    @property
+    def turning(self) -> bool:
+        """Whether `turn` is due."""
+        size = len(self.window)
+        return size == WINDOW or size >= (LONGEST if self.unsettled else 2 * WINDOW)
+
+    def add(self, seen: Seen, weight: float, distance: float) -> bool:
+        """Take in a reading and its distance from what was expected; return whether to look for a change."""
+        if self.total == 0.0:
+            self.rising = len(self.window)
+        self.window.append(seen)
+        self.weights.append(weight)
+        self.readings = []
+        size = len(seen.residual)
+        self.total = max(0.0, self.total + min(distance, outlier_limit(size)) ** 2 - size - SLACK)
+        return self.total > GATE and len(self.window) - self.rising >= FEWEST
+
+    def add_unsettled(self, reading: Reading, seen: Seen, weight: float, spread: float) -> None:
+        """Take in a reading, and how wide it was expected; see `estimate.spread`."""
+        self.window.append(seen)
+        self.weights.append(weight)
+        self.readings.append(reading)
+        self.unsettled = self.unsettled - 1 if spread < FORESEEN and self.part == 1.0 else FEWEST
+
+    def recentre(self, step: Array, factor: Array) -> None:
+        """Take in that the arm is linearised elsewhere; see `recentred`."""
+        self.window = [Seen(one.residual - one.columns @ step, one.columns * factor) for one in self.window]
+        self.first = replace(self.first, estimate=recentred(self.first.estimate, step, factor))
+        self.later = replace(self.later, estimate=recentred(self.later.estimate, step, factor))
+
+
+def seek(watch: Watch, before: Estimate, groups: Sequence[Group]) -> Found | None:
+    """Return the change that the window shows, None where it shows none or not yet which.
+
+    Args:
+        watch: The window.
+        before: The estimate before its first reading, what has drifted since included.
+        groups: What may have changed.
+    """
+    task = _task(watch.window, before)
+    plain = task.explained(task.inverse)
+    weights, best = {None: -plain.cost}, {}
+    for start in _starts(plain, watch.rising):
+        for group in task.promising(groups, start):
+            found = task.changed(group, start)
+            weight = np.log(RARE) - found.cost
+            if weight > weights.get(group.name, -np.inf):
+                weights[group.name], best[group.name] = weight, (group, found, start)
+    return _judged(task, weights, best)
+
+
+def contradicted(window: Sequence[Seen], before: Estimate) -> tuple[list[bool], float]:
+    """Return which readings of a window the others and the estimate `before` them contradict, if nothing changed.
+
+    Where that is most of them it is the arm that is linearised too far away, and not the readings that are wrong: they
+    are judged as if they were noisier, until most agree. The second number is the part of their residuals that is left.
+    """
+    part = 1.0
+    while True:
+        task = _task([fainter(seen, part) for seen in window], before)
+        lost = task.explained(task.inverse).lost
+        if lost.sum() <= max(1, len(lost) // 2) or part < FAINTEST:
+            return lost.tolist(), part
+        part *= 0.5
+
+
+def fainter(seen: Seen, part: float) -> Seen:
+    """Return a reading by larger standard deviations."""
+    return seen if part == 1.0 else Seen(part * seen.residual, part * seen.columns)
+
+
+@dataclass(frozen=True, eq=False)
+class _Explained:
+    """How a hypothesis explains the window: its cost (-log density), V^-1 and V^-1 e of what is not lost, and that."""
+
+    cost: float
+    inverse: Array
+    pulls: Array
+    lost: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """The window's positions in standard deviations: (n, 3, P) columns, (n, 3) errors and V^-1 (3 n, 3 n) without a
+    change, with the logarithm of V's determinant."""
+
+    columns: Array
+    errors: Array
+    inverse: Array
+    log_volume: float
+
+    def promising(self, groups: Sequence[Group], start: int) -> list[Group]:
+        """Return the groups whose jump before the reading at `start` says most, as if no reading were lost."""
+        heard = self.columns.copy()
+        heard[:start] = 0.0
+        heard = heard.reshape(len(self.inverse), -1)
+        through = self.inverse @ heard
+        inner, pull = heard.T @ through, through.T @ self.errors.ravel()
+        gains = [_gain(inner[np.ix_(one.places, one.places)], pull[one.places], one.sizes) for one in groups]
+        return [groups[i] for i in np.argsort(gains)[: -PROMISING - 1 : -1]]
+
+    def changed(self, group: Group, start: int) -> _Explained:
+        """Return how well it is explained that a group jumped before the reading at `start`."""
+        heard = self.jump(group, start)
+        through = self.inverse @ heard
+        inner = np.eye(len(group.places)) + heard.T @ through
+        inverse = self.inverse - through @ np.linalg.solve(inner, through.T)
+        return self.explained(inverse, float(np.linalg.slogdet(inner)[1]))
+
+    def jump(self, group: Group, start: int) -> Array:
+        """Return the (3 n, k) change of the errors per expected size of a group's jump."""
+        heard = self.columns[:, :, group.places] * group.sizes
+        heard[:start] = 0.0
+        return heard.reshape(-1, len(group.places))
+
+    def explained(self, inverse: Array, more_volume: float = 0.0) -> _Explained:
+        """Return the cost with V^-1 given, leaving out one reading after the other that all the rest contradict."""
+        count, size = self.errors.shape
+        lost, errors, inverse = np.zeros(count, dtype=bool), self.errors.ravel().copy(), inverse.copy()
+        for _ in range(count + 1):
+            pulls = inverse @ errors
+            own = inverse.reshape(count, size, count, size)[np.arange(count), :, np.arange(count)]
+            parts = pulls.reshape(count, size)
+            # What a reading is off from where all others have it, squared: the block of V^-1 is that distance's metric.
+            far = (parts * np.linalg.solve(own, parts[:, :, None])[:, :, 0]).sum(axis=1)
+            worst = int(far.argmax())
+            if not far[worst] > 2.0 * LOST:
+                break
+            here = slice(size * worst, size * (worst + 1))
+            inverse -= inverse[:, here] @ np.linalg.solve(own[worst], inverse[here])
+            inverse[here], inverse[:, here], inverse[here, here], errors[here] = 0.0, 0.0, np.eye(size), 0.0
+            lost[worst] = True
+        cost = 0.5 * (errors @ pulls + self.log_volume + more_volume) + LOST * lost.sum()
+        return _Explained(float(cost), inverse, pulls, lost)
+
+
+def _gain(inner: Array, pull: Array, sizes: Array) -> float:
+    """Return the logarithm of how much more probable a jump of a group makes the errors."""
+    factor = np.linalg.cholesky(np.eye(len(sizes)) + inner * np.outer(sizes, sizes))
+    along = np.linalg.solve(factor, sizes * pull)
+    return float(0.5 * along @ along - np.log(np.diag(factor)).sum())
+
+
+def _task(window: Sequence[Seen], before: Estimate) -> _Task:
+    columns = np.array([seen.columns[: Position.dimension] for seen in window])
+    errors = np.array([seen.residual[: Position.dimension] for seen in window]) - columns @ before.values
+    heard = columns.reshape(-1, len(before.values)) @ before.root
+    volume = np.eye(len(heard)) + heard @ heard.T
+    return _Task(columns, errors, np.linalg.inv(volume), float(np.linalg.slogdet(volume)[1]))
+
+
+def _starts(plain: _Explained, rising: int) -> list[int]:
+    """Return where a change may begin: where the sum rises, and where readings begin to be lost to the end."""
+    last = len(plain.lost) - FEWEST
+    kept = np.flatnonzero(~plain.lost)
+    run = int(kept[-1]) + 1 if len(kept) else 0
+    return sorted({min(rising, last), min(run, last)})
+
+
+def _judged(task: _Task, weights: dict[str | None, float], best: dict[str, tuple]) -> Found | None:
+    """Return the most probable change where it is sure that there was one, and clear which."""
+    total = np.logaddexp.reduce(list(weights.values()))
+    shares = {name: float(np.exp(weight - total)) for name, weight in weights.items()}
+    name = max(best, key=lambda one: shares[one])
+    group, explained, start = best[name]
+    clear = shares[name] >= CLEAR or len(task.errors) - start >= MOST
+    if shares[None] > 1.0 - SURE or not clear:
+        return None
+    heard = task.jump(group, start).reshape(*task.errors.shape, -1) * ~explained.lost[:, None, None]
+    heard = heard.reshape(-1, len(group.places))
+    size = group.sizes * (heard.T @ explained.pulls)
+    left = np.eye(len(group.places)) - heard.T @ explained.inverse @ heard
+    others = sorted(((one, p) for one, p in shares.items() if one and one != name and p > 0.01), key=lambda x: -x[1])
+    std = group.sizes * np.sqrt(np.maximum(np.diag(left), 0.0))
+    return Found(group, start, shares[name], size, std, tuple(others), explained.lost.tolist())

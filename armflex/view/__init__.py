@@ -1,4 +1,0 @@
-"""What people look at: headless meshcat pages of an arm, and pictures of the laws that it learned."""
-
-from armflex.view.laws import draw_laws as draw_laws
-from armflex.view.view import view as view

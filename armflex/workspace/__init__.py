@@ -1,8 +1,0 @@
-"""The whole workspace at once: millions of configurations, reduced to where the tip is and how far it moves there."""
-
-from armflex.workspace.map_file import read_map as read_map
-from armflex.workspace.map_file import write_map as write_map
-from armflex.workspace.page import map_page as map_page
-from armflex.workspace.picture import draw_map as draw_map
-from armflex.workspace.workspace_map import WorkspaceMap as WorkspaceMap
-from armflex.workspace.workspace_map import map_workspace as map_workspace
