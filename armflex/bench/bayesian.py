@@ -19,16 +19,16 @@ from functools import partial
 import numpy as np
 
 from armflex.bench.collapsed import Collapsed, Prior, maximum, whitening
-from armflex.bench.diagnostics import check_converged, diagnose, has_converged, judges
 from armflex.bench.evidence import find_modes, laplace
 from armflex.bench.metropolis import Adaptation, adaptive_metropolis_gibbs, scale_of
-from armflex.bench.model import Diagnostics, Fitted
+from armflex.bench.model import Fitted
 from armflex.bench.network import fit_network, network_law
 from armflex.bench.network_problem import GROUPS, NetworkProblem, predictions, scaled_problem, start_weights
-from armflex.bench.nuts import no_u_turn
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError
 from armflex.parallel import in_order
+from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose, has_converged, judges
+from armflex.sampling.nuts import no_u_turn
 
 SAMPLERS = ("laplace", "nuts", "metropolis")
 DRAWS = {"nuts": 1000, "metropolis": 50_000}

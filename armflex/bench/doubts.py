@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from armflex.bench.diagnostics import shortcomings
 from armflex.bench.held_out import NOWHERE, wrenches
-from armflex.bench.model import Diagnostics, Fitted
+from armflex.bench.model import Fitted
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
 from armflex.errors import Flag, LawError, listing
 from armflex.laws.joint.linear import LinearLaw, softness
 from armflex.laws.law import Law
 from armflex.measured.joint_data import JointData
+from armflex.sampling.diagnostics import Diagnostics, shortcomings
 
 AGAINST = -0.5
 """Correlation of a deflection with its own load from which a sign is believed to be turned."""

@@ -14,12 +14,12 @@ from functools import partial
 
 import numpy as np
 
-from armflex.bench.diagnostics import check_converged, diagnose
 from armflex.bench.linear import FittedCompliance, basis_of, fit_compliance, least_scatter
 from armflex.bench.metropolis import Adaptation, Chain, adaptive_metropolis_gibbs, scale_of
-from armflex.bench.model import Diagnostics, Fitted
+from armflex.bench.model import Fitted
 from armflex.conventions import Array
 from armflex.parallel import in_order
+from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,13 @@ from armflex.bench.choose import OUTER, REPEATS, Compared, assess, chosen, compa
 from armflex.bench.doubts import bench_doubts, law_doubts
 from armflex.bench.held_out import HeldOut, hold_out, predicted, random_folds, single_folds
 from armflex.bench.learners import MODELS, Options, learner, rivals
-from armflex.bench.model import Diagnostics, Fitted
+from armflex.bench.model import Fitted
 from armflex.bench.span import check_span
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, UnknownNameError
 from armflex.laws.law_file import TrainedLaw
 from armflex.measured.joint_data import JointData
+from armflex.sampling.diagnostics import Diagnostics
 from armflex.version import __version__
 
 LEAVE_ONE_OUT_LIMIT = 500

@@ -16,11 +16,11 @@ from support.three_joint_plant import ARM, SIGMA, URDF
 from armflex import Arm, Reading, Tracker, calibrate, draw_arms, plan, predict, read_measurements, trace
 from armflex.certainty import Certainty
 from armflex.errors import InputError
-from armflex.estimate.file import write_calibrated, write_traced
+from armflex.estimate.calibrate import write_calibrated
 from armflex.files.effect_file import effect_table
 from armflex.readings.instrument import Instrument
 from armflex.show.report import write_report
-from armflex.trace.result import Trace
+from armflex.trace.result import Trace, write_traced
 
 HARMONICS = {3.2: (6e-4, -3e-4), 7.9: (-4e-4, 4e-4), 14.6: (2e-4, 4.5e-4)}
 ECCENTRIC = (9e-4, -1.1e-3)

@@ -10,7 +10,7 @@ import pytest
 
 from armflex import load_arm, read_measurements
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.estimate.view import Setup, View, look
+from armflex.estimate.view import View, look
 from armflex.laws.effects import Effect, EffectLaw, Spot
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.remember import known_rows
@@ -19,6 +19,7 @@ from armflex.laws.effects.unnamed import PRODUCT, SHAPES, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import respond
 from armflex.readings.instrument import Instrument
+from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, grid
 from support.campaigns import draw
 

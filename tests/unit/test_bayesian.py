@@ -17,10 +17,10 @@ from armflex.bench.bayesian import fit_bayesian
 from armflex.bench.collapsed import Collapsed, Prior, maximum, whitening
 from armflex.bench.model import Fitted
 from armflex.bench.network_problem import NetworkProblem, predictions
-from armflex.bench.nuts import no_u_turn
 from armflex.errors import ConvergenceError, NotFiniteError, UnknownNameError, UnsupportedError
 from armflex.laws.joint.network import layers
 from armflex.laws.law import Row
+from armflex.sampling.nuts import no_u_turn
 
 NOISE = 1e-5
 NOWHERE = Row(np.zeros(0), {})

@@ -28,14 +28,14 @@ from armflex import (
 )
 from armflex.certainty import Certainty
 from armflex.errors import ArmFileError, MissingCovariateError, UnsupportedError
+from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.effect_block import EffectBlock, shy_prior
-from armflex.estimate.file import write_calibrated, write_traced
 from armflex.estimate.spread import certainty_of
 from armflex.files.effect_file import SHAPES, effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.remember import settled
 from armflex.trace.pose_block import PoseBlock
-from armflex.trace.result import Found, Proof, Trace
+from armflex.trace.result import Found, Proof, Trace, write_traced
 from armflex.trace.state import State, begin, refit, with_random
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])

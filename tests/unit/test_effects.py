@@ -17,7 +17,7 @@ from armflex import Arm
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.estimate.effect_block import EffectBlock, shy_prior
-from armflex.estimate.view import Setup, look
+from armflex.estimate.view import look
 from armflex.laws.effects import Effect, LoadLaw, Spot, TwistLaw
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.guide import GUIDE
@@ -26,6 +26,7 @@ from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
+from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, grid
 
 SECOND_ORDER = {"hysteresis": 0.02, "gravity_tilt": 0.02}

@@ -10,12 +10,12 @@ TESTS = Path(__file__).parents[1]
 
 ROOMS = (
     *("errors", "conventions", "printable", "version", "covariance", "linear_gaussian"),
-    *("parallel", "storage"),
+    *("parallel", "storage", "sampling"),
     *("bundled", "declaration", "picture"),
     *("robot", "prior", "rows", "readings"),
     *("laws", "flexure", "laws.effects"),
     "mechanics",
-    *("certainty", "arm", "configurations", "files"),
+    *("parameters", "certainty", "arm", "setup", "configurations", "files"),
     *("measured", "trajectory"),
     "estimate",
     *("bench", "plan", "track", "trace"),
@@ -26,9 +26,6 @@ ROOMS = (
 """From the ground up; a module belongs to the longest of these names that it begins with."""
 
 UPWARD = (
-    "estimate->bench",
-    "estimate->trace",
-    "files->estimate",
     "laws.effects->arm",
     "laws.effects->estimate",
     "laws.effects->mechanics",

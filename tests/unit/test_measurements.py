@@ -11,10 +11,11 @@ from support.measurement_rows import JOINTS, campaign, codes, written
 
 from armflex import Arm, InputError, read_measurements
 from armflex.errors import TableError
-from armflex.estimate.view import Setup, look
+from armflex.estimate.view import look
 from armflex.measured.doubts import without_duplicates
 from armflex.readings.instrument import Instrument
 from armflex.rows.poses import leaked, pose_groups
+from armflex.setup import Setup
 
 
 def renamed(rows: list[dict[str, object]], **names: str) -> list[dict[str, object]]:
