@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from armflex.arm import Arm as Arm
 from armflex.arm import Flexure as Flexure
-from armflex.bench.train import train as train
+from armflex.bench.training import train as train
 from armflex.bundled import bundled_robot as bundled_robot
 from armflex.errors import ArmflexError as ArmflexError
 from armflex.errors import ArmflexWarning as ArmflexWarning

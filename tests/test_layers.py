@@ -25,7 +25,6 @@ ROOMS = (
 """From the ground up; a module belongs to the longest of these names that it begins with."""
 
 UPWARD = (
-    "estimate->bench",
     "estimate->trace",
     "files->estimate",
     "laws.effects->arm",

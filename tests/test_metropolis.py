@@ -9,10 +9,9 @@ import pytest
 from scipy.special import digamma, ndtri
 from scipy.stats import rankdata
 
-from armflex.bench.diagnostics import check_converged, diagnose, ess, rhat
-from armflex.bench.linear import fit_compliance
-from armflex.bench.linear_chain import fit_linear_chain, sample_compliance
-from armflex.bench.metropolis import (
+from armflex.bench.fit_linear import fit_compliance
+from armflex.bench.paper.linear_chain import fit_linear_chain, sample_compliance
+from armflex.bench.paper.metropolis import (
     Adaptation,
     Running,
     adaptive_metropolis,
@@ -20,8 +19,8 @@ from armflex.bench.metropolis import (
     scale_of,
     updated,
 )
-from armflex.bench.model import Diagnostics
 from armflex.errors import ConvergenceError, InputError, NotFiniteError, ShapeError
+from armflex.estimate.diagnostics import Diagnostics, check_converged, diagnose, ess, rhat
 
 EPSILON = 1e-3
 

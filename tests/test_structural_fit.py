@@ -12,8 +12,8 @@ import pytest
 from test_cli import Run, fine
 
 from armflex import InputError, read_joint_data, train
+from armflex.bench.fit_structural import fit_structural
 from armflex.bench.learners import Options
-from armflex.bench.structural import fit_structural
 from armflex.errors import ModelFileError
 from armflex.laws import LinearLaw, Row
 from armflex.laws.declared import read_assembly

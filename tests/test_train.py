@@ -11,7 +11,7 @@ import pytest
 from small_arms import ROBOTS, random_compliance
 
 from armflex import InputError, read_joint_data, train
-from armflex.bench.linear import fit_compliance
+from armflex.bench.fit_linear import fit_compliance
 from armflex.errors import TableError, UnitError, UnknownNameError
 from armflex.laws import LinearLaw, Row
 from armflex.measured.joint_data import JointData

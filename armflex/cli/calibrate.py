@@ -8,7 +8,6 @@ from typing import Any
 import click
 import numpy as np
 
-from armflex.bench.diagnostics import FEWEST_DRAWS
 from armflex.cli.learned import laws_json, print_laws
 from armflex.cli.options import (
     Command,
@@ -26,6 +25,7 @@ from armflex.cli.tables import console, number, print_table
 from armflex.conventions import RESOLUTION
 from armflex.errors import InputError
 from armflex.estimate import Calibration, calibrate
+from armflex.estimate.diagnostics import FEWEST_DRAWS
 from armflex.estimate.file import write_calibrated
 from armflex.estimate.identify import Parameter
 from armflex.estimate.law_block import LAW

@@ -11,10 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.bench.diagnostics import FEWEST_DRAWS, diagnose
-from armflex.bench.model import Diagnostics
 from armflex.conventions import Array
 from armflex.errors import InputError
+from armflex.estimate.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 from armflex.estimate.fit import Fit
 from armflex.estimate.law_block import LawBlock, learned_laws
 from armflex.estimate.view import Progress
@@ -68,7 +67,7 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
         InputError: Nothing was learned, or there are too few draws to judge.
         UnsupportedError: The sampler is not installed (`pip install armflex[bayes]`).
     """
-    from armflex.bench.nuts import Walk, no_u_turn  # loads the optional sampler
+    from armflex.estimate.nuts import Walk, no_u_turn  # loads the optional sampler
 
     if draws < FEWEST_DRAWS:
         raise InputError(f"{draws} draws: expected {FEWEST_DRAWS} or more of each chain, or they cannot be judged")

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from armflex.bench.diagnostics import shortcomings
-from armflex.bench.held_out import NOWHERE, wrenches
-from armflex.bench.model import Diagnostics, Fitted
+from armflex.bench.cross_validation import NOWHERE, wrenches
+from armflex.bench.fitted import Fitted
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
 from armflex.errors import Flag, LawError, listing
+from armflex.estimate.diagnostics import Diagnostics, shortcomings
 from armflex.laws.joint.linear import LinearLaw, softness
 from armflex.laws.law import Law
 from armflex.measured.joint_data import JointData

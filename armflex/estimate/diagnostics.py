@@ -5,17 +5,36 @@ Vehtari, Gelman, Simpson, Carpenter and Buerkner (2021), Bayesian Analysis 16(2)
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from armflex.bench.model import Diagnostics
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, ShapeError, UnsupportedError
 
 RHAT_LIMIT = 1.01
 ESS_LIMIT = 400.0
 FEWEST_DRAWS = 4
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """How far a sampler can be trusted, judged on predictions and the noise; None where nothing was sampled.
+
+    Attributes:
+        rhat_max: Largest split R-hat.
+        ess_min: Smallest bulk effective sample size.
+        divergences: Transitions that a Hamiltonian sampler lost.
+        acceptance: Share of proposals accepted.
+        seconds: Time spent on sampling.
+    """
+
+    rhat_max: float | None = None
+    ess_min: float | None = None
+    divergences: int | None = None
+    acceptance: float | None = None
+    seconds: float | None = None
 
 
 def rhat(draws: Array) -> Array:

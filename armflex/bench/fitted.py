@@ -7,26 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from armflex.conventions import Array
+from armflex.estimate.diagnostics import Diagnostics
 from armflex.laws.law import Law
-
-
-@dataclass(frozen=True)
-class Diagnostics:
-    """How far a sampler can be trusted, judged on predictions and the noise; None where nothing was sampled.
-
-    Attributes:
-        rhat_max: Largest split R-hat.
-        ess_min: Smallest bulk effective sample size.
-        divergences: Transitions that a Hamiltonian sampler lost.
-        acceptance: Share of proposals accepted.
-        seconds: Time spent on sampling.
-    """
-
-    rhat_max: float | None = None
-    ess_min: float | None = None
-    divergences: int | None = None
-    acceptance: float | None = None
-    seconds: float | None = None
 
 
 @dataclass(frozen=True)
