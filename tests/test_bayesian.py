@@ -18,9 +18,9 @@ from armflex.bench.fit_bayesian import fit_bayesian
 from armflex.bench.fitted import Fitted
 from armflex.bench.network_problem import NetworkProblem, predictions
 from armflex.errors import ConvergenceError, NotFiniteError, UnknownNameError, UnsupportedError
-from armflex.estimate.nuts import no_u_turn
 from armflex.laws.joint.network import layers
 from armflex.laws.law import Row
+from armflex.sampling.nuts import no_u_turn
 
 NOISE = 1e-5
 NOWHERE = Row(np.zeros(0), {})

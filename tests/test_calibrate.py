@@ -19,8 +19,7 @@ from armflex.certainty import Certainty
 from armflex.cli.calibrate import as_json
 from armflex.errors import ArmFileError, InputError, UnsupportedError
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.calibrate import first_guess
-from armflex.estimate.file import write_calibrated
+from armflex.estimate.calibrate import first_guess, write_calibrated
 from armflex.estimate.fit import prior_of, realise
 from armflex.estimate.view import look
 from armflex.laws import LinearLaw

@@ -28,7 +28,8 @@ from armflex import (
     trace,
 )
 from armflex.errors import ArmFileError, MissingCovariateError
-from armflex.estimate.file import write_calibrated, write_traced
+from armflex.estimate.calibrate import write_calibrated
+from armflex.trace.result import write_traced
 from armflex.trajectory import write_trajectory
 
 GAP, COUNT, STILL = 1.4e-3, 90, 3

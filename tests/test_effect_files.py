@@ -31,8 +31,8 @@ from armflex import (
 )
 from armflex.certainty import Certainty
 from armflex.errors import ArmFileError, MissingCovariateError, UnsupportedError
+from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.effect_block import EffectBlock, shy_prior
-from armflex.estimate.file import write_calibrated, write_traced
 from armflex.estimate.spread import certainty_of
 from armflex.files.effect_file import SHAPES, effect_table
 from armflex.laws import Row
@@ -41,7 +41,7 @@ from armflex.laws.effects.remember import settled
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.spot import Spot
 from armflex.trace.pose_block import PoseBlock
-from armflex.trace.result import Found, Proof, Trace
+from armflex.trace.result import Found, Proof, Trace, write_traced
 from armflex.trace.state import State, begin, refit, with_random
 
 HEAVY = ROBOTS / "heavy_six"

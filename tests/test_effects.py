@@ -18,7 +18,7 @@ from armflex import Arm, load_arm, read_measurements
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import MissingCovariateError
 from armflex.estimate.effect_block import EffectBlock, shy_prior
-from armflex.estimate.view import Setup, View, look
+from armflex.estimate.view import View, look
 from armflex.laws.effects import Effect, EffectLaw, LoadLaw, Spot, TwistLaw
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.guide import GUIDE
@@ -29,6 +29,7 @@ from armflex.laws.effects.unnamed import PRODUCT, SHAPES, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import respond
 from armflex.readings.instrument import Instrument
+from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, grid
 
 ROWS = 14

@@ -13,7 +13,6 @@ from test_effects import few, readings
 from undeclared import Effect as Hidden
 
 from armflex import load_arm, predict, read_measurements
-from armflex.estimate.view import Setup
 from armflex.laws import LinearLaw
 from armflex.laws.effects import Effect, Spot
 from armflex.laws.effects.catalogue import EVERY
@@ -21,6 +20,7 @@ from armflex.laws.effects.remember import known_rows
 from armflex.measured.measurements import Measurements
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
+from armflex.setup import Setup
 
 EXACT = 5e-8
 """m: a session's turn, of up to 7e-5, is taken to first order; at ten metres that leaves 3e-8."""

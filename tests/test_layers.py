@@ -9,12 +9,12 @@ PACKAGE = Path(__file__).parent.parent / "armflex"
 
 ROOMS = (
     *("errors", "conventions", "printable", "version", "covariance", "linear_gaussian"),
-    *("parallel", "storage"),
+    *("parallel", "storage", "sampling"),
     *("bundled", "declaration", "picture"),
     *("robot", "prior", "rows", "readings"),
     *("laws", "flexure", "laws.effects"),
     "mechanics",
-    *("certainty", "arm", "configurations", "files"),
+    *("parameters", "certainty", "arm", "setup", "configurations", "files"),
     *("measured", "trajectory"),
     "estimate",
     *("bench", "plan", "track", "trace"),
@@ -25,8 +25,6 @@ ROOMS = (
 """From the ground up; a module belongs to the longest of these names that it begins with."""
 
 UPWARD = (
-    "estimate->trace",
-    "files->estimate",
     "laws.effects->arm",
     "laws.effects->estimate",
     "laws.effects->mechanics",

@@ -23,8 +23,7 @@ from armflex.cli.main import armflex
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import ArmFileError, ConvergenceError, InputError
 from armflex.estimate import Calibration
-from armflex.estimate.calibrate import first_guess, loads_seen
-from armflex.estimate.file import write_calibrated
+from armflex.estimate.calibrate import first_guess, loads_seen, write_calibrated
 from armflex.estimate.law_block import law_block, with_laws
 from armflex.estimate.learned import learned_axes
 from armflex.estimate.sample import sample_laws

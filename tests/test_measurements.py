@@ -11,10 +11,11 @@ import pytest
 
 from armflex import Arm, InputError, Measurements, read_measurements
 from armflex.errors import TableError
-from armflex.estimate.view import Setup, look
+from armflex.estimate.view import look
 from armflex.measured.doubts import without_duplicates
 from armflex.readings.instrument import Instrument
 from armflex.rows.poses import leaked, pose_groups
+from armflex.setup import Setup
 
 JOINTS = tuple(f"J{i}" for i in range(1, 7))
 

@@ -20,7 +20,7 @@ from armflex.bench.paper.metropolis import (
     updated,
 )
 from armflex.errors import ConvergenceError, InputError, NotFiniteError, ShapeError
-from armflex.estimate.diagnostics import Diagnostics, check_converged, diagnose, ess, rhat
+from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose, ess, rhat
 
 EPSILON = 1e-3
 

@@ -13,12 +13,13 @@ from small_arms import ROBOTS
 from armflex import Arm, Measurements, calibrate, load_arm
 from armflex.errors import InputError
 from armflex.estimate.robust import huber_weights
-from armflex.estimate.view import Setup, look
+from armflex.estimate.view import look
 from armflex.prior import Prior
 from armflex.readings import Kind, Orientation, Position, Readings, unread
 from armflex.readings.chance import median_length, outlier_limit
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
+from armflex.setup import Setup
 
 COUNT, STEP = 24, 1e-6
 SESSION = ("s",) * COUNT

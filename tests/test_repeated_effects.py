@@ -16,11 +16,11 @@ from test_measurements import written
 from armflex import Arm, Reading, Tracker, calibrate, draw_arms, plan, predict, read_measurements, trace
 from armflex.certainty import Certainty
 from armflex.errors import InputError
-from armflex.estimate.file import write_calibrated, write_traced
+from armflex.estimate.calibrate import write_calibrated
 from armflex.files.effect_file import effect_table
 from armflex.readings.instrument import Instrument
 from armflex.show.report import write_report
-from armflex.trace.result import Trace
+from armflex.trace.result import Trace, write_traced
 
 URDF = robot(
     link("base"),

@@ -29,10 +29,11 @@ from armflex import calibrate, load_arm, predict, read_measurements, trace
 from armflex.cli.calibrate import as_json as calibrated_json
 from armflex.cli.trace import Outputs, as_json, command, print_trace, telling
 from armflex.errors import ConvergenceError, FileError, InputError
+from armflex.files import arm_file, certainty_table
 from armflex.measured.measurements import Measurements
 from armflex.show.report import render_report
 from armflex.trace.checkpoint import identity, read_checkpoint, restored
-from armflex.trace.result import Trace
+from armflex.trace.result import Trace, write_traced
 from armflex.trace.state import begin
 from armflex.trace.telling import Doing
 from armflex.version import __version__
@@ -118,25 +119,24 @@ def test_an_unfinished_arm_stays_whole_until_the_next_takes_its_place(
     whole: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where a large covariance is in a file of its own, and whoever writes is killed between the two."""
-    files = importlib.import_module("armflex.estimate.file")
-    monkeypatch.setattr(files, "MOST_ROWS", 5)
+    monkeypatch.setattr(certainty_table, "MOST_ROWS", 5)
     path = tmp_path / "t.toml"
-    files.write_traced(whole.truth.arm, whole.accounts[0], path)
+    write_traced(whole.truth.arm, whole.accounts[0], path)
     first = quietly(path)
 
     def killed(target: Path, data: bytes) -> None:
         raise KeyboardInterrupt
 
-    write = files.write_whole
+    write = arm_file.write_whole
     for found in (dataclasses.replace(whole.finished, unfinished=True), whole.finished):
         monkeypatch.setattr(
-            files, "write_whole", lambda target, data: (killed if target == path else write)(target, data)
+            arm_file, "write_whole", lambda target, data: (killed if target == path else write)(target, data)
         )
         with pytest.raises(KeyboardInterrupt):
-            files.write_traced(whole.truth.arm, found, path)
+            write_traced(whole.truth.arm, found, path)
         np.testing.assert_array_equal(quietly(path).certainty.covariance, first.certainty.covariance)
-    monkeypatch.setattr(files, "write_whole", write)
-    files.write_traced(whole.truth.arm, whole.finished, path)
+    monkeypatch.setattr(arm_file, "write_whole", write)
+    write_traced(whole.truth.arm, whole.finished, path)
     quietly(path)
     beside = {file.name for file in tmp_path.glob("*.safetensors")}
     assert "t.covariance.safetensors" in beside and (tmp_path / "t.toml").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,7 +16,6 @@ from test_effects import few
 from armflex import calibrate, load_arm, pose_groups, predict, read_measurements
 from armflex.arm import Arm
 from armflex.cli.trace import as_json, print_trace
-from armflex.estimate.file import as_table
 from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds
 from armflex.laws.effects import CATALOGUE, Effect, Spot
 from armflex.laws.effects.catalogue import EVERY
@@ -24,7 +24,7 @@ from armflex.plan.advice import INSTEAD, instead
 from armflex.show.report import render_report
 from armflex.trace.accept import improvement
 from armflex.trace.lost import MOST, lost_beams
-from armflex.trace.result import Trace
+from armflex.trace.result import Trace, write_traced
 from armflex.trace.rounds import trace
 from armflex.trace.state import begin
 
@@ -66,14 +66,15 @@ def test_a_step_before_the_last_rows_is_no_row_of_lost_beams(found, slipped):
     assert set(found.rows) == set(range(len(slipped[1]))) - set(LOST)
 
 
-def test_every_figure_is_over_the_same_rows_and_the_others_are_told(found, slipped, capsys):
+def test_every_figure_is_over_the_same_rows_and_the_others_are_told(found, slipped, capsys, tmp_path):
     told, count = as_json(found), len(slipped[1])
     assert told["rows"] + len(told["outliers"]) == count and told["rows"] == count - len(LOST)
     assert {one["row"] for one in told["outliers"]} == set(LOST) and {one["kind"] for one in told["outliers"]} == {
         "lost beam"
     }
     assert all(one["error_mm"] == pytest.approx(1e3 * np.sqrt(29e-4), rel=0.02) for one in told["outliers"])
-    table = as_table(found.state.fit, slipped[1], found.rows, found.rms)
+    written = write_traced(slipped[0].robot.urdf.with_name("arm.toml"), found, tmp_path / "traced.toml")
+    table = tomllib.loads(written.read_text())["calibration"]
     assert (table["rows"], table["rms_m"]) == (told["rows"], found.rms)
     here = slipped[1].position[found.rows]
     lacking = predict(replace(found.before.setup.arm, instrument=found.before.setup.instrument), slipped[1])

@@ -16,7 +16,6 @@ from test_effects import few
 from armflex import load_arm, predict, read_measurements, trace
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import MissingCovariateError
-from armflex.estimate.file import write_traced
 from armflex.estimate.fit import moved
 from armflex.laws.effects import CATALOGUE, Spot
 from armflex.laws.effects.remember import derived_directions
@@ -25,6 +24,7 @@ from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import project
+from armflex.trace.result import write_traced
 from armflex.trace.search import TIE, preferred
 from armflex.trace.sensible import SOFT, sensible
 from armflex.trace.state import State, add, scene_at, sorted_out, stands, without

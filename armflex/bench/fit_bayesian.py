@@ -25,9 +25,9 @@ from armflex.bench.fitted import Fitted
 from armflex.bench.network_problem import GROUPS, NetworkProblem, predictions, scaled_problem, start_weights
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError
-from armflex.estimate.diagnostics import Diagnostics, check_converged, diagnose, has_converged, judges
-from armflex.estimate.nuts import no_u_turn
 from armflex.parallel import in_order
+from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose, has_converged, judges
+from armflex.sampling.nuts import no_u_turn
 
 SAMPLERS = ("laplace", "nuts", "metropolis")
 DRAWS = {"nuts": 1000, "metropolis": 50_000}

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from armflex.conventions import Array
-from armflex.estimate.diagnostics import Diagnostics
 from armflex.laws.law import Law
+from armflex.sampling.diagnostics import Diagnostics
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ from armflex.bench.span import check_span
 from armflex.bench.training_warnings import bench_doubts, law_doubts
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, UnknownNameError
-from armflex.estimate.diagnostics import Diagnostics
 from armflex.laws.law_file import TrainedLaw
 from armflex.measured.joint_data import JointData
+from armflex.sampling.diagnostics import Diagnostics
 from armflex.version import __version__
 
 LEAVE_ONE_OUT_LIMIT = 500

@@ -11,10 +11,10 @@ from armflex.bench.cross_validation import NOWHERE, wrenches
 from armflex.bench.fitted import Fitted
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
 from armflex.errors import Flag, LawError, listing
-from armflex.estimate.diagnostics import Diagnostics, shortcomings
 from armflex.laws.joint.linear import LinearLaw, softness
 from armflex.laws.law import Law
 from armflex.measured.joint_data import JointData
+from armflex.sampling.diagnostics import Diagnostics, shortcomings
 
 AGAINST = -0.5
 """Correlation of a deflection with its own load from which a sign is believed to be turned."""

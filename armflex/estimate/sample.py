@@ -13,13 +13,13 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import InputError
-from armflex.estimate.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 from armflex.estimate.fit import Fit
 from armflex.estimate.law_block import LawBlock, learned_laws
 from armflex.estimate.view import Progress
 from armflex.laws import Row
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import ROUNDING
+from armflex.sampling.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 
 CHAINS = 4
 TUNE = 150
@@ -67,7 +67,7 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
         InputError: Nothing was learned, or there are too few draws to judge.
         UnsupportedError: The sampler is not installed (`pip install armflex[bayes]`).
     """
-    from armflex.estimate.nuts import Walk, no_u_turn  # loads the optional sampler
+    from armflex.sampling.nuts import Walk, no_u_turn  # loads the optional sampler
 
     if draws < FEWEST_DRAWS:
         raise InputError(f"{draws} draws: expected {FEWEST_DRAWS} or more of each chain, or they cannot be judged")

@@ -15,8 +15,8 @@ from harness import FOLDER, written
 from small_arms import joint, link, random_compliance, robot
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements
+from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.effect_block import EffectBlock
-from armflex.estimate.file import write_calibrated
 from armflex.measured.measurements import Measurements
 
 URDF = robot(

@@ -18,8 +18,8 @@ from armflex.bench.fit_linear import FittedCompliance, basis_of, fit_compliance,
 from armflex.bench.fitted import Fitted
 from armflex.bench.paper.metropolis import Adaptation, Chain, adaptive_metropolis_gibbs, scale_of
 from armflex.conventions import Array
-from armflex.estimate.diagnostics import Diagnostics, check_converged, diagnose
 from armflex.parallel import in_order
+from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose
 
 
 @dataclass(frozen=True)

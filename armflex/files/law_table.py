@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.declaration import Declaration
-from armflex.estimate.law_block import learned_laws
 from armflex.flexure import Flexure
 from armflex.laws.learned import LearnedLaw, Seen, learned_law
 from armflex.laws.learned.correction import NEAREST
@@ -22,12 +20,8 @@ ROUNDING = 1e-6
 """Of a matrix written and read, relative to its diagonal."""
 
 
-def law_tables(arm: Arm) -> dict[str, dict[str, Any]]:
-    """Return a table for every learned law of an arm."""
-    return {name: _table(law) for name, law in learned_laws(arm).items()}
-
-
-def _table(law: LearnedLaw) -> dict[str, Any]:
+def law_table(law: LearnedLaw) -> dict[str, Any]:
+    """Return the table of a learned law."""
     found = {"values": law.values.tolist(), "scales": list(law.scales)}
     found |= {name: getattr(law.seen, name).tolist() for name in SHAPES}
     if law.reach is None:
