@@ -20,6 +20,7 @@ from armflex.laws.effects import Effect, Spot, TwistLaw
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.remember import known_rows
+from armflex.laws.law import WithoutParameters
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, tangent_of
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
@@ -257,7 +258,7 @@ def test_the_flexure_that_turns_too_far_is_named(tmp_path):
 
 
 @dataclass(frozen=True)
-class Relay(Law):
+class Relay(WithoutParameters):
     """Turns one way or the other, and nothing between, as the moment about y passes a bound."""
 
     bound: float

@@ -20,7 +20,6 @@ from armflex.estimate.instrument_blocks import MOUNTING, FrameBlock, MountingBlo
 from armflex.estimate.law_block import LAW, LawBlock, learned_laws
 from armflex.estimate.view import Setup, View, look, untold_shifts
 from armflex.flexure import Flexure
-from armflex.laws import Law, LinearLaw, PositionDependentLaw
 from armflex.laws.effects.remember import known_rows
 from armflex.laws.effects.scene import Scene, survey
 from armflex.laws.learned import LearnedLaw
@@ -165,7 +164,7 @@ def without_declared_doubt(arm: Arm) -> Arm:
     if not any(fitted):
         return arm
     pairs = zip(arm.flexures, fitted, strict=True)
-    return replace(arm, flexures=tuple(replace(f, law=_undoubted(f.law)) if own else f for f, own in pairs))
+    return replace(arm, flexures=tuple(replace(f, law=f.law.certain()) if own else f for f, own in pairs))
 
 
 def law_labels(flexure: Flexure) -> tuple[str, ...]:
@@ -174,15 +173,6 @@ def law_labels(flexure: Flexure) -> tuple[str, ...]:
     if isinstance(law, LearnedLaw):
         return tuple(f"{LAW} {flexure.name} {label}" for label in law.labels)
     return tuple(f"{COMPLIANCE} {flexure.name} {axis}" for axis in TWIST_NAMES)
-
-
-def _undoubted(law: Law) -> Law:
-    if isinstance(law, LearnedLaw):
-        return replace(law, spread=None)
-    if isinstance(law, LinearLaw) and law.fit is not None:  # its readings' scatter stays
-        told = replace(law.fit, row_covariance=np.zeros_like(law.fit.row_covariance))
-        return replace(law, relative_std=0.0, fit=told)
-    return replace(law, relative_std=0.0) if isinstance(law, LinearLaw | PositionDependentLaw) else law
 
 
 def _labels(arm: Arm) -> tuple[str, ...]:
