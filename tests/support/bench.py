@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from armflex import train
-from armflex.bench.network import network_law
+from armflex.bench.fit_network import network_law
 from armflex.bench.network_problem import scaled_problem
 from armflex.laws.joint.network import NetworkLaw, weight_count
 from armflex.laws.joint.polynomial import PolynomialLaw, features_of

@@ -12,10 +12,10 @@ from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
 
 from armflex import InputError
-from armflex.bench import bayesian
-from armflex.bench.bayesian import fit_bayesian
+from armflex.bench import fit_bayesian as bayesian
 from armflex.bench.collapsed import Collapsed, Prior, maximum, whitening
-from armflex.bench.model import Fitted
+from armflex.bench.fit_bayesian import fit_bayesian
+from armflex.bench.fitted import Fitted
 from armflex.bench.network_problem import NetworkProblem, predictions
 from armflex.errors import ConvergenceError, NotFiniteError, UnknownNameError, UnsupportedError
 from armflex.laws.joint.network import layers

@@ -12,11 +12,11 @@ from support.command_line import Run, fine, strict_json
 from support.small_arms import ROBOTS
 
 from armflex import InputError, read_joint_data, train
-from armflex.bench.choose import INNER, OUTER, Compared, Rival, assess, chosen, compare, negligible, race
-from armflex.bench.held_out import NOWHERE, hold_out, random_folds
+from armflex.bench.cross_validation import NOWHERE, hold_out, random_folds
+from armflex.bench.fitted import Fitted
 from armflex.bench.learners import Options, affordable_starts, learner, rivals
-from armflex.bench.model import Fitted
-from armflex.bench.train import CHOICE
+from armflex.bench.model_choice import INNER, OUTER, Compared, Rival, assess, chosen, compare, negligible, race
+from armflex.bench.training import CHOICE
 from armflex.laws.law_file import load_law
 from armflex.measured.joint_data import JointData
 

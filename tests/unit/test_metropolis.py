@@ -9,9 +9,9 @@ import pytest
 from scipy.special import digamma, ndtri
 from scipy.stats import rankdata
 
-from armflex.bench.linear import fit_compliance
-from armflex.bench.linear_chain import fit_linear_chain, sample_compliance
-from armflex.bench.metropolis import (
+from armflex.bench.fit_linear import fit_compliance
+from armflex.bench.paper.linear_chain import fit_linear_chain, sample_compliance
+from armflex.bench.paper.metropolis import (
     Adaptation,
     Running,
     adaptive_metropolis,

@@ -221,6 +221,6 @@ def test_a_torch_module_as_a_law() -> None:
 
 
 def test_torch_is_not_imported_before_it_is_asked() -> None:
-    modules = "armflex.laws.network, armflex.laws.torch_law, armflex.learning.network"
+    modules = "armflex.laws.joint.network, armflex.laws.joint.torch_law, armflex.bench.fit_network"
     text = f"import sys, {modules}; sys.exit('torch' in sys.modules)"
     subprocess.run([sys.executable, "-c", text], check=True)

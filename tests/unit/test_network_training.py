@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armflex.bench.evidence import find_modes, laplace
-from armflex.bench.network import fit_network
+from armflex.bench.fit_network import fit_network
 from armflex.bench.network_problem import (
     GROUPS,
     jacobian,

@@ -14,9 +14,9 @@ from support.bench import made
 from support.small_arms import ROBOTS
 
 from armflex import read_joint_data
-from armflex.bench.held_out import NOWHERE, hold_out, predicted, single_folds
-from armflex.bench.linear import fit_compliance
-from armflex.bench.polynomial import PLAIN, fit_polynomial, learner
+from armflex.bench.cross_validation import NOWHERE, hold_out, predicted, single_folds
+from armflex.bench.fit_linear import fit_compliance
+from armflex.bench.fit_polynomial import PLAIN, fit_polynomial, learner
 from armflex.errors import IdentifiabilityError, LawError, UnknownNameError
 from armflex.laws.joint.at_node import AtNode
 from armflex.laws.joint.polynomial import (

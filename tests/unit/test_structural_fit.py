@@ -13,8 +13,8 @@ from support.command_line import Run, fine
 from support.structures import ASSEMBLY, BEAM
 
 from armflex import InputError, read_joint_data, train
+from armflex.bench.fit_structural import fit_structural
 from armflex.bench.learners import Options
-from armflex.bench.structural import fit_structural
 from armflex.errors import ModelFileError
 from armflex.laws import LinearLaw, Row
 from armflex.laws.declared import read_assembly

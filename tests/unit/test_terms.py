@@ -7,8 +7,8 @@ import pytest
 from support.small_arms import ROBOTS
 
 from armflex import InputError, read_joint_data, train
+from armflex.bench.fit_terms import COUPLING, fit_terms
 from armflex.bench.learners import FOUND, Options
-from armflex.bench.terms import COUPLING, fit_terms
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 

@@ -12,7 +12,7 @@ from support.bench import bench, write
 from support.small_arms import ROBOTS
 
 from armflex import InputError, read_joint_data, train
-from armflex.bench.linear import fit_compliance
+from armflex.bench.fit_linear import fit_compliance
 from armflex.errors import TableError, UnitError, UnknownNameError
 from armflex.laws import LinearLaw, Row
 

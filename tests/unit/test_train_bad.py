@@ -13,12 +13,12 @@ from support.small_arms import ROBOTS
 from support.structures import ASSEMBLY, BEAM
 
 from armflex import InputError, load_law, read_joint_data, train
-from armflex.bench import bayesian
-from armflex.bench.bayesian import fit_bayesian
-from armflex.bench.doubts import bench_doubts, law_doubts
-from armflex.bench.held_out import NOWHERE
+from armflex.bench import fit_bayesian as bayesian
+from armflex.bench.cross_validation import NOWHERE
+from armflex.bench.fit_bayesian import fit_bayesian
+from armflex.bench.fit_linear import fit_compliance
 from armflex.bench.learners import Options, learner
-from armflex.bench.linear import fit_compliance
+from armflex.bench.training_warnings import bench_doubts, law_doubts
 from armflex.errors import (
     ArrayTypeError,
     ConvergenceError,
@@ -207,7 +207,7 @@ def test_a_chain_that_has_converged_on_all_rows_but_not_without_some(monkeypatch
             raise ConvergenceError("the chains have not converged", ())
         return fit_bayesian(loads, deflections, 2)
 
-    monkeypatch.setattr("armflex.bench.bayesian.fit_bayesian", learn)
+    monkeypatch.setattr("armflex.bench.fit_bayesian.fit_bayesian", learn)
     with pytest.raises(ConvergenceError, match=r"held-out error, without data row .* and 4 others: the chains"):
         train(data, "bayesian", options=Options(sampler="nuts"))
 

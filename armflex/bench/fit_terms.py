@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.bench.held_out import wrenches
-from armflex.bench.linear import least_scatter, seen_loads
-from armflex.bench.model import Fitted
+from armflex.bench.cross_validation import wrenches
+from armflex.bench.fit_linear import least_scatter, seen_loads
+from armflex.bench.fitted import Fitted
 from armflex.bench.span import check_span
 from armflex.conventions import WRENCH_NAMES, Array
 from armflex.errors import InputError

@@ -1,7 +1,7 @@
 """A compliance from joint data the paper's way: adaptive Metropolis on its entries, Gibbs on the noise variances.
 
 Entries have flat priors, variances Jeffreys'. For a full or a diagonal compliance the posterior is known: each row is
-multivariate t with its mean at the least squares of `armflex.learning.linear`, which referees the chains. Rows that
+multivariate t with its mean at the least squares of `armflex.bench.fit_linear`, which referees the chains. Rows that
 share no entry are independent of each other and have chains of their own, which mix faster for being smaller.
 """
 
@@ -14,9 +14,9 @@ from functools import partial
 
 import numpy as np
 
-from armflex.bench.linear import FittedCompliance, basis_of, fit_compliance, least_scatter
-from armflex.bench.metropolis import Adaptation, Chain, adaptive_metropolis_gibbs, scale_of
-from armflex.bench.model import Fitted
+from armflex.bench.fit_linear import FittedCompliance, basis_of, fit_compliance, least_scatter
+from armflex.bench.fitted import Fitted
+from armflex.bench.paper.metropolis import Adaptation, Chain, adaptive_metropolis_gibbs, scale_of
 from armflex.conventions import Array
 from armflex.parallel import in_order
 from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose
@@ -74,7 +74,7 @@ def fit_linear_chain(
     """Return the compliance of (N, k) loads and deflections as the mean of its posterior.
 
     Args:
-        loads, deflections, structure: See `armflex.learning.linear.fit_compliance`.
+        loads, deflections, structure: See `armflex.bench.fit_linear.fit_compliance`.
         seed: The same seed gives the same law.
         chains: Number of chains, from starts drawn wider than the posterior.
         draws: Kept draws of each chain; None for as many as the parameters need.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.bench.model import Learner
+from armflex.bench.fitted import Learner
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, InputError
 from armflex.laws.law import Law, Row

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armflex.bench.held_out import wrenches
-from armflex.bench.linear import least_scatter, seen_loads
-from armflex.bench.model import Fitted, Learner
+from armflex.bench.cross_validation import wrenches
+from armflex.bench.fit_linear import least_scatter, seen_loads
+from armflex.bench.fitted import Fitted, Learner
 from armflex.bench.span import check_determined
 from armflex.conventions import Array
 from armflex.errors import IdentifiabilityError
@@ -23,7 +23,7 @@ PLAIN = ("linear+radial", "linear+radial+magnitude", "quadratic")
 
 
 def learner(features: str | Sequence[str]) -> Learner:
-    """Return the function that fits a polynomial law over some features; see `armflex.laws.polynomial.features_of`."""
+    """Return the function that fits a polynomial law over some features; see `laws.joint.polynomial.features_of`."""
 
     def learn(loads: Array, deflections: Array, seed: int) -> Fitted:
         law = fit_polynomial(loads, deflections, features)

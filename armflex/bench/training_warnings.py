@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from armflex.bench.held_out import NOWHERE, wrenches
-from armflex.bench.model import Fitted
+from armflex.bench.cross_validation import NOWHERE, wrenches
+from armflex.bench.fitted import Fitted
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
 from armflex.errors import Flag, LawError, listing
 from armflex.laws.joint.linear import LinearLaw, softness

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.bench.held_out import HeldOut, Step, hold_out, random_folds
-from armflex.bench.model import Fitted, Learner
+from armflex.bench.cross_validation import HeldOut, Step, hold_out, random_folds
+from armflex.bench.fitted import Fitted, Learner
 from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.measured.joint_data import JointData

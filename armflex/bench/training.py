@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from armflex.bench.choose import FOLDS as RIVAL_FOLDS
-from armflex.bench.choose import OUTER, REPEATS, Compared, assess, chosen, compare, negligible
-from armflex.bench.doubts import bench_doubts, law_doubts
-from armflex.bench.held_out import HeldOut, hold_out, predicted, random_folds, single_folds
+from armflex.bench.cross_validation import HeldOut, hold_out, predicted, random_folds, single_folds
+from armflex.bench.fitted import Fitted
 from armflex.bench.learners import MODELS, Options, learner, rivals
-from armflex.bench.model import Fitted
+from armflex.bench.model_choice import FOLDS as RIVAL_FOLDS
+from armflex.bench.model_choice import OUTER, REPEATS, Compared, assess, chosen, compare, negligible
 from armflex.bench.span import check_span
+from armflex.bench.training_warnings import bench_doubts, law_doubts
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, UnknownNameError
 from armflex.laws.law_file import TrainedLaw

@@ -19,10 +19,9 @@ from functools import partial
 import numpy as np
 
 from armflex.bench.collapsed import Collapsed, Prior, maximum, whitening
-from armflex.bench.evidence import find_modes, laplace
-from armflex.bench.metropolis import Adaptation, adaptive_metropolis_gibbs, scale_of
-from armflex.bench.model import Fitted
-from armflex.bench.network import fit_network, network_law
+from armflex.bench.evidence import find_modes
+from armflex.bench.fit_network import fit_network, network_law
+from armflex.bench.fitted import Fitted
 from armflex.bench.network_problem import GROUPS, NetworkProblem, predictions, scaled_problem, start_weights
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError
@@ -43,15 +42,11 @@ ATTEMPTS = ({"depth": 5, "accept": 0.9}, {"depth": 8, "accept": 0.97})
 deflections the short ones give three times as many effective predictions a second; with 0.1 %, where the posterior is
 far more curved, they do not get around at all, and longer steps diverge now and then."""
 
-KEPT = 1000
-"""Most draws of a chain that are looked at: a random walk's neighbours say the same."""
-
 NETWORKS = 200
 """Most networks in a law. Their average is within 1/14 of a posterior deviation of that of all."""
 
 FIRST_NOISE = 0.1
 PRECISIONS = (1e-2, 1e2)
-ADAPT_EVERY = 100
 
 
 @dataclass(frozen=True)
@@ -141,7 +136,9 @@ def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws:
         raise InputError(f"{chains} chains of {draws} draws: expected at least 2 of 4, to compare them")
     judges()  # where the library for it is missing, say so before hours of work
     began, density = time.perf_counter(), Collapsed(problem, prior)
-    modes = list(in_order(partial(_mode, density, start) for start in start_weights(problem, chains, seed)))
+    noise = np.full(problem.size, FIRST_NOISE)
+    starts = [density.start(weights, noise) for weights in start_weights(problem, chains, seed)]
+    modes = list(in_order(partial(maximum, density, start) for start in starts))
     for walk in WALKS[sampler]:
         seeds = np.random.SeedSequence(seed).spawn(chains)
         walks = (partial(walk, density, mode, draws, own) for mode, own in zip(modes, seeds, strict=True))
@@ -150,11 +147,6 @@ def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws:
         if has_converged(posterior.diagnostics):
             break
     return posterior
-
-
-def _mode(density: Collapsed, start: Array) -> Array:
-    """Return the theta of the maximum near (P,) start weights."""
-    return maximum(density, density.start(start, np.full(density.problem.size, FIRST_NOISE)))
 
 
 @dataclass(frozen=True)
@@ -176,24 +168,9 @@ def _nuts_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.See
 
 
 def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence) -> Drawn:
-    """Return a chain of the paper's; it starts better than the paper's, from a maximum and the covariance there."""
-    problem, prior = density.problem, density.prior
-    own = prior.precisions[problem.groups]
-    start, noise = density.mean(mode), density.noise(mode)
-    covariance = scale_of(problem.count) * laplace(problem, start, prior.precisions, noise).covariance
-    chain = adaptive_metropolis_gibbs(
-        lambda weights: ((predictions(problem, weights) - problem.y) ** 2).sum(axis=0),
-        len(problem.x),
-        start,
-        2 * draws,
-        seed,
-        Adaptation(covariance, after=10 * problem.count, every=ADAPT_EVERY),
-        burn_in=draws,
-        log_prior=lambda weights: -0.5 * float(own @ weights**2),
-        noise_prior=(prior.noise_shape, prior.noise_scale),
-    )
-    stride = -(-draws // KEPT)
-    return Drawn(chain.draws[::stride], np.sqrt(chain.variances[::stride]), None, chain.acceptance)
+    from armflex.bench.paper.network_chain import network_chain  # for the paper's reproduction alone
+
+    return network_chain(density, mode, draws, seed)
 
 
 WALKS = {"nuts": tuple(partial(_nuts_chain, **aims) for aims in ATTEMPTS), "metropolis": (_metropolis_chain,)}

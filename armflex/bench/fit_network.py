@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from armflex.bench.evidence import find_modes
+from armflex.bench.fit_linear import seen_loads
+from armflex.bench.fitted import Fitted
 from armflex.bench.levenberg import PAPER, RELATIVE, Damping, minimise
-from armflex.bench.linear import seen_loads
-from armflex.bench.model import Fitted
 from armflex.bench.network_problem import (
     GROUPS,
     NetworkProblem,
