@@ -1,7 +1,10 @@
-"""Before the first test: the compiled kernel, and where fixtures come from."""
+"""What concerns every test: where fixtures come from, the compiled kernel, and memory that a worker keeps."""
 
 from __future__ import annotations
 
+import ctypes
+import gc
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +13,8 @@ import pytest
 
 pytest.register_assert_rewrite("support")
 pytest_plugins = ("support.fixtures", "support.stage", "support.traced_backlash", "support.tracking")
+MUCH = 1 << 30
+"""Bytes of a worker."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -17,3 +22,14 @@ def pytest_configure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
         code = "from armflex.mechanics.rows import kernel; kernel().compile_everything()"
         subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1], check=True)
+
+
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """Give back what a file's tests have freed: the heap of a worker, in pieces, would grow to gigabytes."""
+    if nextitem is None or nextitem.path == item.path or not sys.platform.startswith("linux"):
+        return
+    resident = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of glibc alone
+    if trim and resident > MUCH:
+        gc.collect()
+        trim(0)
