@@ -21,6 +21,8 @@ from support.bent_joints import bent
 from armflex import Arm, draw_laws, load_arm
 from armflex.errors import InputError, ShapeError, UnknownNameError
 
+pytestmark = pytest.mark.slow
+
 SEED = 1
 
 

@@ -749,6 +749,7 @@ def test_a_chain_must_lead_from_base_to_tip(tmp_path, tip, base, words):
     assert_refused(write(tmp_path, GOOD), (words, f"'{tip}'"), tip=tip, base=base)
 
 
+@pytest.mark.slow
 @settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(
     place=st.integers(0, len(GOOD)),

@@ -204,6 +204,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.Com
     return folder, said, made[0]
 
 
+@pytest.mark.slow
 def test_demo_runs_through(demo) -> None:
     folder, result, _ = demo
     shifts = strict_json(folder / "demo.json")["tip_moves_m"]
@@ -499,6 +500,7 @@ def test_a_demo_keeps_its_files_apart(folder: Path, file: str) -> None:
     assert not list((folder / "d" / "tarm_like").iterdir())
 
 
+@pytest.mark.slow
 def test_a_demo_leaves_an_edited_arm_alone(demo, armflex: Run, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("armflex.cli.demo.trace", lambda *_, **__: demo[2])  # of files that nobody edited
     (tmp_path / "d" / "tarm_like").mkdir(parents=True)
