@@ -137,50 +137,6 @@ def central_difference(function, at: np.ndarray, step: float) -> np.ndarray:
     return np.array(columns).T
 
 
-GOOD = """<?xml version="1.0"?>
-<robot name="two_link">
-  <link name="base"/>
-  <joint name="shoulder" type="revolute">
-    <parent link="base"/>
-    <child link="upper"/>
-    <origin xyz="0 0 0.5" rpy="0 0.1 0"/>
-    <axis xyz="0 1 0"/>
-    <limit lower="-1.5" upper="1.6" effort="900" velocity="0.7"/>
-  </joint>
-  <link name="upper">
-    <inertial>
-      <origin xyz="0.5 0 0.01"/>
-      <mass value="20"/>
-      <inertia ixx="0.2" ixy="0.001" ixz="0.002" iyy="1.7" iyz="0.003" izz="1.75"/>
-    </inertial>
-    <visual name="tube">
-      <geometry><box size="1.0 0.1 0.1"/></geometry>
-    </visual>
-  </link>
-  <joint name="elbow" type="revolute">
-    <parent link="upper"/>
-    <child link="fore"/>
-    <origin xyz="1.0 0 0"/>
-    <axis xyz="0 0 1"/>
-    <limit lower="-2" upper="2.1" effort="400" velocity="0.8"/>
-  </joint>
-  <link name="fore">
-    <inertial>
-      <origin xyz="0.4 0 0"/>
-      <mass value="12"/>
-      <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.7" iyz="0" izz="0.71"/>
-    </inertial>
-  </link>
-  <joint name="flange" type="fixed">
-    <parent link="fore"/>
-    <child link="tool"/>
-    <origin xyz="0.8 0 0"/>
-  </joint>
-  <link name="tool"/>
-</robot>
-"""
-
-
 def standing(folder, softness: float, height: float, across: float = 0.0, law: Law | None = None) -> Arm:
     """Return a joint about y with 2 kg at a height above it (below it when negative)."""
     return one_joint(folder, law or LinearLaw(np.diag([1e-8] * 3 + [1e-6, softness, 1e-6])), (across, 0.0, height))

@@ -12,7 +12,8 @@ import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.small_arms import GOOD, ROBOTS, joint, line_of, link, robot, write
+from support.small_arms import ROBOTS, joint, line_of, link, robot, write
+from support.two_links import GOOD
 
 from armflex import Arm, Flexure, load_arm
 from armflex.cli.options import declared_arm
