@@ -99,20 +99,23 @@ def one_joint(
     return arm_of(folder, parts, "tool", {"j": law}, **options)
 
 
+CROOKED = (
+    link("base"),
+    joint("yaw", "base", "column", (0.1, -0.05, 0.4), (0.1, 0.05, -0.2), (0, 0, 1)),
+    link("column", 80.0, (0.05, 0.02, 0.2), 4.0),
+    joint("pitch", "column", "upper", (0.1, 0, 0.5), (0, -0.3, 0.2), (0, 1, 0)),
+    link("upper", 60.0, (0.5, 0.05, 0.02), 5.0),
+    joint("roll", "upper", "fore", (1.0, 0.02, 0.1), (0.2, 0.1, 0), (0.6, 0, 0.8)),
+    link("fore", 30.0, (0.3, -0.04, 0), 2.0),
+    joint("flange", "fore", "tool", (0.6, 0.05, 0.1), (0, 0.4, 0), kind="fixed"),
+    link("tool"),
+)
+"""Yaw, pitch and roll joints on oblique mounts, 2.2 m long."""
+
+
 def three_joints(folder: Path, compliances: Sequence[Law | np.ndarray], **options: object) -> Arm:
-    """Return a crooked arm: yaw, pitch and roll joints, oblique mounts, 2.2 m long."""
-    parts = [
-        link("base"),
-        joint("yaw", "base", "column", (0.1, -0.05, 0.4), (0.1, 0.05, -0.2), (0, 0, 1)),
-        link("column", 80.0, (0.05, 0.02, 0.2), 4.0),
-        joint("pitch", "column", "upper", (0.1, 0, 0.5), (0, -0.3, 0.2), (0, 1, 0)),
-        link("upper", 60.0, (0.5, 0.05, 0.02), 5.0),
-        joint("roll", "upper", "fore", (1.0, 0.02, 0.1), (0.2, 0.1, 0), (0.6, 0, 0.8)),
-        link("fore", 30.0, (0.3, -0.04, 0), 2.0),
-        joint("flange", "fore", "tool", (0.6, 0.05, 0.1), (0, 0.4, 0), kind="fixed"),
-        link("tool"),
-    ]
-    return arm_of(folder, parts, "tool", dict(zip(("yaw", "pitch", "roll"), compliances, strict=True)), **options)
+    """Return the crooked arm with a law, or a compliance, at each of its joints."""
+    return arm_of(folder, CROOKED, "tool", dict(zip(("yaw", "pitch", "roll"), compliances, strict=True)), **options)
 
 
 def random_compliance(seed: int, softness: float = 1.0) -> np.ndarray:

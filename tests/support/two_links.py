@@ -48,14 +48,7 @@ GOOD = """<?xml version="1.0"?>
   <link name="tool"/>
 </robot>
 """
-ARM = """[robot]
-urdf = "robot.urdf"
-tip = "tool"
-base = "base"
-gravity = [0.0, 0.0, -9.81]
-payload_rating = 10.0
-
-[payload.p5]
+PAYLOADS = """[payload.p5]
 mass = 5.0
 com = [0.1, 0.0, 0.0]
 inertia = [0.3, 0.3, 0.3, 0.0, 0.0, 0.0]
@@ -63,7 +56,15 @@ inertia = [0.3, 0.3, 0.3, 0.0, 0.0, 0.0]
 [payload.p20]
 mass = 20.0
 com = [0.1, 0.0, 0.05]
+"""
+ARM = f"""[robot]
+urdf = "robot.urdf"
+tip = "tool"
+base = "base"
+gravity = [0.0, 0.0, -9.81]
+payload_rating = 10.0
 
+{PAYLOADS}
 [flexure.S]
 joint = "shoulder"
 model = "linear"
