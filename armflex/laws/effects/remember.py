@@ -16,7 +16,7 @@ from armflex.laws.effects.law import Effect, TwistLaw
 from armflex.laws.effects.scene import known_columns
 from armflex.laws.effects.spot import resolve
 from armflex.rows import Driven, Rows
-from armflex.rows.rows import APPROACH, POSE
+from armflex.rows.rows import APPROACH
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
@@ -55,6 +55,11 @@ def known_rows(arm: Arm, rows: Driven) -> dict[str, Array]:
     return known | states
 
 
+def remembers(arm: Arm) -> bool:
+    """Return whether an arm has effects whose state depends on all the rows before."""
+    return any(isinstance(effect.law, TwistLaw) and effect.law.memory for effect in arm.effects)
+
+
 def depended_on(arm: Arm) -> tuple[str, ...]:
     """Return the names of all covariates that an arm's effects ask for; joint positions are known without."""
     names: dict[str, None] = {}
@@ -91,7 +96,7 @@ def derived_directions(arm: Arm, rows: Rows, asked: np.ndarray) -> tuple[Flag, .
         unknown = asked[untold[asked]]
         if len(unknown) and name not in asker.derived:
             with naming(rows.places[unknown[0]] if rows.places else f"row {unknown[0]}"):
-                raise MissingCovariateError(name, sorted(set(rows.known) - set(rows.derived) - {POSE}), asker.name)
+                raise MissingCovariateError(name, sorted(set(rows.known) - set(rows.derived)), asker.name)
         flags[name] = derived_direction(name, len(unknown))
     return tuple(flags.values())
 
