@@ -15,10 +15,11 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.estimate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
 from armflex.estimate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
-from armflex.estimate.view import Setup, View
+from armflex.estimate.view import View
 from armflex.laws import LinearLaw, PositionDependentLaw
 from armflex.measured.measurements import Measurements
 from armflex.readings import Orientation
+from armflex.setup import Setup
 
 
 class Block(Protocol):

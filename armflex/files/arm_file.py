@@ -1,9 +1,16 @@
-"""arm.toml: an arm as declared, read whole or refused with file, line and the nearest valid name."""
+"""arm.toml: an arm as declared, read whole or refused with file, line and the nearest valid name, and one as fitted.
+
+What a fit found is written beside what was declared, comments and all: [calibration] and further [[effect]]s.
+"""
 
 from __future__ import annotations
 
+import os
+import tomllib
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,8 +27,8 @@ from armflex.errors import (
     did_you_mean,
     listing,
 )
-from armflex.estimate.view import Setup
-from armflex.files.calibration_table import read_calibration
+from armflex.files.calibration_table import Campaign, calibration_table, read_calibration
+from armflex.files.certainty_table import with_covariance
 from armflex.files.effect_file import read_effect
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, StructuralLaw, read_law
 from armflex.laws.declared import model_of
@@ -32,6 +39,8 @@ from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
 from armflex.robot.urdf import MAX_LINKS
+from armflex.setup import Setup
+from armflex.storage.whole_file import remove, write_whole
 
 
 def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
@@ -230,3 +239,77 @@ def _gives(law: Law) -> bool:
     if isinstance(law, LinearLaw):
         return bool(law.compliance.any())
     return isinstance(law, PositionDependentLaw) and bool(law.coefficients.any())
+
+
+def write_arm(
+    declared: Path,
+    arm: Arm,
+    campaign: Campaign,
+    path: Path,
+    effects: Sequence[dict[str, Any]] = (),
+    unfinished: bool = False,
+) -> Path:
+    """Write a declared arm.toml with its comments, what a fit found, and the effects that were added.
+
+    Args:
+        declared: The arm.toml that was fitted.
+        arm: As fitted; see `calibration_table`.
+        campaign: What it was fitted to.
+        path: The arm.toml to write; files named in it are named relative to its folder.
+        effects: Tables of what was found beyond what was declared, see `effect_table`.
+        unfinished: Whether the search for them was still going on.
+    """
+    import tomlkit  # only when an arm is written
+
+    document = tomlkit.parse(declared.read_text(encoding="utf-8-sig"))
+    _move_files(document, declared.parent.resolve(), path.parent.resolve())
+    document.pop("calibration", None)
+    if effects and "effect" not in document:
+        document.append("effect", tomlkit.aot())
+    for effect in effects:
+        document["effect"].append(_inline(effect))
+    calibration = with_covariance(calibration_table(arm, campaign, unfinished), path)
+    document.append("calibration", tomlkit.item(calibration))
+    passing = _passing(path)
+    written = write_whole(path, tomlkit.dumps(document).encode())
+    for file in passing:
+        if file.name != calibration.get("covariance_file"):
+            remove(file)
+    return written
+
+
+def _passing(path: Path) -> list[Path]:
+    """Return the file beside an unfinished arm.toml that holds its covariance: it goes with that arm.toml."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    name = document.get("calibration", {}).get("covariance_file")
+    ours = isinstance(name, str) and name.startswith(f"{path.stem}.unfinished-") and Path(name).name == name
+    return [path.with_name(name)] if name and ours else []
+
+
+def _inline(effect: dict[str, Any]) -> Any:
+    """Return a table whose own tables stand on one line each."""
+    import tomlkit
+
+    table = tomlkit.table()
+    for key, value in effect.items():
+        if isinstance(value, dict):
+            line = tomlkit.inline_table()
+            line.update(value)
+            value = line
+        table.append(key, value)
+    return table
+
+
+def _move_files(table: Any, old: Path, new: Path) -> None:
+    """Rewrite the relative names under `urdf` and `file`, wherever they are."""
+    for key, value in table.items():
+        if key in ("urdf", "file") and isinstance(value, str):
+            table[key] = Path(os.path.relpath(old / value, new)).as_posix()
+        elif isinstance(value, dict):
+            _move_files(value, old, new)
+        elif isinstance(value, list):
+            for item in (item for item in value if isinstance(item, dict)):
+                _move_files(item, old, new)

@@ -13,7 +13,7 @@ from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
 from armflex.estimate.spread import fitted_variance, without_declared_doubt
-from armflex.estimate.view import Setup, untold_shifts
+from armflex.estimate.view import untold_shifts
 from armflex.laws.effects.remember import (
     check_covariates,
     derived_direction,
@@ -27,6 +27,7 @@ from armflex.measured.table import write_table, writing_table
 from armflex.mechanics.deflection_batch import DeflectionBatch
 from armflex.readings import Position, unread
 from armflex.readings.instrument import Instrument
+from armflex.setup import Setup
 from armflex.trajectory import check_approaches
 
 TOGETHER = 2048
