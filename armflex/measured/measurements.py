@@ -194,14 +194,14 @@ def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurement
     first = 0
     for table in read_pieces(path, kinds, most):
         found = _measurements(table, arm, first, before)
-        known, covariates = _check_columns(table, arm, True, None), {}
+        known, numbers, levels = _check_columns(table, arm, True, None), {}, {}
         for name in (name for name in table.columns if name not in known):
             if levels_of[name] is None:
-                covariates[name] = table.numbers(name)
+                numbers[name] = table.numbers(name)
             else:
-                covariates |= level_columns(name, table.texts(name), levels_of[name])
+                levels |= level_columns(name, table.texts(name), levels_of[name])
         first, before = first + len(table), (found.q[-1], last_motion(found.q, before)[-1])
-        yield replace(found, covariates=covariates)
+        yield replace(found, covariates=numbers | levels)
 
 
 def _looked_through(path: Path, arm: Arm, most: int) -> dict[str, tuple[str, ...] | None]:
