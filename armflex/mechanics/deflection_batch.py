@@ -10,7 +10,6 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.laws import Law, LinearLaw, PositionDependentLaw, Row
 from armflex.mechanics.deflect import Asked
 from armflex.mechanics.deflection import Deflection, Solved
 from armflex.mechanics.doubts import SAG_BAND, payload_doubts, sag_doubts, wrench_doubts
@@ -171,7 +170,7 @@ class DeflectionBatch:
         known, stack = False, self.acting.arm.stack
         for loaded, rows in self._chunks() if self.acting.compiled else ():
             row, wrenches = loaded.row(self.q[rows], self.acting.known(rows)), self.wrenches[rows]
-            parts = [covariances(law, wrenches[:, i], row) for i, law in enumerate(stack.laws)]
+            parts = [law.covariance(wrenches[:, i], row) for i, law in enumerate(stack.laws)]
             if all(part is None for part in parts):
                 left[rows] = False
                 continue
@@ -199,13 +198,9 @@ class DeflectionBatch:
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
         """Doubts, each with the first row it concerns."""
-        met = (
-            self.doubts
-            if self.first_unseen is None
-            else [*self.doubts, *((self.first_unseen[0], f) for f in self.first_unseen[1])]
-        )
+        unseen = [] if self.first_unseen is None else [(self.first_unseen[0], flag) for flag in self.first_unseen[1]]
         found: dict[str, Flag] = {}
-        for number, flag in sorted(met, key=lambda pair: pair[0]):
+        for number, flag in sorted((*self.doubts, *unseen), key=lambda pair: pair[0]):
             found.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
         return tuple(found.values())
 
@@ -236,11 +231,3 @@ class DeflectionBatch:
             flags = stack.doubts(wrenches, acting.arm.loaded(acting.payload(i)).row(self.q[i], acting.known(i)))
             if flags:
                 yield i, flags
-
-
-def covariances(law: Law, loads: Array, row: Row) -> Array | None:
-    """Return the (N, 6, 6) covariances of a law's twists under (N, 6) loads, None where it carries none."""
-    if isinstance(law, LinearLaw | PositionDependentLaw) and getattr(law, "fit", None) is None:
-        return law.covariance(loads, row)
-    found = [law.covariance(load, row.some(i)) for i, load in enumerate(loads)]
-    return None if any(part is None for part in found) else np.array(found).reshape(-1, 6, 6)
