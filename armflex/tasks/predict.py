@@ -14,10 +14,11 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import Flag, InputError, Place, naming
 from armflex.estimate.spread import fitted_variance, without_declared_doubt
 from armflex.estimate.view import untold_shifts
-from armflex.laws.effects.remember import check_covariates, derived_directions, known_rows
+from armflex.laws.effects.remember import check_covariates, derived_directions
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import write_table
 from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.history import known_rows
 from armflex.readings import Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup

@@ -34,7 +34,7 @@ from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.projection import project
 from armflex.trace.result import Found, Proof, Step, Trace, Unexplained
-from armflex.trace.search import NAMED, SECOND, TIE, Round, plainest
+from armflex.trace.search import TIE, Round, plainest
 from armflex.trace.state import (
     State,
     add,
@@ -194,7 +194,7 @@ def _accept(state: State, looked: Round, say: Report, apart: float = APART) -> t
 
     Held-out errors must fall by `apart` standard errors; where that is more than usual, only the catalogue will do.
     """
-    if apart > APART and looked.best.candidate.law.name not in NAMED:
+    if apart > APART and not looked.best.candidate.law.physical:
         return None
     null = _beyond_chance(state, looked, looked.best)
     found = None if null is None else _proven(state, looked, _refitted(state, looked, say), null, apart)
@@ -217,7 +217,7 @@ def _beyond_chance(state: State, looked: Round, best: Polished) -> float | None:
     for number, sifted in enumerate(looked.sifted):
         state.tell("what chance gives", number, len(looked.sifted))
         null = max(null, float(null_maximum(sifted, state.groups, laws).max()))
-    margin = MARGIN + SOUGHT * (best.candidate.law in SECOND)
+    margin = MARGIN + SOUGHT * best.candidate.law.sought
     return null if best.evidence >= null + margin else None
 
 
