@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import Array
@@ -189,9 +190,14 @@ def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
         for side in (-1.0, 1.0) if len(some) else ():
             approach = rows.approach.copy()
             approach[some, joint] = side
-            sides.append(look(setup, replace(rows, approach=approach), some, readings=readings).residual)
-        if sides:
-            shift[some] = 0.5 * (sides[0] - sides[1])
+            sides.append(look(setup, replace(rows, approach=approach), some, readings=readings))
+        if sides:  # of the tip's motion, which is small: rotation vectors of what is read may differ by more than it
+            here, there = (one.line.tip for one in sides)
+            turns = [
+                pin.log3(after @ before.T) for before, after in zip(here[:, :3, :3], there[:, :3, :3], strict=True)
+            ]
+            motion = np.concatenate([there[:, :3, 3] - here[:, :3, 3], np.array(turns)], axis=1)
+            shift[some] = 0.25 * ((sides[0].seen + sides[1].seen) @ motion[:, :, None])[:, :, 0]
     return shifts
 
 
