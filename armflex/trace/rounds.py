@@ -51,6 +51,8 @@ from armflex.trace.telling import Doing, Report, Teller, tell_steps
 from armflex.trace.withdraw import never_worse
 
 MOST_EFFECTS = 12
+"""Effects at which a search ends, though more may be missing."""
+
 ENOUGH = 16.0
 """Evidence that an effect must be worth at least: thousands are looked at, and noise gives the best of them 3 to 10.
 
@@ -111,6 +113,8 @@ def trace(
             if account is not None:
                 _pass_on(account, partial(_so_far, calibration, first, found.state, places, found.steps), say)
     traced = _conclude(calibration, first, found.state, places, found.steps, say)
+    if not found.ended:
+        traced = replace(traced, stopped_at=len(found.steps))
     if account is not None:
         account(traced)
     if checkpoint:
