@@ -19,12 +19,12 @@ from armflex.laws.effects.remember import (
     derived_direction,
     derived_directions,
     directions,
-    known_rows,
     remembers,
 )
 from armflex.measured.measurements import Measurements, read_measurements, stream_inputs
 from armflex.measured.table import write_table, writing_table
 from armflex.mechanics.deflection_batch import DeflectionBatch
+from armflex.mechanics.history import known_rows
 from armflex.readings import Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup

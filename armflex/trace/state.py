@@ -16,9 +16,10 @@ from armflex.estimate.effect_block import EffectBlock, numbers_of, shy_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.view import look
 from armflex.laws.effects.law import Effect
-from armflex.laws.effects.remember import known_rows, without_direction
+from armflex.laws.effects.remember import without_direction
 from armflex.laws.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
+from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
 from armflex.rows.rows import POSE
 from armflex.setup import Setup
@@ -260,7 +261,8 @@ def stands(state: State) -> bool:
     """Return whether every effect is still possible with what the fit made of it."""
     for block in state.effects:
         effect = block.at(state.values_of(block))
-        acting = np.array([effect.amplitudes[i] for i in effect.spot.terms])
-        if not sensible(Candidate(effect.law, effect.spot, effect.inner), acting, state.fit, state.scene, present=True):
+        if not sensible(
+            Candidate(effect.law, effect.spot, effect.inner), effect.acting, state.fit, state.scene, present=True
+        ):
             return False
     return True
