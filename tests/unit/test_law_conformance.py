@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.bench import LARGEST, some_law
+from support.bench import some_law
 from support.small_arms import central_difference, three_joints
 
-from armflex import Arm, Measurements, Reading, Tracker, calibrate, draw_arms, load_arm, plan, predict
+from armflex import Arm, Measurements, Reading, Tracker, calibrate, draw_arms, load_arm, plan
 from armflex.conventions import Array
+from armflex.errors import ArmFileError
 from armflex.estimate.calibrate import write_calibrated
-from armflex.files.arm_file import load_arm as read_arm
 from armflex.laws import LAWS, AtNode, Law, LinearLaw, Row
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.joint.network import weight_count
@@ -60,7 +60,7 @@ def arm_with(folder: Path, name: str, prior: str = "", learn: bool = False) -> A
     (folder / "arm.toml").write_text(text)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that the other joint is taken as known
-        return read_arm(folder / "arm.toml")
+        return load_arm(folder / "arm.toml")
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +106,7 @@ def law(request, declared) -> Law:
 def asked(law: Law, count: int = 8) -> tuple[Array, Row]:
     """Return (count, 6) loads within those that a law was trained on, if it was, and as many rows."""
     rng = np.random.default_rng(2)
-    size = LARGEST if law.trained_on is not None and np.abs(law.trained_on).max() < 0.9 * SIZE.max() else SIZE
+    size = SIZE if law.trained_on is None else 0.4 * np.abs(law.trained_on).min(axis=0)
     q = rng.uniform(-1.5, 1.5, (count, 3))
     return 0.7 * size * rng.uniform(-1.0, 1.0, (count, 6)), Row(q, {"yaw": 0, "pitch": 1, "roll": 2})
 
@@ -144,15 +144,15 @@ def test_rows_at_once_are_rows_one_by_one(law):
 def test_draws_spread_as_the_covariance_says(law):
     loads, rows = asked(law, 2)
     rng, load, row = np.random.default_rng(5), loads[0], rows.some(0)
-    drawn = np.array([law.draw(rng).twist(load, row) for _ in range(1500)])
+    drawn = np.array([law.draw(rng).twist(load, row) for _ in range(600)])
     whole, scatter = law.covariance(load, row), law.certain().scatter(load, row)
     known = whole if scatter is None or len(getattr(law, "hidden", (0,))) > 1 else whole - scatter
     expected = np.sqrt(np.diag(known).clip(0.0))
     if len(getattr(law, "hidden", (0,))) > 1:  # its scatter is that of its members, and the noise
         expected = np.sqrt(np.diag(known) - law.noise**2)
     assert law.uncertain or "hidden" in vars(law)
-    # A standard deviation from 1500 draws is right to a root of 3000, at 4 of them; logarithms bend by a twentieth.
-    np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=4.0 / np.sqrt(3000) + 0.05, atol=1e-3 * expected.max())
+    # A standard deviation from 600 draws is right to a root of 1200, at 4 of them; logarithms bend by a twentieth.
+    np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=4.0 / np.sqrt(1200) + 0.05, atol=1e-3 * expected.max())
     assert not law.draw(rng).uncertain or "hidden" in vars(law)
 
 
@@ -196,19 +196,25 @@ def test_prepared_and_batches_answer_as_one_by_one(name, declared):
         np.testing.assert_allclose(batch.covariance[i], alone.covariance, rtol=1e-6, atol=1e-15)
 
 
+def tips(arm: Arm, rows: Rows) -> Array:
+    """Return where the tip is in every row [m], base axes."""
+    pairs = zip(rows.q, rows.payload, strict=True)
+    return np.array([arm.deflection(q, payload).pose.translation for q, payload in pairs])
+
+
 def read_at(arm: Arm, truth: Law, seed: int) -> Measurements:
     """Return what is read of an arm whose second law is another."""
     rng, names = np.random.default_rng(seed), ("none", "heavy")
     q = rng.uniform(-1.5, 1.5, (COUNT, 3))
     rows = Rows.of(arm.joint_names, q, [names[i % 2] for i in range(COUNT)], {}, derived=("time",))
     there = replace(arm, flexures=(arm.flexures[0], replace(arm.flexures[1], law=truth, learn=None)))
-    position = predict(there, rows).position + rng.normal(0.0, SIGMA, (COUNT, 3))
+    position = tips(there, rows) + rng.normal(0.0, SIGMA, (COUNT, 3))
     return Measurements.of(rows, Readings(COUNT, (Position(position, np.full((COUNT, 3), SIGMA)),)))
 
 
 def away(arm: Arm, readings: Measurements) -> float:
     """Return the RMS distance of what an arm predicts from what was read [m]."""
-    return float(np.sqrt(((predict(arm, readings).position - readings.position) ** 2).sum(axis=1).mean()))
+    return float(np.sqrt(((tips(arm, readings) - readings.position) ** 2).sum(axis=1).mean()))
 
 
 FREED = [name for name in EXAMPLES if name != "structural"]
@@ -223,13 +229,13 @@ def test_it_is_freed_found_again_saved_drawn_warned_about_planned_for_and_tracke
         truth = truth.with_laws([scaled(truth.laws[0], FACTOR), truth.laws[1]])
     truth = truth if name == "structural" else scaled(truth, FACTOR)
     campaign, held_out = read_at(arm, truth, 1), read_at(arm, truth, 2)
-    assert away(arm, held_out) > 10.0 * SIGMA
+    assert away(arm, held_out) > 4.0 * np.sqrt(3.0) * SIGMA
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         planned = plan(arm, 6, after=campaign, sigma=SIGMA) if learn else plan(arm, 6, sigma=SIGMA)
         assert len(planned.rows.q) == 6
         found = calibrate(arm, campaign)
-        assert away(found.arm, held_out) < 1.2 * np.sqrt(3.0) * SIGMA
+        assert away(found.arm, held_out) < 1.3 * np.sqrt(3.0) * SIGMA
         path = write_calibrated(tmp_path / "arm.toml", found, tmp_path / "found.toml")
         again = load_arm(path)
     loads, rows = asked(law_of(arm))
@@ -241,7 +247,7 @@ def test_it_is_freed_found_again_saved_drawn_warned_about_planned_for_and_tracke
     tracker = Tracker(again)
     for i in range(10):
         tracker.update(Reading(held_out.q[i], held_out.position[i], SIGMA, held_out.payload[i]))
-    assert away(tracker.arm, held_out) < 1.3 * np.sqrt(3.0) * SIGMA
+    assert away(tracker.arm, held_out) < 1.4 * np.sqrt(3.0) * SIGMA
 
 
 @pytest.mark.parametrize("name", FREED)
@@ -257,3 +263,14 @@ def test_drawn_arms_differ_by_what_was_declared(name, declared):
     shifts = np.array([arm.deflection(q, "heavy").displacement for arm in draw_arms(declared[name], 200, 3)])
     expected = np.sqrt(np.diag(declared[name].deflection(q, "heavy").covariance))
     np.testing.assert_allclose(shifts.std(axis=0), expected, rtol=0.3, atol=0.05 * expected[:3].max())
+
+
+def test_what_cannot_harden_is_refused_by_its_line(tmp_path):
+    three_joints(tmp_path, [np.zeros((6, 6))] * 3)
+    text = ARM.format(prior="", learn="", law=EXAMPLES["hardening"].replace("energy = 0.5", "energy = -0.5"))
+    (tmp_path / "arm.toml").write_text(text)
+    line = text[: text.index("energy")].count("\n") + 1
+    with pytest.raises(
+        ArmFileError, match=rf"arm.toml:{line}: \[flexure.pitch\] energy: expected more than 0 J"
+    ):
+        load_arm(tmp_path / "arm.toml")
