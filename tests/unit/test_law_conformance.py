@@ -270,7 +270,5 @@ def test_what_cannot_harden_is_refused_by_its_line(tmp_path):
     text = ARM.format(prior="", learn="", law=EXAMPLES["hardening"].replace("energy = 0.5", "energy = -0.5"))
     (tmp_path / "arm.toml").write_text(text)
     line = text[: text.index("energy")].count("\n") + 1
-    with pytest.raises(
-        ArmFileError, match=rf"arm.toml:{line}: \[flexure.pitch\] energy: expected more than 0 J"
-    ):
+    with pytest.raises(ArmFileError, match=rf"arm.toml:{line}: \[flexure.pitch\] energy: expected more than 0 J"):
         load_arm(tmp_path / "arm.toml")
