@@ -8,7 +8,6 @@ from typing import Any
 import click
 import numpy as np
 
-from armflex.bench.diagnostics import FEWEST_DRAWS
 from armflex.cli.learned import laws_json, print_laws
 from armflex.cli.options import (
     Command,
@@ -26,12 +25,13 @@ from armflex.cli.tables import console, number, print_table
 from armflex.conventions import RESOLUTION
 from armflex.errors import InputError
 from armflex.estimate import Calibration, calibrate
-from armflex.estimate.file import write_calibrated
+from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.identify import Parameter
-from armflex.estimate.law_block import LAW
 from armflex.estimate.sample import sample_laws
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
+from armflex.parameters import LAW
+from armflex.sampling.diagnostics import FEWEST_DRAWS
 
 SCATTERED = 1.5
 """Scatter over the stated noise from which an arm is said to lack something."""

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.bench.train import train
+from armflex.bench.training import train
 from armflex.bundled import bundled_robot
 from armflex.cli.check import print_check
 from armflex.cli.compensate import print_compensation
@@ -19,7 +19,6 @@ from armflex.cli.tables import console, heading, number, print_table
 from armflex.cli.trace import print_trace
 from armflex.cli.train import print_training
 from armflex.errors import FileError, InputError, Place
-from armflex.estimate.file import write_traced
 from armflex.files.arm_file import load_arm
 from armflex.laws.law_file import save_law
 from armflex.measured.joint_data import read_joint_data
@@ -32,7 +31,7 @@ from armflex.storage.whole_file import write_whole
 from armflex.tasks.check import check
 from armflex.tasks.compensate import Compensation, compensate
 from armflex.trace import trace
-from armflex.trace.result import Trace
+from armflex.trace.result import Trace, write_traced
 from armflex.trajectory import Trajectory, read_trajectory, write_trajectory
 
 TOLERANCE = 0.1

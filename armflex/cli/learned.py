@@ -7,9 +7,10 @@ from typing import Any
 
 from armflex.cli.tables import console, number, print_table
 from armflex.estimate import Calibration
-from armflex.estimate.law_block import LAW, learned_laws
+from armflex.estimate.law_block import learned_laws
 from armflex.estimate.learned import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples
+from armflex.parameters import LAW
 
 
 def print_laws(found: Calibration, samples: LawSamples | None) -> None:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.estimate.view import Setup, View
+from armflex.estimate.view import View
 from armflex.laws.joint.scaled import scaled
+from armflex.setup import Setup
 
 
 @dataclass(frozen=True)

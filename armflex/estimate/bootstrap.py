@@ -15,10 +15,10 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import FileError, InputError, Place, naming
 from armflex.estimate.calibrate import FEWEST_ROWS, calibrate, loads_seen
-from armflex.estimate.spread import INSTRUMENT
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
 from armflex.parallel import in_order
+from armflex.parameters import INSTRUMENT
 from armflex.storage.array_file import Layout
 from armflex.storage.digest import digest
 from armflex.storage.kept import Form, Kept, open_kept

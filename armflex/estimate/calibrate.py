@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -19,16 +20,20 @@ from armflex.estimate.identify import Parameter, parameters
 from armflex.estimate.law_block import law_block
 from armflex.estimate.learn import fit_learning, settled
 from armflex.estimate.robust import huber_weights
-from armflex.estimate.spread import FRAMES, INSTRUMENT, certainty_of
-from armflex.estimate.view import Progress, Setup, View, look, position_rms
+from armflex.estimate.spread import certainty_of
+from armflex.estimate.view import Progress, View, look, position_rms
 from armflex.estimate.weigh import ROUNDS, Weighed
+from armflex.files.arm_file import write_arm
+from armflex.files.calibration_table import Campaign
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.law import LoadLaw, TwistLaw
 from armflex.laws.effects.remember import derived_directions, known_rows, without_direction
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import respond
+from armflex.parameters import FRAMES, INSTRUMENT
 from armflex.readings.instrument import Instrument, fit_frame, fit_mounting
+from armflex.setup import Setup
 
 OUTLIER = 0.5
 """Robust weight below which a row is listed as an outlier."""
@@ -119,6 +124,18 @@ class Calibration:
         return tuple(
             Outlier(int(view.rows[i]), places[view.rows[i]] if places else None, float(error[i])) for i in ordered
         )
+
+
+def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Path:
+    """Write the declared arm.toml with its comments, and a [calibration] table that `load_arm` applies.
+
+    Args:
+        declared: The arm.toml that was calibrated.
+        calibration: What was found.
+        path: The arm.toml to write; files named in it are named relative to its folder.
+    """
+    campaign = Campaign(calibration.measurements.sha256, len(calibration.fit.view.rows), calibration.rms)
+    return write_arm(declared, calibration.arm, campaign, path)
 
 
 def calibrate(

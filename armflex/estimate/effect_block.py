@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.view import Setup, View
+from armflex.estimate.view import View
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.scene import Scene
+from armflex.setup import Setup
 
 LARGEST_MOTION = 0.1
 """RMS of the tip's motion [m] that is expected of a missing effect at most: one standard deviation."""

@@ -13,9 +13,10 @@ from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
 from armflex.estimate.blocks import Block, places_of
 from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
-from armflex.estimate.view import Progress, Setup, View, look, position_rms
+from armflex.estimate.view import Progress, View, look, position_rms
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
+from armflex.setup import Setup
 
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""

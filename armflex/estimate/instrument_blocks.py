@@ -8,10 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.estimate.view import Setup, View
-
-MOUNTING = "mounting"
-"""Name of the block of the target's orientation."""
+from armflex.estimate.view import View
+from armflex.parameters import MOUNTING
+from armflex.setup import Setup
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,12 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.estimate.view import Setup, View
+from armflex.estimate.view import View
 from armflex.flexure import Flexure
 from armflex.laws import Law
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
-
-LAW = "law"
-"""Name of the block."""
+from armflex.parameters import LAW
+from armflex.setup import Setup
 
 
 @dataclass(frozen=True, eq=False)

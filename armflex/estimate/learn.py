@@ -18,10 +18,11 @@ from armflex.errors import ConvergenceError, Flag
 from armflex.estimate.blocks import Block
 from armflex.estimate.fit import Effort, Fit, fit
 from armflex.estimate.law_block import LawBlock, learned_laws, with_laws
-from armflex.estimate.view import Progress, Setup
+from armflex.estimate.view import Progress
 from armflex.estimate.weigh import Weighed
 from armflex.laws.learned import LearnedLaw
 from armflex.measured.measurements import Measurements
+from armflex.setup import Setup
 
 FIRM = 4.0
 """How many values' worth the expected size of a group is: a scale that the data hardly tell must not run to nothing,

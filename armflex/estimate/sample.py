@@ -11,8 +11,6 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.bench.diagnostics import FEWEST_DRAWS, diagnose
-from armflex.bench.model import Diagnostics
 from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.estimate.fit import Fit
@@ -21,6 +19,7 @@ from armflex.estimate.view import Progress
 from armflex.laws import Row
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import ROUNDING
+from armflex.sampling.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 
 CHAINS = 4
 TUNE = 150
@@ -68,7 +67,7 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
         InputError: Nothing was learned, or there are too few draws to judge.
         UnsupportedError: The sampler is not installed (`pip install armflex[bayes]`).
     """
-    from armflex.bench.nuts import Walk, no_u_turn  # loads the optional sampler
+    from armflex.sampling.nuts import Walk, no_u_turn  # loads the optional sampler
 
     if draws < FEWEST_DRAWS:
         raise InputError(f"{draws} draws: expected {FEWEST_DRAWS} or more of each chain, or they cannot be judged")

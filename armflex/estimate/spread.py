@@ -16,23 +16,19 @@ from armflex.estimate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBl
 from armflex.estimate.blocks import Block, joint_units
 from armflex.estimate.effect_block import EffectBlock, numbers_of
 from armflex.estimate.fit import Fit
-from armflex.estimate.instrument_blocks import MOUNTING, FrameBlock, MountingBlock, SessionBlock, TargetBlock
-from armflex.estimate.law_block import LAW, LawBlock, learned_laws
-from armflex.estimate.view import Setup, View, look, untold_shifts
-from armflex.flexure import Flexure
-from armflex.laws import Law, LinearLaw, PositionDependentLaw
+from armflex.estimate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
+from armflex.estimate.law_block import LawBlock, learned_laws
+from armflex.estimate.view import View, look, untold_shifts
 from armflex.laws.effects.remember import known_rows
 from armflex.laws.effects.scene import Scene, survey
-from armflex.laws.learned import LearnedLaw
+from armflex.parameters import COMPLIANCE, EFFECT, FRAMES, INSTRUMENT, LAW, MOUNTING, SESSIONS, law_labels
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.readings.position import rigid_motion
 from armflex.rows import Rows
+from armflex.setup import Setup
 
-COMPLIANCE, EFFECT, RANDOM = "compliance", "effect", "unexplained"
-INSTRUMENT, SESSIONS = "instrument", "session_frame"
-FRAMES = (INSTRUMENT, SESSIONS, MOUNTING)
-"""Blocks of one campaign alone: frames that nothing says will be the same in the next."""
+RANDOM = "unexplained"
 
 OF_THE_INSTRUMENT = (*FRAMES, "tool", f"{EFFECT} tracker_scale", f"{EFFECT} {SESSIONS}")
 """How blocks begin that change what is read, not where the tip is."""
@@ -165,24 +161,7 @@ def without_declared_doubt(arm: Arm) -> Arm:
     if not any(fitted):
         return arm
     pairs = zip(arm.flexures, fitted, strict=True)
-    return replace(arm, flexures=tuple(replace(f, law=_undoubted(f.law)) if own else f for f, own in pairs))
-
-
-def law_labels(flexure: Flexure) -> tuple[str, ...]:
-    """Return how the parameters of a flexure's law are named in a `Certainty`; names may hold blanks themselves."""
-    law = flexure.law
-    if isinstance(law, LearnedLaw):
-        return tuple(f"{LAW} {flexure.name} {label}" for label in law.labels)
-    return tuple(f"{COMPLIANCE} {flexure.name} {axis}" for axis in TWIST_NAMES)
-
-
-def _undoubted(law: Law) -> Law:
-    if isinstance(law, LearnedLaw):
-        return replace(law, spread=None)
-    if isinstance(law, LinearLaw) and law.fit is not None:  # its readings' scatter stays
-        told = replace(law.fit, row_covariance=np.zeros_like(law.fit.row_covariance))
-        return replace(law, relative_std=0.0, fit=told)
-    return replace(law, relative_std=0.0) if isinstance(law, LinearLaw | PositionDependentLaw) else law
+    return replace(arm, flexures=tuple(replace(f, law=f.law.certain()) if own else f for f, own in pairs))
 
 
 def _labels(arm: Arm) -> tuple[str, ...]:

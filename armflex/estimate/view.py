@@ -8,31 +8,17 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.laws.effects.law import Effect
 from armflex.laws.effects.remember import directions, known_rows
 from armflex.laws.effects.spot import same_site, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import Response, respond
 from armflex.readings import Position, Readings
-from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
+from armflex.setup import Setup as Setup
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Setup:
-    """An arm and the instrument that looks at it: everything a fit may move."""
-
-    arm: Arm
-    instrument: Instrument
-
-    def with_effect(self, effect: Effect) -> Setup:
-        """Return the setup with an effect added to its arm's list."""
-        return replace(self, arm=replace(self.arm, effects=(*self.arm.effects, effect)))
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,16 @@
-"""arm.toml: an arm as declared, read whole or refused with file, line and the nearest valid name."""
+"""arm.toml: an arm as declared, read whole or refused with file, line and the nearest valid name, and one as fitted.
+
+What a fit found is written beside what was declared, comments and all: [calibration] and further [[effect]]s.
+"""
 
 from __future__ import annotations
 
+import os
+import tomllib
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,18 +27,21 @@ from armflex.errors import (
     did_you_mean,
     listing,
 )
-from armflex.estimate.view import Setup
-from armflex.files.calibration_table import read_calibration
+from armflex.files.calibration_table import Campaign, calibration_table, read_calibration
+from armflex.files.certainty_table import with_covariance
 from armflex.files.effect_file import read_effect
-from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, StructuralLaw, read_law
+from armflex.laws import Row, read_law
 from armflex.laws.declared import model_of
 from armflex.laws.joint.linear import softness
+from armflex.laws.law import anywhere
 from armflex.laws.learned import read_learning
 from armflex.mechanics.loads import Payload
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
 from armflex.robot.urdf import MAX_LINKS
+from armflex.setup import Setup
+from armflex.storage.whole_file import remove, write_whole
 
 
 def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
@@ -75,8 +85,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     effects = root.array_of("effect")
     root.has("calibration")
     root.finish()
-    soft = [flag for flexure in flexures for flag in _soft(flexure)]
-    doubts = (*robot.flags, *flags, *soft, *_partly_certain(flexures))
+    soft = [flag for flexure in flexures for flag in _soft(flexure, anywhere(robot))]
+    doubts = (*robot.flags, *flags, *soft, *_partly_certain(flexures, anywhere(robot)))
     arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=doubts)
     fitted = read_calibration(root.sub("calibration"), arm) if root.has("calibration") else _say_level(arm)
     return _with_effects(fitted, effects)
@@ -177,11 +187,9 @@ def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:
     }
 
 
-def _soft(flexure: Flexure) -> list[Flag]:
-    law = flexure.law.law if isinstance(flexure.law, AtNode) else flexure.law
-    if not isinstance(law, LinearLaw):
-        return []
-    return [Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}") for flag in softness(law.compliance)]
+def _soft(flexure: Flexure, row: Row) -> list[Flag]:
+    flags = [flag for law in flexure.law.leaves for flag in softness(law.tangent(np.zeros(6), row))]
+    return [Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}") for flag in flags]
 
 
 def _read_measurement(table: Declaration) -> Measurement:
@@ -202,31 +210,84 @@ def _read_prior(table: Declaration) -> Prior:
     return Prior(**values)
 
 
-def _partly_certain(flexures: tuple[Flexure, ...]) -> list[Flag]:
+def _partly_certain(flexures: tuple[Flexure, ...], row: Row) -> list[Flag]:
     """Return a flag where some flexures carry an uncertainty and others do not: the sum would look too sure."""
-    laws = {flexure.name: _leaves(flexure.law) for flexure in flexures}
-    exact = [name for name, parts in laws.items() if not any(map(_is_uncertain, parts)) and any(map(_gives, parts))]
-    if not exact or not any(_is_uncertain(part) for parts in laws.values() for part in parts):
+    exact = [flexure.name for flexure in flexures if not flexure.law.uncertain and flexure.law.gives(row)]
+    if not exact or not any(flexure.law.uncertain for flexure in flexures):
         return []
     text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"
     return [Flag("partly_certain", text)]
 
 
-def _leaves(law: Law) -> list[Law]:
-    if isinstance(law, AtNode):
-        return _leaves(law.law)
-    if isinstance(law, StructuralLaw):
-        return [leaf for sub in law.subjoints for leaf in _leaves(sub.law)]
-    return [law]
+def write_arm(
+    declared: Path,
+    arm: Arm,
+    campaign: Campaign,
+    path: Path,
+    effects: Sequence[dict[str, Any]] = (),
+    unfinished: bool = False,
+) -> Path:
+    """Write a declared arm.toml with its comments, what a fit found, and the effects that were added.
+
+    Args:
+        declared: The arm.toml that was fitted.
+        arm: As fitted; see `calibration_table`.
+        campaign: What it was fitted to.
+        path: The arm.toml to write; files named in it are named relative to its folder.
+        effects: Tables of what was found beyond what was declared, see `effect_table`.
+        unfinished: Whether the search for them was still going on.
+    """
+    import tomlkit  # only when an arm is written
+
+    document = tomlkit.parse(declared.read_text(encoding="utf-8-sig"))
+    _move_files(document, declared.parent.resolve(), path.parent.resolve())
+    document.pop("calibration", None)
+    if effects and "effect" not in document:
+        document.append("effect", tomlkit.aot())
+    for effect in effects:
+        document["effect"].append(_inline(effect))
+    calibration = with_covariance(calibration_table(arm, campaign, unfinished), path)
+    document.append("calibration", tomlkit.item(calibration))
+    passing = _passing(path)
+    written = write_whole(path, tomlkit.dumps(document).encode())
+    for file in passing:
+        if file.name != calibration.get("covariance_file"):
+            remove(file)
+    return written
 
 
-def _is_uncertain(law: Law) -> bool:
-    if isinstance(law, LinearLaw):
-        return law.fit is not None or law.relative_std > 0.0
-    return isinstance(law, PositionDependentLaw) and law.relative_std > 0.0
+def _passing(path: Path) -> list[Path]:
+    """Return the file beside an unfinished arm.toml that holds its covariance: it goes with that arm.toml."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    name = document.get("calibration", {}).get("covariance_file")
+    ours = isinstance(name, str) and name.startswith(f"{path.stem}.unfinished-") and Path(name).name == name
+    return [path.with_name(name)] if name and ours else []
 
 
-def _gives(law: Law) -> bool:
-    if isinstance(law, LinearLaw):
-        return bool(law.compliance.any())
-    return isinstance(law, PositionDependentLaw) and bool(law.coefficients.any())
+def _inline(effect: dict[str, Any]) -> Any:
+    """Return a table whose own tables stand on one line each."""
+    import tomlkit
+
+    table = tomlkit.table()
+    for key, value in effect.items():
+        if isinstance(value, dict):
+            line = tomlkit.inline_table()
+            line.update(value)
+            value = line
+        table.append(key, value)
+    return table
+
+
+def _move_files(table: Any, old: Path, new: Path) -> None:
+    """Rewrite the relative names under `urdf` and `file`, wherever they are."""
+    for key, value in table.items():
+        if key in ("urdf", "file") and isinstance(value, str):
+            table[key] = Path(os.path.relpath(old / value, new)).as_posix()
+        elif isinstance(value, dict):
+            _move_files(value, old, new)
+        elif isinstance(value, list):
+            for item in (item for item in value if isinstance(item, dict)):
+                _move_files(item, old, new)

@@ -1,9 +1,10 @@
-"""[calibration] in an arm.toml, read: what a fit found is applied to what was declared."""
+"""[calibration] in an arm.toml: what a fit found, applied to what was declared where it is read."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,16 +14,61 @@ from armflex.certainty import Certainty
 from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean
-from armflex.estimate.law_table import read_learned
-from armflex.estimate.spread import law_labels
-from armflex.files.certainty_table import read_certainty
+from armflex.files.certainty_table import certainty_table, read_certainty
+from armflex.files.law_table import law_table, read_learned
 from armflex.laws.joint.scaled import scaled
+from armflex.laws.learned import LearnedLaw
+from armflex.parameters import law_labels
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 
 LARGEST_LOGARITHM = 200.0
 """Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""
 UNFINISHED = "written while `armflex trace` was still searching: more effects may be missing, none was compared"
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What an arm was fitted to, as its file says it.
+
+    Attributes:
+        sha256: Of the measurements.
+        rows: How many of them its error is over.
+        rms: RMS of the 3-D position error over those [m].
+    """
+
+    sha256: str
+    rows: int
+    rms: float
+
+
+def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) -> dict[str, Any]:
+    """Return the [calibration] table of a fitted arm: the declared parameters' values, and their covariance.
+
+    Args:
+        arm: With its instrument and its certainty. What effects change in it is in their own tables alone, so that
+            nothing is applied twice.
+        campaign: What it was fitted to.
+        unfinished: Whether a search for what it lacks was still going on.
+    """
+    assert arm.instrument is not None and arm.certainty is not None
+    instrument, corrections = arm.instrument, arm.corrections
+    table = {"unfinished": True} if unfinished else {}
+    table |= {
+        "measurements_sha256": campaign.sha256,
+        "rows": campaign.rows,
+        "rms_m": campaign.rms,
+        "instrument": [*instrument.pose.translation.tolist(), *pin.log3(instrument.pose.rotation).tolist()],
+        "target": instrument.target.tolist(),
+        "scale": instrument.scale,
+        "mounting": instrument.mounting.tolist(),
+        "joint_offset": dict(corrections.joint_offset),
+        "geometry": {name: values.tolist() for name, values in corrections.geometry.items()},
+        "compliance": {name: values.tolist() for name, values in arm.factors.items()},
+        "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
+    }
+    laws = {one.name: law_table(one.law) for one in arm.flexures if isinstance(one.law, LearnedLaw)}
+    return table | ({"law": laws} if laws else {}) | certainty_table(arm.certainty)
 
 
 def read_calibration(table: Declaration, arm: Arm) -> Arm:

@@ -7,6 +7,10 @@ second on have their number before the parameter, in the order of the file: 'eff
 
 from __future__ import annotations
 
+import hashlib
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from armflex.arm import Arm
@@ -15,15 +19,13 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.covariance import covariance_fault
 from armflex.declaration import Declaration
 from armflex.errors import FileError, did_you_mean, listing
-from armflex.estimate.instrument_blocks import MOUNTING
-from armflex.estimate.law_block import LAW
-from armflex.estimate.spread import COMPLIANCE, EFFECT, INSTRUMENT, SESSIONS
 from armflex.laws.effects.spot import site_names
-from armflex.storage.array_file import Layout, read_arrays
+from armflex.parameters import BLOCKS
+from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
 
-BLOCKS = (INSTRUMENT, SESSIONS, MOUNTING, "tool", "joint_offset", "geometry", COMPLIANCE, LAW, EFFECT)
-"""What the name of every fitted parameter begins with."""
+MOST_ROWS = 150
+"""Parameters from which on their covariance stands in a file of its own: as text it would take seconds to read."""
 
 LAYOUT = Layout(
     "the covariance of a calibrated arm",
@@ -35,6 +37,40 @@ LAYOUT = Layout(
     most_bytes=130_000_000,
 )
 """Of 4000 parameters at most, so that it is proven positive within seconds."""
+
+
+def certainty_table(certainty: Certainty) -> dict[str, Any]:
+    """Return what of [calibration] says how well the parameters are known, the covariance as an array."""
+    table: dict[str, Any] = {}
+    if certainty.misfit:
+        table["misfit_m"] = certainty.misfit
+    if certainty.unexplained is not None:
+        table["unexplained"] = dict(zip(("site", "axis", "std"), certainty.unexplained, strict=True))
+    table["parameters"] = list(certainty.labels)
+    if certainty.directions is not None:
+        table["undetermined"] = [_rounded(row) for row in certainty.directions]
+    return table | {"covariance": certainty.covariance}
+
+
+def with_covariance(table: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return [calibration] as the file at `path` is to have it: its covariance as rows of the lower triangle.
+
+    A large one is written to a file beside it.
+    """
+    covariance = table["covariance"]
+    if len(covariance) <= MOST_ROWS:
+        return table | {"covariance": [_rounded(row[: i + 1]) for i, row in enumerate(covariance)]}
+    # The arm.toml that is there stays whole until the new one takes its place: it keeps its own covariance.
+    digest = hashlib.sha256(covariance.tobytes()).hexdigest()[:8]
+    passing = f".unfinished-{digest}" if table.get("unfinished") else ""
+    beside = path.with_suffix(f"{passing}.covariance.safetensors")
+    written = write_arrays(beside, LAYOUT, {"covariance": covariance}, {"parameters": table["parameters"]})
+    others = {key: value for key, value in table.items() if key != "covariance"}
+    return others | {"covariance_file": beside.name, "covariance_sha256": written}
+
+
+def _rounded(values: Array) -> list[float]:
+    return [float(f"{x:.10e}") for x in values.tolist()]
 
 
 def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:

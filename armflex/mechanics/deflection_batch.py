@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import LARGEST_POSITION, Array, real_array
 from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
-from armflex.laws import Law, LinearLaw, PositionDependentLaw, Row
 from armflex.mechanics.deflection import Asked, Deflection, deflect
 from armflex.mechanics.equilibrium import Equilibrium
 from armflex.mechanics.laws import RowLaws
@@ -170,7 +169,7 @@ class DeflectionBatch:
         known, stack = False, self.acting.arm.stack
         for loaded, rows in self._chunks() if self.acting.compiled else ():
             row, wrenches = loaded.row(self.q[rows], self.acting.known(rows)), self.wrenches[rows]
-            parts = [covariances(law, wrenches[:, i], row) for i, law in enumerate(stack.laws)]
+            parts = [law.covariance(wrenches[:, i], row) for i, law in enumerate(stack.laws)]
             if all(part is None for part in parts):
                 left[rows] = False
                 continue
@@ -231,14 +230,6 @@ class DeflectionBatch:
             if flags:
                 return i, flags
         return None
-
-
-def covariances(law: Law, loads: Array, row: Row) -> Array | None:
-    """Return the (N, 6, 6) covariances of a law's twists under (N, 6) loads, None where it carries none."""
-    if isinstance(law, LinearLaw | PositionDependentLaw) and getattr(law, "fit", None) is None:
-        return law.covariance(loads, row)
-    found = [law.covariance(load, row.some(i)) for i, load in enumerate(loads)]
-    return None if any(part is None for part in found) else np.array(found).reshape(-1, 6, 6)
 
 
 def deflect_batch(

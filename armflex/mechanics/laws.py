@@ -10,10 +10,8 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.laws import Law, LinearLaw, Row, StructuralLaw
-from armflex.laws.joint.linear import NOTHING, UNLOADED
-from armflex.laws.joint.network import NetworkLaw
-from armflex.laws.learned import LearnedLaw
+from armflex.laws import Law, Row
+from armflex.laws.law import NOTHING, UNLOADED
 
 Motion = Callable[[Array], Array]
 
@@ -81,9 +79,7 @@ class LawStack:
     @cached_property
     def changing(self) -> tuple[tuple[int, Law], ...]:
         """The parts that must be asked in every row: neither a constant compliance nor a network."""
-        return tuple(
-            (i, law) for i, law in self.parts if constant_compliance(law) is None and not isinstance(law, NetworkLaw)
-        )
+        return tuple((i, law) for i, law in self.parts if law.constant is None and law.neurons() is None)
 
     def ask(self, row: Row) -> tuple[list[tuple[int, Array, Array]], list[tuple[int, Law]], dict[int, Array]]:
         """Return what the changing parts are at some rows: affine or curved.
@@ -112,10 +108,9 @@ class LawStack:
         n, neurons, starts = len(self.laws), [np.zeros((0, 13))], np.zeros(len(self.laws) + 1, dtype=np.int64)
         compliance, offset = np.zeros((1, n, 6, 6)), np.zeros((1, n, 6))
         for i, law in self.parts:
-            constant = constant_compliance(law)
-            if constant is not None:
-                compliance[0, i] += constant
-            elif isinstance(law, NetworkLaw):
+            if law.constant is not None:
+                compliance[0, i] += law.constant
+            elif law.neurons() is not None:
                 units, bias, gains, shift = law.neurons()
                 own, size = np.zeros((len(bias), 13)), len(shift)
                 own[:, :size], own[:, 6], own[:, 7 : 7 + size] = units.T, bias, gains
@@ -123,15 +118,6 @@ class LawStack:
                 starts[i + 1 :] += len(bias)
                 neurons.append(own)
         return compliance, offset, np.concatenate(neurons), starts
-
-
-def constant_compliance(law: Law) -> Array | None:
-    """Return the (6, 6) compliance of a law that is proportional to the load, the same everywhere; None of others."""
-    if isinstance(law, LinearLaw):
-        return law.compliance
-    if isinstance(law, LearnedLaw):
-        return law.constant
-    return law.linear_compliance if isinstance(law, StructuralLaw) else None
 
 
 class RowLaws:

@@ -10,9 +10,9 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.blocks import Block
 from armflex.estimate.identify import UNDETERMINED, partners_of
-from armflex.estimate.spread import FRAMES
 from armflex.laws.effects.law import Effect
 from armflex.linear_gaussian import LinearGaussian
+from armflex.parameters import FRAMES
 from armflex.plan.model import Model, Suspect
 
 BY_HAND = "push the joint to and fro with its brake on, because play gives without force and wind-up springs back"

@@ -18,24 +18,18 @@ from armflex.estimate.effect_block import EffectBlock, effect_columns, numbers_o
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
 from armflex.estimate.robust import whitened_columns
-from armflex.estimate.spread import (
-    FRAMES,
-    OF_THE_INSTRUMENT,
-    OTHER_PARAMETERS,
-    labels_of,
-    law_labels,
-    rebuilt_blocks,
-    scene_of,
-)
-from armflex.estimate.view import Setup, View, look
+from armflex.estimate.spread import OF_THE_INSTRUMENT, OTHER_PARAMETERS, labels_of, rebuilt_blocks, scene_of
+from armflex.estimate.view import View, look
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.scene import Scene
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
+from armflex.parameters import FRAMES, law_labels
 from armflex.plan.offer import Offer, remembers
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
+from armflex.setup import Setup
 
 NOWHERE = -1
 """Place of an effect that the arm has not among its own."""

@@ -13,7 +13,7 @@ from armflex.configurations import Configurations
 from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, InputError, listing
 from armflex.estimate.spread import scene_of
-from armflex.estimate.view import Setup, View, look
+from armflex.estimate.view import View, look
 from armflex.laws.effects.law import Effect, TwistLaw
 from armflex.laws.effects.remember import known_rows
 from armflex.laws.effects.scene import Scene
@@ -21,6 +21,7 @@ from armflex.laws.effects.shapes import LAGGED
 from armflex.readings import Position, unread
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
+from armflex.setup import Setup
 
 OVERSHOOT = 0.02
 """Share of its range by which a joint goes past a pose to come back to it from the wanted side."""

@@ -10,11 +10,12 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError
-from armflex.estimate.spread import SESSIONS, scene_of
+from armflex.estimate.spread import scene_of
 from armflex.estimate.view import look
 from armflex.laws.effects.law import Effect
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
+from armflex.parameters import SESSIONS
 from armflex.plan.advice import blind_spots
 from armflex.plan.choose import exchanged, greedy, path
 from armflex.plan.drive import driven

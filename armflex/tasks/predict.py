@@ -13,13 +13,14 @@ from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import Flag, InputError, Place, naming
 from armflex.estimate.spread import fitted_variance, without_declared_doubt
-from armflex.estimate.view import Setup, untold_shifts
+from armflex.estimate.view import untold_shifts
 from armflex.laws.effects.remember import check_covariates, derived_directions, known_rows
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import write_table
 from armflex.mechanics.deflection import Deflection
 from armflex.readings import Position, unread
 from armflex.readings.instrument import Instrument
+from armflex.setup import Setup
 from armflex.trajectory import check_approaches
 
 Progress = Callable[[int, int], None]

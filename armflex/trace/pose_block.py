@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.estimate.view import Setup, View
+from armflex.estimate.view import View
 from armflex.laws import Row
 from armflex.laws.effects.law import Amplitude, Effect, TwistLaw, Values
 from armflex.laws.effects.spot import Here, Spot
 from armflex.rows.rows import POSE
+from armflex.setup import Setup
 from armflex.trace.localise import RandomTwist
 
 RANDOM = "unexplained"

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -14,8 +15,14 @@ from armflex.estimate.calibrate import Calibration, Outlier
 from armflex.estimate.effect_block import numbers_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import believed
+from armflex.estimate.learn import settled
+from armflex.estimate.spread import RANDOM, certainty_of
 from armflex.estimate.view import look, position_rms
+from armflex.files.arm_file import write_arm
+from armflex.files.calibration_table import Campaign
+from armflex.files.effect_file import effect_table
 from armflex.laws.effects.law import Effect
+from armflex.parameters import EFFECT
 from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
@@ -290,3 +297,31 @@ def predictable_residual(state: State) -> Array:
     if state.random is None:
         return view.residual
     return view.residual + state.random.columns(view) @ state.values_of(state.random)
+
+
+def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
+    """Write the declared arm.toml with its comments, [calibration], and an [[effect]] for everything that was found.
+
+    What effects change in the model or the instrument is in their tables alone, so nothing is applied twice. What a
+    search has found that still goes on is marked `unfinished` in [calibration].
+
+    Args:
+        declared: The arm.toml that was traced.
+        trace: What was found.
+        path: The arm.toml to write; files named in it are named relative to its folder.
+    """
+    campaign = Campaign(trace.state.measurements.sha256, len(trace.rows), trace.rms)
+    stated = [{name: std for name, std in found.std.items() if np.isfinite(std)} for found in trace.found]
+    effects = [effect_table(found.effect, std) for found, std in zip(trace.found, stated, strict=True)]
+    return write_arm(declared, _declared_part(trace.state.fit), campaign, path, effects, trace.unfinished)
+
+
+def _declared_part(fit: Fit) -> Arm:
+    """Return the declared arm with the fitted values of declared blocks alone; effects are written by themselves."""
+    setup, start = fit.declared, 0
+    for block in fit.blocks:
+        count = len(block.labels)
+        if not block.name.startswith((f"{EFFECT} ", f"{RANDOM} ")):
+            setup = block.apply(setup, fit.values[start : start + count])
+        start += count
+    return replace(settled(setup.arm, fit), instrument=setup.instrument, certainty=certainty_of(fit))

@@ -14,12 +14,13 @@ from armflex.estimate.blocks import Block
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.effect_block import EffectBlock, numbers_of, shy_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
-from armflex.estimate.view import Setup, look
+from armflex.estimate.view import look
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.remember import known_rows, without_direction
 from armflex.laws.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import Response, respond
+from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.lost import lost_beams
 from armflex.trace.polish import Polished

@@ -10,9 +10,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.estimate.blocks import Block
-from armflex.estimate.instrument_blocks import MOUNTING
-from armflex.estimate.law_block import LAW
-from armflex.estimate.spread import COMPLIANCE, INSTRUMENT
+from armflex.parameters import COMPLIANCE, INSTRUMENT, LAW, MOUNTING
 
 OFFSET, GEOMETRY, TOOL = "joint_offset", "geometry", "tool"
 

@@ -15,9 +15,10 @@ from armflex.errors import InputError
 from armflex.estimate.blocks import Block, declared_blocks
 from armflex.estimate.fit import realise
 from armflex.estimate.law_block import LawBlock, with_laws
-from armflex.estimate.spread import EFFECT, INSTRUMENT, OTHER_PARAMETERS, SESSIONS, blocks_of, labels_of
-from armflex.estimate.view import Setup
+from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of, labels_of
+from armflex.parameters import EFFECT, INSTRUMENT, SESSIONS
 from armflex.readings.instrument import Instrument
+from armflex.setup import Setup
 from armflex.track.groups import Group, groups_of
 from armflex.track.reading import Reading, as_row
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES
 from armflex.estimate.blocks import Block
-from armflex.estimate.view import Setup, look, untold_shifts
+from armflex.estimate.view import look, untold_shifts
 from armflex.laws.effects.remember import derived_directions
 from armflex.readings import Position
+from armflex.setup import Setup
 from armflex.track.estimate import Seen
 from armflex.track.reading import Reading, as_row
 

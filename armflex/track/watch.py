@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.spread import COMPLIANCE
+from armflex.parameters import COMPLIANCE
 from armflex.readings import Position
 from armflex.readings.chance import outlier_limit
 from armflex.track.estimate import Estimate, Seen, recentred

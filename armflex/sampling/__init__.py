@@ -1,0 +1,1 @@
+"""Samplers of any density, and whether their chains can be trusted."""

@@ -1,0 +1,83 @@
+"""What starting imports: packages that take as long as all the rest are left until they are needed.
+
+Times are not asserted here; `python tests/benchmarks/startup.py` prints them.
+"""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import armflex
+
+HEAVY = {
+    *("torch", "matplotlib", "meshcat", "jinja2", "arviz", "arviz_stats", "nutpie", "pandas", "pyarrow", "scipy"),
+    *("joblib", "dask", "mujoco", "numba"),
+}
+IMPORT = "import armflex\narmflex.load_arm"
+HELP = "from armflex.cli.main import main\ntry:\n    main()\nexcept SystemExit as end:\n    assert not end.code"
+REPORT = "\nimport sys\nprint('imported:', *{name.partition('.')[0] for name in sys.modules})"
+
+
+def imported(code: str, *arguments: str) -> set[str]:
+    """Return the packages that a new Python has imported after running the code."""
+    run = [sys.executable, "-c", code + REPORT, *arguments]
+    text = subprocess.run(run, check=True, capture_output=True, text=True).stdout
+    return set(text.splitlines()[-1].split()[1:])
+
+
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("deflect", "--help"), ("--version",)])
+def test_nothing_heavy_is_imported_until_needed(arguments):
+    found = imported(HELP if arguments else IMPORT, *arguments)
+    assert "armflex" in found
+    assert not found & HEAVY
+
+
+def test_an_arm_is_loaded_and_asked_without_what_fits_one():
+    code = """
+import sys, warnings
+import armflex
+arm = armflex.load_arm(armflex.bundled_robot("tarm_like") / "arm.toml")
+arm.deflection(arm.position(), "none")
+print("imported:", *{name.split(".")[1] for name in sys.modules if name.startswith("armflex.")})
+"""
+    run = [sys.executable, "-W", "ignore", "-c", code]
+    rooms = set(subprocess.run(run, check=True, capture_output=True, text=True).stdout.splitlines()[-1].split()[1:])
+    assert {"arm", "files", "mechanics"} <= rooms
+    assert not rooms & {"estimate", "bench", "trace", "plan", "track", "tasks", "show", "sampling"}
+
+
+def test_the_package_has_for_people_what_it_has_for_type_checkers():
+    """Names are imported when they are asked for; a type checker reads them where the package imports them for it."""
+    tree = ast.parse(Path(armflex.__file__).read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    told = {alias.name: node.module for node in block.body for alias in node.names}
+    assert told == armflex.EXPORTS and set(told) < set(dir(armflex)) and set(told) < set(armflex.__all__)
+    for name, module in told.items():
+        assert getattr(armflex, name) is getattr(sys.modules[module], name)
+
+
+def test_a_function_stays_one_when_the_package_of_its_name_is_imported():
+    code = """
+import armflex.trace.search, armflex.plan.model
+import armflex
+print("imported:", armflex.trace.__name__, callable(armflex.trace), callable(armflex.plan))
+"""
+    text = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    assert text.split()[1:] == ["trace", "True", "True"]
+
+
+def test_linear_algebra_of_a_command_has_one_thread_unless_told_otherwise(monkeypatch):
+    """Threads of matrices this small wait for each other; SciPy is not loaded yet when a command says so."""
+    code = HELP + "\nimport os, sys\nprint('imported:', os.environ['OPENBLAS_NUM_THREADS'], 'scipy' in sys.modules)"
+    for asked, expected in ((None, "1"), ("3", "3")):
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+        if asked:
+            monkeypatch.setenv("OPENBLAS_NUM_THREADS", asked)
+        run = [sys.executable, "-c", code, "train", "--help"]
+        text = subprocess.run(run, check=True, capture_output=True, text=True).stdout
+        assert text.splitlines()[-1] == f"imported: {expected} False"
