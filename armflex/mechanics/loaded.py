@@ -14,6 +14,7 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import Flag, PayloadError, UnknownNameError
 from armflex.laws import Row
+from armflex.laws.effects.scene import MASS
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
 from armflex.mechanics.loads import Load, Payload, Wrench
@@ -201,7 +202,7 @@ class LoadedArm:
 
     def row(self, q: Array, covariates: dict[str, Array]) -> Row:
         """Return what the laws may know at (nq,) or (N, nq) positions."""
-        return Row(q, self.arm.joint_index, {"payload_mass": np.asarray(self.payload.mass), **covariates})
+        return Row(q, self.arm.joint_index, {MASS: np.asarray(self.payload.mass), **covariates})
 
     @cached_property
     def links(self) -> tuple[str, ...]:

@@ -58,7 +58,7 @@ def test_nothing_is_named_where_nothing_is(kind, seed, arm):
 @pytest.fixture(scope="module")
 def backlash(campaign, before) -> Candidate:
     law = CATALOGUE["backlash"]
-    return next(Candidate(law, spot, ()) for spot in law.spots(before.scene) if spot.site == "J4")
+    return next(Candidate(law, spot, ()) for spot in law.places(before.scene.records) if spot.site == "J4")
 
 
 @pytest.fixture(scope="module")

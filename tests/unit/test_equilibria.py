@@ -16,13 +16,12 @@ from support.structures import nonlinear
 from armflex import Arm, Payload
 from armflex.errors import ConvergenceError, SmallDisplacementError, UnstableEquilibriumError
 from armflex.laws import PositionDependentLaw, Row
-from armflex.laws.effects import TwistLaw
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.remember import known_rows
 from armflex.laws.law import WithoutParameters
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import find_equilibrium
+from armflex.mechanics.history import known_rows
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.response import respond
 
@@ -307,7 +306,7 @@ def test_a_structure_is_asked_about_many_loads(rows):
 
 # The tangents of effects.
 
-LOADED = [name for name, law in EVERY.items() if isinstance(law, TwistLaw) and law.loaded]
+LOADED = [name for name, law in EVERY.items() if law.loaded]
 
 
 @pytest.mark.parametrize("name", LOADED)

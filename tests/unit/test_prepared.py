@@ -28,7 +28,7 @@ from armflex.errors import (
 from armflex.laws import LinearLaw, Row
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.law import Effect, TwistLaw
+from armflex.laws.effects.law import Effect
 from armflex.laws.effects.spot import Here, Spot
 from armflex.mechanics import query
 
@@ -251,7 +251,7 @@ def test_what_is_not_proven_is_left_to_newton(tmp_path):
 # What is proportional to the load says so.
 
 
-@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if isinstance(law, TwistLaw) and law.linear])
+@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if law.linear])
 def test_effects_that_are_linear_are(tmp_path, name):
     arm, law, rng = three_joints(tmp_path, laws_of("position dependent")), EVERY[name], np.random.default_rng(1)
     spot = Spot("yaw", "rx", ("temperature",), tuple(range(len(law.amplitudes))), "ry")
