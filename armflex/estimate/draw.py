@@ -17,7 +17,7 @@ from armflex.estimate.blocks import Block
 from armflex.estimate.effect_block import EffectBlock
 from armflex.estimate.law_block import LawBlock, with_laws
 from armflex.estimate.spread import OF_THE_INSTRUMENT, applied_blocks, without_declared_doubt
-from armflex.mechanics.batch import check_positions
+from armflex.mechanics.deflection_batch import check_positions
 from armflex.mechanics.ensemble import draw_laws
 from armflex.mechanics.loads import Payload
 from armflex.readings.instrument import Instrument
