@@ -7,6 +7,8 @@ tells how long that helps, and the best start is then trained on all rows for as
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +19,7 @@ from armflex.bench.network_problem import scaled_problem
 from armflex.conventions import Array
 from armflex.errors import LawError
 from armflex.laws.joint.module_source import ModuleSource
-from armflex.laws.joint.torch_law import TorchLaw, as_answering, check_module
+from armflex.laws.joint.torch_law import TorchLaw, as_answering, check_module, the_torch
 
 if TYPE_CHECKING:
     import torch
@@ -31,6 +33,19 @@ PATIENCE = 5
 LEFT_OUT = 0.25
 
 
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let torch use one thread: on matrices as small as a bench's, more of them only wait for each other."""
+    torch = the_torch()
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@_one_thread()
 def fit_torch(loads: Array, deflections: Array, source: ModuleSource, starts: int = 10, seed: int = 0) -> Fitted:
     """Return a module trained on loads and deflections, from the best of some starts; runs the user's own code.
 
@@ -74,11 +89,8 @@ def fit_torch(loads: Array, deflections: Array, source: ModuleSource, starts: in
 
 def _made(source: ModuleSource, seed: int, start: int, size: int) -> torch.nn.Module:
     """Return a module with the random weights of a start, as a law would ask it."""
-    try:
-        import torch
-    except ImportError:
-        as_answering(None)  # says how to install it
-        raise
+    import torch
+
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(int(np.random.SeedSequence([seed, start]).generate_state(1)[0]))
         module = as_answering(source.made())

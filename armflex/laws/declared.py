@@ -38,11 +38,11 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
         law = _read_file(table, model)
     elif model in LAWS:
         law = LAWS[model](table, joint, ranges)
-    elif table.flag("learn"):
+    elif table.flag("learn") and not FORMS[model].runs_code:
         law = read_linear(table, joint, ranges)  # what the correction is learned about
     else:
-        text = f"a {model} law is learned: give the 'file' that `armflex train` wrote, or learn = true and a compliance"
-        raise table.fail("model", text)
+        other = "" if FORMS[model].runs_code else ", or learn = true and a compliance"
+        raise table.fail("model", f"a {model} law is learned: give the 'file' that `armflex train` wrote{other}")
     if table.has("node"):
         return AtNode(law, table.numbers("node", (3,)))
     return law
@@ -82,7 +82,7 @@ def read_structural(table: Declaration, joint: str, ranges: Ranges) -> Structura
     _check_node(table, "tip", tip, nodes)
     try:
         law = StructuralLaw(nodes, tip, subjoints, beams, int(components))
-        if law.linear_compliance is not None and not np.isfinite(law.linear_compliance).all():
+        if law.constant is not None and not np.isfinite(law.constant).all():
             raise LawError("the structure's compliance is not finite")
         return law
     except LawError as error:

@@ -161,7 +161,7 @@ def test_next_measurement_is_listed(found: Trace) -> None:
 
 
 def test_importing_the_package_imports_no_drawing() -> None:
-    code = "import sys, armflex.report; print([m for m in ('matplotlib', 'jinja2') if m in sys.modules])"
+    code = "import sys, armflex.show.report; print([m for m in ('matplotlib', 'jinja2') if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 

@@ -134,7 +134,7 @@ def test_nothing_moves_without_a_load_and_derivatives_are_exact(folder: Path) ->
 def test_it_says_where_it_was_not_trained(folder: Path) -> None:
     law = load_law(folder / "laws" / "own.safetensors").law
     assert law.trained and not law.doubts(0.3 * WRENCH, NOWHERE)
-    assert [flag.code for flag in law.doubts(9.0 * WRENCH, NOWHERE)][0] == "extrapolating"
+    assert law.doubts(9.0 * WRENCH, NOWHERE)[0].code == "extrapolating"
     stds = [np.sqrt(law.covariance(times * WRENCH, NOWHERE)[0, 0]) for times in (0.5, 5.0, 10.0)]
     assert stds[1] > 3.0 * stds[0] and stds[2] == pytest.approx(4.0 * stds[1], rel=0.3)
 
@@ -173,7 +173,7 @@ def test_an_installed_class_is_found_by_its_name(tmp_path: Path, monkeypatch: py
     path = save_law(result.trained, tmp_path / "own.safetensors")
     np.testing.assert_array_equal(load_law(path).law.twist(WRENCH, NOWHERE), result.trained.law.twist(WRENCH, NOWHERE))
     (package / "bearing.py").write_text(OWN + "# changed\n")
-    with pytest.raises(ModelFileError, match="ownlaws.bearing has changed since the law was trained"):
+    with pytest.raises(ModelFileError, match=r"ownlaws\.bearing has changed since the law was trained"):
         load_law(path)
 
 
@@ -209,7 +209,7 @@ def test_weights_that_do_not_fit_are_refused(copied: Path) -> None:
     (copied / "size.txt").write_text("5")
     code = f"import armflex; armflex.load_law({str(path)!r})"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "weights do not fit own.py:Own: 'inner.bias' is of shape (4,) in the file, (5,)" in ended.stderr
+    assert "weights do not fit own.py:Own: 'inner.weight' is of shape (4, 3) in the file, (5, 3)" in ended.stderr
 
 
 @pytest.mark.parametrize(
@@ -238,7 +238,7 @@ def module_of(forward: str) -> str:
     [
         (
             "        return found[:, :2]",
-            r"gives torch.float64 of shape \(4, 2\) .* expected torch.float64 of shape \(4, 3",
+            r"gives torch.float64 of shape \(4, 2\) .* expected .* \(4, 3\)",
         ),
         ("        return found.sum(dim=0)", r"of shape \(3,\)"),
         ("        return found / 0.0", "not finite at loads of order one"),
@@ -249,12 +249,15 @@ def module_of(forward: str) -> str:
         ("        return found + torch.randn(3)", "other numbers when asked again"),
         ("        return found - found.mean(dim=0)", "each row by itself"),
         ("        return found.detach()", "cannot be differentiated twice"),
-        ("        return found + (100 * loads).detach() / 100", "other derivatives by autograd than its numbers"),
         (
-            "        return found.sign() * found.abs().sqrt() * 0 + loads.abs().sqrt()",
+            "        return found + (100 * loads).detach() / 100",
+            "first derivatives by autograd that its",
+        ),
+        (
+            "        return found + loads.abs().sqrt()",
             "derivatives that are not finite",
         ),
-        ("        return Once.apply(found)", "cannot be differentiated twice"),
+        ("        return Once.apply(loads)", "second derivatives by autograd that its numbers do not"),
         ("        return found + torch.zeros(3, device='cuda')", "does not take loads .* torch.float64 on the CPU"),
         ("        return found + torch.ones(3, 3, dtype=torch.float32) @ loads.T", "does not take loads"),
         ("        return found + self.nothing", "does not take loads .* has no attribute 'nothing'"),
@@ -268,12 +271,13 @@ def test_a_module_that_is_no_law_is_refused(tmp_path: Path, forward: str, match:
 class Once(torch.autograd.Function):
     @staticmethod
     def forward(ctx, x):
-        return x
+        ctx.save_for_backward(x)
+        return x**3
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, gradient):
-        return gradient
+        return 3 * gradient * ctx.saved_tensors[0] ** 2
 """
     with pytest.raises(LawError, match=match):
         train(DATA, "torch", options=source(tmp_path, text))
@@ -282,7 +286,7 @@ class Once(torch.autograd.Function):
 def test_a_number_that_is_none_is_not_passed_on() -> None:
     class Far(torch.nn.Module):
         def forward(self, loads: torch.Tensor) -> torch.Tensor:
-            return torch.where(loads.abs() > 50.0, loads * float("nan"), loads)
+            return loads + torch.where(loads.abs() > 50.0, torch.full_like(loads, torch.inf), 0.0)
 
     law = TorchLaw(Far())
     assert law.twist(WRENCH / 1e3, NOWHERE).any()
@@ -292,7 +296,7 @@ def test_a_number_that_is_none_is_not_passed_on() -> None:
 
 def test_only_what_was_trained_from_a_file_has_a_file(tmp_path: Path) -> None:
     law = TrainedLaw(TorchLaw(torch.nn.Linear(3, 3)), "torch", {})
-    with pytest.raises(LawError, match="train it by --module FILE.py:CLASS"):
+    with pytest.raises(LawError, match=r"train it by --module FILE\.py:CLASS"):
         save_law(law, tmp_path / "own.safetensors")
     assert not list(tmp_path.iterdir())
 
@@ -362,12 +366,12 @@ def test_in_an_arm_one_row_many_rows_and_a_control_loop_say_the_same(copied: Pat
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
-        ('"torch"', '"neural"', r"arm.toml:13: .*holds a torch law, but model = 'neural'"),
-        ("laws/own", "laws/gone", r"arm.toml:13: .*cannot be read"),
+        ('"torch"', '"neural"', r"arm.toml:12: .*holds a torch law, but model = 'neural'"),
+        ("laws/own", "laws/gone", r"arm.toml:12: .*cannot be read"),
         (
             'file = "laws/own.safetensors"',
             "learn = true",
-            r"arm.toml:12: .* give the 'file' that `armflex train` wrote",
+            r"arm.toml:11: .* give the 'file' that `armflex tr",
         ),
     ],
 )
@@ -381,5 +385,5 @@ def test_an_arm_that_names_it_wrongly(copied: Path, old: str, new: str, match: s
 def test_an_arm_names_the_line_of_a_law_whose_code_has_changed(copied: Path) -> None:
     path = in_an_arm(copied)
     (copied / "code" / "own.py").write_text(OWN.replace("tanh", "sin"))
-    with pytest.raises(ArmflexError, match=r"arm.toml:13: .*own.safetensors: .*own.py has changed since"):
+    with pytest.raises(ArmflexError, match=r"arm.toml:12: .*own.safetensors: .*own.py has changed since"):
         load_arm(path)

@@ -23,10 +23,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import Flag, LawError, NotFiniteError, UnsupportedError
-from armflex.laws.joint.linear import beyond
+from armflex.errors import LawError, NotFiniteError, UnsupportedError
 from armflex.laws.joint.module_source import ModuleSource
-from armflex.laws.law import Law, Row, check_ordered, embed
+from armflex.laws.law import Row, WithoutParameters, check_ordered, embed
 from armflex.storage.schema import LARGEST, Numbers, check_arrays, typed
 
 if TYPE_CHECKING:
@@ -38,13 +37,16 @@ WEIGHT = "module."
 CHECKED = 4
 """Scaled loads under which a module is looked at before it is a law."""
 
+STEP = 1e-5
+"""Of scaled loads, in differences."""
+
 FAILURES = (RuntimeError, ValueError, TypeError, IndexError, KeyError, AttributeError, AssertionError)
 FAILURES += (NotImplementedError, ArithmeticError)
 """What a module's code raises where it cannot answer."""
 
 
 @dataclass(frozen=True)
-class TorchLaw(Law):
+class TorchLaw(WithoutParameters):
     """A module that takes (N, k) scaled loads to (N, k) scaled twists, each row by itself; see the head of this module.
 
     Attributes:
@@ -104,28 +106,22 @@ class TorchLaw(Law):
         slopes = slopes * np.broadcast_to(self.twist_scale, k)[:, None] / self.load_scale
         return self._whole(slopes, load)
 
-    def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (6, 6) covariance of a reading, None where its noise is not known.
+    def scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return the noise, None where it was not given."""
+        return None if self.noise is None else embed(np.diag(np.square(self.noise)))
 
-        Beyond the loads trained on, standard deviations grow with the square of how far out the load is.
-        """
-        if self.noise is None:
-            return None
-        widening = 1.0
-        if self.seen is not None:
-            low, high = self.seen
-            single = np.abs(2.0 * wrench[: self.size] - low - high) / np.maximum(high - low, 1.0 / LARGEST)
-            widening = max(1.0, float(single.max())) ** 4
-        return embed(widening * np.diag(np.square(self.noise)))
+    def widening(self, wrench: Array, row: Row) -> Array | float:
+        """Return the square of how far out the load is beyond those trained on: a module says nothing there."""
+        if self.seen is None:
+            return 1.0
+        low, high = self.seen
+        out = np.abs(2.0 * wrench[..., : self.size] - low - high) / np.maximum(high - low, 1.0 / LARGEST)
+        return np.maximum(1.0, out.max(axis=-1)) ** 2
 
     @property
-    def trained(self) -> bool:
-        """Whether the loads of its training were given."""
-        return self.seen is not None
-
-    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return a flag for every component of the load beyond those trained on."""
-        return () if self.seen is None else beyond(self.seen, wrench)
+    def trained_on(self) -> Array | None:
+        """The loads of its training, where they were given."""
+        return self.seen
 
     def digested(self) -> object:
         """Return what the law says, for `digest`: classes, settings and weights of the module, and the scales."""
@@ -158,7 +154,7 @@ class TorchLaw(Law):
     def _whole(self, block: Array, load: Array) -> Array:
         """Return what the module gives in k components, or k x k, in six."""
         if not np.isfinite(block).all():
-            raise NotFiniteError(f"{_called(self)} gives no number under a load of {load[..., :]} N, Nm")
+            raise NotFiniteError(f"{_called(self)} gives no number under a load of {load} N, Nm")
         if self.size == 6:
             return block
         shape = block.shape[load.ndim - 1 :]
@@ -171,6 +167,15 @@ def _called(law: TorchLaw) -> str:
     return str(law.source) if law.source else f"the module {type(law.module).__name__}"
 
 
+def the_torch() -> Any:
+    """Return torch; raise `UnsupportedError` where it is not installed."""
+    try:
+        import torch
+    except ImportError:
+        raise UnsupportedError("a module as a law needs torch: pip install 'armflex[torch]'") from None
+    return torch
+
+
 def as_answering(module: object) -> torch.nn.Module:
     """Return a copy of a module as a law asks it: in evaluation mode, in 64 bits, on the CPU.
 
@@ -178,10 +183,7 @@ def as_answering(module: object) -> torch.nn.Module:
         LawError: It is no module, or cannot be copied.
         UnsupportedError: torch is not installed.
     """
-    try:
-        import torch
-    except ImportError:
-        raise UnsupportedError("a module as a law needs torch: pip install 'armflex[torch]'") from None
+    torch = the_torch()
     if not isinstance(module, torch.nn.Module):
         raise LawError(f"expected a torch.nn.Module, got {type(module).__name__}")
     try:
@@ -218,27 +220,29 @@ def check_module(module: torch.nn.Module, size: int) -> None:
 
 
 def _check_differentiable(module: torch.nn.Module, loads: torch.Tensor, name: str) -> None:
-    """Raise where automatic differentiation does not reach the loads, ends after the first derivative, or is wrong."""
+    """Raise where automatic differentiation does not give what differences of neighbouring loads say, and theirs."""
     import torch
 
-    here = loads.clone().requires_grad_(True)
-    steps, chosen = 1e-5 * torch.eye(loads.shape[1], dtype=loads.dtype), loads[1]
+    here, steps = loads.clone().requires_grad_(True), STEP * torch.eye(loads.shape[1], dtype=loads.dtype)
+    ends = [loads[1] + steps, loads[1] - steps]
     try:
-        with torch.enable_grad():
-            slopes = jacobian(module, here, twice=True)
-            if slopes.requires_grad:
-                torch.autograd.grad(slopes.sum(), here, allow_unused=True)
+        slopes = jacobian(module, here, twice=True)
+        curved = torch.autograd.grad(slopes.sum(), here, allow_unused=True)[0] if slopes.requires_grad else None
+        further = [jacobian(module, end).sum(dim=(1, 2)) for end in ends]
         with torch.no_grad():
-            ends = module(chosen + steps) - module(chosen - steps)
+            given = [module(end) for end in ends]
     except FAILURES as error:
         problem = str(error).partition("\n")[0]
         raise LawError(f"{name} cannot be differentiated twice by its loads, expected so: {problem}") from None
     if not torch.isfinite(slopes).all():
         raise LawError(f"{name} has derivatives that are not finite at loads of order one, expected finite ones")
-    numeric = ends.T / 2e-5
-    if not torch.allclose(slopes[1].detach(), numeric, rtol=1e-3, atol=1e-3 * max(float(numeric.abs().max()), 1e-6)):
-        text = "is cut off somewhere, as by detach, numpy or round"
-        raise LawError(f"{name} has other derivatives by autograd than its numbers have, expected the same: one {text}")
+    twice = torch.zeros_like(loads) if curved is None else curved
+    pairs = ("first", slopes[1].detach(), given), ("second", twice[1], further)
+    for which, exact, (above, below) in pairs:
+        numeric = (above - below).T / (2.0 * STEP)
+        if not torch.allclose(exact, numeric, rtol=1e-3, atol=1e-3 * max(float(numeric.abs().max()), 1e-6)):
+            text = f"{which} derivatives by autograd that its numbers do not have, expected the same"
+            raise LawError(f"{name} has {text}: is it cut off somewhere, as by detach, numpy or round?")
 
 
 def jacobian(module: torch.nn.Module, loads: torch.Tensor, twice: bool = False) -> torch.Tensor:
@@ -282,7 +286,7 @@ class Weight:
 
 
 def arrays_of(metadata: Mapping[str, Any]) -> dict[str, Numbers]:
-    """Return what a file of a torch law holds, from what it says of its module; raise `ValueError` where it does not."""
+    """Return what a torch law's file holds; raise `ValueError` where it does not say what its module's weights are."""
     weights = typed(dict[str, Weight], (metadata.get("module") or {}).get("weights"), "metadata.module.weights")
     kinds = {True: {"kind": "i8", "least": -(2**63), "most": 2**63 - 1}, False: {}}
     return SCALES | {WEIGHT + name: Numbers(tuple(one.shape), **kinds[one.whole]) for name, one in weights.items()}
@@ -349,9 +353,8 @@ def with_weights(source: ModuleSource, weights: Mapping[str, Array]) -> torch.nn
     Raises:
         LawError: The class makes no module, or one with weights of other names or shapes.
     """
+    torch = the_torch()
     module = as_answering(source.made())
-    import torch
-
     own = module.state_dict()
     for name in sorted(own.keys() ^ weights.keys()):
         problem = "is not in the file" if name in own else f"is in the file, but {source} has none of that name"

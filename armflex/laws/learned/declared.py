@@ -43,7 +43,7 @@ class Learning:
     """What is to be learned of a flexure's law.
 
     Attributes:
-        model: Name of the law, a key of `LAWS` or of `CORRECTED`.
+        model: Name of the law, a key of `LAWS` or of `CORRECTIONS`.
         neurons: Hidden neurons of a network.
         reach: Middle and half of the travel of the joint that a position-dependent law looks at.
     """
@@ -58,7 +58,7 @@ def read_learning(table: Declaration, model: str, law: Law, ranges: Ranges) -> L
     own = law.law if isinstance(law, AtNode) else law
     if isinstance(own, LinearLaw) and not own.compliance.any():
         raise table.fail("compliance", "is zero: there is nothing that could be learned about it, give a rough one")
-    if model not in CORRECTED and isinstance(_plain(law, Learning(model)), FixedPart):
+    if model not in CORRECTIONS and isinstance(_plain(law, Learning(model)), FixedPart):
         text = "has no parameters to learn: its compliance is not symmetric, or a structure not linear"
         raise table.fail("model", f"{text}; learn a correction about it: {', '.join(CORRECTED)}")
     if table.has("neurons") and model not in NETWORKS:
@@ -78,7 +78,7 @@ def learned_law(law: Law, learning: Learning, seen: Seen) -> LearnedLaw:
     correction = CORRECTIONS[learning.model](plain, learning, seen) if learning.model in CORRECTIONS else None
     groups = (*plain.groups, *(correction.groups if correction else ()))
     values = np.concatenate([plain.start, correction.start if correction else np.zeros(0)])
-    return LearnedLaw(law, plain, correction, seen, values, tuple(group.std for group in groups), scatter=_scatter(law))
+    return LearnedLaw(law, plain, correction, seen, values, tuple(group.std for group in groups), about=_scatter(law))
 
 
 def _plain(law: Law, learning: Learning) -> Part:
@@ -86,7 +86,7 @@ def _plain(law: Law, learning: Learning) -> Part:
     if isinstance(law, AtNode):
         part = _plain(law.law, learning)
         return FixedPart(law) if isinstance(part, FixedPart) else NodePart(law, part)
-    if isinstance(law, StructuralLaw) and law.linear_compliance is not None:
+    if isinstance(law, StructuralLaw) and law.constant is not None:
         return StructuralPart(law)
     if isinstance(law, PositionDependentLaw):
         middle, reach = learning.reach
@@ -139,5 +139,6 @@ CORRECTIONS: dict[str, Callable[[Part, Learning, Seen], Part]] = {
     "polynomial": _polynomial,
     "neural": _network,
     "bayesian": _network,
+    "torch": _network,
 }
 """`model` -> the correction that is learned."""
