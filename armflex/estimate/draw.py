@@ -17,8 +17,7 @@ from armflex.estimate.blocks import Block
 from armflex.estimate.effect_block import EffectBlock
 from armflex.estimate.law_block import LawBlock, with_laws
 from armflex.estimate.spread import OF_THE_INSTRUMENT, applied_blocks, without_declared_doubt
-from armflex.laws.effects.law import LoadLaw, TwistLaw
-from armflex.mechanics.batch import check_positions
+from armflex.mechanics.deflection_batch import check_positions
 from armflex.mechanics.ensemble import draw_laws
 from armflex.mechanics.loads import Payload
 from armflex.readings.instrument import Instrument
@@ -97,12 +96,12 @@ def _stepped(setup: Setup, blocks: Sequence[Block], step: Array) -> Arm:
 
 def _with_effect(setup: Setup, block: EffectBlock, values: Array) -> Setup:
     """Return the setup with one of its effects at other values."""
-    if isinstance(block.effect.law, TwistLaw) and block.effect.law.memory:
+    if block.effect.law.memory:
         values = np.append(values[: len(block.effect.spot.terms)], np.zeros(len(block.free)))
     effect, kept = block.at(values), list(setup.arm.effects)
-    if not isinstance(effect.law, TwistLaw | LoadLaw):  # it has changed the arm, to which what is more of it is added
+    if effect.law.changes_model:  # it has changed the arm, to which what is more of it is added
         more = np.subtract(effect.amplitudes, block.effect.amplitudes)
-        setup = effect.law.apply(replace(effect, values=(*more.tolist(), *effect.inner)), setup)
+        setup = setup.with_effect(replace(effect, values=(*more.tolist(), *effect.inner)))
     kept[block.ordinal] = effect
     return replace(setup, arm=replace(setup.arm, effects=tuple(kept)))
 

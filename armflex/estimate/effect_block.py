@@ -68,8 +68,7 @@ class EffectBlock:
     @property
     def start(self) -> Array:
         """The values that give the effect as it is."""
-        amplitudes = [self.effect.amplitudes[i] for i in self.effect.spot.terms]
-        return np.array(amplitudes + [0.0] * len(self.free))
+        return np.concatenate([self.effect.acting, np.zeros(len(self.free))])
 
     def columns(self, view: View) -> Array:
         """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
@@ -88,8 +87,7 @@ class EffectBlock:
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with the effect."""
-        effect = self.at(values)
-        return effect.law.apply(effect, setup)
+        return setup.with_effect(self.at(values))
 
     def std(self, values: Array, std: Array) -> dict[str, float]:
         """Return the standard uncertainty of each free value by name, logarithms turned back."""
@@ -122,22 +120,21 @@ def numbered(number: int) -> str:
 def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
     """Return (M, d, k) changes of the readings: exact per amplitude, central differences per free inner parameter."""
     spot, law = effect.spot, effect.law
-    columns = [law.columns(spot, effect.inner, view, scene)]
-    amplitudes = np.array([effect.amplitudes[i] for i in spot.terms])
+    columns = [view.effect_columns(effect, scene)]
     for i in free:
         step = STEP if law.inner[i].positive else STEP * max(abs(effect.inner[i]), 1e-2)
         ends = []
         for side in (1.0, -1.0):
             moved = list(effect.inner)
             moved[i] = law.inner[i].moved(effect.inner[i], side * step)
-            ends.append(law.columns(spot, tuple(moved), view, scene) @ amplitudes)
+            ends.append(view.columns(law, spot, tuple(moved), scene) @ effect.acting)
         columns.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
     return np.concatenate(columns, axis=2)
 
 
 def shy_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
     """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`, inner ones loosely."""
-    columns = effect.law.columns(effect.spot, effect.inner, view, scene)
+    columns = view.effect_columns(effect, scene)
     moved = np.sqrt((columns[:, view.positions] ** 2).sum(axis=1).mean(axis=0))
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)

@@ -230,7 +230,7 @@ def _check_differentiable(module: torch.nn.Module, loads: torch.Tensor, name: st
         curved = torch.autograd.grad(slopes.sum(), here, allow_unused=True)[0] if slopes.requires_grad else None
         further = [jacobian(module, end).sum(dim=(1, 2)) for end in ends]
         with torch.no_grad():
-            given = [module(end) for end in ends]
+            given = [module(end).T for end in ends]
     except FAILURES as error:
         problem = str(error).partition("\n")[0]
         raise LawError(f"{name} cannot be differentiated twice by its loads, expected so: {problem}") from None
@@ -239,7 +239,7 @@ def _check_differentiable(module: torch.nn.Module, loads: torch.Tensor, name: st
     twice = torch.zeros_like(loads) if curved is None else curved
     pairs = ("first", slopes[1].detach(), given), ("second", twice[1], further)
     for which, exact, (above, below) in pairs:
-        numeric = (above - below).T / (2.0 * STEP)
+        numeric = (above - below) / (2.0 * STEP)
         if not torch.allclose(exact, numeric, rtol=1e-3, atol=1e-3 * max(float(numeric.abs().max()), 1e-6)):
             text = f"{which} derivatives by autograd that its numbers do not have, expected the same"
             raise LawError(f"{name} has {text}: is it cut off somewhere, as by detach, numpy or round?")
