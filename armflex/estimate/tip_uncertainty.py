@@ -12,6 +12,7 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.estimate.spread import displacement_covariance, without_declared_doubt
+from armflex.laws.effects.remember import remembers
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.deflection_batch import DeflectionBatch
 from armflex.mechanics.loads import Payload
@@ -90,10 +91,7 @@ def tip_covariance(
         return laws, ()
     known = {name: np.broadcast_to(np.asarray(value, dtype=float), len(q)) for name, value in covariates.items()}
     derived = tuple(dict.fromkeys(name for effect in arm.effects for name in effect.derived))
-    parts, doubts = (
-        [np.zeros((0, 6, 6))],
-        dict.fromkeys(REMEMBERED if any(effect.law.memory for effect in arm.effects) else ()),
-    )
+    parts, doubts = [np.zeros((0, 6, 6))], dict.fromkeys(REMEMBERED if remembers(arm) else ())
     for some in (slice(first, first + AT_ONCE) for first in range(0, len(q), AT_ONCE)):
         given = {name: values[some] for name, values in known.items()}
         # A direction of 0 is one that nothing tells: of effects that derive it, the joint came from either side.

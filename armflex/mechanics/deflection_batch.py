@@ -198,36 +198,36 @@ class DeflectionBatch:
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
         """Doubts, each with the first row it concerns."""
-        met = sorted(self._doubts(), key=lambda pair: pair[0])
+        unseen = [] if self.first_unseen is None else [(self.first_unseen[0], flag) for flag in self.first_unseen[1]]
         found: dict[str, Flag] = {}
-        for number, flag in met:
+        for number, flag in sorted((*self.doubts, *unseen), key=lambda pair: pair[0]):
             found.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
         return tuple(found.values())
 
-    def _doubts(self) -> Iterator[tuple[int, Flag]]:
-        """Yield the doubts with the first row of each kind."""
-        arm = self.acting.arm
+    @property
+    def doubts(self) -> list[tuple[int, Flag]]:
+        """The doubts about arm, loads, limits and sag, with the first row of each kind; `unseen` has those of laws."""
+        arm, found = self.acting.arm, []
         for loaded, rows in self.acting.groups(len(self.q)):
             if len(rows):
-                yield from ((int(rows[0]), flag) for flag in self._standing(loaded))
+                found += [(int(rows[0]), flag) for flag in self._standing(loaded)]
         outside = ((self.q < arm.robot.lower) | (self.q > arm.robot.upper)).any(axis=1)
         for i in np.flatnonzero(outside):
-            yield from ((int(i), flag) for flag in arm.check_position(self.q[i], enforce_limits=False)[1])
+            found += [(int(i), flag) for flag in arm.check_position(self.q[i], enforce_limits=False)[1]]
         sagging = np.linalg.norm(self.displacement[:, :3], axis=1) > SAG_BAND * arm.robot.reach
         for i in np.flatnonzero(sagging)[:1]:
-            yield from ((int(i), flag) for flag in sag_doubts(arm, self.displacement[i]))
-        if self.first_unseen is not None:
-            number, flags = self.first_unseen
-            yield from ((number, flag) for flag in flags)
+            found += [(int(i), flag) for flag in sag_doubts(arm, self.displacement[i])]
+        return found
 
     @cached_property
     def first_unseen(self) -> tuple[int, tuple[Flag, ...]] | None:
         """The first row whose loads are beyond those that a trained law has seen, and the doubts about it."""
+        return next(self.unseen(), None)
+
+    def unseen(self) -> Iterator[tuple[int, tuple[Flag, ...]]]:
+        """Yield the rows whose loads are beyond those that a trained law has seen, and the doubts about them."""
         stack, acting = self.acting.arm.stack, self.acting
-        if not stack.trained:
-            return None
-        for i, wrenches in enumerate(self.wrenches.reshape(len(self.q), -1)):
+        for i, wrenches in enumerate(self.wrenches.reshape(len(self.q), -1)) if stack.trained else ():
             flags = stack.doubts(wrenches, acting.arm.loaded(acting.payload(i)).row(self.q[i], acting.known(i)))
             if flags:
-                return i, flags
-        return None
+                yield i, flags

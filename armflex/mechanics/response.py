@@ -22,7 +22,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.mechanics.chain import Frames
-from armflex.mechanics.equilibrium import check_small, find_equilibrium
+from armflex.mechanics.equilibrium import MAX_ROTATION, check_small, find_equilibrium
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loads import Payload
@@ -220,8 +220,9 @@ def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_la
         if laws.curved:
             laws.expand(found.wrenches)
         into[rows[left]] = solver.linearise(row, laws, found, left, stable=True)[0]
-    for twists in () if allow_large else found.twists:
-        check_small(twists.ravel(), arm.stack.names)
+    small = (np.linalg.norm(found.twists[:, :, 3:], axis=2) <= MAX_ROTATION).all(axis=1)
+    for i in () if allow_large else np.flatnonzero(~small):
+        check_small(found.twists[i].ravel(), arm.stack.names)
     pushes = Pushes(loaded, arm.pulls, sited=True)
     loads = pushes.links, pushes.wrenches(q, found.twists), pushes.changes(q, found.twists)
     return _Part(loaded, rows, *loads, laws.tangents(found.wrenches)), found

@@ -21,6 +21,7 @@ from armflex.laws.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
+from armflex.rows.rows import POSE
 from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.lost import lost_beams
@@ -135,7 +136,7 @@ def fitted_to(fitted: Fit, measurements: Measurements, rows: np.ndarray) -> Fit:
 def scene_at(fitted: Fit, measurements: Measurements) -> Scene:
     """Return the campaign as the catalogue sees it at a fit: loads at every site of every driven row."""
     arm, view = fitted.setup.arm, fitted.view
-    known = known_rows(arm, measurements)
+    known = known_rows(arm, measurements) | {POSE: measurements.pose_number.astype(float)}
     rest = np.setdiff1d(np.arange(len(measurements)), view.rows)
     wrenches = {site: np.empty((len(measurements), 6)) for site in view.line.sites}
     for rows, line in ((view.rows, view.line), (rest, _line(arm, measurements, known, rest))):

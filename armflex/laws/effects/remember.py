@@ -9,7 +9,12 @@ import numpy as np
 from armflex.errors import Flag, InputError, MissingCovariateError, did_you_mean, listing, naming
 from armflex.laws.effects.law import Effect, Manipulator
 from armflex.rows import Rows
-from armflex.rows.rows import APPROACH, POSE
+from armflex.rows.rows import APPROACH
+
+
+def remembers(arm: Manipulator) -> bool:
+    """Return whether an arm has effects whose state depends on all the rows before."""
+    return any(effect.law.memory for effect in arm.effects)
 
 
 def depended_on(arm: Manipulator) -> tuple[str, ...]:
@@ -48,7 +53,7 @@ def derived_directions(arm: Manipulator, rows: Rows, asked: np.ndarray) -> tuple
         unknown = asked[untold[asked]]
         if len(unknown) and name not in asker.derived:
             with naming(rows.places[unknown[0]] if rows.places else f"row {unknown[0]}"):
-                raise MissingCovariateError(name, sorted(set(rows.known) - set(rows.derived) - {POSE}), asker.name)
+                raise MissingCovariateError(name, sorted(set(rows.known) - set(rows.derived)), asker.name)
         flags[name] = derived_direction(name, len(unknown))
     return tuple(flags.values())
 

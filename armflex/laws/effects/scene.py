@@ -198,7 +198,10 @@ def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
 
     An entry of a text column that effects depend on and these rows never have is 0 throughout.
     """
-    known = {**rows.known, MASS: np.array([arm.payload(name).mass for name in rows.payload])}
+    weights = {name: arm.payload(name).mass for name in dict.fromkeys(rows.payload)}
+    known = {**rows.known, MASS: np.array([weights[name] for name in rows.payload])}
+    if isinstance(rows, Rows) and any(POSE in effect.spot.covariates for effect in arm.effects):
+        known[POSE] = rows.pose_number.astype(float)
     texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}
     asked = {name for effect in arm.effects for name in effect.spot.covariates if LEVEL_OF in name}
     return {name: np.zeros(len(rows.q)) for name in asked if name.partition(LEVEL_OF)[0] in texts} | known
