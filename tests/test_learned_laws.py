@@ -32,6 +32,7 @@ from armflex.flexure import Flexure
 from armflex.laws import AtNode, Beam, Law, LinearLaw, PositionDependentLaw, Row, Section, StructuralLaw, SubJoint
 from armflex.laws.joint.linear import LinearFit, beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
+from armflex.parameters import ArmParameter, Group, Kind
 
 RNG = np.random.default_rng(5)
 SIZE = np.array([1e3, 2e3, 500.0, 100.0, 200.0, 300.0])
@@ -351,7 +352,8 @@ def test_laws_of_names_that_begin_alike_are_read_with_their_own_covariance(six, 
 
 def test_parameters_named_alike_are_refused():
     with pytest.raises(InputError, match="law A2 1@n 2@m:dx"):
-        Certainty(("tool dx", "law A2 1@n 2@m:dx", "law A2 1@n 2@m:dx"), np.eye(3))
+        names = (("A2", "1@n 2@m:dx"), ("A2 1@n", "2@m:dx"))
+        Certainty(tuple(ArmParameter(Group(Kind.LAW, flexure), name) for flexure, name in names), np.eye(2))
 
 
 def test_learning_again_begins_at_what_was_declared(six, learned):

@@ -27,7 +27,7 @@ from armflex.errors import (
     did_you_mean,
     listing,
 )
-from armflex.files.calibration_table import Campaign, calibration_table, read_calibration
+from armflex.files.calibration_table import Campaign, calibration_table, read_calibration, with_certainty
 from armflex.files.certainty_table import with_covariance
 from armflex.files.effect_file import read_effect
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, StructuralLaw, read_law
@@ -87,8 +87,10 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     soft = [flag for flexure in flexures for flag in _soft(flexure)]
     doubts = (*robot.flags, *flags, *soft, *_partly_certain(flexures))
     arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=doubts)
-    fitted = read_calibration(root.sub("calibration"), arm) if root.has("calibration") else _say_level(arm)
-    return _with_effects(fitted, effects)
+    if not root.has("calibration"):
+        return _with_effects(_say_level(arm), effects)
+    table = root.sub("calibration")
+    return with_certainty(table, _with_effects(read_calibration(table, arm), effects))
 
 
 def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:

@@ -12,17 +12,16 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.estimate.calibrate import Calibration, Outlier
-from armflex.estimate.effect_block import numbers_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import believed
 from armflex.estimate.learn import settled
-from armflex.estimate.spread import RANDOM, certainty_of
+from armflex.estimate.spread import certainty_of
 from armflex.estimate.view import look, position_rms
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects.law import Effect
-from armflex.parameters import EFFECT
+from armflex.parameters import Kind, numbers_of
 from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
@@ -320,8 +319,8 @@ def _declared_part(fit: Fit) -> Arm:
     """Return the declared arm with the fitted values of declared blocks alone; effects are written by themselves."""
     setup, start = fit.declared, 0
     for block in fit.blocks:
-        count = len(block.labels)
-        if not block.name.startswith((f"{EFFECT} ", f"{RANDOM} ")):
+        count = len(block.parameters)
+        if block.kind not in (Kind.EFFECT, Kind.UNEXPLAINED):
             setup = block.apply(setup, fit.values[start : start + count])
         start += count
     return replace(settled(setup.arm, fit), instrument=setup.instrument, certainty=certainty_of(fit))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from armflex.estimate.effect_block import numbered
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.spot import BASE, LINK, TOOL, Spot
 from armflex.laws.effects.unnamed import SHAPES
+from armflex.parameters import numbered
 
 
 @dataclass(frozen=True)
