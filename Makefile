@@ -36,7 +36,7 @@ bench: $(VENV)/.bench
 	$(VENV)/bin/python tests/benchmarks/run.py -o bench.md
 
 study: $(VENV)/.test
-	$(VENV)/bin/python tests/study.py -o study.csv
+	$(VENV)/bin/python tests/studies/study.py -o study.csv
 
 lint: $(VENV)/.lint
 	$(VENV)/bin/ruff check .

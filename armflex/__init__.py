@@ -15,7 +15,7 @@ from armflex.version import __version__ as __version__
 if TYPE_CHECKING:
     from armflex.arm import Arm as Arm
     from armflex.arm import Flexure as Flexure
-    from armflex.bench.train import train as train
+    from armflex.bench.training import train as train
     from armflex.bundled import bundled_robot as bundled_robot
     from armflex.errors import ArmflexError as ArmflexError
     from armflex.errors import ArmflexWarning as ArmflexWarning
@@ -70,7 +70,7 @@ if TYPE_CHECKING:
 
 HOMES = {
     "armflex.arm": "Arm Flexure",
-    "armflex.bench.train": "train",
+    "armflex.bench.training": "train",
     "armflex.bundled": "bundled_robot",
     "armflex.errors": "ArmflexError ArmflexWarning InputError",
     "armflex.estimate": "Bootstrap Calibration bootstrap calibrate",

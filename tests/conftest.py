@@ -9,9 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from small_arms import ROBOTS
 
 from armflex import Arm, Trajectory, load_arm, read_trajectory
+
+ROBOTS = Path(__file__).parents[1] / "robots"
+pytest_plugins = ("support.stage", "support.traced_backlash", "support.tracking")
+"""What brings fixtures of its own."""
+pytest.register_assert_rewrite("support")
 
 
 def pytest_configure(config: pytest.Config) -> None:

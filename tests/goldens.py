@@ -25,7 +25,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from small_arms import ROBOTS
+from support.small_arms import ROBOTS
 
 GOLDENS = Path(__file__).parent / "goldens"
 RELATIVE = 1e-6
@@ -114,8 +114,8 @@ def compare(name: str, found: object, write: bool = False) -> list[str]:
 
 def study(jobs: int) -> dict:
     """Return names, places, values and evidence of what is found in 60 drawn campaigns."""
-    from study import EVERY, run
-    from study import jobs as drawn
+    from studies.study import EVERY, run
+    from studies.study import jobs as drawn
 
     with tempfile.TemporaryDirectory() as folder:
         scores = run(drawn(60, EVERY, 1000, 1.0), Path(folder) / "study.csv", jobs)

@@ -6,15 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Integral
 
-from armflex.bench.choose import Rival
-from armflex.bench.linear import fit_compliance
-from armflex.bench.model import Fitted, Learner
+from armflex.bench.fit_linear import fit_compliance
+from armflex.bench.fitted import Fitted, Learner
+from armflex.bench.model_choice import Rival
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError
 from armflex.laws.joint.structural import StructuralLaw
 
 FOUND = "found"
-"""Features that are found in the data; see `armflex.learning.terms`."""
+"""Features that are found in the data; see `armflex.bench.fit_terms`."""
 
 SAMPLERS = ("closed-form", "laplace", "nuts", "metropolis")
 
@@ -25,7 +25,7 @@ class Options:
 
     Attributes:
         structure: Of a linear model: "full", "symmetric" or "diagonal".
-        features: Of a polynomial model; see `armflex.laws.polynomial.features_of`. "found" looks for them. A text
+        features: Of a polynomial model; see `armflex.laws.joint.polynomial.features_of`. "found" looks for them. A text
             holds several joined by "+".
         neurons: Hidden neurons of a network.
         starts: Trainings from different weights, the best of which is kept; see `affordable_starts` for "auto".
@@ -90,7 +90,7 @@ def _linear(options: Options) -> Learner:
     _one_of(options.sampler, ("closed-form", "metropolis"), "linear")
 
     def learn(loads: Array, deflections: Array, seed: int) -> Fitted:
-        from armflex.bench.linear_chain import fit_linear_chain
+        from armflex.bench.paper.linear_chain import fit_linear_chain
 
         return fit_linear_chain(
             loads, deflections, options.structure, seed=seed, allow_unconverged=options.allow_unconverged
@@ -109,16 +109,16 @@ def _polynomial(options: Options) -> Learner:
     if FOUND in options.features:
         if tuple(options.features) != (FOUND,):
             raise InputError(f"features {', '.join(options.features)}: {FOUND!r} looks for all terms, give it alone")
-        from armflex.bench.terms import fit_terms
+        from armflex.bench.fit_terms import fit_terms
 
         return fit_terms
-    from armflex.bench.polynomial import learner as polynomial
+    from armflex.bench.fit_polynomial import learner as polynomial
 
     return polynomial(options.features)
 
 
 def _structural(options: Options) -> Learner:
-    from armflex.bench.structural import fit_structural
+    from armflex.bench.fit_structural import fit_structural
 
     assembly = options.assembly
     if assembly is None:
@@ -127,7 +127,7 @@ def _structural(options: Options) -> Learner:
 
 
 def _neural(options: Options) -> Learner:
-    from armflex.bench.network import fit_network
+    from armflex.bench.fit_network import fit_network
 
     _one_of(options.prior, ("evidence", "none"), "neural")
     prior = None if options.prior == "none" else options.prior
@@ -137,7 +137,7 @@ def _neural(options: Options) -> Learner:
 
 
 def _bayesian(options: Options) -> Learner:
-    from armflex.bench.bayesian import fit_bayesian
+    from armflex.bench.fit_bayesian import fit_bayesian
 
     return lambda loads, deflections, seed: fit_bayesian(
         loads,

@@ -1,6 +1,6 @@
 """Joint data as a network sees them, and the sums of squares that training it makes small.
 
-All weights are those of scaled loads and deflections, in the order of `armflex.laws.network`.
+All weights are those of scaled loads and deflections, in the order of `armflex.laws.joint.network`.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.bench.train import train
+from armflex.bench.training import train
 from armflex.bundled import bundled_robot
 from armflex.cli.check import print_check
 from armflex.cli.compensate import print_compensation

@@ -11,9 +11,9 @@ import click
 import numpy as np
 from click.core import ParameterSource
 
+from armflex.bench.fit_linear import STRUCTURES
 from armflex.bench.learners import CONCERNS, MODELS, SAMPLERS, Options, affordable_starts, rivals
-from armflex.bench.linear import STRUCTURES
-from armflex.bench.train import CHOICE, TrainResult, train
+from armflex.bench.training import CHOICE, TrainResult, train
 from armflex.cli.options import Choice, Command, OutputPath, PathArgument, json_option, progress, show_flags, write_json
 from armflex.cli.tables import complain, console, number, print_table
 from armflex.conventions import TWIST_NAMES

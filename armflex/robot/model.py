@@ -2,7 +2,7 @@
 
 The models are built joint by joint from the validated data rather than from edited URDF text: every position is one
 number (Pinocchio reads a continuous joint as a cosine and a sine), numbers are parsed once, and joints keep the
-chain's order. `tests/test_robot.py` holds the result against Pinocchio's own URDF reader.
+chain's order. `tests/referee/test_robot.py` holds the result against Pinocchio's own URDF reader.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import numpy as np
 from a4.study import Trial, average, determined, precisions
 from a4.surrogate import NOISE, Rows
 
-from armflex.bench.held_out import BAND, predicted, spread
+from armflex.bench.cross_validation import BAND, predicted, spread
 from armflex.laws.law import Law
 
 matplotlib.use("Agg")

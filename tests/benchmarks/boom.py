@@ -15,8 +15,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from plant import Plant, screw
-from small_arms import joint, link, robot
+from support.plant import Plant, screw
+from support.small_arms import joint, link, robot
 
 from armflex import Arm, load_arm
 from armflex.conventions import Array

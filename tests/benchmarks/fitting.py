@@ -2,8 +2,8 @@
 
     OPENBLAS_NUM_THREADS=1 python tests/benchmarks/fitting.py
 
-The campaigns are made by tests/plant.py, which shares code with neither, for the six-axis arm; noise is 0.2 mm per
-axis, 0.346 mm in 3-D. `within reach` has only what FIGAROH can express: joint offsets, a tool, and drives that give
+The campaigns are made by tests/support/plant.py, which shares code with neither, for the six-axis arm; noise is 0.2 mm
+per axis, 0.346 mm in 3-D. `within reach` has only what FIGAROH can express: joint offsets, a tool, and drives that give
 about their own axis, one payload, one stand of the tracker. The others are campaigns of the tests: compliances in six
 directions, three payloads, five sessions, and backlash or a gear's error that nobody declared. FIGAROH knows a load
 only as part of the URDF, so it is given the mean payload, or fits once per payload; every error is over all held-out
@@ -27,10 +27,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from baseline import machine
-from campaign_files import ROBOTS
-from campaigns import draw
 from figaroh_fit import Model, fit, with_payload
-from plant import Campaign, Plant
+from support.campaign_files import ROBOTS
+from support.campaigns import draw
+from support.plant import Campaign, Plant
 
 import armflex
 from armflex import Arm, Measurements, Payload

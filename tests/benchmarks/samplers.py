@@ -23,8 +23,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from baseline import machine
 
-from armflex.bench.bayesian import SAMPLERS, fit_bayesian
-from armflex.bench.model import Fitted
+from armflex.bench.fit_bayesian import SAMPLERS, fit_bayesian
+from armflex.bench.fitted import Fitted
 from armflex.conventions import Array
 from armflex.laws.law import Row
 

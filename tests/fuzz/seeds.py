@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from harness import FOLDER, written
-from small_arms import joint, link, random_compliance, robot
+from support.small_arms import joint, link, random_compliance, robot
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements
 from armflex.estimate.calibrate import write_calibrated

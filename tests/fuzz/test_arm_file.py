@@ -11,7 +11,7 @@ from harness import as_toml, cases, judge, mutated_bytes, mutated_tree, written
 from hypothesis import given
 from hypothesis import strategies as st
 from seeds import ARM, OF_THE_MODEL, asked, declared, quietly, traced
-from small_arms import ROBOTS
+from support.small_arms import ROBOTS
 
 from armflex import Arm, load_arm, predict, total_covariance
 

@@ -15,11 +15,9 @@ from array_files import packed, spoilt, unpacked
 from harness import FOLDER, PROFILE, cases, judge, limited, mutated_bytes, written
 from hypothesis import given
 from hypothesis import strategies as st
-from small_arms import ROBOTS
-from test_law_file import trained
-from test_network import some_law
-from test_polynomial import made
-from test_tracker import in_base
+from support.bench import made, some_law, trained
+from support.small_arms import ROBOTS
+from support.tracking import in_base
 
 from armflex import Reading, Tracker, load_arm, load_law, map_workspace, read_map, save_law, write_map
 from armflex.arm import Arm

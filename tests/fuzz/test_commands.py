@@ -10,7 +10,7 @@ from harness import FOLDER, as_toml, cases, judge_command, mutated_bytes, mutate
 from hypothesis import given
 from hypothesis import strategies as st
 from seeds import ARM, PATH, PATH_HEADER, URDF, arm, campaign, declared
-from small_arms import ROBOTS
+from support.small_arms import ROBOTS
 
 PLAIN = ARM.replace("LEARN", "").partition("[[effect]]")[0]
 QUICK = PLAIN.replace("geometry = 1e-4\n", "")

@@ -12,7 +12,7 @@ from harness import cases, hostile, judge, mutated_bytes, mutated_cells, mutated
 from hypothesis import given
 from hypothesis import strategies as st
 from seeds import PATH, PATH_HEADER, arm, campaign, declared, quietly
-from small_arms import ROBOTS
+from support.small_arms import ROBOTS
 
 from armflex import (
     Arm,

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 from seeds import ARM, URDF
-from small_arms import ROBOTS
+from support.small_arms import ROBOTS
 
 from armflex import Arm, load_arm
 

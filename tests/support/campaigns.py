@@ -1,0 +1,304 @@
+"""Measured campaigns of an arm with one undeclared effect, two, or none, drawn by seed.
+
+    drawn = draw("backlash", seed=3, arm="boom")
+    truth = drawn.write(folder)             # arm.toml, train.csv, test.csv, truth.csv, truth.json
+
+One run of stops over five sessions makes both tables: every stop is a row of both, in the order driven, because laws
+with a memory need all of them. train.csv has positions at most stops of the training poses, test.csv at the stops of
+poses that are held out; elsewhere x, y and z are empty.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from support.campaign_files import ARMS, declared_text, write_clean, write_rows
+from support.plant import Array, Plant, Rows, State, apply, pose, turn
+from support.undeclared import REFERENCE, Effect, Redraw, Scene
+from support.undeclared_outside import CATALOGUE, LAGGING, UNNAMED
+
+KINDS = tuple(CATALOGUE)
+LAGGED = tuple(f"{name} lagged" for name in LAGGING)
+OUTSIDE = tuple(UNNAMED)
+NULLS = ("none", "none_restationed", "none_noisier", "none_quieter")
+SIGMA = 2e-4  # m, as declared
+SESSIONS, STOPS, UNREAD = 5, 460, 40
+HOLDS, HOLD_SHARES = (30.0, 60.0, 120.0, 300.0, 900.0, 1800.0), (0.22, 0.22, 0.22, 0.18, 0.1, 0.06)
+
+
+@dataclass(frozen=True)
+class TrueEffect:
+    """What was hidden, and how far it alone moves the measured points (3-D RMS over train.csv's readings) [m]."""
+
+    name: str
+    site: str
+    axis: str | None
+    covariates: tuple[str, ...]
+    parameters: dict[str, float | str]
+    raw_rms: float
+
+
+@dataclass(frozen=True)
+class Truth:
+    kind: str
+    seed: int
+    arm: Path
+    train: Path
+    test: Path
+    effects: tuple[TrueEffect, ...]
+    clean: Array  # (stops, 3) noise-free readings, with the instrument's sessions
+    held_out: Array  # (stops,) where test.csv has positions
+    sigma: float  # m, true standard deviation per axis
+    lost: Array  # (stops,) where a lost beam was read
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How the instrument errs."""
+
+    sigma: float = SIGMA
+    restationing: float = 2e-4
+    heavy: bool = False
+
+    def draw(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
+        """Return errors (N, 3) [m] and where the beam was lost."""
+        if not self.heavy:
+            return rng.normal(0.0, self.sigma, (count, 3)), np.zeros(count, bool)
+        errors = self.sigma * rng.standard_t(3, (count, 3)) / np.sqrt(3.0)
+        lost = rng.random(count) < 0.01
+        far = np.exp(rng.uniform(np.log(5e-3), np.log(0.5), (count, 1))) * rng.normal(size=(count, 3))
+        return errors + lost[:, None] * far, lost
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A campaign before it is written."""
+
+    kind: str
+    seed: int
+    arm: str
+    plant: Plant
+    rows: Rows
+    effects: tuple[Effect, ...]
+    raw_rms: tuple[float, ...]
+    station: Array
+    shifts: Array
+    noise: Noise
+    errors: Array
+    lost: Array
+
+    def readings(self, effects: tuple[Effect, ...] | None = None) -> Array:
+        """Noise-free readings (stops, 3) under the given effects, by default the true ones."""
+        state = self.plant.relax(self.rows, self.effects if effects is None else effects)
+        return read(self.plant, state, self.station, self.shifts)
+
+    def orientations(self, sigma: float, share: float = 1.0) -> tuple[Array, Array]:
+        """Rotation vectors (stops, 3) of a target turned on the tool, read with noise, and where they were read.
+
+        Args:
+            sigma: True standard deviation [rad].
+            share: Of the measured stops at which they are read.
+        """
+        rng = np.random.default_rng([self.seed, 99])
+        mounting = turn(rng.normal(0.0, 1.0, 3))
+        tips = self.plant.relax(self.rows, self.effects).frames[:, -1]
+        axes = (self.shifts[self.rows.session] @ self.station @ tips)[:, :3, :3] @ mounting
+        seen = turn(rng.normal(0.0, sigma, (len(axes), 3))) @ axes
+        return Rotation.from_matrix(seen).as_rotvec(), self.rows.measured & (rng.random(len(axes)) < share)
+
+    def write(self, folder: Path) -> Truth:
+        """Write arm.toml (as declared), train.csv, test.csv, truth.csv and truth.json."""
+        folder.mkdir(parents=True, exist_ok=True)
+        arm, train, test = folder / "arm.toml", folder / "train.csv", folder / "test.csv"
+        arm.write_text(declared_text(self.arm))
+        clean, names = self.readings(), [j.name for j in self.plant.joints]
+        payloads = [name for name, _, _ in ARMS[self.arm].payloads]
+        for path, shown in ((train, self.rows.measured), (test, self.rows.held_out)):
+            write_rows(path, self.rows, names, payloads, clean + self.errors, shown, SIGMA)
+        write_clean(folder / "truth.csv", self.rows, clean)
+        effects = tuple(
+            TrueEffect(e.name, e.site, e.axis, e.covariates, e.tell(e.amplitude), raw)
+            for e, raw in zip(self.effects, self.raw_rms, strict=True)
+        )
+        told = {"kind": self.kind, "seed": self.seed, "arm": self.arm, "sigma": self.noise.sigma}
+        (folder / "truth.json").write_text(json.dumps({**told, "effects": [vars(e) for e in effects]}, indent=1) + "\n")
+        held, sigma = self.rows.held_out, self.noise.sigma
+        return Truth(self.kind, self.seed, arm, train, test, effects, clean, held, sigma, self.lost)
+
+
+def read(plant: Plant, state: State, station: Array, shifts: Array) -> Array:
+    """What the instrument would read without noise."""
+    seen = (1.0 + state.push.scale) * apply(station, plant.points(state))
+    return apply(shifts[state.rows.session], seen) + state.push.shift
+
+
+def draw(kind: str, seed: int, arm: str = "boom", size: float = 1.0) -> Drawn:
+    """Draw a campaign.
+
+    Args:
+        kind: One of KINDS, LAGGED, OUTSIDE, NULLS, or "two".
+        seed: The same seed gives the same campaign; another kind gives other poses, errors and noise as well.
+        arm: "boom" or "six".
+        size: Factor on the size of the effect.
+    """
+    for attempt in range(50):
+        rng = np.random.default_rng([seed, zlib.crc32(kind.encode()), sorted(ARMS).index(arm), attempt])
+        try:
+            return once(rng, kind, seed, arm, size)
+        except Redraw:
+            continue
+    raise RuntimeError(f"{kind} cannot matter on this arm")
+
+
+def once(rng: np.random.Generator, kind: str, seed: int, arm: str, size: float) -> Drawn:
+    """Draw machine, run, instrument, effects and noise; raise `Redraw` where the effect wanted cannot matter."""
+    plant = true_machine(rng, arm)
+    rows = run(rng, plant, arm)
+    noise = noise_of(rng, kind)
+    station = pose(rng.normal(0.0, 3.0, 3), turn(np.array([0.0, 0.0, rng.uniform(-3.0, 3.0)])))
+    shifts = np.array(
+        [pose(rng.normal(0.0, noise.restationing, 3), turn(rng.normal(0.0, 2e-5, 3))) for _ in range(SESSIONS)]
+    )
+    scene = Scene(rng, plant, rows, plant.relax(rows), SESSIONS)
+    found = [hide(scene, name, station, shifts, size) for name in hidden(rng, kind)]
+    errors, lost = noise.draw(rng, len(rows.q))
+    effects, sizes = tuple(e for e, _ in found), tuple(s for _, s in found)
+    return Drawn(kind, seed, arm, plant, rows, effects, sizes, station, shifts, noise, errors, lost)
+
+
+def hidden(rng: np.random.Generator, kind: str) -> list[str]:
+    """Names of what to hide."""
+    if kind in NULLS:
+        return []
+    if kind != "two":
+        return [kind]
+    return [str(name) for name in rng.choice([*KINDS, *LAGGED], 2, replace=False)]
+
+
+def noise_of(rng: np.random.Generator, kind: str) -> Noise:
+    if kind == "none_restationed":
+        return Noise(restationing=float(rng.uniform(1e-4, 3e-4)), heavy=True)
+    return Noise(sigma={"none_noisier": 1.5 * SIGMA, "none_quieter": 0.5 * SIGMA}.get(kind, SIGMA))
+
+
+def hide(scene: Scene, kind: str, station: Array, shifts: Array, size: float) -> tuple[Effect, float]:
+    """Draw one effect and scale it until it alone moves the readings by the RMS wanted; return that, too."""
+    name, _, lag = kind.partition(" ")
+    maker = (CATALOGUE | UNNAMED)[name]
+    scene = replace(scene, lagging=bool(lag))
+    for _ in range(60):
+        wanted = size * scene.log(4e-4, 5e-3)
+        try:
+            effect = maker(scene)
+            found = scale(scene, effect, wanted, station, shifts)
+        except (Redraw, ArithmeticError):
+            continue
+        if effect.least * size <= effect.amplitude:
+            return effect, found
+    raise Redraw
+
+
+def scale(scene: Scene, effect: Effect, wanted: float, station: Array, shifts: Array) -> float:
+    """Set the effect's amplitude; return the RMS reached."""
+    calm = read(scene.plant, scene.calm, station, shifts)
+    effect.amplitude, reached = effect.trial, 0.0
+    for _ in range(8):
+        state = scene.plant.relax(scene.rows, [effect], scene.calm, 1e-12)
+        moved = (read(scene.plant, state, station, shifts) - calm)[scene.rows.measured]
+        reached = float(np.sqrt((moved**2).sum(axis=1).mean()))
+        if abs(reached / wanted - 1.0) < 1e-3:
+            return reached
+        effect.amplitude *= wanted / max(reached, 1e-30)
+        if effect.amplitude > effect.limit:
+            raise Redraw
+    raise Redraw
+
+
+def true_machine(rng: np.random.Generator, arm: str) -> Plant:
+    """The declared arm with the errors that calibration is told to expect."""
+    plant = Plant.read_text(declared_text(arm))
+    factors = {name: np.exp(rng.normal(0.0, 0.2, 6)) for name in plant.compliance}
+    plant.compliance = {name: c * factors[name] for name, c in plant.compliance.items()}
+    plant.offset = {j.name: float(rng.normal(0.0, 1e-3)) for j in plant.joints}
+    plant.target = rng.normal(0.0, 5e-3, 3)
+    return plant
+
+
+def run(rng: np.random.Generator, plant: Plant, arm: str) -> Rows:
+    """Draw poses and payloads, the order in which they were driven, and the weather."""
+    trained, held = int(rng.integers(60, 76)), int(rng.integers(16, 21))
+    lower = np.array([max(0.95 * j.lower, -2.8) for j in plant.joints])
+    upper = np.array([min(0.95 * j.upper, 2.8 if j.kind != "prismatic" else np.inf) for j in plant.joints])
+    poses = rng.uniform(lower, upper, (trained + held, len(lower)))
+    stops = visits(rng, trained, held, len(ARMS[arm].payloads))
+    number, payload = stops.T
+    q = poses[number]
+    session = np.arange(STOPS) * SESSIONS // STOPS
+    hold, time = clock(rng, session)
+    temperature = weather(rng, session, time)
+    steam = 45.0 - 0.8 * (temperature - REFERENCE) + np.cumsum(rng.normal(0.0, 0.4, STOPS))
+    held_out = number >= trained
+    measured = ~held_out
+    measured[rng.choice(np.flatnonzero(measured), UNREAD, replace=False)] = False
+    carried = ARMS[arm].payloads
+    mass, com = np.array([m for _, m, _ in carried]), np.array([c for _, _, c in carried], float)
+    came = approach(rng, q)
+    return Rows(
+        q,
+        mass[payload],
+        com[payload],
+        came,
+        number,
+        session,
+        payload,
+        time,
+        temperature,
+        hold,
+        steam,
+        measured,
+        held_out,
+    )
+
+
+def visits(rng: np.random.Generator, trained: int, held: int, payloads: int) -> Array:
+    """Pose and payload of every stop: two or three payloads a pose, each at least once, in random order."""
+    pairs = [
+        (number, int(payload))
+        for number in range(trained + held)
+        for payload in rng.choice(payloads, rng.choice((2, 3), p=(0.4, 0.6)), replace=False)
+    ]
+    again = rng.choice(len(pairs), STOPS - len(pairs))
+    return rng.permutation(np.array(pairs + [pairs[i] for i in again]))
+
+
+def clock(rng: np.random.Generator, session: Array) -> tuple[Array, Array]:
+    """How long the load stood at every stop, and when it was read: about two days in all."""
+    hold = np.round(rng.choice(HOLDS, STOPS, p=HOLD_SHARES) * rng.uniform(0.9, 1.1, STOPS), 1)
+    travel = rng.uniform(40.0, 120.0, STOPS)
+    pause = np.diff(session, prepend=0) * rng.uniform(3600.0, 3 * 3600.0, STOPS)
+    return hold, np.round(np.cumsum(hold + travel + pause), 1)
+
+
+def weather(rng: np.random.Generator, session: Array, time: Array) -> Array:
+    """Temperature: every session its own, with a slow drift."""
+    level = rng.uniform(-6.0, 6.0, SESSIONS)[session]
+    first = np.array([time[session == s][0] for s in range(SESSIONS)])[session]
+    hours = (time - first) / 3600.0
+    slope, swing = rng.uniform(-0.5, 0.5, SESSIONS)[session], rng.uniform(0.3, 1.0, SESSIONS)[session]
+    period = rng.uniform(3.0, 8.0, SESSIONS)[session]
+    return np.round(REFERENCE + level + slope * hours + swing * np.sin(2 * np.pi * hours / period), 3)
+
+
+def approach(rng: np.random.Generator, q: Array) -> Array:
+    """Sign of every joint's last motion; unknown to the reader before the first row, so drawn there."""
+    came = np.sign(np.diff(q, axis=0, prepend=q[:1]))
+    came[0] = rng.choice((-1.0, 1.0), q.shape[1])
+    for k in range(1, len(q)):
+        came[k] = np.where(came[k] == 0.0, came[k - 1], came[k])
+    return came

@@ -1,0 +1,34 @@
+"""A page as a real browser draws it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+def picture(page: Path, virtual_ms: int) -> np.ndarray:
+    """Screenshot of the canvas right of the panel, (H, W, 3), after so much time in the page."""
+    image = pytest.importorskip("PIL.Image", reason="decoding a screenshot needs Pillow")
+    target = page.with_suffix(f".{virtual_ms}.png")
+    flags = "headless no-sandbox disable-gpu disable-quic no-first-run disable-background-networking"
+    flags += " disable-component-update disable-sync enable-unsafe-swiftshader hide-scrollbars"
+    command = [BROWSER, *(f"--{flag}" for flag in flags.split()), "--window-size=1280,800"]
+    command += [f"--user-data-dir={page.parent / f'profile {virtual_ms}'}", f"--screenshot={target}"]
+    command += [f"--virtual-time-budget={virtual_ms}", page.as_uri()]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    return np.asarray(image.open(target).convert("RGB"), dtype=float)[:, 300:]
+
+
+def hue_share(pixels: np.ndarray, color: str) -> float:
+    """Share of the pixels which have the hue of `color`, whatever the light on them."""
+    wanted = np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)], dtype=float)
+    tint, wanted = (x - x.mean(axis=-1, keepdims=True) for x in (pixels, wanted))
+    strength = np.linalg.norm(tint, axis=-1)
+    likeness = tint @ wanted / (np.maximum(strength, 1e-9) * np.linalg.norm(wanted))
+    return float(np.mean((likeness > 0.98) & (strength > 50.0)))

@@ -1,0 +1,253 @@
+"""One drawn campaign traced, and the account judged against what was hidden in it."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import armflex
+from armflex.laws.effects import Effect
+from armflex.trace.result import Found, Trace
+from armflex.trace.rounds import trace
+from support.absorbed import visible
+from support.campaigns import Drawn, TrueEffect, draw
+
+SHOWN_RMS, SHOWN_STRAIN = 5e-5, 3.0
+"""Left behind by calibration [m], and moved by it [prior deviations], below which nobody could know of an effect."""
+
+Mark = tuple[str, str]
+"""Name and site as a report gives them; every shape goes by 'unnamed', every link by the joint that ends it."""
+
+RENAMED = {
+    "c": ("c_moment", "c_square"),
+    "mass_at_heaviest": ("mass",),
+    "force_at_1m": ("F1",),
+    "ppm": ("lambda",),
+    "gain1": ("gain",),
+    "radius1": ("radius",),
+    **{f"magnet_{axis}": (f"point_{axis}",) for axis in "xyz"},
+}
+"""Parameters of the truth that a law calls otherwise."""
+
+UNLIKE = {"umbilical", "unnamed", "slip_step"}
+"""Effects whose parameters mean something else in the law."""
+
+
+@dataclass
+class Score:
+    """What one draw came to.
+
+    Attributes:
+        verdict: ok, FALSE (null draws); exact, exact+ (and something else), class, unexplained (seen, not named),
+            hidden (calibration hides it), missed, WRONG, ERROR.
+        first: Whether the first effect found is a hidden one, by name and site.
+        axis: Whether it has the right axis, too.
+        rank: Place of the truth in the first round's ranking, None where it was not in it.
+        truth, found, equivalents, unexplained: What was hidden and what was said.
+        before, after, floor: RMS on the held-out rows with calibration, with the trace, and of the noise itself [mm].
+        shown, strain: What calibration leaves of the effects [mm], and how far they move it.
+        checked, covered: Parameters with a true value, and those within 1.96 standard deviations of it.
+        seconds: Of the processor.
+        log: What the search said it was doing; or the error.
+    """
+
+    kind: str
+    seed: int
+    arm: str
+    size: float
+    verdict: str = "ERROR"
+    first: bool = False
+    axis: bool = False
+    rank: int | None = None
+    truth: list = field(default_factory=list)
+    found: list = field(default_factory=list)
+    equivalents: list = field(default_factory=list)
+    unexplained: list = field(default_factory=list)
+    before: float = np.nan
+    after: float = np.nan
+    floor: float = np.nan
+    shown: float = np.nan
+    strain: float = np.nan
+    checked: int = 0
+    covered: int = 0
+    seconds: float = np.nan
+    log: str = ""
+
+    @property
+    def detected(self) -> bool:
+        """Whether anything at all was reported."""
+        return bool(self.found or self.unexplained)
+
+    def hear(self, said: str) -> None:
+        """Note what the search says it is doing, as far as it is about one effect."""
+        if not said.startswith(("searching", "calibrating", "comparing")):
+            self.log += f"; {said}" if self.log else said
+
+    def as_row(self) -> dict:
+        """Return the columns of a table."""
+        return asdict(self)
+
+
+def score(kind: str, seed: int, arm: str, size: float) -> Score:
+    """Draw, write, read, trace and judge one campaign; an exception is a verdict, too."""
+    result = Score(kind, seed, arm, size)
+    try:
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            drawn = draw(kind, seed, arm=arm, size=size)
+            _judge(result, drawn, Path(folder))
+    except Exception:
+        result.log = f"{result.log}; {traceback.format_exc()[-800:]}"
+    return result
+
+
+def _judge(result: Score, drawn: Drawn, folder: Path) -> None:
+    truth = drawn.write(folder)
+    arm = armflex.load_arm(truth.arm)
+    start = time.process_time()
+    account = trace(arm, armflex.read_measurements(truth.train, arm), report=result.hear)
+    result.seconds = time.process_time() - start
+    rows = armflex.read_measurements(truth.test, arm)
+    believed = rows.measured & ~truth.lost
+    result.floor = 1e3 * _rms((rows.position - truth.clean)[believed])
+    result.before, result.after = (
+        1e3 * _rms((armflex.predict(one, rows).position - rows.position)[believed])
+        for one in (account.calibration.arm, account.arm)
+    )
+    result.truth = [(e.name, e.site, e.axis, e.parameters) for e in truth.effects]
+    result.found = [described(one.effect, one.evidence) for one in account.found]
+    result.equivalents = [[described(other) for other, _ in one.equivalent] for one in account.found]
+    result.unexplained = _unexplained(account)
+    result.verdict = verdict(truth.effects, account)
+    result.first, result.axis, result.rank = first_found(truth.effects, account)
+    result.checked, result.covered = coverage(truth.effects, account.found)
+    if truth.effects and result.verdict not in ("exact", "exact+"):
+        left = visible(drawn)
+        result.shown, result.strain = 1e3 * left.rms, left.strain
+        if result.verdict in ("missed", "unexplained", "WRONG") and not _could_show(result):
+            result.verdict = "hidden"
+
+
+def _could_show(result: Score) -> bool:
+    return result.shown >= 1e3 * SHOWN_RMS or result.strain >= SHOWN_STRAIN
+
+
+def _rms(errors: np.ndarray) -> float:
+    return float(np.sqrt((errors**2).sum(axis=1).mean()))
+
+
+def described(effect: Effect, evidence: float | None = None) -> tuple:
+    """Return what a table keeps of an effect."""
+    spot = effect.spot
+    values = {name: float(f"{value:.4g}") for name, value in effect.named.items()}
+    known = (effect.law.name, spot.place, spot.axis, spot.partner, spot.covariates, values)
+    return known if evidence is None else (*known, round(evidence, 1))
+
+
+def _unexplained(account: Trace) -> list:
+    left = account.unexplained
+    return [] if left is None else [(left.site, left.axis), *((p.site, p.axis) for p in left.equivalent)]
+
+
+def mark(name: str, site: str | None) -> Mark:
+    """Return name and site as they are compared."""
+    return ("unnamed" if name.startswith("unnamed") else name, (site or "").removeprefix("link:"))
+
+
+def mark_of(effect: Effect) -> Mark:
+    """Return the same of an effect of the library."""
+    return mark(effect.law.name, effect.spot.site)
+
+
+def verdict(truth: Sequence[TrueEffect], account: Trace) -> str:
+    """Return how right an account is, by names and sites."""
+    wanted = {mark(e.name, e.site) for e in truth}
+    found = [mark_of(one.effect) for one in account.found]
+    if not wanted:
+        return "FALSE" if found or account.unexplained else "ok"
+    if any(name == "unexplained" for name, _ in wanted):
+        return _random_verdict(wanted, found, account)
+    if wanted <= set(found):
+        return "exact" if wanted == set(found) else "exact+"
+    said = set(found).union(*({mark_of(other) for other, _ in one.equivalent} for one in account.found))
+    if found and wanted <= said:
+        return "class"
+    if found:
+        return "WRONG"
+    return "unexplained" if account.unexplained else "missed"
+
+
+def _random_verdict(wanted: set[Mark], found: list[Mark], account: Trace) -> str:
+    """A cause that nobody recorded is right where it is called unexplained at its place."""
+    places = [mark("unexplained", site) for site, _ in _unexplained(account)]
+    if not places:
+        return "WRONG" if found else "missed"
+    if places[0] in wanted:
+        return "exact+" if found else "exact"
+    return "class" if wanted & set(places) and not found else "WRONG"
+
+
+def first_found(truth: Sequence[TrueEffect], account: Trace) -> tuple[bool, bool, int | None]:
+    """Return whether the first effect is a hidden one, whether its axis is right, and the truth's rank at first."""
+    wanted = {mark(e.name, e.site) for e in truth}
+    if not account.found:
+        places = _unexplained(account)
+        return bool(places) and mark("unexplained", places[0][0]) in wanted, False, None
+    first = account.found[0]
+    ranked = [mark(p.candidate.law.name, p.candidate.spot.site) for p in first.ranking]
+    rank = min((ranked.index(one) for one in wanted if one in ranked), default=None)
+    match = [e for e in truth if mark(e.name, e.site) == mark_of(first.effect)]
+    return bool(match), any(same_axis(e, first.effect) for e in match), rank
+
+
+def same_axis(truth: TrueEffect, effect: Effect) -> bool:
+    """Return whether an effect moves what the true one does; coupled axes go in either order."""
+    if truth.name == "cross_coupling":
+        return {truth.axis, truth.parameters["with"]} == {effect.spot.axis, effect.spot.partner}
+    acting = [effect.law.amplitudes[i].name for i in effect.spot.terms]
+    return truth.axis is None or effect.spot.axis in (None, truth.axis) or any(truth.axis in name for name in acting)
+
+
+def coverage(truth: Sequence[TrueEffect], found: Iterable[Found]) -> tuple[int, int]:
+    """Return how many parameters have a true value, and how many of those are within 1.96 standard deviations."""
+    checked = covered = 0
+    for one in found:
+        for e in truth:
+            if mark(e.name, e.site) != mark_of(one.effect) or not same_axis(e, one.effect) or e.name in UNLIKE:
+                continue
+            for name, value in true_values(e, one):
+                checked += 1
+                covered += abs(one.effect.named[name] - value) <= 1.96 * one.std[name]
+    return checked, covered
+
+
+def true_values(truth: TrueEffect, one: Found) -> Iterable[tuple[str, float]]:
+    """Yield the law's name and the true value of every parameter that means the same."""
+    if "gain2" in truth.parameters or _another_kind(truth, one.effect):
+        return
+    for key, value in truth.parameters.items():
+        if isinstance(value, str):
+            continue
+        names = (key, f"{key}_{truth.axis}", truth.axis, f"com_{(truth.axis or '')[1:]}", *RENAMED.get(key, ()))
+        for name in names:
+            if name in one.std:
+                yield name, value
+                break
+
+
+def _another_kind(truth: TrueEffect, effect: Effect) -> bool:
+    """Return whether a law with several kinds of amplitude took another one than the truth."""
+    if truth.name == "even_in_load":
+        return (truth.parameters["of"] == "tau^2") != ("c_square" in effect.named)
+    if truth.name == "payload_mass":
+        return ("mass" in truth.parameters) != (effect.spot.partner == "each")
+    if truth.name == "session_frame":
+        return truth.parameters["session"] != effect.spot.partner
+    return False

@@ -1,0 +1,546 @@
+"""The command line, each call in a process of its own: exit codes, JSON files, messages, and nothing left behind."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import shutil
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.command_line import Run, few_rows, fine, strict_json
+from support.small_arms import ROBOTS
+
+from armflex import Arm, InputError, Trajectory, Wrench, compensate, load_arm, load_law, read_trajectory
+from armflex.cli.main import COMMANDS, Commands, main
+from armflex.cli.main import armflex as group
+from armflex.cli.options import OutputPath
+from armflex.trajectory import write_trajectory
+
+TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"
+TABLE = TARM / "a4_table_1.csv"
+
+
+def test_help_of_the_whole_names_every_command(armflex: Run) -> None:
+    text = fine(armflex("--help")).stdout
+    assert all(f"  {name} " in text for name in COMMANDS)
+    assert fine(armflex("-h")).stdout == text and "deflect" in fine(armflex(), 2).stderr
+    assert fine(armflex("--version")).stdout.strip()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command(armflex: Run, command: str) -> None:
+    text = fine(armflex(command, "--help")).stdout
+    assert text.startswith("Usage: ") and command in text.splitlines()[0]
+    assert "--json" in text
+
+
+def test_deflect_json(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
+    result = fine(
+        armflex(
+            "deflect", TARM / "arm.toml", "--q", "M1=1500mm, A1=10deg,A3=0.5", "--payload", "p600", "--json", "d.json"
+        )
+    )
+    found = strict_json(tmp_path / "d.json")
+    assert set(found) == {
+        "format", "payload", "base", "tip", "method", "joint_names", "flexure_names", "q", "joint_loads", "wrenches",
+        "twists", "contributions", "corrected", "remainder", "displacement", "covariance", "compliance", "pose",
+        "rigid_pose", "flags",
+    }  # fmt: skip
+    assert (found["format"], found["base"], found["tip"]) == ("armflex-deflect-1", "crane", "tool")
+    q = tarm.position(M1=1.5, A1=np.deg2rad(10.0), A3=0.5)
+    expected = tarm.deflection(q, "p600")
+    for name in ("q", "wrenches", "twists", "displacement", "covariance", "compliance", "contributions", "joint_loads"):
+        np.testing.assert_allclose(found[name], getattr(expected, name), rtol=1e-10, atol=1e-15)
+    assert f"{np.linalg.norm(expected.displacement[:3]) * 1e3:.4g} mm" in result.stdout
+
+
+@pytest.mark.parametrize(("text", "newtons"), [("0,0,-500N", 500.0), ("0,0,-0.5kN", 500.0), ("0,0,-50kgf", 490.3325)])
+def test_deflect_under_a_force_with_unit(armflex: Run, tmp_path: Path, heavy: Arm, text: str, newtons: float) -> None:
+    fine(armflex("deflect", HEAVY / "arm.toml", "--force", f"tool={text}", "--json", "d.json"))
+    load = Wrench("tool", np.array([0.0, 0.0, -newtons]), np.zeros(3))
+    expected = heavy.deflection(np.zeros(6), wrenches=[load]).displacement
+    np.testing.assert_allclose(strict_json(tmp_path / "d.json")["displacement"], expected, rtol=1e-12)
+
+
+POINT = {"name", "time", "displacement_m", "rotation_rad", "sigma_m", "margin_m", "verdict", "cause"}
+
+
+@pytest.mark.parametrize(("robot", "tolerance", "code"), [(TARM, "0.1m", 1), (HEAVY, "5mm", 1), (HEAVY, "1cm", 0)])
+def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tolerance: str, code: int) -> None:
+    result = fine(
+        armflex("check", robot / "arm.toml", robot / "trajectory.csv", "--tolerance", tolerance, "--json", "c.json"),
+        code,
+    )
+    found = strict_json(tmp_path / "c.json")
+    more = {"angle_rad", "samples", "flags", "base", "tip"}
+    assert set(found) == {"format", "ok", "tolerance_m", "via_points", "path_worst"} | more
+    assert found["format"] == "armflex-check-1" and found["ok"] == (code == 0)
+    more = POINT | {"margin_rad", "payload", "reason"}
+    assert all(set(point) == more for point in [*found["via_points"], found["path_worst"]])
+    assert ("NOT within" in result.stdout) == (code == 1)
+    assert all(point["name"] in result.stdout for point in found["via_points"])
+    assert found["tolerance_m"] == {"0.1m": 0.1, "5mm": 0.005, "1cm": 0.01}[tolerance]
+
+
+def test_check_angle_alone_can_fail(armflex: Run) -> None:
+    command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m", "--angle"]
+    fine(armflex(*command, "1mrad"), 1)
+    fine(armflex(*command, "10deg"), 0)
+
+
+@pytest.mark.parametrize(("robot", "match"), [(TARM, "position"), (HEAVY, "pose")])
+def test_compensate_writes_what_python_finds(
+    armflex: Run, tmp_path: Path, tarm: Arm, heavy: Arm, robot: Path, match: str
+) -> None:
+    arm = tarm if robot is TARM else heavy
+    path = few_rows(robot / "trajectory.csv", tmp_path / "t.csv", 20)
+    fine(armflex("compensate", robot / "arm.toml", path, "-o", "o.csv", "--match", match, "--json", "c.json"))
+    written: Trajectory = read_trajectory(tmp_path / "o.csv", arm)
+    expected = compensate(arm, read_trajectory(path, arm), match)
+    np.testing.assert_allclose(written.q, expected.trajectory.q, rtol=0, atol=1e-12)
+    found = strict_json(tmp_path / "c.json")
+    assert set(found) == {"format", "ok", "match", "between_m", "rows", "flags", "base", "tip"}
+    assert found["format"] == "armflex-compensate-1" and found["ok"] and len(found["rows"]) == 20
+    row = {"time", "via", "reached", "smallest", "reason", "before", "after", "change", "sigma_min"}
+    assert all(set(one) == row for one in found["rows"])
+
+
+def narrowed(folder: Path) -> Path:
+    """Copy heavy_six with a J2 that cannot go back far enough to lift."""
+    shutil.copytree(HEAVY, folder / "narrow")
+    urdf = folder / "narrow" / "robot.urdf"
+    urdf.write_text(urdf.read_text().replace('lower="-1.05" upper="1.3"', 'lower="0.4433" upper="1.3"'))
+    return folder / "narrow" / "arm.toml"
+
+
+def test_compensate_out_of_reach_writes_nothing_unless_asked(armflex: Run, tmp_path: Path) -> None:
+    arm, path = narrowed(tmp_path), few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 30)
+    command = ["compensate", arm, path, "-o", "o.csv", "--match", "pose", "--json", "c.json"]
+    result = fine(armflex(*command), 1)
+    assert "limit: J2" in result.stdout and not (tmp_path / "o.csv").exists()
+    assert not strict_json(tmp_path / "c.json")["ok"]
+    fine(armflex(*command, "--best-effort"), 1)
+    assert (tmp_path / "o.csv").exists()
+
+
+def test_compensate_between(armflex: Run, tmp_path: Path) -> None:
+    path = few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 10)
+    fine(armflex("compensate", HEAVY / "arm.toml", path, "-o", "o.csv", "--between", "0.1um", "--json", "c.json"))
+    assert strict_json(tmp_path / "c.json")["between_m"] <= 1e-7
+    assert len((tmp_path / "o.csv").read_text().splitlines()) > 11
+
+
+def test_train_json_and_file(armflex: Run, tmp_path: Path) -> None:
+    fine(armflex("train", TABLE, "--model", "linear", "-o", "a.safetensors", "--json", "t.json"))
+    found = strict_json(tmp_path / "t.json")
+    contract = {
+        "format", "model", "rows", "unit", "train_rms", "held_out_rms", "held_out", "parameters", "diagnostics",
+        "compared",
+    }  # fmt: skip
+    assert set(found) == contract | {"flags"}
+    assert set(found["diagnostics"]) == {"rhat_max", "ess_min", "coverage_95"}
+    assert (found["format"], found["model"], found["rows"], found["unit"]) == ("armflex-train-1", "linear", 20, "mm")
+    np.testing.assert_array_equal(np.round(found["train_rms"], 3), [0.142, 0.099, 0.341])
+    np.testing.assert_array_equal(np.round(found["held_out_rms"], 3), [0.172, 0.121, 0.415])
+    assert found["compared"] == [{"model": "linear", "held_out_rms": found["held_out_rms"]}]
+    law = load_law(tmp_path / "a.safetensors").law
+    np.testing.assert_allclose(law.compliance[:3, :3], found["parameters"]["compliance"])
+    fine(armflex("train", TABLE, "--read-as", "mm=um", "--structure", "diagonal", "-o", "b.safetensors"))
+    assert load_law(tmp_path / "b.safetensors").metadata["units"] == ["um"] * 3
+
+
+def campaign(folder: Path) -> Path:
+    """Write a campaign as it comes from the field: measured columns, units, covariates, rows without a reading."""
+    header = "pose,session,time,payload,q_J1_deg,q_J2,q_J3,q_J4,q_J5,q_J6,approach_J1,x_mm,y_mm,z_mm,sigma_mm,weather"
+    rows = ["p1,a,0,p200,10,0.1,0.2,0,0.8,0,1,1500,2,3,0.02,fair", "p2,b,5,,-20,0.3,0,0,0.5,0.1,-1,,,,,foul"]
+    (folder / "m.csv").write_text("\n".join((header, *rows)) + "\n")
+    return folder / "m.csv"
+
+
+def test_predict_on_a_campaign(armflex: Run, tmp_path: Path, heavy: Arm) -> None:
+    result = fine(armflex("predict", HEAVY / "arm.toml", campaign(tmp_path), "-o", "o.csv", "--json", "p.json"))
+    rows = list(csv.DictReader((tmp_path / "o.csv").open()))
+    assert [(row["pose"], row["session"], row["payload"]) for row in rows] == [("p1", "a", "p200"), ("p2", "b", "none")]
+    for row, q, payload in zip(
+        rows,
+        ([np.deg2rad(10), 0.1, 0.2, 0, 0.8, 0], [np.deg2rad(-20), 0.3, 0, 0, 0.5, 0.1]),
+        ("p200", "none"),
+        strict=True,
+    ):
+        found = heavy.deflection(q, payload)
+        np.testing.assert_allclose([float(row[n]) for n in "xyz"], found.pose.translation, rtol=1e-12)
+        np.testing.assert_allclose([float(row[n]) for n in ("dx", "dy", "dz", "rx", "ry", "rz")], found.displacement)
+        sigma = np.sqrt(np.diag(found.covariance)[:3])
+        np.testing.assert_allclose([float(row[f"sigma_{n}"]) for n in "xyz"], sigma, rtol=1e-12)
+    summary = strict_json(tmp_path / "p.json")
+    assert set(summary) == {"format", "rows", "base", "tip", "flags"} and summary["rows"] == 2
+    assert "base_frame" in result.stderr
+
+
+def test_view_writes_a_page_and_says_so(armflex: Run, tmp_path: Path) -> None:
+    fine(armflex("view", HEAVY / "arm.toml", "--q", "J2=0.3", "--payload", "p200", "-o", "v.html", "--json", "v.json"))
+    assert strict_json(tmp_path / "v.json") == {
+        "format": "armflex-view-1", "page": "v.html", "base": "base", "tip": "tool"
+    }  # fmt: skip
+    assert (tmp_path / "v.html").stat().st_size > 500_000
+
+
+def test_demo_runs_through(armflex: Run, tmp_path: Path) -> None:
+    result = fine(armflex("demo", "-o", "out", "--json", "demo.json"))
+    shifts = strict_json(tmp_path / "demo.json")["tip_moves_m"]
+    assert shifts["paper_A4_literal"] > 4 * shifts["paper_A4_um"] > 4 * shifts["paper_A4_composed"]
+    assert "no machine" in result.stdout and "a machine" in result.stdout
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"tarm_like", "tarm_like.html", "compensated.csv", "traced.toml", "trace.html"}
+    assert strict_json(tmp_path / "demo.json")["traced"] == ["backlash at A2 (ry)"]
+
+
+A, T = TARM / "arm.toml", TARM / "trajectory.csv"
+BAD = {
+    "no such command": (["chek"], "no command 'chek', did you mean 'check'"),
+    "no such option": (["deflect", A, "--paylod", "p600"], "Did you mean '--payload'"),
+    "missing option": (["check", A, T], "missing option '--tolerance'"),
+    "missing argument": (["deflect"], "missing argument 'ARM'"),
+    "missing arm": (["deflect", "none.toml"], "none.toml: cannot be read: No such file"),
+    "folder as arm": (["deflect", TARM], "tarm_like: cannot be read: Is a directory"),
+    "missing URDF": (["deflect", "none.urdf"], "none.urdf: cannot be read"),
+    "an arm that is no TOML": (["deflect", T], "trajectory.csv:1: not valid TOML"),
+    "missing trajectory": (["check", A, "none.csv", "--tolerance", "5mm"], "none.csv: cannot be read"),
+    "another arm's trajectory": (
+        ["check", A, HEAVY / "trajectory.csv", "--tolerance", "5mm"],
+        "trajectory.csv:1: has no column 'q_M1'",
+    ),
+    "unknown joint": (["deflect", A, "--q", "A9=1"], "no joint named 'A9', did you mean 'A"),
+    "joint twice": (["deflect", A, "--q", "A1=1,A1=2"], "joint 'A1' is given twice"),
+    "no position": (["deflect", A, "--q", "A1"], "'A1' is not of the form JOINT=POSITION"),
+    "empty position": (["deflect", A, "--q", "A1="], "'rad': expected a"),
+    "outside limits": (["deflect", A, "--q", "A2=1"], "joint 'A2' at 1 is outside its limits"),
+    "huge position": (["deflect", A, "--q", "A1=1e400"], "is not a finite angle"),
+    "degrees for a slide": (["deflect", A, "--q", "M1=1deg"], "'deg' is no unit of length"),
+    "unknown payload": (["deflect", A, "--payload", "p60"], "no payload named 'p60', did you mean 'p600'"),
+    "unknown preset": (["deflect", A, "--preset", "paper_A4"], "no preset named 'paper_A4', did you mean 'paper_A4_"),
+    "preset of a URDF": (["deflect", TARM / "robot.urdf", "--preset", "x"], "no preset named 'x'"),
+    "force without unit": (["deflect", A, "--force", "tool=0,0,-500"], "expected a force with its unit"),
+    "force in another unit": (["deflect", A, "--force", "tool=0,0,-5mm"], "'mm' is no unit of force"),
+    "force of two": (["deflect", A, "--force", "tool=0,-5N"], "is not of the form LINK=FX,FY,FZ"),
+    "force at no link": (["deflect", A, "--force", "tol=0,0,-5N"], "no link named 'tol', did you mean 'tool'"),
+    "unknown method": (["deflect", A, "--method", "newtn"], "'newtn' is not known, did you mean 'newton'"),
+    "tolerance without unit": (["check", A, T, "--tolerance", "5"], "'5': expected a length with its unit, such as 5m"),
+    "tolerance of angle": (["check", A, T, "--tolerance", "5mrad"], "'mrad' is no unit of length"),
+    "endless tolerance": (["check", A, T, "--tolerance", "1e400mm"], "'1e400mm' is not a finite length"),
+    "no tolerance": (["check", A, T, "--tolerance", "0mm"], "tolerance must be positive"),
+    "negative gap": (["compensate", A, T, "-o", "o", "--between", "-1mm"], "between must be positive"),
+    "match": (["compensate", A, T, "-o", "o", "--match", "both"], "'both' is not known (known: position, pose)"),
+    "no output": (["compensate", A, T], "missing option '-o'"),
+    "train without unit": (["train", "nounit.csv", "-o", "o"], "column 'dx' has no unit"),
+    "train a trajectory": (["train", T, "-o", "o"], "has no column 'fx'"),
+    "train an unknown model": (["train", TABLE, "--model", "liner", "-o", "o"], "'liner' is not"),
+    "read-as": (["train", TABLE, "--read-as", "mm", "-o", "o"], "'mm' is not of the form mm=um"),
+    "predict without joints": (["predict", A, TABLE, "-o", "o"], "has no column 'q_M1'"),
+    "predict with a misspelt payload": (
+        ["predict", A, "paylod.csv", "-o", "o"],
+        "'paylod', did you mean 'payload'",
+    ),
+    "predict outside limits": (["predict", A, "outside.csv", "-o", "o"], "outside.csv:3: joint 'A2' at 2 is outside"),
+    "magnify nothing": (["view", A, "-o", "o", "--magnify", "0"], "magnification must be positive"),
+    "magnify out of sight": (
+        ["view", A, "-o", "o", "--magnify", "1e300"],
+        "magnification must be positive and at most",
+    ),
+    "magnify by a word": (["view", A, "-o", "o", "--magnify", "much"], "'much' is not a valid float"),
+    "demo into a file": (["demo", "-o", "paylod.csv"], "paylod.csv/tarm_like: cannot be written"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "complaint"), BAD.values(), ids=BAD)
+def test_bad_input_exits_with_2_and_says_what(armflex: Run, tmp_path: Path, arguments: list, complaint: str) -> None:
+    header = "q_M1,q_A1,q_A2,q_A3,q_A4,q_A5,q_A6"
+    (tmp_path / "nounit.csv").write_text("fx,fy,fz,dx,dy,dz\n" + "1,2,3,4,5,6\n" * 9)
+    (tmp_path / "paylod.csv").write_text(f"{header},paylod\n0,0,0,0,0,0,0,p600\n")
+    (tmp_path / "outside.csv").write_text(f"{header}\n0,0,0,0,0,0,0\n0,0,2,0,0,0,0\n")
+    before = sorted(tmp_path.rglob("*"))
+    json_file = [] if arguments[0] in ("demo", "chek") else ["--json", "j.json"]
+    result = fine(armflex(*arguments, *json_file), 2)
+    assert complaint in result.stderr
+    said = [line for line in result.stderr.splitlines() if not line.startswith("warning: ")]
+    assert len(said) == 1 and said[0].startswith("error: ")
+    assert sorted(tmp_path.rglob("*")) == before, "something was left behind"
+
+
+WRITERS = {
+    "compensate": ["compensate", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "-o"],
+    "train": ["train", TABLE, "-o"],
+    "predict": ["predict", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "-o"],
+    "view": ["view", HEAVY / "arm.toml", "-o"],
+    "json": ["deflect", HEAVY / "arm.toml", "--json"],
+}
+
+
+@pytest.mark.parametrize("command", WRITERS)
+@pytest.mark.parametrize("place", ["folder", "none/o.csv", "/proc/o.csv"])
+def test_output_that_cannot_be_written(armflex: Run, tmp_path: Path, command: str, place: str) -> None:
+    if place.startswith("/proc") and not Path("/proc").is_dir():
+        pytest.skip("no /proc, where even root cannot create a file")
+    (tmp_path / "folder").mkdir()
+    result = fine(armflex(*WRITERS[command], place), 2)
+    assert Path(place).name in result.stderr
+    assert [path.name for path in tmp_path.rglob("*")] == ["folder"]
+
+
+@pytest.mark.parametrize("command", ["compensate", "train", "predict", "view"])
+def test_bad_output_is_noticed_before_the_other_file_is_written(armflex: Run, tmp_path: Path, command: str) -> None:
+    for output, other in (("none/o", "j.json"), ("o", "none/j.json")):
+        fine(armflex(*WRITERS[command], output, "--json", other), 2)
+        assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+def test_a_pipe_is_written_to_and_not_replaced(armflex: Run, tmp_path: Path) -> None:
+    """As a device such as /dev/null must be, which a test had better leave alone."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        fine(armflex(*WRITERS["json"], pipe))
+        assert b'"format": "armflex-deflect-1"' in os.read(reader, 65536)
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo() and list(tmp_path.iterdir()) == [pipe]
+
+
+def test_a_link_is_followed_and_not_replaced(armflex: Run, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link.json").symlink_to(tmp_path / "folder" / "real.json")
+    fine(armflex(*WRITERS["json"], "link.json"))
+    assert (tmp_path / "link.json").is_symlink() and strict_json(tmp_path / "folder" / "real.json")
+
+
+def test_an_arm_that_gives_too_far_exits_with_1(armflex: Run, tmp_path: Path) -> None:
+    shutil.copytree(HEAVY, tmp_path / "soft")
+    arm = tmp_path / "soft" / "arm.toml"
+    arm.write_text(arm.read_text().replace("1.2e-7, 4.5e-7, 1.2e-7", "1.2e-7, 4.5e-4, 1.2e-7"))
+    assert "turns by" in fine(armflex("deflect", arm), 1).stderr
+    assert "large_sag" in fine(armflex("deflect", arm, "--allow-large")).stderr
+
+
+def test_doubts_go_to_stderr(armflex: Run) -> None:
+    result = fine(armflex("deflect", TARM / "robot.urdf"))
+    assert "warning: rigid:" in result.stderr and "rigid:" not in result.stdout
+
+
+def test_a_terminal_without_the_plus_minus_sign(armflex: Run) -> None:
+    command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m"]
+    assert "± mm" in fine(armflex(*command, PYTHONIOENCODING="utf-8")).stdout
+    assert "? mm" in fine(armflex(*command, PYTHONIOENCODING="ascii")).stdout
+
+
+def test_a_reader_that_goes_away_gets_no_traceback() -> None:
+    code = f"from armflex.cli.main import main; import sys; sys.argv = ['armflex', 'deflect', {str(A)!r}]; main()"
+    child = subprocess.Popen(
+        [sys.executable, "-c", code], cwd=ROBOTS.parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    child.stdout.close()
+    with child.stderr:
+        assert b"Traceback" not in child.stderr.read()
+    assert child.wait(timeout=60) == 1
+
+
+FILES = {"arm.toml": TARM / "arm.toml", "robot.urdf": TARM / "robot.urdf", "rows.csv": TARM / "trajectory.csv"}
+FILES |= {"paper_A4_um.safetensors": TARM / "paper_A4_um.safetensors", "joint.csv": TABLE}
+READ = {
+    "deflect": ["arm.toml"],
+    "predict": ["arm.toml", "rows.csv"],
+    "check": ["arm.toml", "rows.csv", "--tolerance", "5mm"],
+    "compensate": ["arm.toml", "rows.csv"],
+    "calibrate": ["arm.toml", "rows.csv", "--points", "joint.csv"],
+    "trace": ["arm.toml", "rows.csv", "--points", "joint.csv"],
+    "plan": ["arm.toml", "--after", "rows.csv", "--along", "joint.csv"],
+    "train": ["joint.csv", "--assembly", "arm.toml"],
+    "map": ["arm.toml"],
+    "view": ["arm.toml", "--traj", "rows.csv"],
+}
+NAMED = ["robot.urdf", "paper_A4_um.safetensors"]
+
+
+def outputs_of(name: str) -> list[str]:
+    """Return every option of a command that names a file to write."""
+    command = Commands().get_command(None, name)
+    return [one.opts[0] for one in command.params if isinstance(one.type, OutputPath)]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Enter a folder with every kind of input, and a link to each."""
+    for name, source in FILES.items():
+        shutil.copy(source, tmp_path / name)
+        (tmp_path / f"link_{name}").symlink_to(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refused(folder: Path, arguments: Sequence[str], complaint: str) -> None:
+    """Run a command in this process, which is quicker; nothing may have changed."""
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(InputError, match=complaint):
+        group.main(list(arguments), standalone_mode=False)
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "demo"])
+def test_no_command_writes_over_a_file_that_it_reads(folder: Path, name: str) -> None:
+    options, inputs = outputs_of(name), [text for text in READ[name] if text in FILES]
+    inputs += NAMED if "arm.toml" in inputs else []
+    assert "--json" in options and inputs
+    for option in options:
+        others = [text for other in options if other != option for text in (other, f"new{other}")]
+        for file in inputs:
+            for spelt in (file, f"./{file}", f"link_{file}"):
+                arguments = [name, *READ[name], *others, option, spelt]
+                refused(folder, arguments, f"is an input of this command; name another file with {option}")
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "demo" and len(outputs_of(name)) > 1])
+def test_no_command_writes_two_results_into_one_file(folder: Path, name: str) -> None:
+    options = outputs_of(name)
+    (folder / "there.json").write_text("kept")
+    (folder / "other.json").symlink_to(folder / "there.json")
+    for one, other in combinations(options, 2):
+        rest = [text for option in options if option not in (one, other) for text in (option, f"new{option}")]
+        for first, second in (("new", "new"), ("new", "./new"), ("there.json", "other.json")):
+            refused(folder, [name, *READ[name], *rest, one, first, other, second], f"{one} and {other} are the same")
+
+
+ENDINGS = {("-o", "train"): ".safetensors", ("-o", "map"): ".safetensors", ("--picture", "plan"): ".png"}
+ENDINGS |= {("--picture", "map"): ".png", ("--page", "map"): ".html"}
+NO_INPUT = ["none", "none/none", "folder", "empty", "binary", "circle", "rows.csv/none", "x" * 300, "none.toml"]
+NO_INPUT += ["none.urdf", "folder.urdf", "empty.toml", "none.parquet", "binary.parquet", "joint.csv", "unreadable"]
+NO_OUTPUT = ["none/o", "folder", "circle", "rows.csv/o", "x" * 300]
+
+
+@pytest.fixture
+def odd(folder: Path) -> Path:
+    """Add what is no file, holds nothing, or cannot be read even by who may read everything."""
+    for name in ("folder", "folder.urdf"):
+        (folder / name).mkdir()
+    for name, content in (("empty", b""), ("empty.toml", b""), ("binary", bytes(range(256)))):
+        (folder / name).write_bytes(content)
+    (folder / "binary.parquet").write_bytes(bytes(range(256)))
+    (folder / "circle").symlink_to("circle")
+    (folder / "unreadable").symlink_to("/proc/self/mem" if Path("/proc/self/mem").exists() else "none")
+    return folder
+
+
+def odd_runs(name: str) -> Iterator[list[str]]:
+    """Yield a command's arguments, each time with one odd input or output."""
+    outputs = {option: f"new{option}{ENDINGS.get((option, name), '')}" for option in outputs_of(name)}
+    given = READ[name]
+    for place, text in enumerate(given):
+        for other in NO_INPUT if text in FILES else ():
+            if other not in given:
+                others = [other if i == place else one for i, one in enumerate(given)]
+                yield [name, *others, *(text for pair in outputs.items() for text in pair)]
+    for option in outputs:
+        for other in NO_OUTPUT:
+            ending = "" if other in ("folder", "circle") else ENDINGS.get((option, name), "")
+            pairs = (outputs | {option: other + ending}).items()
+            yield [name, *given, *(text for pair in pairs for text in pair)]
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "demo"])
+def test_whatever_is_no_file_is_told_in_one_line(
+    odd: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)  # which the command line replaces
+    before = {path: path.is_file() and path.read_bytes() for path in odd.iterdir() if path.name != "unreadable"}
+    for arguments in odd_runs(name):
+        monkeypatch.setattr(sys, "argv", ["armflex", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        said = [line for line in err.splitlines() if not line.startswith("warning: ")]
+        assert ended.value.code == 2 and len(said) == 1 and said[0].startswith("error: "), (arguments, said)
+        assert not out or arguments[0] == "train", arguments
+        now = {path: path.is_file() and path.read_bytes() for path in odd.iterdir() if path.name != "unreadable"}
+        assert now == before, arguments
+
+
+def test_an_input_is_refused_from_the_shell(armflex: Run, tmp_path: Path) -> None:
+    (tmp_path / "in.csv").write_bytes(TABLE.read_bytes())
+    result = fine(armflex("train", "in.csv", "-o", "o.safetensors", "--json", "in.csv"), 2)
+    assert "in.csv is an input of this command; name another file with --json" in result.stderr
+    assert (tmp_path / "in.csv").read_bytes() == TABLE.read_bytes() and not (tmp_path / "o.safetensors").exists()
+
+
+@pytest.mark.parametrize("file", ["traced.toml", "tarm_like/arm.toml", "tarm_like/campaign.csv"])
+def test_a_demo_keeps_its_files_apart(folder: Path, file: str) -> None:
+    (folder / "d").mkdir()
+    (folder / "d" / "tarm_like").mkdir()
+    with pytest.raises(InputError, match="is a file of the demonstration"):
+        group.main(["demo", "-o", "d", "--json", f"d/{file}"], standalone_mode=False)
+    assert not list((folder / "d" / "tarm_like").iterdir())
+
+
+def test_a_demo_leaves_an_edited_arm_alone(armflex: Run, tmp_path: Path) -> None:
+    (tmp_path / "d" / "tarm_like").mkdir(parents=True)
+    edited = (TARM / "arm.toml").read_text().replace("payload_rating = 600.0", "payload_rating = 500.0")
+    (tmp_path / "d" / "tarm_like" / "arm.toml").write_text(edited)
+    result = fine(armflex("demo", "-o", "d"))
+    assert (tmp_path / "d" / "tarm_like" / "arm.toml").read_text() == edited
+    assert "exceeds the rated 500 kg" in result.stderr
+
+
+def unnamed_rows(folder: Path, count: int) -> Path:
+    """Write a path of many rows that names no via-points."""
+    arm = load_arm(HEAVY / "arm.toml")
+    q = np.linspace([0.0, 0.2, 0.4, 0.1, 0.5, 0.0], [0.3, 0.3, 0.3, 0.2, 0.6, 0.1], count)
+    path = Trajectory(arm.joint_names, np.arange(count) * 1.0, q, ("none",) * count, ("",) * count)
+    return write_trajectory(path, folder / "rows.csv")
+
+
+def test_a_path_without_via_points_is_said_to_have_none(armflex: Run, tmp_path: Path) -> None:
+    unnamed_rows(tmp_path, 60)
+    shown = fine(armflex("compensate", HEAVY / "arm.toml", "rows.csv", "-o", "o.csv")).stdout
+    assert "names no via-points" in shown and "a column `via`" in " ".join(shown.split())
+    assert "60 of 60 rows reached" in shown and "more" not in shown and "not reached;" in " ".join(shown.split())
+    assert shown.count("  reached") in (2, 3)  # first, last, and where most remains
+    shown = fine(armflex("check", HEAVY / "arm.toml", "rows.csv", "--tolerance", "1m")).stdout
+    assert "names no via-points" in shown and "within tolerance" in shown
+    assert all(word in shown for word in ("first", "worst row", "last", "Worst of the whole path"))
+
+
+def test_rows_that_are_left_out_of_a_table_are_counted_as_what_they_are(armflex: Run, tmp_path: Path) -> None:
+    narrow = narrowed(tmp_path)
+    arm = load_arm(narrow)
+    path = read_trajectory(HEAVY / "trajectory.csv", arm)
+    rows = path.via.index("lift")
+    many = Trajectory(
+        arm.joint_names, np.arange(50.0), np.tile(path.q[rows], (50, 1)), (path.payload[rows],) * 50,
+        tuple(f"v{i}" for i in range(50)),
+    )  # fmt: skip
+    write_trajectory(many, tmp_path / "many.csv")
+    shown = armflex("compensate", narrow, "many.csv", "-o", "o.csv").stdout
+    lost = 50 - int(re.search(r"(\d+) of 50 rows reached", shown)[1])
+    hidden = re.search(r"\.\.\. and 10 more via-points and rows not reached, (\d+) of them not reached", shown)
+    assert int(hidden[1]) == (10 if lost else 0)
+
+
+@pytest.mark.filterwarnings("ignore::armflex.errors.ArmflexWarning")
+def test_a_joint_that_cannot_be_at_zero_stands_in_the_middle_and_that_is_said(armflex: Run, tmp_path: Path) -> None:
+    text = (HEAVY / "robot.urdf").read_text()
+    first = re.search(r'<limit lower="([^"]*)" upper="([^"]*)"', text)
+    (tmp_path / "robot.urdf").write_text(text.replace(first[0], '<limit lower="0.5" upper="1.5"', 1))
+    for command in (["deflect", "robot.urdf", "--json", "d.json"], ["view", "robot.urdf", "-o", "v.html"]):
+        shown = fine(armflex(*command, "--tip", "tool"))
+        assert "0 is outside its limits [0.5, 1.5]; it is taken at 1" in shown.stderr
+    assert strict_json(tmp_path / "d.json")["q"][:2] == [1.0, 0.0]
+    shown = fine(armflex("deflect", "robot.urdf", "--tip", "tool", "--q", "J1=0.7"))
+    assert "it is taken at" not in shown.stderr
+    assert "outside its limits" in fine(armflex("deflect", "robot.urdf", "--tip", "tool", "--q", "J1=0"), 2).stderr

@@ -1,0 +1,82 @@
+"""The covariance of many parameters stands in a file beside the arm.toml: both belong together, or are refused."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+from support.small_arms import ROBOTS
+
+from armflex import Arm, load_arm
+from armflex.errors import ArmFileError
+from armflex.files.certainty_table import LAYOUT
+from armflex.storage.array_file import write_arrays
+
+LABELS = ("joint_offset A1", "joint_offset A2", "joint_offset A3")
+MATRIX = 1e-6 * (np.eye(3) + 0.5 * np.eye(3, k=1) + 0.5 * np.eye(3, k=-1))
+POSE = ", ".join(["0.0"] * 6)
+
+
+def calibrated(folder: Path, matrix: np.ndarray = MATRIX, labels: tuple[str, ...] = LABELS) -> Path:
+    """Write an arm whose covariance is in a file."""
+    shutil.copytree(ROBOTS / "tarm_like", folder, dirs_exist_ok=True)
+    path = folder / "arm.covariance.safetensors"
+    digest = write_arrays(path, LAYOUT, {"covariance": matrix}, {"parameters": labels})
+    table = f"\n[calibration]\ninstrument = [{POSE}]\ntarget = [0.0, 0.0, 0.0]\nscale = 0.0\n"
+    table += "".join(f"{name} = {{}}\n" for name in ("joint_offset", "geometry", "compliance", "sessions"))
+    table += f"parameters = {list(LABELS)}\n"
+    table += f'covariance_file = "{path.name}"\ncovariance_sha256 = "{digest}"\n'
+    with (folder / "arm.toml").open("a") as file:
+        file.write(table)
+    return path
+
+
+def loaded(path: Path) -> Arm:
+    return load_arm(path.parent / "arm.toml")
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_there_and_back(tmp_path: Path) -> None:
+    found = loaded(calibrated(tmp_path)).certainty
+    assert found.labels == LABELS
+    np.testing.assert_array_equal(found.covariance, MATRIX)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (lambda path: path.write_bytes(path.read_bytes()[:-1] + b"\x01"), "SHA-256"),
+        (lambda path: path.unlink(), "cannot be read: No such file"),
+        (lambda path: save_file({"covariance": MATRIX}, path), "was not written by armflex"),
+        (lambda path: write(path, 2.0 * MATRIX), "is not the file that was written with this table"),
+        (lambda path: write(path, MATRIX, LABELS[::-1]), "is not the file that was written with this table"),
+    ],
+)
+def test_another_file_is_refused(tmp_path: Path, spoil, problem: str) -> None:
+    path = calibrated(tmp_path)
+    spoil(path)
+    expected = rf"arm\.toml:\d+: \[calibration\] covariance_file: {path.name} .*calibrate the arm anew"
+    with pytest.raises(ArmFileError, match=expected) as caught:
+        loaded(path)
+    assert problem in str(caught.value)
+
+
+def write(path: Path, matrix: np.ndarray, labels: tuple[str, ...] = LABELS) -> None:
+    write_arrays(path, LAYOUT, {"covariance": matrix}, {"parameters": labels})
+
+
+def test_one_of_another_version_is_refused(tmp_path: Path) -> None:
+    path = calibrated(tmp_path)
+    older = replace(LAYOUT, format="armflex-covariance-0")
+    write_arrays(path, older, {"covariance": MATRIX}, {"parameters": LABELS})
+    with pytest.raises(ArmFileError, match="made by another version"):
+        loaded(path)
+    text = (tmp_path / "arm.toml").read_text()
+    (tmp_path / "arm.toml").write_text(text[: text.index("covariance_sha256")])
+    with pytest.raises(ArmFileError, match=r"covariance_file: was made by an earlier version.*calibrate the arm anew"):
+        loaded(path)

@@ -1,0 +1,97 @@
+"""Every example runs and gives the number it is known for."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def run(name: str, *arguments: str) -> object:
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.main(*arguments)
+
+
+def test_deflection():
+    assert run("01_deflection") == pytest.approx(0.1858, abs=5e-5)
+
+
+def test_check_and_compensate(tmp_path):
+    assert run("02_check_and_compensate", str(tmp_path / "path.html")) < 1e-9
+    assert (tmp_path / "path.html").stat().st_size > 500_000
+
+
+def test_own_robot(tmp_path):
+    assert run("03_own_robot", str(tmp_path)) == pytest.approx(6.3227e-3, abs=5e-7)
+
+
+def test_urdf_survey():
+    loaded, refused = run("04_urdf_survey")
+    assert (len(loaded), len(refused)) == (66, 3)
+    reasons = {name: reason.split(": ", 1)[1] for name, reason in refused.items()}
+    assert reasons.pop("ur_description/urdf/ur3.urdf") == "<robot> has no links"
+    assert len(reasons) == 2 and all("no joint moves" in reason for reason in reasons.values())
+
+
+def test_close_the_loop():
+    before, after = run("05_close_the_loop")
+    assert before > 2e-3 and after < 1.05 * 0.346e-3
+
+
+def test_no_example_is_forgotten():
+    source = Path(__file__).read_text()
+    assert all(f'run("{file.stem}"' in source for file in EXAMPLES.glob("*.py"))
+
+
+def test_a4_rows(tmp_path):
+    errors = run("06_a4_rows", str(tmp_path / "a4.png"))
+    assert errors["full 3 x 3"].round(3).tolist() == [0.172, 0.121, 0.415]
+    assert errors["full + radial load"].round(3).tolist() == [0.098, 0.133, 0.232]
+    assert (errors["terms as found, the search left one out too"] < [0.1, 0.145, 0.19]).all()
+    assert (tmp_path / "a4.png").stat().st_size > 10_000
+
+
+def test_a4_surrogate(tmp_path, monkeypatch):
+    """Over ten benches: networks that weigh their weights follow to the noise, all that is plainer does not."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    found = run("07_a4_surrogate", str(tmp_path), True)
+    bayesian, plain = "Bayesian ANN, Laplace, 3-20-3", "ANN, plain LM, 3-20-3"
+    assert (found.new[bayesian] < 1.5).all() and (found.exact[bayesian] < 1.25).all()
+    assert (found.new[plain] > found.new[bayesian]).all() and found.new[plain][0] > 2.5
+    assert (found.new["terms as found"] > 1.9).all() and found.new["parametric (diagonal)"].min() > 9.0
+    assert found.coverage.shape == (10, 3) and 0.90 < found.coverage.mean() < 0.99
+    assert found.density[20] > found.density[5] + 0.5
+    assert len(found.figures) == 8 and all(file.stat().st_size > 10_000 for file in found.figures)
+
+
+def test_own_network():
+    pytest.importorskip("torch")
+    assert run("08_own_network") == pytest.approx(0.349e-3, rel=0.03)
+
+
+def test_workspace_map(tmp_path):
+    """A third of the space, near the mast, keeps 100 mm for sure; at full length the boom sags by 197 mm."""
+    found = run("09_workspace_map", str(tmp_path / "map.png"))
+    assert found["worst"] == pytest.approx(0.197, abs=1e-3)
+    assert 0.25 < found["ok"] < 0.4 < found["ok"] + found["uncertain"] < 0.7
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+
+
+def test_plan(tmp_path):
+    assert run("10_plan", str(tmp_path / "poses.csv"), str(tmp_path / "plan.png")) == pytest.approx(0.37, abs=0.01)
+    assert (tmp_path / "plan.png").stat().st_size > 20_000
+
+
+def test_tracker():
+    """Compensated with the arm as tracked, a path on a worn machine is as good as on the day of calibration."""
+    before, without, tracked = run("11_tracker")
+    assert before < 0.5e-3 and without > 1e-3 and tracked < 0.4e-3
+
+
+def test_learn_on_the_arm(tmp_path):
+    before, after = run("12_learn_on_the_arm", str(tmp_path))
+    assert before > 3.0 and after < 1.1
+    assert (tmp_path / "laws.png").stat().st_size > 20_000

@@ -1,0 +1,82 @@
+"""Imports point down only: a room imports from the rooms that stand before it, type-checking imports included."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[2] / "armflex"
+TESTS = Path(__file__).parents[1]
+
+ROOMS = (
+    *("errors", "conventions", "printable", "version", "covariance", "linear_gaussian"),
+    *("parallel", "storage", "sampling"),
+    *("bundled", "declaration", "picture"),
+    *("robot", "prior", "rows", "readings"),
+    *("laws", "flexure", "laws.effects"),
+    "mechanics",
+    *("parameters", "certainty", "arm", "setup", "configurations", "files"),
+    *("measured", "trajectory"),
+    "estimate",
+    *("bench", "plan", "track", "trace"),
+    "tasks",
+    *("show.view", "show.report"),
+    "cli",
+)
+"""From the ground up; a module belongs to the longest of these names that it begins with."""
+
+UPWARD = (
+    "laws.effects->arm",
+    "laws.effects->estimate",
+    "laws.effects->mechanics",
+)
+"""Imports that point up today. None may be added; one that is gone must go from here."""
+
+
+def room_of(module: str) -> str:
+    """Return the room of a module, given without the package's name."""
+    parts = module.split(".")
+    names = (".".join(parts[:count]) for count in range(len(parts), 0, -1))
+    return next((name for name in names if name in ROOMS), parts[0])
+
+
+def imports() -> set[tuple[str, str]]:
+    """Return (importing room, imported room) of every import anywhere in the package."""
+    found = set()
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if parts != ("__init__",) and isinstance(node, ast.ImportFrom) and node.module:
+                package, _, module = node.module.partition(".")
+                if package == "armflex" and module:
+                    found.add((room_of(".".join(parts)), room_of(module)))
+    return {(room, other) for room, other in found if room != other}
+
+
+def test_every_room_has_its_place() -> None:
+    modules = [path.relative_to(PACKAGE).with_suffix("").parts for path in PACKAGE.rglob("*.py")]
+    rooms = {room_of(".".join(parts)) for parts in modules if parts[-1] != "__init__"}
+    assert rooms == set(ROOMS)
+
+
+def test_imports_point_down() -> None:
+    up = {f"{room}->{other}" for room, other in imports() if ROOMS.index(other) > ROOMS.index(room)}
+    assert up == set(UPWARD)
+
+
+def test_no_test_imports_a_test() -> None:
+    """What tests share is in `support`; nor does anything there lean on a test or a study."""
+    found = []
+    for path in TESTS.rglob("*.py"):
+        shared = path.parent.name == "support"
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [one.name for one in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            parts = {part for name in names for part in name.split(".")}
+            if any(part.startswith("test_") for part in parts) or (shared and "studies" in parts):
+                found.append(f"{path.relative_to(TESTS)}:{node.lineno}")
+    assert found == []
+
+
+def test_every_test_is_in_a_room() -> None:
+    assert {path.parent.name for path in TESTS.rglob("test_*.py")} == {"unit", "referee", "fuzz"}

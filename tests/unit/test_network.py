@@ -1,0 +1,226 @@
+"""Network laws: tangents, averages, doubts, files, and a user's own torch module."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.bench import LARGEST, some_law
+
+from armflex.errors import LawError
+from armflex.laws import LinearLaw, Row
+from armflex.laws.joint.linear import LinearFit
+from armflex.laws.joint.network import (
+    NetworkLaw,
+    hidden_values,
+    layers,
+    network_from_tensors,
+    pack,
+    to_tensors,
+    unpack,
+    weight_count,
+    weight_jacobian,
+)
+
+NOWHERE = Row(np.zeros(0), {})
+
+
+def six(loads: np.ndarray) -> np.ndarray:
+    return np.concatenate([loads, np.zeros((*loads.shape[:-1], 6 - loads.shape[-1]))], axis=-1)
+
+
+def by_hand(law: NetworkLaw, wrench: np.ndarray) -> np.ndarray:
+    x = (wrench[: law.size] - law.input_mean) / law.input_scale
+    parts = zip(law.hidden, law.bias, law.output, law.offset, strict=True)
+    answers = [output / (1.0 + np.exp(-(hidden @ x + bias))) @ np.eye(len(bias)) for hidden, bias, output, _ in parts]
+    values = np.array([answer.sum(axis=1) for answer in answers]) + law.offset
+    return six((law.output_mean + law.output_scale * values).mean(axis=0))
+
+
+@pytest.mark.parametrize("size", [3, 6])
+@pytest.mark.parametrize("draws", [1, 5])
+def test_twist_is_the_average_of_the_networks_and_tangent_its_derivative(size: int, draws: int) -> None:
+    law, rng = some_law(size, draws), np.random.default_rng(1)
+    wrenches = LARGEST * rng.uniform(-1.0, 1.0, size=(2, 4, 6))
+    twists, tangents = law.twist(wrenches, NOWHERE), law.tangent(wrenches, NOWHERE)
+    assert twists.shape == (2, 4, 6) and tangents.shape == (2, 4, 6, 6) and law.trained
+    for place in np.ndindex(2, 4):
+        wrench = wrenches[place]
+        np.testing.assert_allclose(twists[place], by_hand(law, wrench), rtol=1e-12, atol=1e-18)
+        np.testing.assert_allclose(law.twist(wrench, NOWHERE), twists[place], rtol=1e-12, atol=1e-18)
+        np.testing.assert_allclose(law.tangent(wrench, NOWHERE), tangents[place], rtol=1e-12, atol=1e-20)
+        steps = np.diag(1e-4 * LARGEST)
+        differences = law.twist(wrench + steps, NOWHERE) - law.twist(wrench - steps, NOWHERE)
+        slopes = (differences / (2e-4 * LARGEST[:, None])).T
+        np.testing.assert_allclose(tangents[place], slopes, atol=1e-7 * np.abs(slopes).max())
+
+
+def test_many_loads_are_answered_in_parts_alike() -> None:
+    law, rng = some_law(3, 50, neurons=20), np.random.default_rng(2)
+    wrenches = LARGEST * rng.uniform(-1.0, 1.0, size=(3, 150, 6))
+    for ask in (law.twist, law.tangent):
+        single = np.stack([ask(wrench, NOWHERE) for wrench in wrenches[1]])
+        np.testing.assert_allclose(ask(wrenches, NOWHERE)[1], single, rtol=1e-9, atol=1e-18)
+
+
+def test_neurons_that_change_places_leave_the_average_of_predictions_but_not_that_of_weights() -> None:
+    law, rng = some_law(3, 1), np.random.default_rng(3)
+    order = rng.permutation(law.hidden.shape[1])
+    turned = (law.hidden[:, order], law.bias[:, order], law.output[:, :, order], law.offset)
+    names = ("hidden", "bias", "output", "offset")
+    pairs = zip(names, turned, strict=True)
+    twins = replace(law, **{name: np.concatenate([getattr(law, name), other]) for name, other in pairs})
+    wrench = LARGEST * rng.uniform(-1.0, 1.0, size=(9, 6))
+    np.testing.assert_allclose(twins.twist(wrench, NOWHERE), law.twist(wrench, NOWHERE), rtol=1e-12)
+    averaged = replace(law, **{name: getattr(twins, name).mean(axis=0, keepdims=True) for name in names})
+    assert np.abs(averaged.twist(wrench, NOWHERE) - law.twist(wrench, NOWHERE)).max() > 1e-4
+
+
+@pytest.mark.parametrize("size", [3, 6])
+def test_weights_stand_in_the_order_that_is_documented(size: int) -> None:
+    law = some_law(size, 2)
+    weights = pack(law)
+    for name, part in unpack(weights, size).items():
+        np.testing.assert_array_equal(part, getattr(law, name))
+    hidden, output = layers(weights[1], size)
+    np.testing.assert_array_equal(hidden[4], [*law.hidden[1, 4], law.bias[1, 4]])
+    np.testing.assert_array_equal(output[2], [*law.output[1, 2], law.offset[1, 2]])
+    np.testing.assert_array_equal(weights[1, : size + 1], hidden[0])
+
+
+@pytest.mark.parametrize("size", [3, 6])
+def test_weight_jacobian_is_the_derivative(size: int) -> None:
+    law, x = some_law(size, 1), np.random.default_rng(4).normal(size=(5, size))
+    weights = pack(law)[0]
+
+    def answer(w: np.ndarray) -> np.ndarray:
+        hidden, output = layers(w, size)
+        return hidden_values(x, hidden) @ output[:, :-1].T + output[:, -1]
+
+    steps = 1e-5 * np.eye(len(weights))
+    slopes = np.stack([(answer(weights + s) - answer(weights - s)) / 2e-5 for s in steps], axis=-1)
+    np.testing.assert_allclose(weight_jacobian(x, weights, size), slopes, atol=1e-9)
+
+
+def test_covariance_by_hand() -> None:
+    wrench = np.array([300.0, -200.0, 500.0, 0.0, 0.0, 0.0])
+    many, gaussian, plain = some_law(3, 30), some_law(3, 1, laplace=True), some_law(3, 1)
+    assert many.reach(wrench[:3]) < 1.0
+    singles = [replace(many, **{n: getattr(many, n)[i : i + 1] for n in ("hidden", "bias", "output", "offset")})
+               for i in range(30)]  # fmt: skip
+    spread = np.cov([single.twist(wrench, NOWHERE)[:3] for single in singles], rowvar=False)
+    np.testing.assert_allclose(many.covariance(wrench, NOWHERE)[:3, :3], spread + np.diag(many.noise**2), rtol=1e-9)
+    np.testing.assert_array_equal(plain.covariance(wrench, NOWHERE), np.diag([*plain.noise**2, 0.0, 0.0, 0.0]))
+    rng, root = np.random.default_rng(5), np.linalg.cholesky(gaussian.weight_covariance + 1e-15 * np.eye(52))
+    weights = pack(gaussian) + 1e-3 * rng.normal(size=(20000, 52)) @ root.T  # so near that the network is straight
+    sampled = replace(gaussian, **unpack(weights, 3), weight_covariance=None).draws(wrench[:3])
+    found = gaussian.covariance(wrench, NOWHERE)[:3, :3] - np.diag(gaussian.noise**2)
+    np.testing.assert_allclose(np.cov(sampled, rowvar=False) * 1e6, found, atol=0.05 * found.max())
+
+
+@pytest.mark.parametrize("draws", [1, 4])
+def test_beyond_the_loads_trained_on_it_says_so_and_widens(draws: int) -> None:
+    law = some_law(3, draws, laplace=draws == 1)
+    middle, edge = 0.5 * law.seen.sum(axis=0), law.seen[1]
+    assert law.doubts(six(middle), NOWHERE) == ()
+    out = six(middle + np.array([3.0, 0.0, 0.0]) * (edge - middle))
+    linear = LinearLaw(np.eye(6), fit=LinearFit(np.zeros((3, 3, 3)), np.zeros(3), law.seen))
+    assert law.doubts(out, NOWHERE) == linear.doubts(out, NOWHERE)
+    assert [flag.code for flag in law.doubts(out, NOWHERE)] == ["extrapolating"]
+    corner = six(edge)  # every component was seen, not all at their largest together
+    assert linear.doubts(corner, NOWHERE) == ()
+    (flag,) = law.doubts(corner, NOWHERE)
+    times = law.distance(edge) / law.furthest
+    assert flag.code == "extrapolating" and f"{times:.3g} times as far" in flag.text and times > 1.0
+    for wrench in (corner, out):
+        reach = float(law.reach(wrench[:3]))
+        inside = replace(law, furthest=1e9, seen=1e9 * law.seen).covariance(wrench, NOWHERE)
+        np.testing.assert_allclose(law.covariance(wrench, NOWHERE), reach**4 * inside, rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [3, 6])
+@pytest.mark.parametrize(("draws", "laplace"), [(1, False), (1, True), (4, False)])
+def test_tensors_give_the_law_back(size: int, draws: int, laplace: bool) -> None:
+    law = some_law(size, draws, laplace=laplace)
+    tensors = to_tensors(law)
+    assert all(tensor.dtype == np.float64 and tensor.flags.c_contiguous for tensor in tensors.values())
+    again, wrench = network_from_tensors(tensors), 0.5 * LARGEST
+    assert ("weight_covariance" in tensors) == laplace
+    np.testing.assert_array_equal(again.twist(wrench, NOWHERE), law.twist(wrench, NOWHERE))
+    np.testing.assert_array_equal(again.covariance(wrench, NOWHERE), law.covariance(wrench, NOWHERE))
+    assert again.doubts(9 * wrench, NOWHERE) == law.doubts(9 * wrench, NOWHERE) != ()
+
+
+@pytest.mark.parametrize("name", sorted(to_tensors(some_law(3, 1, laplace=True))))
+def test_tampered_tensors_are_refused_by_name(name: str) -> None:
+    tensors = to_tensors(some_law(3, 1, laplace=True))
+    whole = tensors[name]
+    for bad in (whole[:0], whole[None], whole.astype(np.float32), np.full_like(whole, np.nan)):
+        with pytest.raises(LawError, match="'(hidden|bias|" + name + ")'"):  # other arrays are judged by `hidden`
+            network_from_tensors(tensors | {name: bad})
+    del tensors[name]
+    if name != "weight_covariance":
+        with pytest.raises(LawError, match=name):
+            network_from_tensors(tensors)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "match"),
+    [
+        ("noise", lambda t: -t, r"'noise'\[0\] is .*, expected 0 or more"),
+        ("input_scale", lambda t: 0.0 * t, r"'input_scale'\[0\] is 0"),
+        ("furthest", lambda t: -t, r"'furthest'\[0\] is -"),
+        ("seen", lambda t: t[::-1].copy(), "not below the largest"),
+        ("load_precision", lambda t: -t, "'load_precision' is no covariance"),
+        ("load_precision", lambda t: t + np.triu(t, 1) + 1e-3 * np.eye(3, k=1), "not symmetric"),
+        ("hidden", lambda t: np.zeros((1, 7, 4)), r"k one of \(3, 6\)"),
+        ("spare", lambda t: np.zeros(3), "'spare' is not expected"),
+    ],
+)
+def test_impossible_tensors_are_refused(name: str, change: Callable, match: str) -> None:
+    tensors = to_tensors(some_law(3, 1))
+    with pytest.raises(LawError, match=match):
+        network_from_tensors(tensors | {name: change(tensors.get(name))})
+
+
+def test_only_a_single_network_has_a_laplace_covariance() -> None:
+    tensors = to_tensors(some_law(3, 4)) | {"weight_covariance": np.eye(weight_count(3, 7))}
+    with pytest.raises(LawError, match="single network"):
+        network_from_tensors(tensors)
+
+
+def test_a_torch_module_as_a_law() -> None:
+    torch = pytest.importorskip("torch")
+    from armflex.laws.joint.torch_law import TorchLaw
+
+    law, rng = some_law(3, 1), np.random.default_rng(6)
+    first, last = torch.nn.Linear(3, 7), torch.nn.Linear(7, 3)
+    for layer, weight, bias in ((first, law.hidden[0], law.bias[0]), (last, law.output[0], law.offset[0])):
+        layer.weight.data, layer.bias.data = torch.tensor(weight), torch.tensor(bias)
+    module = torch.nn.Sequential(first, torch.nn.Sigmoid(), torch.nn.Dropout(0.5), last)
+    shifted = replace(law, input_mean=np.zeros(3), output_mean=np.zeros(3))
+    own = TorchLaw(module, 3, law.input_scale, law.output_scale, law.noise, law.seen)
+    wrenches = LARGEST * rng.uniform(-1.0, 1.0, size=(2, 5, 6))
+    for wrench in (wrenches, wrenches[0], wrenches[0, 0]):
+        np.testing.assert_allclose(own.twist(wrench, NOWHERE), shifted.twist(wrench, NOWHERE), rtol=1e-12)
+        np.testing.assert_allclose(own.tangent(wrench, NOWHERE), shifted.tangent(wrench, NOWHERE), atol=1e-18)
+    np.testing.assert_allclose(np.diag(own.covariance(wrenches[0, 0], NOWHERE))[:3], law.noise**2)
+    assert own.trained and own.doubts(9 * LARGEST, NOWHERE)
+    plain = TorchLaw(module.float())
+    assert plain.covariance(LARGEST, NOWHERE) is None and not plain.trained and plain.doubts(LARGEST, NOWHERE) == ()
+    assert plain.twist(LARGEST, NOWHERE).dtype == np.float64
+    for size, match in ((4, "3 or 6"), (6, "does not take loads")):
+        with pytest.raises(LawError, match=match):
+            TorchLaw(module, size)
+    with pytest.raises(LawError, match="gives"):
+        TorchLaw(torch.nn.Linear(3, 2), 3)
+
+
+def test_torch_is_not_imported_before_it_is_asked() -> None:
+    modules = "armflex.laws.joint.network, armflex.laws.joint.torch_law, armflex.bench.fit_network"
+    text = f"import sys, {modules}; sys.exit('torch' in sys.modules)"
+    subprocess.run([sys.executable, "-c", text], check=True)

@@ -1,0 +1,239 @@
+"""The page of a traced arm: what it says, that names cannot harm it, and that it stands alone."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.campaigns import draw
+
+import armflex
+from armflex.conventions import number
+from armflex.errors import FileError
+from armflex.show.report import render_report, write_report
+from armflex.show.report.accuracy import Errors
+from armflex.show.report.numbers import change, measure, millimetres, short
+from armflex.show.report.svg import canvas, drawing, inline
+from armflex.show.report.words import LAWS, called, labelled
+from armflex.trace.result import Trace, Unexplained
+from armflex.trace.rounds import trace
+from armflex.trace.state import begin
+
+EVIL = "<script>alert(1)</script>"
+SECTIONS = ("before-and-after", "where", "left", "parameters", "not-told", "next", "campaign")
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Trace:
+    """A link that grows with a temperature; column, poses and sessions have names that a page must not believe."""
+    folder = tmp_path_factory.mktemp("report")
+    truth = draw("thermal_growth", 0, arm="six").write(folder)
+    header, *rows = truth.train.read_text().splitlines()
+    header = header.replace("temperature", f"temp {EVIL} $x^2$")
+    rows = [re.sub(r"^(p\d+),(s\d+)", rf"\1{EVIL},<b>\2</b>", row) for row in rows]
+    truth.train.write_text("\n".join([header, *rows]) + "\n")
+    arm = armflex.load_arm(truth.arm)
+    measurements = armflex.read_measurements(truth.train, arm)
+    return trace(arm, measurements, np.flatnonzero(measurements.measured)[::2])
+
+
+@pytest.fixture(scope="module")
+def page(found: Trace) -> str:
+    return render_report(found)
+
+
+def without_effects(found: Trace, unexplained: Unexplained | None = None) -> Trace:
+    """The same trace as if nothing had been found."""
+    state = begin(found.calibration)
+    return replace(found, found=(), before=state.fit, state=state, unexplained=unexplained, noise=1.0)
+
+
+class Outline(HTMLParser):
+    """Text and elements of a page."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.pieces: list[str] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.pieces.append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.pieces))
+
+
+def test_first_sentence_names_effect_place_value_and_error(found: Trace, page: str) -> None:
+    assert found.found[0].effect.law.name == "thermal_growth"
+    text = Outline(page).text
+    assert re.search(r"The arm lacked thermal growth at the link ending at J4: alpha .* ± .* ppm/K\.", text)
+    before, after = (f"{1e3 * value:.2f} mm" for value in (found.held_out_before, found.held_out_after))
+    assert f"Error on poses not used: {before} → {after} (noise as stated: 0.35 mm)." in text
+
+
+def test_every_section_and_figure_is_there(page: str) -> None:
+    outline = Outline(page)
+    ids = {attributes.get("id") for tag, attributes in outline.tags if tag == "section"}
+    assert ids == {*SECTIONS, "effect-1"}
+    assert sum(tag == "svg" for tag, _ in outline.tags) == 8
+
+
+def test_page_stands_alone(page: str) -> None:
+    assert "http" not in page and "//" not in re.sub(r"</", "", page)
+    asked = [value for _, attributes in Outline(page).tags for name, value in attributes.items() if name in ("src",)]
+    links = [a["href"] for tag, a in Outline(page).tags if "href" in a]
+    assert not asked and all(link.startswith("#") for link in links)
+    assert not re.search(r"@import|@font-face", page)
+    assert len(page.encode()) < 3_000_000
+
+
+def test_names_are_escaped(page: str) -> None:
+    assert "<script" not in page and "<b>s" not in page
+    text = Outline(page).text
+    assert f"temp {EVIL} $x^2$" in text  # axis label of the effect's figure: shown as it is, no formula
+
+
+def test_ids_of_figures_do_not_clash(page: str) -> None:
+    ids = [attributes["id"] for _, attributes in Outline(page).tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r'(?:href="#|url\(#)([^")]+)', page)) <= set(ids)
+
+
+def test_the_same_trace_gives_the_same_page(found: Trace, page: str) -> None:
+    assert render_report(found) == page
+
+
+def test_page_is_written_whole_or_not_at_all(found: Trace, page: str, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    assert write_report(found, path) == path and path.read_text() == page
+    with pytest.raises(FileError):
+        write_report(found, tmp_path / "missing" / "report.html")
+    broken = replace(found, places=None)
+    with pytest.raises(TypeError):
+        write_report(broken, path)
+    assert path.read_text() == page and [file.name for file in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_nothing_missing_says_what_would_have_shown(found: Trace) -> None:
+    outline = Outline(render_report(without_effects(found)))
+    assert "Nothing is missing that this campaign could show." in outline.text
+    assert "The smallest effect that this campaign would have shown:" in outline.text
+    assert "Error before" not in outline.text
+    assert not any(attributes.get("id") == "effect-1" for _, attributes in outline.tags)
+
+
+def test_unexplained_says_place_and_size(found: Trace) -> None:
+    left = Unexplained("J2", "ry", 1.5e-4, "rad", 4e-4)
+    text = Outline(render_report(without_effects(found, left))).text
+    assert "Something moves this arm that no recorded column explains; it acts at J2 (ry), 0.15 mrad." in text
+    assert "0.40 mm RMS at the target" in text and "Nothing is missing" not in text
+
+
+def test_unexplained_without_a_place(found: Trace) -> None:
+    text = Outline(render_report(without_effects(found, Unexplained(None, None, None, None, 4e-4)))).text
+    assert "Left unexplained: 0.40 mm RMS at the target, without a place." in text
+
+
+def test_equivalents_are_said_first(found: Trace) -> None:
+    rival = replace(found.found[0].effect, spot=replace(found.found[0].effect.spot, site="link:J5"))
+    told = replace(found, found=(replace(found.found[0], equivalent=((rival, 2.0),)),))
+    text = Outline(render_report(told)).text
+    said = (
+        "These data do not tell thermal growth at the link ending at J4 from thermal growth at the link ending at J5."
+    )
+    assert 0 < text.index(said) < text.index("Before and after")
+
+
+def test_next_measurement_is_listed(found: Trace) -> None:
+    page = render_report(replace(found, next_measurement=("Measure <warm> & cold.",)))
+    assert "<li>Measure &lt;warm&gt; &amp; cold.</li>" in page
+
+
+def test_importing_the_package_imports_no_drawing() -> None:
+    code = "import sys, armflex.show.report; print([m for m in ('matplotlib', 'jinja2') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_colours_follow_the_theme() -> None:
+    with drawing():
+        figure, (panel,) = canvas(2.0, 2.0)
+        panel.set_title("fill: #010101")
+        svg = inline(figure, "a figure")
+    assert "var(--ink)" in svg and not re.search(r'style="[^"]*#0[1-8]0[1-8]0[1-8]', svg)
+    assert "fill: #010101" in svg  # somebody's name for a thing
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "unit", "shown"),
+    [
+        (1.00341e-3, 1.29e-5, "rad", "1.003 ± 0.013 mrad"),
+        (-3.5871e-4, 7.4e-6, "m", "−0.359 ± 0.007 mm"),
+        (-4.55e-5, 1.09e-6, "1/K", "−45.5 ± 1.1 ppm/K"),
+        (6.03e-4, 4.6e-6, "1", "603 ± 5 ppm"),
+        (-1.874e-11, 7.2e-13, "rad/Nm^2", "−18.7 ± 0.7 prad/Nm²"),
+        (74.2, 6.83, "N/m", "74 ± 7 N/m"),
+        (2.5e7, 3e5, "N/m", "(2.50 ± 0.03) × 10⁷ N/m"),
+        (19.907, None, "degC", "19.9 °C"),
+        (0.0, 0.0, "rad", "0 rad"),
+        (-2.772e-9, 0.0, "m/Nm", "−2.77 nm/Nm"),
+    ],
+)
+def test_measure(value: float, std: float | None, unit: str, shown: str) -> None:
+    assert measure(value, std, unit) == shown
+
+
+def test_lengths() -> None:
+    assert millimetres(3.6e-4) == "0.36 mm" and millimetres(None) == "–" and millimetres(7.0e-5) == "0.070 mm"
+    assert change(3.73e-4, 3.65e-4) == "0.37 mm → 0.36 mm" and change(3.74e-4, 3.71e-4) == "0.374 mm → 0.371 mm"
+    assert (short(1880.8), short(12.04), short(0.0)) == ("1881", "12.0", "0")
+
+
+def test_rms_uncertainty_takes_poses_as_independent() -> None:
+    rng = np.random.default_rng(0)
+    poses, each = 400, 5
+    squares = np.repeat(rng.exponential(1.0, poses), each)
+    errors = Errors(squares, np.repeat(np.arange(poses), each))
+    assert errors.std == pytest.approx(0.5 / np.sqrt(poses), rel=0.15)  # as if there were 400 readings, not 2000
+    assert np.isnan(errors.of(np.arange(each * poses) < each).std)
+
+
+def test_every_law_has_words(found: Trace) -> None:
+    from armflex.laws.effects.catalogue import EVERY
+
+    assert set(LAWS) == set(EVERY)
+    effect = found.found[0].effect
+    assert called(effect) == "thermal growth at the link ending at J4" and labelled(effect) == "thermal_growth link:J4"
+
+
+def test_of_many_effects_the_first_two_make_the_headline():
+    from types import SimpleNamespace
+
+    from armflex.laws.effects import CATALOGUE, Effect, Spot
+    from armflex.show.report.summary import headline
+
+    law = CATALOGUE["backlash"]
+    effects = [Effect(law, Spot(f"A{i}", "ry", (f"approach_A{i}",)), (1e-3,)) for i in range(1, 5)]
+    found = tuple(SimpleNamespace(effect=effect, std={"gap": 1e-5}) for effect in effects)
+    said = headline(SimpleNamespace(found=found, numbers=(1, 1, 1, 1), unexplained=None))
+    assert said == "The arm lacked 4 effects, first of all backlash at A1 (ry) and backlash at A2 (ry)."
+    assert "; and " in headline(SimpleNamespace(found=found[:2], numbers=(1, 1), unexplained=None))
+
+
+@pytest.mark.parametrize("rounding", [-3.9e-30, 2e-16, -1e-13])
+def test_rounding_is_shown_as_nothing(rounding: float) -> None:
+    """Millimetres and milliradians; a compliance has no such size below which it is nothing."""
+    assert number(1e3 * rounding) == short(1e3 * rounding) == "0"
+    assert millimetres(rounding) == "0 mm" and measure(rounding, None, "m") == "0 m"
+    assert measure(rounding, None, "m/N") not in ("0 m/N", "0") and number(rounding, 2, 0.0) == f"{rounding:.2g}"
+    assert number(1e3 * 3.9e-12, 2) == "3.9e-09"

@@ -1,0 +1,327 @@
+"""`view`: what the page of an arm shows is what the arm does, drawn in process and from the URDF's own folder only."""
+
+from __future__ import annotations
+
+import os
+import struct
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.pages import BROWSER, hue_share, picture
+from support.small_arms import ROBOTS, joint, link, robot, write
+
+from armflex import Arm, InputError, Trajectory, check, load_arm, view
+from armflex.errors import FileError, UrdfError
+from armflex.show.view import meshes
+from armflex.show.view.arm_scene import (
+    FLEXED_PATH,
+    MAX_FRAMES,
+    SCALE,
+    VERDICTS,
+    Motion,
+    arm_scene,
+    contribution_colors,
+    nice_magnification,
+)
+from armflex.show.view.scene import Scene
+from armflex.show.view.view import _motion as motion_of
+
+needs_browser = pytest.mark.skipif(BROWSER is None, reason="no chromium, chromium-browser or google-chrome on PATH")
+TRIANGLE = bytes(80) + struct.pack("<I12fH", 1, *[0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0], 0)
+
+
+def still(arm: Arm, q: np.ndarray, payload: str | None = None) -> Motion:
+    return Motion(np.zeros(1), (arm.deflection(q, payload),), 0)
+
+
+def drawn(scene: Scene) -> dict[str, list[str]]:
+    """Return the kinds of the shapes by node."""
+    return {node.name: [shape.kind for shape in node.shapes] for node in scene.nodes}
+
+
+def small(folder: Path, visual: str = "", child: str = "arm") -> Arm:
+    """Return one turning link of 1 m with the given <visual> and a tool at its end."""
+    mass = link("x", 5.0, (0.5, 0, 0)).split("\n", 1)[1].removesuffix("</link>")
+    parts = [
+        link("base"),
+        joint("j", "base", child, (0, 0, 1)),
+        f'<link name="{child}">{mass}{visual}</link>',
+        joint("f", child, f"{child}/tool", (1, 0, 0), kind="fixed"),
+        f'<link name="{child}/tool">{visual}</link>',
+    ]
+    write(folder, robot(*parts))
+    (folder / "arm.toml").write_text(
+        f'[robot]\nurdf = "robot.urdf"\ntip = "{child}/tool"\ngravity = [0, 0, -9.81]\n'
+        '[flexure."j/1"]\njoint = "j"\ncompliance = [1e-9, 1e-9, 1e-9, 1e-5, 1e-5, 1e-5]\n'
+    )
+    return load_arm(folder / "arm.toml")
+
+
+def geometry(inside: str) -> str:
+    return f"<visual><geometry>{inside}</geometry></visual>"
+
+
+def test_page_at_one_configuration(tarm: Arm, tmp_path: Path) -> None:
+    q = tarm.position(M1=2.0, A3=0.4)
+    path = view(tarm, q, "p600", path=tmp_path / "v.html")
+    page, found = path.read_text(), tarm.deflection(q, "p600")
+    sigma = np.sqrt(found.displacement[:3] @ found.covariance[:3, :3] @ found.displacement[:3])
+    sigma /= np.linalg.norm(found.displacement[:3])
+    moved = np.linalg.norm(found.displacement[:3])
+    assert f"Tip moves {moved * 1e3:.4g} ± {sigma * 1e3:.2g} mm" in page
+    assert "600 kg" in page and "Base crane, tip tool" in page
+    assert [p.name for p in tmp_path.iterdir()] == ["v.html"]
+
+
+def test_page_of_a_trajectory(heavy: Arm, heavy_path: Trajectory, tmp_path: Path) -> None:
+    report = check(heavy, heavy_path, 0.005)
+    page = view(heavy, trajectory=heavy_path, report=report, path=tmp_path / "v.html").read_text()
+    sizes = [
+        np.linalg.norm(heavy.deflection(q, p).displacement[:3])
+        for q, p in zip(heavy_path.q, heavy_path.payload, strict=True)
+    ]
+    assert f"Tip moves {max(sizes) * 1e3:.4g} " in page and f" at {heavy_path.time[int(np.argmax(sizes))]:g} s" in page
+    for verdict in VERDICTS:
+        count = sum(point.verdict == verdict for point in report.via_points)
+        assert f"via-point: {verdict}</td><td>{count}</td>" in page
+
+
+@pytest.mark.parametrize("given", [None, 7.0, 1000.0])
+def test_magnification_is_stated(tarm: Arm, tmp_path: Path, given: float | None) -> None:
+    page = view(tarm, payload="p600", magnification=given, path=tmp_path / "v.html").read_text()
+    factor = given or nice_magnification(tarm, still(tarm, np.zeros(7), "p600"))
+    assert f"Shown × {factor:g}." in page
+    assert f"Deflections are drawn {factor:g} times as large as they are; the rigid arm is to scale." in page
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf, 1e300])
+def test_magnification_must_be_drawable(tarm: Arm, tmp_path: Path, bad: float) -> None:
+    with pytest.raises(InputError, match="magnification must be positive"):
+        view(tarm, magnification=bad, path=tmp_path / "v.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_round_factor_keeps_the_sag_below_an_eighth_of_the_reach(heavy: Arm) -> None:
+    motion = still(heavy, np.zeros(6), "p200")
+    sag = np.linalg.norm(motion.frames[0].displacement[:3])
+    factor = nice_magnification(heavy, motion)
+    assert factor * sag <= heavy.robot.reach / 8.0 < 2.5 * factor * sag and f"{factor:g}"[0] in "125"
+
+
+def test_drawn_arm_is_where_the_arm_is(tarm: Arm) -> None:
+    q = tarm.position(M1=1.0, A4=0.7)
+    found = tarm.deflection(q, "p300")
+    scene = arm_scene(tarm, still(tarm, q, "p300"), magnification=1.0)
+    line = next(line for line in scene.polylines if line.name == "displacement")
+    np.testing.assert_allclose(line.points, [found.rigid_pose.translation, found.pose.translation], atol=1e-12)
+    poses = {node.name: node.pose for node in scene.nodes}
+    bent, rigid = found.link_poses(1.0), found.link_poses(0.0)
+    for name in tarm.robot.urdf.links:
+        if f"flexed/{name}" in poses:
+            np.testing.assert_allclose(poses[f"flexed/{name}"], bent[name], atol=1e-12)
+        if f"rigid/{name}" in poses:
+            np.testing.assert_allclose(poses[f"rigid/{name}"], rigid[name], atol=1e-12)
+    assert sum(name.startswith("flexed/") for name in poses) >= 7 and "payload" in poses
+
+
+def test_magnified_arm_bends_so_much_more(heavy: Arm) -> None:
+    motion = still(heavy, np.zeros(6), "p200")
+    tips = {f: arm_scene(heavy, motion, magnification=f).polylines[0].points for f in (1.0, 20.0)}
+    once, often = (np.diff(points, axis=0)[0] for points in tips.values())
+    assert np.linalg.norm(often - 20.0 * once) < 0.1 * np.linalg.norm(
+        often
+    )  # angles of 0.1 rad: a tenth beyond first order
+    np.testing.assert_allclose(once, motion.frames[0].displacement[:3], atol=1e-12)
+
+
+def test_colours_follow_the_shares(tarm: Arm) -> None:
+    found = tarm.deflection(np.zeros(7), "p600")
+    colors = contribution_colors(found)
+    shares = np.abs(found.contributions[:, :3] @ found.displacement[:3])
+    assert colors[tarm.flexure_names[int(np.argmax(shares))]] == SCALE[-1]
+    assert len(set(colors.values())) > 3
+
+
+def test_via_points_carry_the_colour_of_their_verdict(heavy: Arm, heavy_path: Trajectory) -> None:
+    report = check(heavy, heavy_path, 0.005)
+    scene = arm_scene(heavy, motion_of(heavy, heavy_path), heavy_path, report)
+    expected = {point.name: VERDICTS[point.verdict] for point in report.via_points}
+    assert {marker.label: marker.color for marker in scene.markers} == expected and len(set(expected.values())) == 3
+    for marker in scene.markers:
+        q = heavy_path.q[heavy_path.via.index(marker.label)]
+        np.testing.assert_allclose(marker.position, heavy.rigid_pose(q).translation, atol=1e-12)
+
+
+def test_long_trajectory_is_thinned_and_keeps_its_via_points(heavy: Arm, heavy_path: Trajectory) -> None:
+    path = heavy_path
+    while len(path) <= 2 * MAX_FRAMES:
+        path = path.with_midpoints(np.ones(len(path) - 1, dtype=bool))
+    times = motion_of(heavy, path).times
+    vias = [time for time, name in zip(path.time, path.via, strict=True) if name]
+    assert len(times) <= MAX_FRAMES + len(vias) + 1 and set(vias) <= set(times) and times[-1] == path.time[-1]
+
+
+def test_page_is_made_without_process_or_socket(heavy: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise AssertionError("a page must be made in process")
+
+    for place in ("subprocess.Popen.__init__", "os.fork", "socket.socket.connect", "socket.socket.bind"):
+        monkeypatch.setattr(place, refuse)
+    view(heavy, path=tmp_path / "v.html")
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="no process groups")
+def test_command_leaves_no_process_behind(tmp_path: Path) -> None:
+    code = "from armflex.cli.main import main; main()"
+    arguments = [sys.executable, "-c", code, "view", ROBOTS / "heavy_six" / "arm.toml", "-o", tmp_path / "v.html"]
+    child = subprocess.Popen(arguments, cwd=ROBOTS.parent, start_new_session=True, stdout=subprocess.DEVNULL)
+    assert child.wait(timeout=60) == 0
+    with pytest.raises(ProcessLookupError):
+        os.killpg(child.pid, 0)
+
+
+def test_links_without_visuals_are_rods(tmp_path: Path) -> None:
+    arm = small(tmp_path)
+    kinds = drawn(arm_scene(arm, still(arm, np.zeros(1))))
+    assert {kind for one in kinds.values() for kind in one} - {"sphere"} == {"capsule"}
+    rod = next(node for node in arm_scene(arm, still(arm, np.zeros(1))).nodes if node.name == "flexed/arm").shapes[0]
+    np.testing.assert_allclose(rod.size[1], 1.0)
+    np.testing.assert_allclose(rod.T_node_shape[:3, 3], [0.5, 0.0, 0.0])
+    np.testing.assert_allclose(np.abs(rod.T_node_shape[:3, 2]), [1.0, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "inside", ['<box size="0 1 1"/>', '<cylinder radius="0.1" length="0"/>', '<sphere radius="0"/>']
+)
+def test_visuals_without_extent_are_left_out(tmp_path: Path, inside: str) -> None:
+    arm = small(tmp_path, geometry(inside))
+    assert drawn(arm_scene(arm, still(arm, np.zeros(1))))["flexed/arm"] == ["capsule"]
+
+
+def test_names_with_slashes(tmp_path: Path) -> None:
+    """The viewer takes a slash for a group, and 'arm/tool' would then be inside the item 'arm'."""
+    arm = small(tmp_path, geometry('<box size="0.1 0.1 0.1"/>'))
+    names = set(drawn(arm_scene(arm, still(arm, np.zeros(1)))))
+    assert {"flexed/arm", "flexed/arm∕tool", "flexure/j∕1"} <= names
+    assert view(arm, path=tmp_path / "v.html").is_file()
+
+
+def meshed(folder: Path, filename: str) -> Callable[[], Scene]:
+    arm = small(folder, geometry(f'<mesh filename="{filename}" scale="2 2 2"/>'))
+    return lambda: arm_scene(arm, still(arm, np.zeros(1)), meshes=True)
+
+
+@pytest.mark.parametrize(
+    "filename", ["part.stl", "meshes/part.stl", "package://here/meshes/part.stl", "meshes/../part.stl"]
+)
+def test_meshes_beside_the_urdf_are_drawn_on_request(tmp_path: Path, filename: str) -> None:
+    folder = tmp_path / "here"
+    (folder / "meshes").mkdir(parents=True)
+    for place in (folder, folder / "meshes"):
+        (place / "part.stl").write_bytes(TRIANGLE)
+    scene = meshed(folder, filename)()
+    shape = next(node for node in scene.nodes if node.name == "flexed/arm").shapes[0]
+    assert (shape.kind, shape.data, shape.data_format, shape.size.tolist()) == ("mesh", TRIANGLE, "stl", [2.0] * 3)
+    arm = load_arm(folder / "arm.toml")
+    assert "mesh" not in str(drawn(arm_scene(arm, still(arm, np.zeros(1)))))
+    assert view(arm, meshes=True, path=tmp_path / "v.html").is_file()
+
+
+@pytest.mark.parametrize(
+    "filename",
+    ["../secret.stl", "/etc/secret.stl", "file:///etc/secret.stl", "link.stl", "package://here/../../etc/secret.stl"],
+)
+def test_meshes_from_elsewhere_are_refused(tmp_path: Path, filename: str) -> None:
+    folder = tmp_path / "here"
+    folder.mkdir()
+    (tmp_path / "secret.stl").write_bytes(TRIANGLE)
+    (folder / "link.stl").symlink_to(tmp_path / "secret.stl")
+    with pytest.raises(UrdfError, match=r"robot\.urdf: mesh '.*' leads out of"):
+        meshed(folder, filename)()
+
+
+@pytest.mark.parametrize("filename", ["none.stl", "http://host/part.stl", "part.blend", "package://nowhere/part.stl"])
+def test_meshes_that_are_not_there_become_rods(tmp_path: Path, filename: str) -> None:
+    (tmp_path / "part.blend").write_bytes(b"x")
+    assert drawn(meshed(tmp_path, filename)())["flexed/arm"] == ["capsule"]
+
+
+@pytest.mark.parametrize(
+    ("filename", "content"), [("m.obj", b"v 0 0 0 \xff"), ("m.dae", b"\xff"), ("a" * 300 + ".stl", None)]
+)
+def test_meshes_that_cannot_be_read(tmp_path: Path, filename: str, content: bytes | None) -> None:
+    if content:
+        (tmp_path / filename).write_bytes(content)
+    with pytest.raises(UrdfError, match="cannot be read"):
+        meshed(tmp_path, filename)()
+
+
+def test_mesh_that_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "m.stl").write_bytes(TRIANGLE)
+    monkeypatch.setattr(meshes, "MAX_BYTES", 100)
+    with pytest.raises(UrdfError, match="larger than 100 bytes"):
+        meshed(tmp_path, "m.stl")()
+
+
+def test_rigid_arm_says_so(heavy: Arm, tmp_path: Path) -> None:
+    page = view(replace(heavy, flexures=()), path=tmp_path / "v.html").read_text()
+    assert "No flexure is declared: this arm is rigid." in page and "times as large" not in page
+
+
+def test_user_text_in_names_is_escaped(heavy: Arm, heavy_path: Trajectory, tmp_path: Path) -> None:
+    evil = "<script>alert(1)</script>"
+    via = tuple(evil if name else "" for name in heavy_path.via)
+    page = view(heavy, trajectory=replace(heavy_path, via=via), path=tmp_path / "v.html").read_text()
+    assert evil not in page and "<script>alert" not in page
+
+
+def test_what_is_asked_must_make_sense(heavy: Arm, heavy_path: Trajectory, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="q or a trajectory, not both"):
+        view(heavy, np.zeros(6), trajectory=heavy_path, path=tmp_path / "v.html")
+    for place in (tmp_path, tmp_path / "none" / "v.html"):
+        with pytest.raises(FileError, match="cannot be written"):
+            view(heavy, path=place)
+    assert not list(tmp_path.iterdir())
+
+
+@needs_browser
+def test_browser_shows_the_arm(tarm: Arm, tmp_path: Path) -> None:
+    """Each link in the colour of its flexure's share; a rigid arm has the URDF's colours, none of these two."""
+    q = tarm.position(M1=1.0, A4=0.5)
+    colors = contribution_colors(tarm.deflection(q, "p600"))
+    flexed = picture(view(tarm, q, "p600", path=tmp_path / "v.html"), 300)
+    rigid = picture(view(replace(tarm, flexures=()), q, "p600", path=tmp_path / "r.html"), 300)
+    for name in ("M1", "A5"):
+        assert hue_share(flexed, colors[name]) > 0.002, f"{name} in {colors[name]} was not drawn"
+        assert hue_share(rigid, colors[name]) < 0.0002
+    assert hue_share(flexed, colors["A2"]) > 0.002 and colors["A2"] == SCALE[-1]
+
+
+@needs_browser
+def test_browser_plays_the_trajectory(heavy: Arm, tmp_path: Path) -> None:
+    """The arm swings evenly for 8 s; a busy computer may show a late moment later, but not never."""
+    time = np.linspace(0.0, 8.0, 9)
+    q = np.outer(time / 8.0, [2.0, 0.5, 0.0, 0.0, 0.8, 0.0]) - [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    path = Trajectory(heavy.joint_names, time, q, ("p200",) * 9, ("",) * 9)
+    page = view(heavy, trajectory=path, path=tmp_path / "v.html")
+    early = picture(page, 300)
+    assert hue_share(early, FLEXED_PATH) > 0.0002
+    # The player at the bottom is left out: its clock alone would make the pictures differ.
+    moved = (np.mean(np.abs(early - picture(page, late))[:700].max(axis=-1) > 40.0) for late in (1500, 3000, 5000))
+    assert any(share > 0.005 for share in moved)
+
+
+def test_the_worst_row_of_a_long_path_is_shown(tmp_path: Path, tarm: Arm) -> None:
+    count = 1500
+    q = np.zeros((count, 7))
+    q[:, 2], q[:, 3], q[:, 4] = 0.1, 1.7, 1.7  # folded in
+    q[733] = 0.0
+    path = Trajectory(tarm.joint_names, np.arange(count) / 10.0, q, ("p600",) * count, ("",) * count)
+    page = view(tarm, trajectory=path, path=tmp_path / "v.html").read_text()
+    sag = np.linalg.norm(tarm.deflection(q[733], "p600").displacement[:3]) * 1e3
+    assert f"Tip moves {sag:.4g}" in page and "at 73.3 s" in page and "of 1500 rows are drawn" in page
