@@ -41,14 +41,14 @@ from armflex.parameters import (
     MOUNTED,
     TARGET,
     ArmParameter,
+    Kind,
     named,
     numbers_of,
     of_compliance,
     of_effect,
     of_flexure,
-    of_geometry,
+    of_motions,
     of_offsets,
-    of_sessions,
 )
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
@@ -171,8 +171,8 @@ class Arm:
         In files from before effects of one name were numbered, those of the second go by the name of the first.
         """
         sessions = self.instrument.sessions if self.instrument else ()
-        known = [*FRAME, *of_sessions(sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
-        known += of_geometry(self.joint_names)
+        known = [*FRAME, *of_motions(Kind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
+        known += of_motions(Kind.GEOMETRY, self.joint_names)
         for flexure in self.flexures:
             known += dict.fromkeys((*of_compliance(flexure.name), *of_flexure(flexure)))
         pairs = [(parameter, parameter.label) for parameter in known]

@@ -37,8 +37,11 @@ class Kind(StrEnum):
 FRAMES = (Kind.INSTRUMENT, Kind.SESSION, Kind.MOUNTING)
 """Those of one campaign alone: frames that nothing says will be the same in the next."""
 
-OF_THE_INSTRUMENT = ("tracker_scale", "session_frame")
-"""Effects that change what is read, not where the tip is."""
+SEEN = (*FRAMES, Kind.TOOL)
+"""Those that change what is read, not where the tip is."""
+
+SEEN_EFFECTS = ("tracker_scale", "session_frame")
+"""The effects that do."""
 
 
 @dataclass(frozen=True)
@@ -91,35 +94,28 @@ class ArmParameter:
         return self.label.removeprefix(f"{self.group.block} ")
 
 
-def of_twist(group: Group) -> tuple[ArmParameter, ...]:
-    """Return the six parameters of a small motion [m, rad]."""
-    return tuple(ArmParameter(group, axis, "m" if axis[0] == "d" else "rad") for axis in TWIST_NAMES)
+def of_motions(
+    kind: Kind, names: Iterable[str | None] = (None,), axes: Sequence[str] = TWIST_NAMES
+) -> tuple[ArmParameter, ...]:
+    """Return the axes of a small motion [m, rad] of every thing of a kind."""
+    groups = (Group(kind, name, kind not in SEEN) for name in names)
+    return tuple(ArmParameter(group, axis, "m" if axis[0] == "d" else "rad") for group in groups for axis in axes)
 
 
-FRAME = of_twist(Group(Kind.INSTRUMENT, moves=False))
+FRAME = of_motions(Kind.INSTRUMENT)
 """Shift and rotation vector of the instrument's frame."""
 
-TARGET = of_twist(Group(Kind.TOOL, moves=False))[:3]
+TARGET = of_motions(Kind.TOOL, axes=TWIST_NAMES[:3])
 """The measured point in the tip frame."""
 
-MOUNTED = of_twist(Group(Kind.MOUNTING, moves=False))[3:]
+MOUNTED = of_motions(Kind.MOUNTING, axes=TWIST_NAMES[3:])
 """How the target is turned on the tool."""
-
-
-def of_sessions(sessions: Iterable[str]) -> tuple[ArmParameter, ...]:
-    """Return shift and rotation vector of every session's frame."""
-    return tuple(one for name in sessions for one in of_twist(Group(Kind.SESSION, name, moves=False)))
 
 
 def of_offsets(robot: Robot) -> tuple[ArmParameter, ...]:
     """Return the constant error of every joint's position."""
     joints = ((joint.name, "m" if joint.kind == "prismatic" else "rad") for joint in robot.moving)
     return tuple(ArmParameter(Group(Kind.OFFSET, name), unit=unit) for name, unit in joints)
-
-
-def of_geometry(joints: Iterable[str]) -> tuple[ArmParameter, ...]:
-    """Return the constant twist of every joint's origin frame."""
-    return tuple(one for name in joints for one in of_twist(Group(Kind.GEOMETRY, name)))
 
 
 def of_compliance(flexure: str, axes: Sequence[int] = range(6)) -> tuple[ArmParameter, ...]:
@@ -144,7 +140,7 @@ def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
 
     `number` is which of its name it is in an arm, see `numbers_of`.
     """
-    moves = effect.law.name not in OF_THE_INSTRUMENT
+    moves = effect.law.name not in SEEN_EFFECTS
     group, law = Group(Kind.EFFECT, f"{effect.name}{numbered(number)}", moves), effect.law
     units = dict(zip(effect.named, effect.units, strict=True))
     amplitudes = tuple(

@@ -11,7 +11,7 @@ from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws.joint.scaled import scaled
-from armflex.parameters import ArmParameter, of_compliance, of_geometry, of_offsets
+from armflex.parameters import ArmParameter, Kind, of_compliance, of_motions, of_offsets
 from armflex.robot import Robot
 from armflex.setup import Setup
 
@@ -55,7 +55,7 @@ class GeometryBlock(Block):
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
         """Shift and rotation of each frame."""
-        return of_geometry(self.joints)
+        return of_motions(Kind.GEOMETRY, self.joints)
 
     @property
     def prior(self) -> Array:

@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws.effects.scene import Scene
-from armflex.parameters import FRAME, MOUNTED, TARGET, ArmParameter, of_sessions
+from armflex.parameters import FRAME, MOUNTED, TARGET, ArmParameter, Kind, of_motions
 from armflex.setup import Setup
 
 
@@ -61,7 +61,7 @@ class SessionBlock(Block):
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
         """Shift and rotation of each session."""
-        return of_sessions(self.sessions)
+        return of_motions(Kind.SESSION, self.sessions)
 
     @property
     def prior(self) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,21 +12,20 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
-from armflex.estimate.arm_blocks import ComplianceBlock
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import FrameBlock, declared_blocks, places_of
 from armflex.estimate.effect_block import EffectBlock, effect_columns, shy_prior
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
 from armflex.estimate.robust import whitened_columns
-from armflex.estimate.spread import OTHER_PARAMETERS, rebuilt_blocks, scene_of
+from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of, scene_of
 from armflex.estimate.view import View, look
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.scene import Scene
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.parameters import FRAMES, Kind, numbers_of, of_law
+from armflex.parameters import FRAMES, ArmParameter, Group, Kind, numbers_of, of_law
 from armflex.plan.offer import Offer, remembers
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
@@ -117,19 +116,19 @@ class Model:
     prior: Array
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Block and label of every parameter."""
-        return tuple(parameter.label for parameter in parameters_of(self.blocks))
+    def parameters(self) -> tuple[ArmParameter, ...]:
+        """What is free, in its order."""
+        return parameters_of(self.blocks)
 
     @cached_property
-    def units(self) -> tuple[str, ...]:
-        """Unit of every parameter."""
-        return tuple(unit for block in self.blocks for unit in block.units)
+    def names(self) -> tuple[str, ...]:
+        """Label of every parameter."""
+        return tuple(parameter.label for parameter in self.parameters)
 
     @cached_property
     def moving(self) -> np.ndarray:
         """(P,) whether a parameter moves the tip, rather than what is read of it."""
-        return np.array([parameter.group.moves for parameter in parameters_of(self.blocks)], dtype=bool)
+        return np.array([parameter.group.moves for parameter in self.parameters], dtype=bool)
 
     def place(self, block: Block) -> np.ndarray:
         """Return the places of one block's parameters."""
@@ -223,16 +222,18 @@ def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
     Raises:
         InputError: The covariance is of other parameters, or of some of the laws that are learned.
     """
-    arm, asked, new = setup.arm, {suspect.ordinal for suspect in suspects}, _new_laws(setup.arm)
-    known = rebuilt_blocks(arm.certainty, offer.view, offer.rows)
-    if known is None:
+    arm, new = setup.arm, _new_laws(setup.arm)
+    asked = {suspect.parameters[0].group for suspect in suspects if suspect.ordinal != NOWHERE}
+    asked |= {Group(Kind.COMPLIANCE, name) for name in new}
+    parameters = arm.certainty.parameters
+    if blocks_of(parameters, setup) is None:
         raise InputError(OTHER_PARAMETERS.text)
     frame = [FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement")]
     frames = frame if arm.measurement.frame == "unknown" else []
-    arms = [block for block in known if block.kind not in FRAMES]
-    kept = [_without(one, new) for one in arms if not (isinstance(one, EffectBlock) and one.ordinal in asked)]
-    kept = [block for block in kept if block.parameters]
-    covariance = arm.certainty.among(parameters_of(kept))
+    places = [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in asked]
+    known = arm.certainty.part(places)
+    kept = blocks_of(known.parameters, setup, scene=offer.scene)
+    covariance = known.covariance
     fresh = (*((LawBlock(tuple(new), tuple(new.values())),) if new else ()), *suspects)
     blocks = (*frames, *kept, *fresh)
     std = np.sqrt(np.diag(covariance))
@@ -252,14 +253,6 @@ def _new_laws(arm: Arm) -> dict[str, LearnedLaw]:
         text = f"{listing(new)} is to be learned, but the arm was calibrated with the learned laws of {old} alone"
         raise InputError(f"{text}: plan after its campaign, or calibrate anew")
     return new
-
-
-def _without(block: Block, names: Container[str]) -> Block:
-    """Return a block without the compliances of some flexures."""
-    if not isinstance(block, ComplianceBlock):
-        return block
-    pairs = [pair for pair in zip(block.flexures, block.axes, strict=True) if pair[0] not in names]
-    return replace(block, flexures=tuple(name for name, _ in pairs), axes=tuple(axes for _, axes in pairs))
 
 
 def _told(block: Block, arm: Arm) -> Array:

@@ -10,7 +10,6 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError
-from armflex.estimate.block import parameters_of
 from armflex.estimate.spread import scene_of
 from armflex.estimate.view import look
 from armflex.laws.effects.law import Effect
@@ -195,7 +194,7 @@ def _doubts(model: Model, reach: Reach, every: Array, rows: Array, seed: int) ->
     """
     chosen = np.random.default_rng(seed).choice(len(every), len(rows), False)
     states, measured = {"known now": model.known}, every
-    every = every * np.array([one.group.kind is not Kind.SESSION for one in parameters_of(model.blocks)])
+    every = every * np.array([one.group.kind is not Kind.SESSION for one in model.parameters])
     if _doubt(reach, every, model.known).min() > UNKNOWN:
         states = {f"after {len(rows)} readings at random": model.known.with_rows(measured[chosen])}
     states[f"after {len(rows)} planned readings"] = model.known.with_rows(rows)

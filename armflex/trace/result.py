@@ -21,7 +21,7 @@ from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects.law import Effect
-from armflex.parameters import Kind, numbers_of
+from armflex.parameters import ArmParameter, Kind, numbers_of
 from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
@@ -160,11 +160,23 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class Unidentifiable:
-    """An effect that this campaign could not have shown: law and site, and what takes its place."""
+    """An effect that this campaign could not have shown.
+
+    Attributes:
+        effect, site: Law and place.
+        partner: The fitted parameter that takes most of its place, None where it does not move what is read.
+    """
 
     effect: str
     site: str
-    reason: str
+    partner: ArmParameter | None
+
+    @property
+    def reason(self) -> str:
+        """Why, in words."""
+        if self.partner is None:
+            return "does not move the target"
+        return f"is taken over by fitted parameters, most by {self.partner.label}"
 
 
 @dataclass(frozen=True)

@@ -223,9 +223,9 @@ def _hidden(trace: Trace) -> Table:
     for one in trace.not_identifiable:
         if (one.effect, one.site) in added:
             continue  # hidden by itself
-        _, taken, partner = one.reason.partition("most by ")
         place = site_words(one.site)
-        rows.setdefault(one.effect, ([], []))[not taken].append(f"{place} ({partner})" if taken else place)
+        told = place if one.partner is None else f"{place} ({one.partner.label})"
+        rows.setdefault(one.effect, ([], []))[one.partner is None].append(told)
     return tuple((words(law).title, "; ".join(taken), ", ".join(still)) for law, (taken, still) in rows.items())
 
 
