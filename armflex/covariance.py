@@ -43,4 +43,4 @@ def root_of_covariance(covariance: Array) -> Array:
     scale = np.sqrt(np.diag(covariance))
     unit = np.where(scale > 0.0, scale, 1.0)
     size, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    return unit[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))
+    return scale[:, None] * vectors * np.sqrt(np.maximum(size, 0.0))  # what is sure stays so: rounding has no unit

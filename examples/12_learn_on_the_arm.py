@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 
 import armflex
-from armflex.laws import Law, LinearLaw, Row
+from armflex.laws import LinearLaw, Row
+from armflex.laws.law import WithoutParameters
 
 FOLDER = armflex.bundled_robot("tarm_like")
 NOISE = 2e-4  # m per axis
 
 
-class Yielding(Law):
+class Yielding(WithoutParameters):
     """What the machine has: guides with play, which tilt under small moments and hold under large ones."""
 
     def __init__(self, linear: LinearLaw):

@@ -104,7 +104,7 @@ def _certain(
     law: StructuralLaw, free: Sequence[tuple[int, int]], stds: Array, loads: Array, scatter: Array
 ) -> StructuralLaw:
     """Return the law with its sub-joints' uncertainty, the loads that they saw, and the scatter of the tip."""
-    at_subjoints = [law.loads_on_subjoints(wrench, NOWHERE) for wrench in wrenches(loads)]
+    at_subjoints = [[load for _, load in law.shares(wrench, NOWHERE)] for wrench in wrenches(loads)]
     subjoints = []
     for i, sub in enumerate(law.subjoints):
         seen = np.array([one[i] for one in at_subjoints])

@@ -13,7 +13,7 @@ import numpy as np
 from armflex.estimate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
 from armflex.estimate.block import Block
 from armflex.estimate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
-from armflex.laws import LinearLaw, PositionDependentLaw
+from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
 from armflex.readings import Orientation
 from armflex.setup import Setup
@@ -42,16 +42,10 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
 
 
 def _compliance_block(setup: Setup, std: float) -> Sequence[Block]:
-    names, axes = [], []
-    for flexure in setup.arm.flexures:
-        law = flexure.law
-        if flexure.learn is None and isinstance(law, LinearLaw | PositionDependentLaw):
-            matrix = law.compliance if isinstance(law, LinearLaw) else np.abs(law.coefficients).sum(axis=0)
-            given = tuple(np.flatnonzero(np.diag(matrix) > 0.0).tolist())
-            if given:
-                names.append(flexure.name)
-                axes.append(given)
-    return [ComplianceBlock(tuple(names), tuple(axes), std)] if names else []
+    row = anywhere(setup.arm.robot)
+    given = {f.name: f.law.freed(row) for f in setup.arm.flexures if f.learn is None}
+    free = {name: axes for name, axes in given.items() if axes}
+    return [ComplianceBlock(tuple(free), tuple(free.values()), std)] if free else []
 
 
 def places_of(block: Block, blocks: Sequence[Block]) -> np.ndarray:

@@ -19,10 +19,8 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
 from armflex.estimate.law_block import LawBlock, learned_laws
 from armflex.estimate.view import View, look, untold_shifts
-from armflex.laws import Law, LinearLaw, PositionDependentLaw
 from armflex.laws.effects.remember import known_rows
 from armflex.laws.effects.scene import Scene, survey
-from armflex.laws.learned import LearnedLaw
 from armflex.parameters import FRAMES, ArmParameter, Kind, numbers_of, of_effect, of_flexure
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument
@@ -135,16 +133,7 @@ def without_declared_doubt(arm: Arm) -> Arm:
     if not any(fitted):
         return arm
     pairs = zip(arm.flexures, fitted, strict=True)
-    return replace(arm, flexures=tuple(replace(f, law=_undoubted(f.law)) if own else f for f, own in pairs))
-
-
-def _undoubted(law: Law) -> Law:
-    if isinstance(law, LearnedLaw):
-        return replace(law, spread=None)
-    if isinstance(law, LinearLaw) and law.fit is not None:  # its readings' scatter stays
-        told = replace(law.fit, row_covariance=np.zeros_like(law.fit.row_covariance))
-        return replace(law, relative_std=0.0, fit=told)
-    return replace(law, relative_std=0.0) if isinstance(law, LinearLaw | PositionDependentLaw) else law
+    return replace(arm, flexures=tuple(replace(f, law=f.law.certain()) if own else f for f, own in pairs))
 
 
 def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:

@@ -30,9 +30,10 @@ from armflex.errors import (
 from armflex.files.calibration_table import Campaign, calibration_table, read_calibration, with_certainty
 from armflex.files.certainty_table import with_covariance
 from armflex.files.effect_file import read_effect
-from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw, StructuralLaw, read_law
+from armflex.laws import Row, read_law
 from armflex.laws.declared import model_of
 from armflex.laws.joint.linear import softness
+from armflex.laws.law import anywhere
 from armflex.laws.learned import read_learning
 from armflex.mechanics.loads import Payload
 from armflex.prior import Measurement, Prior
@@ -84,8 +85,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     effects = root.array_of("effect")
     root.has("calibration")
     root.finish()
-    soft = [flag for flexure in flexures for flag in _soft(flexure)]
-    doubts = (*robot.flags, *flags, *soft, *_partly_certain(flexures))
+    soft = [flag for flexure in flexures for flag in _soft(flexure, anywhere(robot))]
+    doubts = (*robot.flags, *flags, *soft, *_partly_certain(flexures, anywhere(robot)))
     arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=doubts)
     if not root.has("calibration"):
         return _with_effects(_say_level(arm), effects)
@@ -188,11 +189,9 @@ def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:
     }
 
 
-def _soft(flexure: Flexure) -> list[Flag]:
-    law = flexure.law.law if isinstance(flexure.law, AtNode) else flexure.law
-    if not isinstance(law, LinearLaw):
-        return []
-    return [Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}") for flag in softness(law.compliance)]
+def _soft(flexure: Flexure, row: Row) -> list[Flag]:
+    flags = [flag for law in flexure.law.leaves for flag in softness(law.tangent(np.zeros(6), row))]
+    return [Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}") for flag in flags]
 
 
 def _read_measurement(table: Declaration) -> Measurement:
@@ -213,34 +212,13 @@ def _read_prior(table: Declaration) -> Prior:
     return Prior(**values)
 
 
-def _partly_certain(flexures: tuple[Flexure, ...]) -> list[Flag]:
+def _partly_certain(flexures: tuple[Flexure, ...], row: Row) -> list[Flag]:
     """Return a flag where some flexures carry an uncertainty and others do not: the sum would look too sure."""
-    laws = {flexure.name: _leaves(flexure.law) for flexure in flexures}
-    exact = [name for name, parts in laws.items() if not any(map(_is_uncertain, parts)) and any(map(_gives, parts))]
-    if not exact or not any(_is_uncertain(part) for parts in laws.values() for part in parts):
+    exact = [flexure.name for flexure in flexures if not flexure.law.uncertain and flexure.law.gives(row)]
+    if not exact or not any(flexure.law.uncertain for flexure in flexures):
         return []
     text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"
     return [Flag("partly_certain", text)]
-
-
-def _leaves(law: Law) -> list[Law]:
-    if isinstance(law, AtNode):
-        return _leaves(law.law)
-    if isinstance(law, StructuralLaw):
-        return [leaf for sub in law.subjoints for leaf in _leaves(sub.law)]
-    return [law]
-
-
-def _is_uncertain(law: Law) -> bool:
-    if isinstance(law, LinearLaw):
-        return law.fit is not None or law.relative_std > 0.0
-    return isinstance(law, PositionDependentLaw) and law.relative_std > 0.0
-
-
-def _gives(law: Law) -> bool:
-    if isinstance(law, LinearLaw):
-        return bool(law.compliance.any())
-    return isinstance(law, PositionDependentLaw) and bool(law.coefficients.any())
 
 
 def write_arm(

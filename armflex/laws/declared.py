@@ -82,7 +82,7 @@ def read_structural(table: Declaration, joint: str, ranges: Ranges) -> Structura
     _check_node(table, "tip", tip, nodes)
     try:
         law = StructuralLaw(nodes, tip, subjoints, beams, int(components))
-        if law.linear_compliance is not None and not np.isfinite(law.linear_compliance).all():
+        if law.constant is not None and not np.isfinite(law.constant).all():
             raise LawError("the structure's compliance is not finite")
         return law
     except LawError as error:

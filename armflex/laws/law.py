@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from armflex.conventions import Array
+from armflex.conventions import WRENCH_NAMES, Array
+from armflex.covariance import root_of_covariance
 from armflex.errors import Flag, LawError, MissingCovariateError
+from armflex.laws.parameter import Parameter, Transform
+from armflex.robot import Robot
+
+NOTHING = np.zeros(6)
+UNLOADED = np.zeros((6, 6))
+NOTHING.flags.writeable = UNLOADED.flags.writeable = False
+
+STEP = 1e-4
+"""Relative step of numerical derivatives."""
+
+LEAST = 0.1
+"""What a step leaves at least of a factor."""
+
+ROUNDING = 1e-9
+"""Part of a load [Nm per N] below which a moment is none."""
 
 Ranges = Mapping[str, tuple[float, float]]
 """Moving joints of a chain: lowest and highest position [rad or m]."""
@@ -59,30 +76,123 @@ class Row:
         return Row(self.q[..., None, :], self.joint_index, known)
 
 
-class Law(Protocol):
+class Law(ABC):
     """A joint deformation model. Wrench [N, Nm] is the load on the structure and twist [m, rad] the motion it gives,
-    both linear first and in the flexure's own axes. To inherit from this class gives the answers of a law that was not
-    trained."""
+    both linear first and in the flexure's own axes.
 
+    A law is an immutable object that *has* its values: it is asked millions of times at the same ones, and what it can
+    prepare for them (a factor, a stacked matrix, numbers for compiled code) belongs to the object. What a law must say
+    is abstract. Everything that follows from it is written here once and is right for every law; a law overrides it
+    where it knows something exactly or quickly (`tangent`, `by_values`, `affine`, `steepest`, `neurons`).
+    """
+
+    values: Array
+    """(k,) values of the parameters: a field or a property of every law."""
+
+    relative_std: float = 0.0
+    """Declared relative standard uncertainty of what the law gives, 0 for none."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What the law's values are; see `Parameter`."""
+
+    @abstractmethod
+    def at(self, values: Array) -> Law:
+        """Return the law at other (k,) values."""
+
+    @abstractmethod
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) twist under a (..., 6) wrench."""
-        ...
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6, 6) derivative of the twist with respect to the wrench."""
-        ...
+        """Return the (..., 6, 6) derivative of the twist with respect to the wrench; here by central differences."""
+        return by_wrench(self.twist, wrench, row)
+
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6, k) derivative of the twist with respect to the values; here by central differences."""
+        columns = np.zeros((*wrench.shape, len(self.values)))
+        for i, value in enumerate(self.values):
+            step = STEP * max(abs(float(value)), 1.0 if self.parameters[i].transform is Transform.LOG else 1e-300)
+            ends = [self.at(_with(self.values, i, value + side * step)).twist(wrench, row) for side in (1.0, -1.0)]
+            columns[..., i] = (ends[0] - ends[1]) / (2.0 * step)
+        return columns
+
+    @property
+    def values_covariance(self) -> Array | None:
+        """(k, k) covariance of the values, None where they are taken as known; here that of the priors."""
+        prior = np.array([parameter.prior for parameter in self.parameters])
+        return np.diag(prior**2) if prior.any() else None
+
+    @cached_property
+    def _root(self) -> Array | None:
+        """(k, k) root of `values_covariance`."""
+        covariance = self.values_covariance
+        return None if covariance is None else root_of_covariance(covariance)
+
+    def scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return the (..., 6, 6) covariance of a single reading about the law, None where none is known."""
+        return None
+
+    def widening(self, wrench: Array, row: Row) -> Array | float:
+        """Return (...) by what factor standard deviations are larger than values and scatter make them."""
+        return 1.0
 
     def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (6, 6) covariance of the twist, or None when the law carries no uncertainty."""
-        ...
+        """Return the (..., 6, 6) covariance of the twist, of values and scatter; None where neither is known."""
+        found = self.scatter(wrench, row)
+        if self._root is not None:
+            by = self.by_values(wrench, row) @ self._root
+            by = by @ np.swapaxes(by, -1, -2)
+            found = by if found is None else by + found
+        if found is None:
+            return None
+        widened = np.square(self.widening(wrench, row))
+        return np.broadcast_to(found, (*wrench.shape, 6)) * widened[..., None, None]
+
+    def draw(self, rng: np.random.Generator) -> Law:
+        """Return a law drawn from what is known of this one: its values, not the scatter of single readings."""
+        if self._root is None:
+            return self
+        return self.moved(self._root @ rng.normal(size=self._root.shape[1])).certain()
+
+    def certain(self) -> Law:
+        """Return the law with its values taken as known; single readings scatter as before."""
+        return self if self.values_covariance is None else replace(self, relative_std=0.0)
+
+    def moved(self, step: Array) -> Law:
+        """Return the law a (k,) step of its values away.
+
+        A step of a logarithm is taken as one of the factor: what several factors do against each other cancels in a
+        straight line alone, and that is what a covariance says.
+        """
+        logs = np.array([parameter.transform is Transform.LOG for parameter in self.parameters], dtype=bool)
+        return self.at(self.values + np.where(logs, np.log(np.maximum(1.0 + step, LEAST)), step))
 
     @property
     def parts(self) -> tuple[Law, ...]:
         """Laws whose twists add up to this one's."""
         return (self,)
 
+    @property
+    def leaves(self) -> tuple[Law, ...]:
+        """The laws that are made of no others, in whose axes something was declared or trained."""
+        return (self,)
+
+    @property
+    def constant(self) -> Array | None:
+        """(6, 6) compliance where the twist is proportional to the load and the same everywhere, None elsewhere."""
+        return None
+
     def affine(self, row: Row) -> tuple[Array, Array] | None:
         """Return the (..., 6) twist without load and the (..., 6, 6) compliance, None where the law is curved."""
+        return None if self.constant is None else (NOTHING, self.constant)
+
+    def neurons(self) -> tuple[Array, Array, Array, Array] | None:
+        """Return the law as `gains.T @ tanh(units.T @ load + bias) + constant`, loads and twists in SI, where it is.
+
+        (k, H) units, (H,) bias, (H, k) gains, (k,) constant; k is 3 or 6.
+        """
         return None
 
     def steepest(self, ranges: Ranges) -> Array | None:
@@ -90,20 +200,233 @@ class Law(Protocol):
 
         They hold under every load, and wherever the joints are within their ranges.
         """
+        return None if self.constant is None else block_norms(self.constant)
+
+    def gives(self, row: Row) -> tuple[int, ...]:
+        """Return the axes (0 to 5) that give under a small load of their own."""
+        return tuple(np.flatnonzero(np.diagonal(self.tangent(np.zeros(6), row)) > 0.0).tolist())
+
+    def freed(self, row: Row) -> tuple[int, ...]:
+        """Return the axes whose compliance [prior] frees: of a law as declared, where it gives, of a trained one none.
+
+        `row` is anywhere within the joints' travel.
+        """
+        return () if self.trained else self.gives(row)
+
+    def scaled(self, factor: Array) -> Law | None:
+        """Return S f(S w), S = diag of (6,) factors, where that is a law of the same kind; see `joint.scaled`."""
         return None
 
-    def draw(self, rng: np.random.Generator) -> Law:
-        """Return a law drawn from what is known of this one: its parameters, not the scatter of single readings."""
-        return self
+    def learned(self, travel: Ranges) -> Law | None:
+        """Return the law with the parameters that `learn = true` frees, as uncertain as they are before a campaign.
+
+        None where there are none: what was trained elsewhere is kept as it is, and a correction may be learned about
+        it. `travel` is that of the joints.
+        """
+        return None if self.trained or self.values_covariance is None else self
+
+    @property
+    def trained_on(self) -> Array | None:
+        """(2, k) smallest and largest load of each component that the law was trained on, None where nobody says."""
+        return None
 
     @property
     def trained(self) -> bool:
         """Whether the law knows the loads that it was trained on, so that `doubts` is worth asking."""
-        return False
+        return self.trained_on is not None
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether anything of the law is known to be not known."""
+        return self.values_covariance is not None
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return what is doubtful about the answer to a (6,) wrench: loads beyond those trained on."""
+        return () if self.trained_on is None else beyond(self.trained_on, wrench)
+
+
+class WithoutParameters(Law):
+    """For laws that have nothing to free, draw or be unsure of but their scatter: they say so by inheriting this."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """None."""
         return ()
+
+    @property
+    def values(self) -> Array:
+        """Of nothing."""
+        return np.zeros(0)
+
+    def at(self, values: Array) -> Law:
+        """Return the law."""
+        return self
+
+    def freed(self, row: Row) -> tuple[int, ...]:
+        """Return none."""
+        return ()
+
+
+class Composed(Law):
+    """A law made of others: its parameters are theirs, and its uncertainty, draws and doubts follow from theirs."""
+
+    @property
+    @abstractmethod
+    def laws(self) -> tuple[Law, ...]:
+        """The laws that it is made of."""
+
+    @abstractmethod
+    def with_laws(self, laws: Sequence[Law]) -> Law:
+        """Return the same made of others."""
+
+    @abstractmethod
+    def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
+        """Return for each law the (..., 6, 6) twist of the whole per twist it gives more, and its (..., 6) load."""
+
+    @property
+    def leaves(self) -> tuple[Law, ...]:
+        """Those of all laws."""
+        return tuple(leaf for law in self.laws for leaf in law.leaves)
+
+    def own_scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return the (..., 6, 6) covariance of a single reading beside that of the laws."""
+        return None
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of all laws; a law of several tells theirs apart."""
+        return tuple(parameter for law in self.laws for parameter in law.parameters)
+
+    @property
+    def values(self) -> Array:
+        """Those of all laws."""
+        return np.concatenate([np.zeros(0), *(law.values for law in self.laws)])
+
+    def split(self, values: Array) -> list[Array]:
+        """Return every law's part of (k,) values."""
+        return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
+
+    def at(self, values: Array) -> Law:
+        """Return the same with its laws at their parts of the values."""
+        return self.with_laws([law.at(own) for law, own in zip(self.laws, self.split(values), strict=True)])
+
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return what the laws' derivatives make of the whole."""
+        shares = zip(self.laws, self.shares(wrench, row), strict=True)
+        found = [gain @ law.by_values(load, row) for law, (gain, load) in shares]
+        return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
+
+    @property
+    def values_covariance(self) -> Array | None:
+        """That of all laws, each by itself."""
+        known = [law.values_covariance for law in self.laws]
+        if all(one is None for one in known):
+            return None
+        pairs = zip(known, self.laws, strict=True)
+        return block_diagonal(*(np.zeros((len(law.values),) * 2) if one is None else one for one, law in pairs))
+
+    def scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return the scatter of all laws, and its own."""
+        return self._summed([law.scatter for law in self.laws], wrench, row)
+
+    def covariance(self, wrench: Array, row: Row) -> Array | None:
+        """Return what the laws' covariances make of the whole, and its own scatter."""
+        return self._summed([law.covariance for law in self.laws], wrench, row)
+
+    def _summed(self, asked: Sequence[Callable[[Array, Row], Array | None]], wrench: Array, row: Row) -> Array | None:
+        """Return the (..., 6, 6) sum of what is asked of every law under its load, carried to the whole."""
+        total = self.own_scatter(wrench, row)
+        for ask, (gain, load) in zip(asked, self.shares(wrench, row), strict=True):
+            part = ask(load, row)
+            if part is not None:
+                carried = gain @ part @ np.swapaxes(gain, -1, -2)
+                total = carried if total is None else total + carried
+        return total
+
+    def draw(self, rng: np.random.Generator) -> Law:
+        """Return the same made of draws of its laws."""
+        return self.with_laws([law.draw(rng) for law in self.laws])
+
+    def certain(self) -> Law:
+        """Return the same made of laws whose values are taken as known."""
+        return self.with_laws([law.certain() for law in self.laws])
+
+    @property
+    def trained(self) -> bool:
+        """Whether any of the laws was."""
+        return any(law.trained for law in self.laws)
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether any of the laws is."""
+        return any(law.uncertain for law in self.laws)
+
+    def freed(self, row: Row) -> tuple[int, ...]:
+        """Return none: [prior] says nothing of laws within a law; `learn = true` frees those."""
+        return ()
+
+    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return the laws' doubts about the loads on them."""
+        if not self.trained:
+            return ()
+        asked = zip(self.laws, self.shares(wrench, row), strict=True)
+        return tuple(flag for law, (_, load) in asked for flag in law.doubts(load, row))
+
+
+def anywhere(robot: Robot) -> Row:
+    """Return a row in the middle of every joint's travel, for what is the same of a law wherever it is asked."""
+    middle = 0.5 * (robot.lower + robot.upper)
+    return Row(np.where(np.isfinite(middle), middle, 0.0), {name: i for i, name in enumerate(robot.joint_names)})
+
+
+def by_wrench(twist: Callable[[Array, Row], Array], wrench: Array, row: Row) -> Array:
+    """Return the (..., 6, 6) derivative of twists by a (..., 6) wrench, by central differences in one call."""
+    largest = np.abs(wrench).max(axis=-1, keepdims=True)
+    size = STEP * np.maximum(np.abs(wrench), 1e-3 * np.maximum(largest, 1.0))
+    steps, here = size[..., None] * np.eye(6), wrench[..., None, :]
+    ends = twist(np.concatenate([here + steps, here - steps], axis=-2), row.widened())
+    return np.swapaxes((ends[..., :6, :] - ends[..., 6:, :]) / (2.0 * size[..., None]), -1, -2)
+
+
+def _with(values: Array, place: int, value: float) -> Array:
+    """Return values with one of them another."""
+    found = np.array(values)
+    found[place] = value
+    return found
+
+
+def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
+    """Return a flag for every component of a (6,) wrench outside the (2, k) smallest and largest loads seen.
+
+    A law of forces alone does not turn: a moment on it is one flag more.
+    """
+    flags, slack = [], 1e-9 * float(np.abs(seen).max(initial=0.0))
+    for name, low, high, load in zip(WRENCH_NAMES, *seen, wrench, strict=False):  # a fit may be of forces only
+        if not low - slack <= load <= high + slack:
+            unit = "N" if name[0] == "f" else "Nm"
+            here, start, end = _told_apart(load, low, high)
+            text = f"load {name} = {here} {unit} is outside the {start} to {end} {unit} it was trained on"
+            size = max(low - load, load - high) / max(high - low, slack, 1e-300)
+            flags.append(Flag("extrapolating", text, size=float(size)))
+    return (*flags, *unturned(len(seen[0]), wrench))
+
+
+def _told_apart(load: float, low: float, high: float) -> tuple[str, str, str]:
+    """Return a load and the ends of what was seen in three digits, or as many as tell it from the end it is beyond."""
+    for digits in range(3, 16):
+        here, start, end = (f"{float(f'{value:.{digits}g}'):.{digits}g}" for value in (load, low, high))
+        if (float(here) < float(start)) if load < low else (float(here) > float(end)):
+            break
+    return tuple(f"{float(text):.15g}" for text in (here, start, end))  # 15300, not 1.53e+04
+
+
+def unturned(size: int, wrench: Array) -> tuple[Flag, ...]:
+    """Return a flag where a law of `size` components has no answer to the moment in a (6,) wrench."""
+    moment = float(np.linalg.norm(wrench[size:]))
+    if moment <= ROUNDING * float(np.linalg.norm(wrench)):
+        return ()
+    text = f"carries a moment of {moment:.3g} Nm, but was trained on forces alone: it does not turn under any load"
+    return (Flag("does_not_turn", text),)
 
 
 def check_ordered(loads: Array) -> None:
@@ -122,9 +445,18 @@ def block_norms(tangent: Array) -> Array:
 
 
 def embed(block: Array) -> Array:
-    """Return a 3 x 3 force-to-translation block as 6 x 6 with zeros elsewhere (a 6 x 6 is returned as it is)."""
+    """Return (..., 3, 3) force-to-translation blocks as 6 x 6 with zeros elsewhere (6 x 6 are returned as they are)."""
     if block.shape[-1] == 6:
         return block
-    whole = np.zeros((6, 6))
-    whole[:3, :3] = block
+    whole = np.zeros((*block.shape[:-2], 6, 6))
+    whole[..., :3, :3] = block
     return whole
+
+
+def block_diagonal(*blocks: Array) -> Array:
+    """Return square blocks as one matrix, zeros beside them."""
+    ends = np.cumsum([len(block) for block in blocks])
+    total = np.zeros((ends[-1] if len(ends) else 0,) * 2)
+    for block, end in zip(blocks, ends, strict=True):
+        total[end - len(block) : end, end - len(block) : end] = block
+    return total

@@ -10,7 +10,6 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.laws import Law, LinearLaw, PositionDependentLaw, Row
 from armflex.mechanics.deflect import Asked
 from armflex.mechanics.deflection import Deflection, Solved
 from armflex.mechanics.doubts import SAG_BAND, payload_doubts, sag_doubts, wrench_doubts
@@ -171,7 +170,7 @@ class DeflectionBatch:
         known, stack = False, self.acting.arm.stack
         for loaded, rows in self._chunks() if self.acting.compiled else ():
             row, wrenches = loaded.row(self.q[rows], self.acting.known(rows)), self.wrenches[rows]
-            parts = [covariances(law, wrenches[:, i], row) for i, law in enumerate(stack.laws)]
+            parts = [law.covariance(wrenches[:, i], row) for i, law in enumerate(stack.laws)]
             if all(part is None for part in parts):
                 left[rows] = False
                 continue
@@ -232,11 +231,3 @@ class DeflectionBatch:
             if flags:
                 return i, flags
         return None
-
-
-def covariances(law: Law, loads: Array, row: Row) -> Array | None:
-    """Return the (N, 6, 6) covariances of a law's twists under (N, 6) loads, None where it carries none."""
-    if isinstance(law, LinearLaw | PositionDependentLaw) and getattr(law, "fit", None) is None:
-        return law.covariance(loads, row)
-    found = [law.covariance(load, row.some(i)) for i, load in enumerate(loads)]
-    return None if any(part is None for part in found) else np.array(found).reshape(-1, 6, 6)

@@ -10,9 +10,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.laws import Law, LinearLaw, Row, StructuralLaw
-from armflex.laws.joint.network import NetworkLaw
-from armflex.laws.learned import LearnedLaw
+from armflex.laws import Law, Row
 
 
 @dataclass(frozen=True)
@@ -30,17 +28,14 @@ class LawStack:
         """(6 n, 6 n) block-diagonal compliance of the constant laws, zero elsewhere."""
         total = np.zeros((6 * len(self.laws),) * 2)
         for i, law in enumerate(self.laws):
-            compliance = constant_compliance(law)
-            if compliance is not None:
-                total[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = compliance
+            if law.constant is not None:
+                total[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = law.constant
         return total
 
     @cached_property
     def others(self) -> tuple[tuple[slice, Law], ...]:
         """Places and laws that must be asked one by one."""
-        return tuple(
-            (slice(6 * i, 6 * i + 6), law) for i, law in enumerate(self.laws) if constant_compliance(law) is None
-        )
+        return tuple((slice(6 * i, 6 * i + 6), law) for i, law in enumerate(self.laws) if law.constant is None)
 
     def twists(self, wrenches: Array, row: Row) -> Array:
         """Return the (..., 6 n) twists."""
@@ -95,15 +90,6 @@ class LawStack:
         return tuple((i, part) for i, law in enumerate(self.laws) for part in law.parts)
 
 
-def constant_compliance(law: Law) -> Array | None:
-    """Return the (6, 6) compliance of a law that is proportional to the load, the same everywhere; None of others."""
-    if isinstance(law, LinearLaw):
-        return law.compliance
-    if isinstance(law, LearnedLaw):
-        return law.constant
-    return law.linear_compliance if isinstance(law, StructuralLaw) else None
-
-
 class RowLaws:
     """The laws of a stack at N rows as numbers, for compiled code.
 
@@ -120,11 +106,11 @@ class RowLaws:
 
     def __init__(self, stack: LawStack, row: Row, parts: Iterable[tuple[int, Law]] | None = None) -> None:
         affine: list[tuple[int, Array, Array]] = []
-        networks: list[tuple[int, NetworkLaw]] = []
+        networks: list[tuple[int, Law]] = []
         self.curved: list[tuple[int, Law]] = []
         self._row, self._known, self._slopes = row, {}, []
         for i, law in stack.parts if parts is None else parts:
-            if isinstance(law, NetworkLaw):
+            if law.neurons() is not None:
                 networks.append((i, law))
                 continue
             found = law.affine(row)
@@ -145,8 +131,9 @@ class RowLaws:
         for i, law in sorted(networks, key=lambda pair: pair[0]):
             units, bias, gains, constant = law.neurons()
             own, at = self.neurons[at : at + len(bias)], at + len(bias)
-            own[:, : law.size], own[:, 6], own[:, 7 : 7 + law.size] = units.T, bias, gains
-            self.offset[:, i, : law.size] += constant
+            size = len(constant)
+            own[:, :size], own[:, 6], own[:, 7 : 7 + size] = units.T, bias, gains
+            self.offset[:, i, :size] += constant
             self.starts[i + 1 :] += len(bias)
         self._affine = (self.compliance.copy(), self.offset.copy()) if self.curved else None
 
@@ -223,26 +210,26 @@ class PlacedLaws:
 def place_laws(stack: LawStack, places: Sequence[np.ndarray], size: int) -> PlacedLaws:
     """Return the laws of a stack whose flexures' twists are at some (6,) places of `size` generalized velocities."""
     matrix, others = np.zeros((size, size)), []
-    networks: list[tuple[np.ndarray, NetworkLaw]] = []
+    networks: list[tuple[np.ndarray, Law]] = []
     for number, part in stack.parts:
-        here, compliance = places[number], constant_compliance(part)
+        here, compliance, neurons = places[number], part.constant, part.neurons()
         if compliance is not None:
             matrix[np.ix_(here, here)] -= compliance
-        elif isinstance(part, NetworkLaw) and len(part.neurons()[1]) <= MOST_NEURONS:
+        elif neurons is not None and len(neurons[1]) <= MOST_NEURONS:
             networks.append((here, part))
         else:
             others.append((number, slice(int(here[0]), int(here[-1]) + 1), part))
     return PlacedLaws(matrix, *_stacked(networks, size), tuple(others))
 
 
-def _stacked(networks: Sequence[tuple[np.ndarray, NetworkLaw]], size: int) -> tuple[Array, Array, Array]:
+def _stacked(networks: Sequence[tuple[np.ndarray, Law]], size: int) -> tuple[Array, Array, Array]:
     """Return `units`, `bias` and `gains` of networks at their places."""
     total = sum(len(law.neurons()[1]) for _, law in networks)
     units, bias, gains = np.zeros((total, size)), np.zeros(total), np.zeros((size, total + 1))
     start = 0
     for here, law in networks:
         into, offset, out, constant = law.neurons()
-        own, acting = slice(start, start + len(offset)), here[: law.size]
+        own, acting = slice(start, start + len(offset)), here[: len(constant)]
         units[own, acting], bias[own] = -into.T, offset
         gains[acting, own] = out.T
         gains[acting, -1] += constant

@@ -10,11 +10,10 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
 from armflex.laws import Law, Row
-from armflex.laws.joint.network import NetworkLaw
 from armflex.mechanics.deflect import Asked, deflect, deflect_moving
 from armflex.mechanics.doubts import wrench_doubts
 from armflex.mechanics.equilibrium import check_method
-from armflex.mechanics.laws import RowLaws, constant_compliance
+from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loads import Load, Wrench
 from armflex.mechanics.pinocchio_model import LoadCase
@@ -120,9 +119,7 @@ def _quick(loaded: LoadedArm, exact: bool, loads: Sequence[Load]) -> Quick:
     arm, stack, n, compiled = loaded.arm, loaded.arm.stack, len(loaded.arm.sites), kernel()
     bounds, shape = np.array(arm.bounds), (len(arm.joint_names),)
     solver, middle = RowSolver(loaded, exact, loads), bounds.mean(axis=0)
-    changing = [
-        (i, law) for i, law in stack.parts if constant_compliance(law) is None and not isinstance(law, NetworkLaw)
-    ]
+    changing = [(i, law) for i, law in stack.parts if law.constant is None and law.neurons() is None]
     same = [(i, law) for i, law in stack.parts if not any(law is other for _, other in changing)]
     laws, pushes, softening = RowLaws(stack, loaded.row(middle[None], {}), same), solver.pushes, solver.softening
     room, hidden = compiled.room_for(n, len(pushes.links), lanes=1)[0], np.empty(len(laws.neurons))

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.laws import Law, Row
-from armflex.laws.joint.linear import NOTHING, UNLOADED
+from armflex.laws.law import NOTHING, UNLOADED
 from armflex.mechanics.equilibrium import fixed_point
 from armflex.mechanics.laws import PlacedLaws
 from armflex.mechanics.pinocchio_model import Mechanics

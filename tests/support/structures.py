@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.laws import Beam, Law, LinearLaw, Section, StructuralLaw, SubJoint
+from armflex.laws import Beam, LinearLaw, Section, StructuralLaw, SubJoint
+from armflex.laws.law import WithoutParameters
 from support.small_arms import random_compliance
 
 BEAM = """[[beam]]
@@ -41,21 +42,23 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Stiffening(Law):
+class Stiffening(WithoutParameters):
     """w = K x + B x^3 component by component, so the twist is the real root of a cubic."""
 
     stiffness: np.ndarray
     cubic: np.ndarray
 
     def twist(self, wrench, row):
+        if wrench.ndim > 1:
+            return np.array([self.twist(one, row) for one in wrench])
         roots = [np.roots([b, 0, k, -w]) for k, b, w in zip(self.stiffness, self.cubic, wrench, strict=True)]
         return np.array([found[np.abs(found.imag).argmin()].real for found in roots])
 
     def tangent(self, wrench, row):
         return np.diag(1 / (self.stiffness + 3 * self.cubic * self.twist(wrench, row) ** 2))
 
-    def covariance(self, wrench, row):
-        return np.diag((0.1 * self.twist(wrench, row)) ** 2)
+    def scatter(self, wrench, row):
+        return np.eye(6) * (0.1 * self.twist(wrench, row)[..., None]) ** 2
 
 
 SPRING = Stiffening(np.array([2e7, 3e7, 4e7, 1e6, 2e6, 3e6]), np.array([1e13, 2e13, 3e13, 1e13, 2e13, 3e13]))

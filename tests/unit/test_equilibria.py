@@ -15,11 +15,12 @@ from support.structures import nonlinear
 
 from armflex import Arm, Payload
 from armflex.errors import ConvergenceError, SmallDisplacementError, UnstableEquilibriumError
-from armflex.laws import Law, PositionDependentLaw, Row
+from armflex.laws import PositionDependentLaw, Row
 from armflex.laws.effects import TwistLaw
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.remember import known_rows
+from armflex.laws.law import WithoutParameters
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, tangent_of
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
@@ -199,7 +200,7 @@ def test_the_flexure_that_turns_too_far_is_named(tmp_path):
 
 
 @dataclass(frozen=True)
-class Relay(Law):
+class Relay(WithoutParameters):
     """Turns one way or the other, and nothing between, as the moment about y passes a bound."""
 
     bound: float

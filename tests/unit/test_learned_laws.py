@@ -31,7 +31,8 @@ from armflex.estimate.sample import sample_laws
 from armflex.estimate.view import look
 from armflex.flexure import Flexure
 from armflex.laws import AtNode, LinearLaw, Row, StructuralLaw, SubJoint
-from armflex.laws.joint.linear import LinearFit, beyond
+from armflex.laws.joint.linear import LinearFit
+from armflex.laws.law import beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
 from armflex.parameters import ArmParameter, Group, Kind
 

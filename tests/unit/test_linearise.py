@@ -15,6 +15,7 @@ from armflex.conventions import Array
 from armflex.laws import Law, LinearLaw, Row
 from armflex.laws.effects import CATALOGUE, Effect, Spot
 from armflex.laws.effects.spot import same_site, site_of
+from armflex.laws.law import WithoutParameters
 from armflex.mechanics.response import Response, respond
 from armflex.robot import Corrections
 
@@ -80,7 +81,7 @@ ARMS = {
 
 
 @dataclass(frozen=True)
-class Given(Law):
+class Given(WithoutParameters):
     """A law with a constant twist and a changed load, beside what it is."""
 
     law: Law | None
@@ -93,9 +94,6 @@ class Given(Law):
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         return np.zeros((6, 6)) if self.law is None else self.law.tangent(wrench + self.loaded, row)
-
-    def covariance(self, wrench: Array, row: Row) -> None:
-        return None
 
 
 @pytest.fixture(scope="module", params=ARMS)

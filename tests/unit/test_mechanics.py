@@ -26,7 +26,8 @@ from support.small_arms import (
 )
 
 from armflex import Arm, Flexure, Payload, Wrench, load_arm
-from armflex.laws import Law, LinearFit, LinearLaw
+from armflex.laws import LinearFit, LinearLaw
+from armflex.laws.law import WithoutParameters
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 from armflex.robot import Corrections, Site, build_model, load_robot
 
@@ -37,7 +38,7 @@ SOFT = 6.0  # times `random_compliance`: about 20 mm of sag, so that geometry co
 
 
 @dataclass(frozen=True)
-class Prescribed(Law):
+class Prescribed(WithoutParameters):
     """A law that gives the same twist whatever the load."""
 
     value: np.ndarray
@@ -47,9 +48,6 @@ class Prescribed(Law):
 
     def tangent(self, wrench, row):
         return np.zeros((6, 6))
-
-    def covariance(self, wrench, row):
-        return None
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,8 @@ from armflex.errors import (
     UnknownNameError,
     UnstableEquilibriumError,
 )
-from armflex.laws import Law, LinearLaw, Row
+from armflex.laws import LinearLaw, Row
+from armflex.laws.law import WithoutParameters
 from armflex.parallel import WAVE, in_order
 from armflex.show.view.map_page import map_page
 from armflex.tasks.workspace import WorkspaceMap, draw_map
@@ -185,7 +186,7 @@ def softer(arm: Arm, factors: dict[str, tuple[int, float]], certain: Sequence[st
 
 
 @dataclass(frozen=True)
-class Refusing(Law):
+class Refusing(WithoutParameters):
     """Gives nothing, and refuses for a reason that depends on where its joint is."""
 
     limits: tuple[tuple[float, Exception], ...]
@@ -198,9 +199,6 @@ class Refusing(Law):
 
     def tangent(self, wrench: np.ndarray, row: Row) -> np.ndarray:
         return np.zeros((*wrench.shape, 6))
-
-    def covariance(self, wrench: np.ndarray, row: Row) -> None:
-        return None
 
 
 REFUSALS = (

@@ -10,23 +10,20 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.errors import Flag, MissingCovariateError
+from armflex.errors import MissingCovariateError
 from armflex.flexure import Flexure
 from armflex.laws import Law, LinearLaw, PositionDependentLaw, Row
 from armflex.laws.effects.law import Effect, LoadLaw, TwistLaw, Values
 from armflex.laws.effects.spot import Here, link_of, resolve, same_site, site_of
-from armflex.laws.joint.linear import NOTHING, UNLOADED
-from armflex.laws.law import Ranges
+from armflex.laws.law import NOTHING, UNLOADED, Composed, Ranges, WithoutParameters, by_wrench
 from armflex.robot import Robot
 
-STEP = 1e-4
-"""Relative step of numerical derivatives; they steer Newton's steps and do not enter the solution."""
 UNITS = np.eye(6)
 UNITS.flags.writeable = False
 
 
 @dataclass(frozen=True)
-class BoundTwist(Law):
+class BoundTwist(WithoutParameters):
     """An effect's twist at its place on one arm."""
 
     effect: Effect
@@ -53,11 +50,7 @@ class BoundTwist(Law):
         assert isinstance(law, TwistLaw)
         if not law.loaded:
             return np.zeros((6, 6))
-        largest = np.abs(wrench).max(axis=-1, keepdims=True)
-        size = STEP * np.maximum(np.abs(wrench), 1e-3 * np.maximum(largest, 1.0))
-        steps, here = size[..., None] * np.eye(6), wrench[..., None, :]
-        ends = self.twist(np.concatenate([here + steps, here - steps], axis=-2), row.widened())
-        return np.swapaxes((ends[..., :6, :] - ends[..., 6:, :]) / (2.0 * size[..., None]), -1, -2)
+        return by_wrench(self.twist, wrench, row)
 
     def affine(self, row: Row) -> tuple[Array, Array] | None:
         """Return the twist without load and the compliance, None where a loaded effect is not proportional."""
@@ -82,15 +75,32 @@ class BoundTwist(Law):
 
 
 @dataclass(frozen=True)
-class WithEffects(Law):
-    """A flexure's law, if it has one, and what effects add to it."""
+class WithEffects(Composed):
+    """A flexure's law, if it has one, and what effects add to it.
+
+    The effects' parameters go by the calibration's covariance.
+    """
 
     law: Law | None
     effects: tuple[BoundTwist, ...]
 
+    @cached_property
+    def laws(self) -> tuple[Law, ...]:
+        """The flexure's law, if it has one, and the effects."""
+        return (*(() if self.law is None else (self.law,)), *self.effects)
+
+    def with_laws(self, laws: Sequence[Law]) -> WithEffects:
+        """Return the sum of others."""
+        own, effects = laws[: len(laws) - len(self.effects)], laws[len(laws) - len(self.effects) :]
+        return WithEffects(own[0] if own else None, tuple(effects))
+
+    def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
+        """Return that all have the same load, and their twists add up."""
+        return [(UNITS, wrench)] * len(self.laws)
+
     @property
     def parts(self) -> tuple[Law, ...]:
-        """The flexure's law, if it has one, and the effects."""
+        """The parts of the flexure's law, if it has one, and the effects."""
         return (*(() if self.law is None else self.law.parts), *self.effects)
 
     def twist(self, wrench: Array, row: Row) -> Array:
@@ -106,23 +116,6 @@ class WithEffects(Law):
         for effect in self.effects:
             total = total + effect.tangent(wrench, row)
         return total
-
-    def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the law's own; the effects' parameters go by the calibration's covariance."""
-        return None if self.law is None else self.law.covariance(wrench, row)
-
-    def draw(self, rng: np.random.Generator) -> WithEffects:
-        """Return a draw of the law with the same effects."""
-        return self if self.law is None else WithEffects(self.law.draw(rng), self.effects)
-
-    @property
-    def trained(self) -> bool:
-        """Whether the law was trained."""
-        return self.law is not None and self.law.trained
-
-    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return the law's doubts."""
-        return () if self.law is None else self.law.doubts(wrench, row)
 
 
 def with_twists(flexures: Sequence[Flexure], effects: Sequence[Effect], robot: Robot) -> tuple[Flexure, ...]:

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, LawError
-from armflex.laws.law import Law, Ranges, Row, block_norms
+from armflex.laws.law import Law, Ranges, Row, block_diagonal, embed
+from armflex.laws.parameter import Parameter
 
 SYMMETRY = 1e-9
-NOTHING = np.zeros(6)
-UNLOADED = np.zeros((6, 6))
-NOTHING.flags.writeable = UNLOADED.flags.writeable = False
-DIAGONAL = np.arange(6)
-ROUNDING = 1e-9
-"""Part of a load [Nm per N] below which a moment is none."""
 
 SOFTEST = (1e-5, 1e-3)
 """m/N and rad/Nm beyond which a single joint of steel is not believed; a hint at a wrong unit, no more."""
+
+UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
+"""Entries of a symmetric matrix."""
+
+SYMMETRIC = np.array([(np.outer(a, b) + np.outer(b, a)) > 0.0 for a, b in np.eye(6)[np.array(UPPER)]], dtype=float)
+"""(21, 6, 6) where each stands."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class LinearFit:
 
 @dataclass(frozen=True)
 class LinearLaw(Law):
-    """Constant compliance.
+    """Constant compliance. Its parameters are the 21 entries of a declared one, the k rows of k of a fitted one.
 
     Attributes:
         compliance: (6, 6) [m/N, rad/Nm and mixed].
@@ -53,6 +54,36 @@ class LinearLaw(Law):
     relative_std: float = 0.0
     fit: LinearFit | None = None
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """An entry each."""
+        if self.fit is None:
+            return entries(self.compliance, self.relative_std)
+        size, stds = len(self.fit.residual_std), np.sqrt(self.fit.row_covariance.diagonal(axis1=1, axis2=2))
+        places = [(i, j) for i in range(size) for j in range(size)]
+        return tuple(Parameter(f"{TWIST_NAMES[i]}:{WRENCH_NAMES[j]}", _unit(i, j), stds[i, j]) for i, j in places)
+
+    @property
+    def values(self) -> Array:
+        """Entries [m/N, rad/Nm and mixed]."""
+        if self.fit is None:
+            return self.compliance[np.triu_indices(6)]
+        size = len(self.fit.residual_std)
+        return self.compliance[:size, :size].ravel()
+
+    def at(self, values: Array) -> LinearLaw:
+        """Return the law with other entries."""
+        if self.fit is None:
+            return replace(self, compliance=self.compliance + np.tensordot(values - self.values, SYMMETRIC, axes=1))
+        size, compliance = len(self.fit.residual_std), self.compliance.copy()
+        compliance[:size, :size] = np.reshape(values, (size, size))
+        return LinearLaw(compliance, fit=self.fit)
+
+    @property
+    def values_covariance(self) -> Array | None:
+        """Of the rows as fitted, or of entries that are known to some of their size."""
+        return super().values_covariance if self.fit is None else block_diagonal(*self.fit.row_covariance)
+
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return C w."""
         return wrench @ self.compliance.T
@@ -61,96 +92,58 @@ class LinearLaw(Law):
         """Return C."""
         return np.broadcast_to(self.compliance, (*wrench.shape[:-1], 6, 6))
 
-    def affine(self, row: Row) -> tuple[Array, Array]:
-        """Return no twist and C, the same in every row."""
-        return NOTHING, self.compliance
-
-    def steepest(self, ranges: Ranges) -> Array:
-        """Return the norms of C's blocks."""
-        return block_norms(self.compliance)
-
-    def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (6, 6) covariance of C w: the fit's prediction variance, or that of the relative entries."""
-        if self.fit is not None:
-            return _fit_covariance(self.fit, wrench)
-        if self.relative_std == 0.0:
-            return None
-        return entry_covariance(self.compliance, wrench, self.relative_std)
-
-    def draw(self, rng: np.random.Generator) -> LinearLaw:
-        """Return the law with other entries: rows as fitted, or pairs of entries off by the relative error."""
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return the load that each entry multiplies, at the axis that it moves."""
         if self.fit is None:
-            factor = 1.0 + self.relative_std * symmetric_normal(rng)
-            return LinearLaw(self.compliance * factor)
+            return np.swapaxes((SYMMETRIC @ wrench[..., None, :, None])[..., 0], -1, -2)
         size = len(self.fit.residual_std)
-        drawn = self.compliance.copy()
-        for i, covariance in enumerate(self.fit.row_covariance):
-            drawn[i, :size] = rng.multivariate_normal(drawn[i, :size], covariance, method="eigh")
-        return LinearLaw(drawn)
+        found = np.zeros((*wrench.shape, size, size))
+        found[..., range(size), range(size), :] = wrench[..., None, :size]
+        return found.reshape(*wrench.shape, -1)
+
+    def scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return what readings scattered about the fit."""
+        return None if self.fit is None else embed(np.diag(self.fit.residual_std**2))
 
     @property
-    def trained(self) -> bool:
-        """Whether the compliance was fitted."""
-        return self.fit is not None
+    def constant(self) -> Array:
+        """C."""
+        return self.compliance
 
-    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return a flag for every component of the load that the fit has not seen."""
-        return () if self.fit is None else beyond(self.fit.loads, wrench)
+    @property
+    def trained_on(self) -> Array | None:
+        """The loads of the fit."""
+        return None if self.fit is None else self.fit.loads
 
+    def certain(self) -> LinearLaw:
+        """Return the law with its entries taken as known."""
+        fit = self.fit
+        told = None if fit is None else replace(fit, row_covariance=np.zeros_like(fit.row_covariance))
+        return replace(self, relative_std=0.0, fit=told)
 
-def symmetric_normal(rng: np.random.Generator) -> Array:
-    """Return (6, 6) standard normal numbers, those above the diagonal the same as below."""
-    upper = np.triu(rng.normal(size=(6, 6)))
-    return upper + np.triu(upper, 1).T
+    def freed(self, row: Row) -> tuple[int, ...]:
+        """Return the axes that give, of a fitted compliance, too: it is one all the same."""
+        return self.gives(row)
 
-
-def entry_covariance(compliance: Array, wrench: Array, relative_std: float) -> Array:
-    """Return the (..., 6, 6) covariance of C w when every entry of C has its own relative error, but C_ij = C_ji."""
-    squares, pairs = compliance**2, wrench[..., :, None] * wrench[..., None, :]
-    shared = squares * pairs  # C_ij times w_j moves component i, times w_i component j
-    shared[..., DIAGONAL, DIAGONAL] = np.einsum("...ij,...j->...i", squares, wrench**2)
-    return relative_std**2 * shared
-
-
-def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
-    """Return a flag for every component of a (6,) wrench outside the (2, k) smallest and largest loads seen.
-
-    A law of forces alone does not turn: a moment on it is one flag more.
-    """
-    flags, slack = [], 1e-9 * float(np.abs(seen).max(initial=0.0))
-    for name, low, high, load in zip(WRENCH_NAMES, *seen, wrench, strict=False):  # a fit may be of forces only
-        if not low - slack <= load <= high + slack:
-            unit = "N" if name[0] == "f" else "Nm"
-            here, start, end = _told_apart(load, low, high)
-            text = f"load {name} = {here} {unit} is outside the {start} to {end} {unit} it was trained on"
-            size = max(low - load, load - high) / max(high - low, slack, 1e-300)
-            flags.append(Flag("extrapolating", text, size=float(size)))
-    return (*flags, *unturned(len(seen[0]), wrench))
+    def scaled(self, factor: Array) -> LinearLaw:
+        """Return the law of S C S; readings scatter as before."""
+        square, fit = np.outer(factor, factor), self.fit
+        if fit is not None:
+            rows = square[: len(fit.residual_std), : len(fit.residual_std)]
+            fit = replace(fit, row_covariance=fit.row_covariance * rows[:, :, None] * rows[:, None, :])
+        return replace(self, compliance=self.compliance * square, fit=fit)
 
 
-def _told_apart(load: float, low: float, high: float) -> tuple[str, str, str]:
-    """Return a load and the ends of what was seen in three digits, or as many as tell it from the end it is beyond."""
-    for digits in range(3, 16):
-        here, start, end = (f"{float(f'{value:.{digits}g}'):.{digits}g}" for value in (load, low, high))
-        if (float(here) < float(start)) if load < low else (float(here) > float(end)):
-            break
-    return tuple(f"{float(text):.15g}" for text in (here, start, end))  # 15300, not 1.53e+04
+def entries(compliance: Array, relative_std: float, suffix: str = "") -> tuple[Parameter, ...]:
+    """Return the parameters of a symmetric (6, 6) compliance's entries."""
+    return tuple(
+        Parameter(f"{TWIST_NAMES[i]}:{WRENCH_NAMES[j]}{suffix}", _unit(i, j), relative_std * abs(compliance[i, j]))
+        for i, j in UPPER
+    )
 
 
-def unturned(size: int, wrench: Array) -> tuple[Flag, ...]:
-    """Return a flag where a law of `size` components has no answer to the moment in a (6,) wrench."""
-    moment = float(np.linalg.norm(wrench[size:]))
-    if moment <= ROUNDING * float(np.linalg.norm(wrench)):
-        return ()
-    text = f"carries a moment of {moment:.3g} Nm, but was trained on forces alone: it does not turn under any load"
-    return (Flag("does_not_turn", text),)
-
-
-def _fit_covariance(fit: LinearFit, wrench: Array) -> Array:
-    size = len(fit.residual_std)
-    load = wrench[:size]
-    variance = np.einsum("i,nij,j->n", load, fit.row_covariance, load) + fit.residual_std**2
-    return np.diag(np.concatenate([variance, np.zeros(6 - size)]))
+def _unit(i: int, j: int) -> str:
+    return f"{'m' if i < 3 else 'rad'}/{'N' if j < 3 else 'Nm'}"
 
 
 def check_compliance(compliance: Array) -> tuple[Flag, ...]:

@@ -14,8 +14,8 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag, LawError
-from armflex.laws.joint.linear import beyond
 from armflex.laws.law import Law, Ranges, Row, embed
+from armflex.laws.parameter import Parameter
 from armflex.storage.schema import LARGEST, Numbers, check_arrays
 
 CHUNK = 2**17
@@ -152,41 +152,68 @@ class NetworkLaw(Law):
         return total - np.square(np.tanh(load @ units + bias)) @ each
 
     def draws(self, load: Array) -> Array:
-        """Return the (S, k) answers [m, rad] of the single networks to a (k,) load."""
+        """Return the (..., S, k) answers [m, rad] of the single networks to (..., k) loads."""
         units, bias = self._units
-        curves = np.tanh(load @ units + bias).reshape(self.bias.shape)
+        curves = np.tanh(load @ units + bias).reshape(*load.shape[:-1], *self.bias.shape)
         values = self.offset + (self.output @ (0.5 + 0.5 * curves)[..., None])[..., 0]
         return self.output_mean + self.output_scale * values
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The weights of a single network; several are a posterior by themselves, which `draw` takes one of."""
+        if len(self.hidden) > 1:
+            return ()
+        stds = np.zeros(weight_count(self.size, self.hidden.shape[1]))
+        if self.weight_covariance is not None:
+            stds = np.sqrt(np.diag(self.weight_covariance))
+        return tuple(Parameter(f"w{i}", "1", float(std)) for i, std in enumerate(stds))
+
+    @property
+    def values(self) -> Array:
+        """Weights in the order of `pack`."""
+        return pack(self)[0] if len(self.hidden) == 1 else np.zeros(0)
+
+    def at(self, values: Array) -> NetworkLaw:
+        """Return the law with other weights."""
+        return replace(self, **unpack(values, self.size)) if len(self.hidden) == 1 else self
+
+    @property
+    def values_covariance(self) -> Array | None:
+        """Laplace's, of the weights."""
+        return self.weight_covariance
+
+    def certain(self) -> NetworkLaw:
+        """Return the law with the weights of a single network taken as known."""
+        return replace(self, weight_covariance=None)
+
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return the derivative by the weights."""
+        found = np.zeros((*wrench.shape, len(self.values)))
+        if found.size:
+            scaled = (wrench[..., : self.size] - self.input_mean) / self.input_scale
+            by_weights = weight_jacobian(scaled, self.values, self.size)
+            found[..., : self.size, :] = self.output_scale[:, None] * by_weights
+        return found
+
+    def scatter(self, wrench: Array, row: Row) -> Array:
+        """Return the noise, and by what the answers of several networks differ."""
+        scatter = np.diag(self.noise**2)
+        if len(self.hidden) > 1:
+            off = self.draws(wrench[..., : self.size])
+            off = off - off.mean(axis=-2, keepdims=True)
+            scatter = scatter + np.swapaxes(off, -1, -2) @ off / (len(self.hidden) - 1)
+        return embed(scatter)
+
+    def widening(self, wrench: Array, row: Row) -> Array:
+        """Return the square of `reach` beyond the loads trained on: a network says nothing there."""
+        return np.maximum(1.0, self.reach(wrench[..., : self.size])) ** 2
+
     def draw(self, rng: np.random.Generator) -> NetworkLaw:
-        """Return one of the networks, or the only one with weights drawn from their Laplace covariance."""
-        if len(self.hidden) > 1:
-            chosen = slice(i := int(rng.integers(len(self.hidden))), i + 1)
-            parts = {name: getattr(self, name)[chosen] for name in ("hidden", "bias", "output", "offset")}
-            return replace(self, **parts)
-        if self.weight_covariance is None:
-            return self
-        weights = rng.multivariate_normal(pack(self)[0], self.weight_covariance, method="eigh")
-        return replace(self, **unpack(weights, self.size), weight_covariance=None)
-
-    def covariance(self, wrench: Array, row: Row) -> Array:
-        """Return the (6, 6) covariance of the twist: what the weights leave open, and the noise.
-
-        Beyond the loads trained on, standard deviations grow with the square of `reach`: a network says nothing there.
-        """
-        load = wrench[: self.size]
-        widening = max(1.0, float(self.reach(load))) ** 2
-        return embed(widening**2 * (self._doubt(load) + np.diag(self.noise**2)))
-
-    def _doubt(self, load: Array) -> Array:
-        """Return the (k, k) covariance that is due to the weights not being known."""
-        if len(self.hidden) > 1:
-            return np.atleast_2d(np.cov(self.draws(load), rowvar=False))
-        if self.weight_covariance is None:
-            return np.zeros((self.size, self.size))
-        scaled = (load - self.input_mean) / self.input_scale
-        gradient = self.output_scale[:, None] * weight_jacobian(scaled, pack(self)[0], self.size)
-        return gradient @ self.weight_covariance @ gradient.T
+        """Return one of several networks, or the only one with weights drawn."""
+        if len(self.hidden) == 1:
+            return super().draw(rng)
+        chosen = slice(i := int(rng.integers(len(self.hidden))), i + 1)
+        return replace(self, **{name: getattr(self, name)[chosen] for name in ("hidden", "bias", "output", "offset")})
 
     def distance(self, load: Array) -> Array:
         """Return the (...) Mahalanobis distance of (..., k) loads from the mean of those trained on."""
@@ -200,14 +227,13 @@ class NetworkLaw(Law):
         return np.maximum(self.distance(load) / self.furthest, single.max(axis=-1))
 
     @property
-    def trained(self) -> bool:
-        """A network always was."""
-        return True
+    def trained_on(self) -> Array:
+        """The loads of its training."""
+        return self.seen
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return a flag for every component beyond those trained on, or one for a combination of them that is."""
-        load = wrench[: self.size]
-        flags = beyond(self.seen, wrench)
+        load, flags = wrench[: self.size], super().doubts(wrench, row)
         times = float(self.distance(load)) / self.furthest
         if times <= 1.0 + 1e-9 or any(flag.code == "extrapolating" for flag in flags):
             return flags

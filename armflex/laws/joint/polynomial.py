@@ -12,10 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.conventions import WRENCH_NAMES, Array
-from armflex.errors import Flag, LawError, UnknownNameError, did_you_mean, listing
-from armflex.laws.joint.linear import beyond
-from armflex.laws.law import Law, Row, check_ordered
+from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
+from armflex.errors import LawError, UnknownNameError, did_you_mean, listing
+from armflex.laws.law import Law, Row, block_diagonal, check_ordered, embed
+from armflex.laws.parameter import Parameter
 from armflex.storage.schema import Numbers, check_arrays, check_shapes
 
 _NORMS = {
@@ -86,29 +86,50 @@ class PolynomialLaw(Law):
         share = roots.T / np.where(length > 0.0, length, 1.0)[..., None, :]
         return linear + share @ (masks * wrench[..., None, :]) + (curvature @ wrench[..., None, :, None])[..., 0]
 
-    def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (..., 6, 6) covariance of a new reading: that of the coefficients, and the scatter."""
-        values = feature_values(wrench)[..., self._places]
-        variance = np.einsum("...p,kpq,...q->...k", values, self.row_covariance, values) + self.residual_std**2
-        whole = np.zeros((*wrench.shape, 6))
-        place = np.arange(self.residual_std.size)
-        whole[..., place, place] = variance
-        return whole
-
-    def draw(self, rng: np.random.Generator) -> PolynomialLaw:
-        """Return the law with coefficients drawn from their covariance."""
-        pairs = zip(self.coefficients.T, self.row_covariance, strict=True)
-        drawn = [rng.multivariate_normal(mean, covariance, method="eigh") for mean, covariance in pairs]
-        return replace(self, coefficients=np.array(drawn).T)
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """A coefficient each, those of one axis together."""
+        stds = np.sqrt(self.row_covariance.diagonal(axis1=1, axis2=2))
+        units = ["m" if axis < 3 else "rad" for axis in range(len(stds))]
+        return tuple(
+            Parameter(f"{TWIST_NAMES[axis]}:{name}", f"{units[axis]}/{_unit(name)}", float(std))
+            for axis, own in enumerate(stds)
+            for name, std in zip(self.features, own, strict=True)
+        )
 
     @property
-    def trained(self) -> bool:
-        """Always: the coefficients are fitted."""
-        return True
+    def values(self) -> Array:
+        """Coefficients, those of one axis together."""
+        return self.coefficients.T.ravel()
 
-    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return a flag for every component of the load that the fit has not seen."""
-        return beyond(self.loads, wrench)
+    def at(self, values: Array) -> PolynomialLaw:
+        """Return the law with other coefficients."""
+        return replace(self, coefficients=np.ascontiguousarray(np.reshape(values, self.coefficients.T.shape).T))
+
+    @property
+    def values_covariance(self) -> Array:
+        """That of every axis by itself."""
+        return block_diagonal(*self.row_covariance)
+
+    def certain(self) -> PolynomialLaw:
+        """Return the law with its coefficients taken as known."""
+        return replace(self, row_covariance=np.zeros_like(self.row_covariance))
+
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return the features, at the axis that each moves."""
+        values, size = feature_values(wrench)[..., self._places], self.residual_std.size
+        found = np.zeros((*wrench.shape, size, len(self.features)))
+        found[..., range(size), range(size), :] = values[..., None, :]
+        return found.reshape(*wrench.shape, -1)
+
+    def scatter(self, wrench: Array, row: Row) -> Array:
+        """Return what readings scattered about the fit."""
+        return embed(np.diag(self.residual_std**2))
+
+    @property
+    def trained_on(self) -> Array:
+        """The loads of the fit."""
+        return self.loads
 
     @cached_property
     def _places(self) -> np.ndarray:
@@ -177,6 +198,11 @@ def polynomial_from_tensors(tensors: Mapping[str, Array]) -> PolynomialLaw:
         raise LawError(f"'features' holds {places.tolist()}, expected whole numbers from 0 to {len(FEATURES) - 1}")
     names = tuple(FEATURES[int(place)] for place in places)
     return PolynomialLaw(names, *(tensors[name] for name in ARRAYS if name != "features"))
+
+
+def _unit(feature: str) -> str:
+    """Return the unit of a feature of a load."""
+    return "*".join("N" if part.strip("|")[0] == "f" or part.endswith("force") else "Nm" for part in feature.split("*"))
 
 
 def _known(size: int) -> tuple[str, ...]:

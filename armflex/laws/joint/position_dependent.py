@@ -5,22 +5,16 @@ A mast gets softer as it extends: a cantilever's compliance is a cubic in its le
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import LawError, did_you_mean
-from armflex.laws.joint.linear import (
-    NOTHING,
-    check_compliance,
-    declared_matrix,
-    declared_std,
-    entry_covariance,
-    symmetric_normal,
-)
-from armflex.laws.law import Law, Ranges, Row, block_norms
+from armflex.laws.joint.linear import SYMMETRIC, check_compliance, declared_matrix, declared_std, entries
+from armflex.laws.law import NOTHING, Law, Ranges, Row, block_norms
+from armflex.laws.parameter import Parameter
 
 COEFFICIENTS = ("compliance", "compliance_q1", "compliance_q2", "compliance_q3")
 
@@ -39,6 +33,31 @@ class PositionDependentLaw(Law):
     coefficients: Array
     relative_std: float = 0.0
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """An entry of each coefficient's symmetric matrix."""
+        pairs = enumerate(self.coefficients)
+        return tuple(one for power, part in pairs for one in entries(part, self.relative_std, f"@{power}"))
+
+    @property
+    def values(self) -> Array:
+        """Entries, those of the lowest power first."""
+        return np.concatenate([part[np.triu_indices(6)] for part in self.coefficients])
+
+    def at(self, values: Array) -> PositionDependentLaw:
+        """Return the law with other entries."""
+        change = np.reshape(values - self.values, (len(self.coefficients), -1))
+        return replace(self, coefficients=self.coefficients + np.tensordot(change, SYMMETRIC, axes=1))
+
+    @property
+    def values_covariance(self) -> Array | None:
+        """An entry is off by the same part of it at all positions."""
+        if self.relative_std == 0.0:
+            return None
+        along = np.reshape(self.values, (len(self.coefficients), 1, -1)) * np.eye(len(SYMMETRIC))
+        along = self.relative_std * along.reshape(-1, len(SYMMETRIC))
+        return along @ along.T
+
     def compliance(self, row: Row) -> Array:
         """Return the (..., 6, 6) compliance at the row's joint position."""
         position = np.asarray(row.position(self.joint))[..., None, None]
@@ -55,6 +74,12 @@ class PositionDependentLaw(Law):
         """Return C(q)."""
         return self.compliance(row)
 
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return the load that each entry multiplies, times the power of the position."""
+        position = np.asarray(row.position(self.joint))[..., None, None]
+        once = np.swapaxes((SYMMETRIC @ wrench[..., None, :, None])[..., 0], -1, -2)
+        return np.concatenate([once * position**power for power in range(len(self.coefficients))], axis=-1)
+
     def affine(self, row: Row) -> tuple[Array, Array]:
         """Return no twist and C(q)."""
         return NOTHING, self.compliance(row)
@@ -66,16 +91,13 @@ class PositionDependentLaw(Law):
             return None
         return sum(largest**power * block_norms(part) for power, part in enumerate(self.coefficients))
 
-    def draw(self, rng: np.random.Generator) -> PositionDependentLaw:
-        """Return the law with every pair of entries off by its relative error, the same at all positions."""
-        factor = 1.0 + self.relative_std * symmetric_normal(rng)
-        return PositionDependentLaw(self.joint, self.coefficients * factor)
+    def gives(self, row: Row) -> tuple[int, ...]:
+        """Return the axes that give anywhere."""
+        return tuple(np.flatnonzero(np.diag(np.abs(self.coefficients).sum(axis=0)) > 0.0).tolist())
 
-    def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (6, 6) covariance of C(q) w, None when the law is declared certain."""
-        if self.relative_std == 0.0:
-            return None
-        return entry_covariance(self.compliance(row), wrench, self.relative_std)
+    def scaled(self, factor: Array) -> PositionDependentLaw:
+        """Return the law of S C(q) S."""
+        return replace(self, coefficients=self.coefficients * np.outer(factor, factor))
 
 
 def read_position_dependent(table: Declaration, joint: str, ranges: Ranges) -> PositionDependentLaw:

@@ -13,7 +13,7 @@ rigid. The arm's mission is equilibrium, so this solver is our own rather than a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,8 +22,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, Flag, LawError, UnknownNameError
 from armflex.laws.joint.beam import Beam, stiffness
-from armflex.laws.joint.linear import NOTHING, LinearLaw, unturned
-from armflex.laws.law import Law, Ranges, Row, block_norms
+from armflex.laws.law import Composed, Law, Row, unturned
+from armflex.laws.parameter import Parameter
 
 MAX_ITERATIONS = 50
 TOLERANCE = 1e-12
@@ -46,7 +46,7 @@ class SubJoint:
 
 
 @dataclass(frozen=True)
-class StructuralLaw(Law):
+class StructuralLaw(Composed):
     """Sub-joints and beams seen from the tip node.
 
     Attributes:
@@ -95,12 +95,30 @@ class StructuralLaw(Law):
         own = [np.array([i for i in sub.holds if i < self.components], dtype=int) for sub in self.subjoints]
         return tuple((self._dofs(sub.node)[i], i) for sub, i in zip(self.subjoints, own, strict=True))
 
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """Those of the sub-joints."""
+        return tuple(sub.law for sub in self.subjoints)
+
+    def with_laws(self, laws: Sequence[Law]) -> StructuralLaw:
+        """Return the structure with other sub-joints."""
+        pairs = zip(self.subjoints, laws, strict=True)
+        return replace(self, subjoints=tuple(replace(sub, law=law) for sub, law in pairs))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of all sub-joints, after the number and the node of each, and sized with it."""
+        return tuple(
+            replace(one, name=f"{number}@{sub.node}:{one.name}", group=f"sub-joint {number}")
+            for number, sub in enumerate(self.subjoints, 1)
+            for one in sub.law.parameters
+        )
+
     @cached_property
-    def linear_compliance(self) -> Array | None:
-        """(6, 6) condensed compliance when every sub-joint is linear, else None."""
-        if not all(isinstance(sub.law, LinearLaw) for sub in self.subjoints):
-            return None
-        return self._condense([sub.law.compliance for sub in self.subjoints])
+    def constant(self) -> Array | None:
+        """(6, 6) condensed compliance when every sub-joint's is constant, else None."""
+        compliances = [sub.law.constant for sub in self.subjoints]
+        return None if any(one is None for one in compliances) else self._condense(compliances)
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the twist of the tip node, carried to the flexure's origin.
@@ -108,27 +126,19 @@ class StructuralLaw(Law):
         Raises:
             ConvergenceError: The small equilibrium of a nonlinear structure was not found.
         """
-        if self.linear_compliance is not None:
-            return wrench @ self.linear_compliance.T
+        if self.constant is not None:
+            return wrench @ self.constant.T
         if wrench.ndim > 1:
             return self._each(self.twist, wrench, row)
         return self._solve(wrench, row)[0]
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the derivative of the tip's twist with respect to the wrench."""
-        if self.linear_compliance is not None:
-            return self.linear_compliance
+        if self.constant is not None:
+            return np.broadcast_to(self.constant, (*wrench.shape, 6))
         if wrench.ndim > 1:
             return self._each(self.tangent, wrench, row)
         return self._condense(self._solve(wrench, row)[1])
-
-    def affine(self, row: Row) -> tuple[Array, Array] | None:
-        """Return no twist and the condensed compliance where every sub-joint is linear."""
-        return None if self.linear_compliance is None else (NOTHING, self.linear_compliance)
-
-    def steepest(self, ranges: Ranges) -> Array | None:
-        """Return the norms of the condensed compliance's blocks where every sub-joint is linear."""
-        return None if self.linear_compliance is None else block_norms(self.linear_compliance)
 
     @staticmethod
     def _each(ask: Callable[[Array, Row], Array], wrenches: Array, row: Row) -> Array:
@@ -136,49 +146,55 @@ class StructuralLaw(Law):
         rows = row.spread(len(wrenches))
         return np.stack([ask(wrench, rows.some(i)) for i, wrench in enumerate(wrenches)])
 
-    def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (6, 6) covariance that the sub-joints' uncertainties give the tip, None when all are certain."""
-        _, _, loads = self._solve(wrench, row)
-        scatter = np.zeros((6, 6)) if self.noise is None else np.diag(self.noise**2)
-        covariances = [sub.law.covariance(load, row) for sub, load in zip(self.subjoints, loads, strict=True)]
-        if self.noise is None and all(covariance is None for covariance in covariances):
-            return None
-        total = scatter
-        for (gain, _), (_, own), covariance in zip(self.answers(wrench, row), self.held, covariances, strict=True):
-            if covariance is not None:
-                total = total + gain[:, own] @ covariance[np.ix_(own, own)] @ gain[:, own].T
-        return total
+    def own_scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return the scatter of the tip node."""
+        return None if self.noise is None else np.diag(self.noise**2)
 
-    def answers(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
-        """Return for each sub-joint the (6, 6) twist of the tip per twist that it gives more, and its (6,) load."""
+    def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
+        """Return for each sub-joint the (..., 6, 6) twist of the tip per twist that it gives more, and its load."""
+        if wrench.ndim > 1 and self.constant is None:
+            rows, flat = row.spread(len(wrench)), wrench.reshape(-1, 6)
+            each = [self.shares(load, rows.some(i)) for i, load in enumerate(flat)]
+            return [tuple(np.array(part) for part in zip(*own, strict=True)) for own in zip(*each, strict=True)]
+        if self.constant is not None:
+            gains, loads = self._straight
+            return [(gain, wrench @ load.T) for gain, load in zip(gains, loads, strict=True)]
         _, tangents, loads = self._solve(wrench, row)
+        return list(zip(self._gains(tangents), loads, strict=True))
+
+    @cached_property
+    def _straight(self) -> tuple[list[Array], list[Array]]:
+        """The gains of a structure of constant compliances, and the (6, 6) load on each sub-joint per load."""
+        compliances, loads = [sub.law.constant for sub in self.subjoints], []
+        loaded = np.zeros((len(self._system(compliances)), 6))
+        loaded[: self._size] = self._seen.T / self.scale
+        states = _solved(self._system(compliances), loaded)
+        for start, (_, own) in zip(self._load_places, self.held, strict=True):
+            load = np.zeros((6, 6))
+            load[own] = self.scale * states[start : start + len(own)]
+            loads.append(load)
+        return self._gains(compliances), loads
+
+    def _gains(self, tangents: list[Array]) -> list[Array]:
+        """Return for each sub-joint the (6, 6) twist of the tip per twist that it gives more."""
         inverse = _solved(self._system(tangents), np.eye(self._size + sum(len(own) for _, own in self.held)))
-        found = []
-        for start, (_, own), load in zip(self._load_places, self.held, loads, strict=True):
+        gains = []
+        for start, (_, own) in zip(self._load_places, self.held, strict=True):
             gain = np.zeros((6, 6))
             gain[:, own] = self._seen @ inverse[: self._size, start : start + len(own)]
-            found.append((gain, load))
-        return found
-
-    def draw(self, rng: np.random.Generator) -> StructuralLaw:
-        """Return the structure with a draw of every sub-joint."""
-        drawn = tuple(replace(sub, law=sub.law.draw(rng)) for sub in self.subjoints)
-        return replace(self, subjoints=drawn)
+            gains.append(gain)
+        return gains
 
     @cached_property
     def trained(self) -> bool:
         """Whether any sub-joint was trained."""
         return any(sub.law.trained for sub in self.subjoints)
 
-    def loads_on_subjoints(self, wrench: Array, row: Row) -> list[Array]:
-        """Return the (6,) load that each sub-joint carries under a (6,) wrench at the tip node."""
-        return self._solve(wrench, row)[2]
-
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return the doubts about the loads on the sub-joints, and about a moment where nodes only translate."""
         if not self.trained:
             return ()
-        asked = zip(self.subjoints, self.loads_on_subjoints(wrench, row), strict=True)
+        asked = zip(self.subjoints, self._solve(wrench, row)[2], strict=True)
         doubts = [(sub.node, flag) for sub, load in asked for flag in sub.law.doubts(load, row)]
         inside = tuple(Flag(flag.code, f"sub-joint at {node!r}: {flag.text}") for node, flag in doubts)
         return (*inside, *unturned(self.components, wrench))

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import Flag, LawError
-from armflex.laws.joint.linear import beyond
-from armflex.laws.law import Law, Row, embed
+from armflex.errors import LawError
+from armflex.laws.law import Row, WithoutParameters, embed
 
 if TYPE_CHECKING:
     import torch
 
 
 @dataclass(frozen=True)
-class TorchLaw(Law):
+class TorchLaw(WithoutParameters):
     """A module that takes (N, k) scaled loads to (N, k) scaled twists, each row by itself.
 
     The module is put into evaluation mode, so that dropout and batch statistics stay out of the answers. Torch laws
@@ -68,18 +67,14 @@ class TorchLaw(Law):
         tangent[..., :k, :k] = self._slopes(load.reshape(-1, k)).reshape(*load.shape, k)
         return tangent
 
-    def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (6, 6) covariance that the noise gives, None where it was not given."""
+    def scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return the noise, None where it was not given."""
         return None if self.noise is None else embed(np.diag(np.square(self.noise)))
 
     @property
-    def trained(self) -> bool:
-        """Whether the loads of its training were given."""
-        return self.seen is not None
-
-    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return a flag for every component of the load beyond those trained on."""
-        return () if self.seen is None else beyond(self.seen, wrench)
+    def trained_on(self) -> Array | None:
+        """The loads of its training, where they were given."""
+        return self.seen
 
     def digested(self) -> object:
         """Return what the law says, for `digest`: classes, settings and weights of the module, and the scales."""

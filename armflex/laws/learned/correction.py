@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.law import Law, Row
+from armflex.laws.law import Law, Row, WithoutParameters
 from armflex.laws.learned.compliance_part import root_of
 from armflex.laws.learned.part import Part
 from armflex.laws.learned.window import STEEPEST, Window
@@ -23,7 +23,7 @@ CLIMBS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Correction(Law):
+class Correction(WithoutParameters):
     """The correction of a learned law alone: as it was learned at loads that were seen, further out carried on.
 
     It fades with the energy that a load puts into the joint, over a few times the most that was seen where it is small
@@ -31,24 +31,24 @@ class Correction(Law):
     """
 
     part: Part
-    values: Array
+    point: Array
     window: Window
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the twist."""
         window = self.window
         if window.sees(wrench):
-            return self.part.twist(self.values, wrench, row)
-        return window.weight(wrench)[..., None] * self.part.twist(self.values, window.drawn_in(wrench), row)
+            return self.part.twist(self.point, wrench, row)
+        return window.weight(wrench)[..., None] * self.part.twist(self.point, window.drawn_in(wrench), row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
         window = self.window
         if window.sees(wrench):
-            return self.part.tangent(self.values, wrench, row)
+            return self.part.tangent(self.point, wrench, row)
         within = window.drawn_in(wrench)
-        carried = self.part.tangent(self.values, within, row) @ window.drawing_in(wrench)
-        twist = self.part.twist(self.values, within, row)
+        carried = self.part.tangent(self.point, within, row) @ window.drawing_in(wrench)
+        twist = self.part.twist(self.point, within, row)
         return (
             window.weight(wrench)[..., None, None] * carried + twist[..., :, None] * window.slope(wrench)[..., None, :]
         )
@@ -87,7 +87,7 @@ def fading(base: Law, correction: Correction, wrenches: Array, row: Row) -> tupl
 
 def _largest(correction: Correction, inverse: Array, wrenches: Array, row: Row) -> float:
     """Return the largest |R^-1 c| as far out as a correction is carried: in many directions, each followed uphill."""
-    window, part, values = correction.window, correction.part, correction.values
+    window, part, values = correction.window, correction.part, correction.point
     spread = np.linalg.pinv(window.precision, rcond=1e-15)
     loads, largest = window.furthest(window.directions(wrenches)), 0.0
     for _ in range(CLIMBS):

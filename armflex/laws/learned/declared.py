@@ -78,7 +78,7 @@ def learned_law(law: Law, learning: Learning, seen: Seen) -> LearnedLaw:
     correction = CORRECTIONS[learning.model](plain, learning, seen) if learning.model in CORRECTIONS else None
     groups = (*plain.groups, *(correction.groups if correction else ()))
     values = np.concatenate([plain.start, correction.start if correction else np.zeros(0)])
-    return LearnedLaw(law, plain, correction, seen, values, tuple(group.std for group in groups), scatter=_scatter(law))
+    return LearnedLaw(law, plain, correction, seen, values, tuple(group.std for group in groups), about=_scatter(law))
 
 
 def _plain(law: Law, learning: Learning) -> Part:
@@ -86,7 +86,7 @@ def _plain(law: Law, learning: Learning) -> Part:
     if isinstance(law, AtNode):
         part = _plain(law.law, learning)
         return FixedPart(law) if isinstance(part, FixedPart) else NodePart(law, part)
-    if isinstance(law, StructuralLaw) and law.linear_compliance is not None:
+    if isinstance(law, StructuralLaw) and law.constant is not None:
         return StructuralPart(law)
     if isinstance(law, PositionDependentLaw):
         middle, reach = learning.reach

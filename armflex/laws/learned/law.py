@@ -10,13 +10,14 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.laws.joint.linear import NOTHING, LinearLaw, beyond
-from armflex.laws.law import Law, Ranges, Row, block_norms
+from armflex.laws.joint.linear import LinearLaw
+from armflex.laws.law import Law, Row, WithoutParameters, beyond
 from armflex.laws.learned.correction import Correction, fading
 from armflex.laws.learned.linearised import Linearised, moved
 from armflex.laws.learned.part import Group, Part
 from armflex.laws.learned.seen import Seen
 from armflex.laws.learned.window import Window
+from armflex.laws.parameter import Parameter
 
 SLACK = 0.02
 """Of the range of a load, by which it may be beyond those seen: a campaign's loads are those of the arm as it bends."""
@@ -37,7 +38,7 @@ class LearnedLaw(Law):
         reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
         faded: Reach, see `Window`, from which on a correction is nothing; infinite while it is being learned.
         energy: (6, 6) matrix of the reach, None where distance is the reach.
-        scatter: (6, 6) covariance of the declared law's scatter about what its parameters say, None for none.
+        about: (6, 6) covariance of the declared law's scatter about what its parameters say, None for none.
     """
 
     declared: Law
@@ -50,7 +51,7 @@ class LearnedLaw(Law):
     reach: Array | None = None
     faded: float = np.inf
     energy: Array | None = None
-    scatter: Array | None = None
+    about: Array | None = None
 
     @cached_property
     def window(self) -> Window:
@@ -71,6 +72,11 @@ class LearnedLaw(Law):
     def labels(self) -> tuple[str, ...]:
         """One name per parameter."""
         return tuple(label for group in self.groups for label in group.labels)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Without dimension, as they are expected now."""
+        return tuple(Parameter(name, "1", std) for name, std in zip(self.labels, self.prior.tolist(), strict=True))
 
     @property
     def prior(self) -> Array:
@@ -125,21 +131,26 @@ class LearnedLaw(Law):
         by_own = self.correction.by_values(own, window.drawn_in(wrench), row) * window.weight(wrench)[..., None, None]
         return np.concatenate([np.broadcast_to(by_plain, (*by_own.shape[:-1], by_plain.shape[-1])), by_own], axis=-1)
 
-    def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (..., 6, 6) covariance: that of the values, the scatter, and beyond the loads the correction's.
+    @property
+    def values_covariance(self) -> Array | None:
+        """As the campaign left it."""
+        return self.spread
+
+    def scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return the declared law's scatter, and beyond the loads what may be left of a correction.
 
         Beyond the loads seen a correction may be as large as it was among them, and grow with the load.
         """
-        parts = []
-        if self.spread is not None:
-            by = self.by_values(wrench, row)
-            parts.append(by @ self.spread @ np.swapaxes(by, -1, -2))
-        if self.scatter is not None:
-            parts.append(np.broadcast_to(self.scatter, (*wrench.shape[:-1], 6, 6)))
+        found = self.about
         if self.reach is not None:
             std = self.window.unknown(wrench)[..., None] * self.reach
-            parts.append(std[..., None] ** 2 * np.eye(6))
-        return sum(parts[1:], parts[0]) if parts else None
+            unknown = std[..., None] ** 2 * np.eye(6)
+            found = unknown if found is None else found + unknown
+        return found
+
+    def certain(self) -> LearnedLaw:
+        """Return the law with its values taken as known."""
+        return replace(self, spread=None)
 
     def settled(self, spread: Array, wrenches: Array, row: Row) -> LearnedLaw:
         """Return the law with the (k, k) covariance of its values, fitted where its loads were (M, 6) wrenches."""
@@ -154,12 +165,6 @@ class LearnedLaw(Law):
         found = {"reach": reach, "faded": faded, "energy": energy}
         return replace(self, spread=spread, seen=replace(self.seen, loads=loads), **found)
 
-    def draw(self, rng: np.random.Generator) -> LearnedLaw:
-        """Return the law at values drawn from what is known of them."""
-        if self.spread is None:
-            return self
-        return self.moved(rng.multivariate_normal(np.zeros(len(self.values)), self.spread, method="eigh"))
-
     def moved(self, step: Array) -> LearnedLaw:
         """Return the law whose twist is that of a (k,) step of its values away, to first order in the values."""
         (values, own), count = self._split, len(self.plain.start)
@@ -167,14 +172,6 @@ class LearnedLaw(Law):
         correction = None if self.correction is None else Linearised(self.correction, own)
         there = np.concatenate([values, own + step[count:]])
         return replace(self, plain=plain, correction=correction, values=there, spread=None)
-
-    def affine(self, row: Row) -> tuple[Array, Array] | None:
-        """Return no twist and the compliance where there is one."""
-        return None if self.constant is None else (NOTHING, self.constant)
-
-    def steepest(self, ranges: Ranges) -> Array | None:
-        """Return the norms of the compliance's blocks where there is one."""
-        return None if self.constant is None else block_norms(self.constant)
 
     @property
     def parts(self) -> tuple[Law, ...]:
@@ -211,9 +208,9 @@ class LearnedLaw(Law):
         return self.values[:count], self.values[count:]
 
     @property
-    def trained(self) -> bool:
-        """Always: what loads were seen is known."""
-        return True
+    def trained_on(self) -> Array:
+        """The loads seen."""
+        return self.window.loads
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return a flag for every component of the load beyond those seen, by more than anybody knows them."""
@@ -227,16 +224,16 @@ def _stds(groups: Sequence[Group]) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Plain(Law):
+class Plain(WithoutParameters):
     """A part at values of its parameters."""
 
     part: Part
-    values: Array
+    point: Array
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the part's twist."""
-        return self.part.twist(self.values, wrench, row)
+        return self.part.twist(self.point, wrench, row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the part's tangent."""
-        return self.part.tangent(self.values, wrench, row)
+        return self.part.tangent(self.point, wrench, row)

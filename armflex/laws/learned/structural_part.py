@@ -62,7 +62,7 @@ class StructuralPart:
 
     def _one(self, structure: StructuralLaw, wrench: Array, row: Row) -> Array:
         """Return the (6, k) derivative at one load: what a sub-joint gives more, seen from the tip node."""
-        answers = structure.answers(wrench, row)
+        answers = structure.shares(wrench, row)
         columns = []
         for number, axes in self._free:
             compliance, (gain, load) = structure.subjoints[number].law.compliance, answers[number]
