@@ -42,11 +42,12 @@ from armflex.parameters import (
     TARGET,
     ArmParameter,
     Kind,
+    fitted_group,
     named,
     numbers_of,
     of_compliance,
     of_effect,
-    of_flexure,
+    of_law,
     of_motions,
     of_offsets,
 )
@@ -174,7 +175,9 @@ class Arm:
         known = [*FRAME, *of_motions(Kind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
         known += of_motions(Kind.GEOMETRY, self.joint_names)
         for flexure in self.flexures:
-            known += dict.fromkeys((*of_compliance(flexure.name), *of_flexure(flexure)))
+            known += of_compliance(flexure.name)
+            if fitted_group(flexure).kind is Kind.LAW:
+                known += of_law(flexure.name, flexure.law)
         pairs = [(parameter, parameter.label) for parameter in known]
         for effect, number in zip(self.effects, numbers_of(self.effects), strict=True):
             own, first = of_effect(effect, number), of_effect(effect, 1)

@@ -128,11 +128,9 @@ def of_law(flexure: str, law: LearnedLaw) -> tuple[ArmParameter, ...]:
     return tuple(ArmParameter(Group(Kind.LAW, flexure), label) for label in law.labels)
 
 
-def of_flexure(flexure: Flexure) -> tuple[ArmParameter, ...]:
-    """Return what a fit finds of a flexure's law."""
-    if isinstance(flexure.law, LearnedLaw):
-        return of_law(flexure.name, flexure.law)
-    return of_compliance(flexure.name)
+def fitted_group(flexure: Flexure) -> Group:
+    """Return what a fit of a flexure's law finds anything of."""
+    return Group(Kind.LAW if isinstance(flexure.law, LearnedLaw) else Kind.COMPLIANCE, flexure.name)
 
 
 def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:

@@ -21,7 +21,7 @@ from armflex.estimate.law_block import LawBlock, learned_laws
 from armflex.estimate.view import View, look, untold_shifts
 from armflex.laws.effects.remember import known_rows
 from armflex.laws.effects.scene import Scene, survey
-from armflex.parameters import FRAMES, ArmParameter, Kind, numbers_of, of_effect, of_flexure
+from armflex.parameters import FRAMES, ArmParameter, Kind, fitted_group, numbers_of, of_effect
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.readings.position import rigid_motion
@@ -129,7 +129,7 @@ def _columns(blocks: Sequence[Block], view: View) -> Array:
 def without_declared_doubt(arm: Arm) -> Arm:
     """Return the arm whose fitted compliances carry no declared uncertainty: the fit's covariance stands in for it."""
     known = arm.certainty.groups if arm.certainty else ()
-    fitted = [of_flexure(flexure)[0].group in known for flexure in arm.flexures]
+    fitted = [fitted_group(flexure) in known for flexure in arm.flexures]
     if not any(fitted):
         return arm
     pairs = zip(arm.flexures, fitted, strict=True)

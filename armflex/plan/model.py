@@ -25,7 +25,7 @@ from armflex.laws.effects.scene import Scene
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.parameters import FRAMES, ArmParameter, Group, Kind, numbers_of, of_law
+from armflex.parameters import FRAMES, ArmParameter, Group, Kind, numbers_of
 from armflex.plan.offer import Offer, remembers
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
@@ -247,7 +247,7 @@ def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
 def _new_laws(arm: Arm) -> dict[str, LearnedLaw]:
     """Return the learned laws by flexure that a calibrated arm's covariance says nothing of: all, or none."""
     laws, fitted = learned_laws(arm), arm.certainty.groups
-    new = {name: law for name, law in laws.items() if of_law(name, law)[0].group not in fitted}
+    new = {name: law for name, law in laws.items() if Group(Kind.LAW, name) not in fitted}
     if new and len(new) < len(laws):
         old = listing(laws.keys() - new.keys())
         text = f"{listing(new)} is to be learned, but the arm was calibrated with the learned laws of {old} alone"
