@@ -73,7 +73,7 @@ def test_every_figure_is_over_the_same_rows_and_the_others_are_told(found, slipp
         "lost beam"
     }
     assert all(one["error_mm"] == pytest.approx(1e3 * np.sqrt(29e-4), rel=0.02) for one in told["outliers"])
-    written = write_traced(draw("none", 3, "six").write(tmp_path).arm, found, tmp_path / "traced.toml")
+    written = write_traced(slipped[0].robot.urdf.path.with_name("arm.toml"), found, tmp_path / "traced.toml")
     table = tomllib.loads(written.read_text())["calibration"]
     assert (table["rows"], table["rms_m"]) == (told["rows"], found.rms)
     here = slipped[1].position[found.rows]
