@@ -175,6 +175,10 @@ class SmallDisplacementError(ArmflexError):
         self.twists = twists
 
 
+class OutOfMemoryError(ArmflexError):
+    """The memory that this process may use does not hold what was asked for."""
+
+
 class UnreachableError(ArmflexError):
     """A tip pose cannot be held; `report` says for each row what remained and why."""
 
@@ -211,6 +215,15 @@ def naming(where: object) -> Iterator[None]:
     except ArmflexError as error:
         error.args = (f"{where}: {error.args[0]}", *error.args[1:])
         raise
+
+
+@contextmanager
+def enough_memory(what: str) -> Iterator[None]:
+    """Raise `OutOfMemoryError` naming what was being worked on where memory runs out inside."""
+    try:
+        yield
+    except MemoryError:
+        raise OutOfMemoryError(f"{what}: there is not enough memory for them") from None
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

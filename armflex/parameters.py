@@ -14,7 +14,7 @@ from functools import cached_property
 
 from armflex.conventions import TWIST_NAMES
 from armflex.flexure import Flexure
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.law import Act, Effect
 from armflex.laws.learned import LearnedLaw
 from armflex.robot import Robot
 
@@ -39,9 +39,6 @@ FRAMES = (Kind.INSTRUMENT, Kind.SESSION, Kind.MOUNTING)
 
 SEEN = (*FRAMES, Kind.TOOL)
 """Those that change what is read, not where the tip is."""
-
-SEEN_EFFECTS = ("tracker_scale", "session_frame")
-"""The effects that do."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +135,7 @@ def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
 
     `number` is which of its name it is in an arm, see `numbers_of`.
     """
-    moves = effect.law.name not in SEEN_EFFECTS
+    moves = effect.law.act not in (Act.FRAME, Act.SCALE)
     group, law = Group(Kind.EFFECT, f"{effect.name}{numbered(number)}", moves), effect.law
     units = dict(zip(effect.named, effect.units, strict=True))
     amplitudes = tuple(

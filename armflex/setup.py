@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from armflex.arm import Arm
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.law import Effect, Model
 from armflex.readings.instrument import Instrument
 
 
@@ -17,5 +17,8 @@ class Setup:
     instrument: Instrument
 
     def with_effect(self, effect: Effect) -> Setup:
-        """Return the setup with an effect added to its arm's list."""
-        return replace(self, arm=replace(self.arm, effects=(*self.arm.effects, effect)))
+        """Return the setup with one more effect in it, and with what the effect changes of the model."""
+        arm = self.arm
+        model = effect.law.change(effect, Model(arm.robot, arm.corrections, arm.payloads, self.instrument))
+        parts = {name: getattr(model, name) for name in ("robot", "corrections", "payloads")}
+        return Setup(replace(arm, effects=(*arm.effects, effect), **parts), model.instrument)

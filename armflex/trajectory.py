@@ -12,8 +12,10 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, listing
-from armflex.laws.effects.remember import check_covariates, derived_direction, known_rows
+from armflex.laws.effects.remember import check_covariates, derived_direction
+from armflex.laws.effects.scene import MASS
 from armflex.measured.table import Table, check_payloads, joint_kinds, read_table, write_table
+from armflex.mechanics.history import known_rows
 from armflex.rows.rows import APPROACH, last_motion
 
 SHORTEST = 1e-9
@@ -123,7 +125,7 @@ class Trajectory:
             return ordered
         known = known_rows(arm, ordered)
         # A payload's mass goes with the payload, and time with the rows.
-        kept = {name: values for name, values in known.items() if name not in ("payload_mass", "time")}
+        kept = {name: values for name, values in known.items() if name not in (MASS, "time")}
         return replace(ordered, covariates=kept)
 
     def derived_directions(self, arm: Arm) -> tuple[Flag, ...]:

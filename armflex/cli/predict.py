@@ -19,8 +19,7 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import console
-from armflex.measured.measurements import read_measurements
-from armflex.tasks.predict import predict, write_predictions
+from armflex.tasks.predict import predict_file
 
 
 @click.command(cls=Command)
@@ -37,11 +36,9 @@ def command(
     json_path: Path | None,
 ) -> None:
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
-    rows = read_measurements(rows_path, arm, inputs_only=True)
     with progress("predicting") as tick:
-        found = predict(arm, rows, tick, covariates)
-    write_predictions(found, output)
-    show_flags(found.flags)
-    summary = {"format": "armflex-predict-1", "rows": len(rows.q), "base": arm.robot.base, "tip": arm.robot.tip}
-    write_json(json_path, summary | {"flags": [str(flag) for flag in found.flags]})
-    console().print(f"{len(rows.q)} rows written to {output} (base {arm.robot.base}, tip {arm.robot.tip}).")
+        rows, flags = predict_file(arm, rows_path, output, tick, covariates)
+    show_flags(flags)
+    summary = {"format": "armflex-predict-1", "rows": rows, "base": arm.robot.base, "tip": arm.robot.tip}
+    write_json(json_path, summary | {"flags": [str(flag) for flag in flags]})
+    console().print(f"{rows} rows written to {output} (base {arm.robot.base}, tip {arm.robot.tip}).")

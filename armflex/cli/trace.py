@@ -274,6 +274,8 @@ def _remarks(found: Trace) -> Iterator[str]:
             f"Withdrawn: {gone.title}; with it poses held out are predicted to {after} mm, "
             f"by the calibrated arm to {calibrated} mm."
         )
+    if found.said_of_limit:
+        yield found.said_of_limit
     if found.unexplained is not None:
         yield _left(found.unexplained)
     elif not found.found and not found.withdrawn:
@@ -321,6 +323,7 @@ def as_json(found: Trace) -> dict[str, Any]:
     return {
         "format": "armflex-trace-1",
         **({"unfinished": True} if found.unfinished else {}),
+        **({} if found.stopped_at is None else {"stopped_at_limit": found.stopped_at}),
         "rows": len(found.rows),
         "noise_rms_mm": found.noise_rms * 1e3,
         "rms_mm": {

@@ -27,10 +27,10 @@ from armflex.estimate.weigh import ROUNDS, Weighed
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.law import LoadLaw, TwistLaw
-from armflex.laws.effects.remember import derived_directions, known_rows, without_direction
+from armflex.laws.effects.remember import derived_directions, without_direction
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
+from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.parameters import FRAMES, Kind
 from armflex.readings.instrument import Instrument, fit_frame, fit_mounting
@@ -254,10 +254,10 @@ def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tu
     used = asked[~untold]
     if len(used) < FEWEST_ROWS:
         raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
-    fixed = [effect.name for effect in arm.effects if not isinstance(effect.law, TwistLaw | LoadLaw)]
+    fixed = [effect.name for effect in arm.effects if effect.law.changes_model]
     if fixed:
         text = f"effects that change the model itself cannot be fitted about: {listing(fixed)}"
-        others = listing(name for name, law in CATALOGUE.items() if not isinstance(law, TwistLaw | LoadLaw))
+        others = listing(name for name, law in CATALOGUE.items() if law.changes_model)
         raise UnsupportedError(f"{text} (such are {others}); leave them out of the arm that is fitted")
     flags = derived_directions(arm, measurements, used)
     if untold.any():

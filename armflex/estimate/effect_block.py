@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
-from armflex.laws.effects.law import Effect, LoadLaw, TwistLaw
+from armflex.laws.effects.law import Effect
 from armflex.laws.effects.scene import Scene
 from armflex.parameters import ArmParameter, of_effect
 from armflex.setup import Setup
@@ -54,8 +54,7 @@ class EffectBlock(Block):
     @property
     def start(self) -> Array:
         """The values that give the effect as it is."""
-        amplitudes = [self.effect.amplitudes[i] for i in self.effect.spot.terms]
-        return np.array(amplitudes + [0.0] * len(self.free))
+        return np.concatenate([self.effect.acting, np.zeros(len(self.free))])
 
     def columns(self, view: View) -> Array:
         """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
@@ -74,8 +73,7 @@ class EffectBlock(Block):
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with the effect."""
-        effect = self.at(values)
-        return effect.law.apply(effect, setup)
+        return setup.with_effect(self.at(values))
 
     def of_rows(self, sessions: tuple[str, ...], scene: Scene | None) -> EffectBlock:
         """Return the block with other rows as effects see them."""
@@ -84,12 +82,12 @@ class EffectBlock(Block):
     def stepped(self, setup: Setup, step: Array) -> Setup:
         """Return the setup with the effect a step away, but for that by which it remembers: its state tells."""
         law, values = self.effect.law, self.start + step
-        if isinstance(law, TwistLaw) and law.memory:
+        if law.memory:
             values = np.append(values[: len(self.effect.spot.terms)], np.zeros(len(self.free)))
         effect, kept = self.at(values), list(setup.arm.effects)
-        if not isinstance(law, TwistLaw | LoadLaw):  # it has changed the arm, to which what is more of it is added
+        if law.changes_model:  # it has changed the arm, to which what is more of it is added
             more = np.subtract(effect.amplitudes, self.effect.amplitudes)
-            setup = law.apply(replace(effect, values=(*more.tolist(), *effect.inner)), setup)
+            setup = setup.with_effect(replace(effect, values=(*more.tolist(), *effect.inner)))
         kept[self.ordinal] = effect
         return replace(setup, arm=replace(setup.arm, effects=tuple(kept)))
 
@@ -106,22 +104,21 @@ class EffectBlock(Block):
 def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
     """Return (M, d, k) changes of the readings: exact per amplitude, central differences per free inner parameter."""
     spot, law = effect.spot, effect.law
-    columns = [law.columns(spot, effect.inner, view, scene)]
-    amplitudes = np.array([effect.amplitudes[i] for i in spot.terms])
+    columns = [view.effect_columns(effect, scene)]
     for i in free:
         step = STEP if law.inner[i].positive else STEP * max(abs(effect.inner[i]), 1e-2)
         ends = []
         for side in (1.0, -1.0):
             moved = list(effect.inner)
             moved[i] = law.inner[i].moved(effect.inner[i], side * step)
-            ends.append(law.columns(spot, tuple(moved), view, scene) @ amplitudes)
+            ends.append(view.columns(law, spot, tuple(moved), scene) @ effect.acting)
         columns.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
     return np.concatenate(columns, axis=2)
 
 
 def shy_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
     """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`, inner ones loosely."""
-    columns = effect.law.columns(effect.spot, effect.inner, view, scene)
+    columns = view.effect_columns(effect, scene)
     moved = np.sqrt((columns[:, view.positions] ** 2).sum(axis=1).mean(axis=0))
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)

@@ -19,8 +19,8 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
 from armflex.estimate.law_block import LawBlock, learned_laws
 from armflex.estimate.view import View, look, untold_shifts
-from armflex.laws.effects.remember import known_rows
 from armflex.laws.effects.scene import Scene, survey
+from armflex.mechanics.history import known_rows
 from armflex.parameters import FRAMES, ArmParameter, Kind, fitted_group, numbers_of, of_effect
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument

@@ -12,7 +12,7 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.estimate.spread import displacement_covariance, without_declared_doubt
-from armflex.laws.effects.law import TwistLaw
+from armflex.laws.effects.remember import remembers
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.deflection_batch import DeflectionBatch
 from armflex.mechanics.loads import Payload
@@ -51,8 +51,10 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
     certain = without_declared_doubt(solved.loaded.arm)
     own = replace(found, solved=solved._replace(loaded=certain.loaded(payload))).covariance
     laws = None if own is None else own[None]
-    covariance, doubts = tip_covariance(certain, found.q[None], [_known_as(certain, payload)], solved.covariates, laws)
-    rest = solved.case is None or certain.certainty is None
+    covariance, doubts = tip_covariance(
+        certain, found.q[None], [_known_as(certain, payload)], solved.case.covariates, laws
+    )
+    rest = not (solved.case.moves or solved.case.wrenches) or certain.certainty is None
     return None if covariance is None else covariance[0], doubts if rest else (*doubts, AT_REST)
 
 
@@ -91,7 +93,7 @@ def tip_covariance(
         return laws, ()
     known = {name: np.broadcast_to(np.asarray(value, dtype=float), len(q)) for name, value in covariates.items()}
     derived = tuple(dict.fromkeys(name for effect in arm.effects for name in effect.derived))
-    parts, doubts = [np.zeros((0, 6, 6))], dict.fromkeys(REMEMBERED if _remembers(arm) else ())
+    parts, doubts = [np.zeros((0, 6, 6))], dict.fromkeys(REMEMBERED if remembers(arm) else ())
     for some in (slice(first, first + AT_ONCE) for first in range(0, len(q), AT_ONCE)):
         given = {name: values[some] for name, values in known.items()}
         # A direction of 0 is one that nothing tells: of effects that derive it, the joint came from either side.
@@ -103,10 +105,6 @@ def tip_covariance(
         doubts |= dict.fromkeys(flags)
     fitted = np.concatenate(parts)
     return fitted if laws is None else laws + fitted, tuple(doubts)
-
-
-def _remembers(arm: Arm) -> bool:
-    return any(isinstance(effect.law, TwistLaw) and effect.law.memory is not None for effect in arm.effects)
 
 
 def length_sigma(vectors: Array, covariance: Array) -> Array:

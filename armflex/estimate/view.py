@@ -7,11 +7,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
+from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.laws.effects.remember import directions, known_rows
-from armflex.laws.effects.spot import same_site, site_of
+from armflex.laws.effects.law import Act, Effect, EffectLaw, Values
+from armflex.laws.effects.remember import directions
+from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.spot import Spot, link_of, same_site, site_of
 from armflex.measured.measurements import Measurements
+from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
 from armflex.readings import Position, Readings
 from armflex.rows import Rows
@@ -82,6 +87,37 @@ class View:
     def by_mounting(self) -> Array:
         """(M, d, 3) changes of the readings per rotation vector of the target on the tool, in tip axes [rad]."""
         return self.readings.stacked(lambda kind: kind.by_mounting(self.setup.instrument, self.line.tip))
+
+    @property
+    def arm(self) -> Arm:
+        """The arm at this setup."""
+        return self.setup.arm
+
+    def load_at(self, site: str) -> Array:
+        """Return the (M, 6) wrench on the structure at a site, local axes [N, Nm]."""
+        return self.line.load_at(site)
+
+    def pose_of(self, link: str) -> Array:
+        """Return the (M, 4, 4) pose of a link in the base."""
+        return self.line.links[:, self.line.link_names.index(link)]
+
+    def columns(self, law: EffectLaw, spot: Spot, inner: Values, scene: Scene) -> Array:
+        """Return (M, d, k) changes of the readings per acting amplitude of an effect, exact where it is zero."""
+        return self.per(law, spot) @ law.features(spot, inner, self, scene).transpose(0, 2, 1)
+
+    def effect_columns(self, effect: Effect, scene: Scene) -> Array:
+        """Return (M, d, k) changes of the readings per acting amplitude of an effect at its inner values."""
+        return self.columns(effect.law, effect.spot, effect.inner, scene)
+
+    def per(self, law: EffectLaw, spot: Spot) -> Array:
+        """Return (M, d, n) changes of the readings per unit of the features that a law has at a spot."""
+        if law.act is Act.TWIST:
+            return self.to_twist(spot.site)
+        if law.act is Act.LOAD:
+            return self.to_load(link_of(spot.site, self.arm.robot))
+        if law.act is Act.GRAVITY:
+            return self.answer(self.line.gravity)
+        return self.by_frame if law.act is Act.FRAME else self.by_scale[:, :, None]
 
     def answer(self, motion: Array) -> Array:
         """Return (M, d, k) changes of the readings for (M, 6, k) motions of the tip."""
@@ -154,9 +190,14 @@ def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
         for side in (-1.0, 1.0) if len(some) else ():
             approach = rows.approach.copy()
             approach[some, joint] = side
-            sides.append(look(setup, replace(rows, approach=approach), some, readings=readings).residual)
-        if sides:
-            shift[some] = 0.5 * (sides[0] - sides[1])
+            sides.append(look(setup, replace(rows, approach=approach), some, readings=readings))
+        if sides:  # of the tip's motion, which is small: rotation vectors of what is read may differ by more than it
+            here, there = (one.line.tip for one in sides)
+            turns = [
+                pin.log3(after @ before.T) for before, after in zip(here[:, :3, :3], there[:, :3, :3], strict=True)
+            ]
+            motion = np.concatenate([there[:, :3, 3] - here[:, :3, 3], np.array(turns)], axis=1)
+            shift[some] = 0.25 * ((sides[0].seen + sides[1].seen) @ motion[:, :, None])[:, :, 0]
     return shifts
 
 

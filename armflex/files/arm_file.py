@@ -109,10 +109,8 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
     """Return the arm with its [[effect]] tables applied in order, as a fit does: some change the model itself."""
     setup = start = Setup(arm, arm.instrument or Instrument())
     for table in tables:
-        effect = read_effect(table, arm)
-        setup = effect.law.apply(effect, setup)
-    instrument = arm.instrument if setup.instrument is start.instrument else setup.instrument
-    return replace(setup.arm, instrument=instrument)
+        setup = setup.with_effect(read_effect(table, arm))
+    return setup.arm if setup.instrument is start.instrument else replace(setup.arm, instrument=setup.instrument)
 
 
 def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:

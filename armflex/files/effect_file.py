@@ -3,8 +3,8 @@
 `derived = ["approach_A2"]` says that what wrote the effect took a direction that it depends on from how the rows before
 moved the joint, because no column gave it: the same is then done wherever rows do not give it.
 
-Where a law makes sense on an arm is asked of the law itself: it lists its spots for a campaign in which everything was
-recorded, and a table must name one of them.
+Where a law makes sense on an arm is asked of the law itself: it lists its spots as if everything had been recorded, and
+a table must name one of them.
 """
 
 from __future__ import annotations
@@ -17,41 +17,18 @@ import numpy as np
 
 from armflex.declaration import Declaration
 from armflex.errors import ArmFileError, did_you_mean, listing
-from armflex.laws import Row
-from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.cross_coupling import CROSS_COUPLING
-from armflex.laws.effects.guide import GUIDE
+from armflex.laws.effects.catalogue import CATALOGUE, SHAPES
 from armflex.laws.effects.law import Effect, EffectLaw, Inner, Values, full
-from armflex.laws.effects.scene import AXES, Scene
-from armflex.laws.effects.session_frame import SESSION_FRAME
+from armflex.laws.effects.scene import AXES, Records
 from armflex.laws.effects.spot import BASE, TOOL, Spot
-from armflex.laws.effects.tool_shift import ALWAYS
-from armflex.laws.effects.unnamed import BUMP, LEVEL, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT
 from armflex.rows.rows import APPROACH
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
 
 UNNAMED = "unnamed"
-SHAPES: dict[str, EffectLaw] = {
-    "guide": GUIDE,
-    "level": LEVEL,
-    "line": LINE,
-    "wave": WAVE,
-    "bump": BUMP,
-    "spline": SPLINE,
-    "spline_compliance": SPLINE_COMPLIANCE,
-    "wave_product": WAVE_PRODUCT,
-    "product": PRODUCT,
-}
-"""Key `shape` of an unnamed effect -> shape."""
-
 TEMPERATURE = "temperature"
 """Column of a law that depends on a temperature, where a table names none."""
-
-DEFAULTS = {"reference": 20.0, "lag": 0.0, "along": 1.0, "since": ALWAYS, "rest": 0.0, "reach": 0.0, "hook": 1.0}
-"""Inner parameters that may be left out: the temperature of manufacture, no lag, a bend at the link's root, a tool that
-moved before the first row, a taut line, a pull that has no core, a hook at the link's end."""
 
 
 def read_effect(table: Declaration, arm: Arm) -> Effect:
@@ -103,8 +80,7 @@ def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict
 
 def names_of(law: EffectLaw) -> tuple[str, str]:
     """Return a law's name in files, and its shape where it is unnamed, else ''."""
-    shape = next((shape for shape, one in SHAPES.items() if one.name == law.name), "")
-    return (UNNAMED if shape else law.name), shape
+    return (UNNAMED, law.shape) if law.shape else (law.name, "")
 
 
 def _law(table: Declaration) -> EffectLaw:
@@ -119,37 +95,26 @@ def _law(table: Declaration) -> EffectLaw:
 
 def _spots(table: Declaration, law: EffectLaw, arm: Arm) -> list[Spot]:
     """Return every place of a law on an arm; a shape without a name is possible everywhere."""
-    if law in SHAPES.values():
+    if law.shape:
         every = tuple(range(len(law.amplitudes)))
         return [Spot(site, axis, (), every) for site in (BASE, *arm.joint_names, TOOL) for axis in AXES]
-    spots = list(law.spots(_everything(arm, _session(table, law))))
-    if law is CROSS_COUPLING:  # symmetric: either axis may come first
+    # A file cannot know which sessions there will be, so any will do.
+    spots = spots_on(law, arm, table.text("partner") if law.of_session else "")
+    if law.symmetric:  # either axis may come first
         spots += [replace(spot, axis=spot.partner, partner=str(spot.axis)) for spot in spots]
     return spots
 
 
-def spots_on(law: EffectLaw, arm: Arm) -> list[Spot]:
-    """Return every place of a law of the catalogue on an arm, as if everything had been recorded."""
-    return list(law.spots(_everything(arm, "")))
+def spots_on(law: EffectLaw, arm: Arm, session: str = "") -> list[Spot]:
+    """Return every place of a law of the catalogue on an arm, as if everything had been recorded.
 
-
-def _session(table: Declaration, law: EffectLaw) -> str:
-    """Return the session that a table names; a file cannot know which there will be, so any will do."""
-    return table.text("partner") if law is SESSION_FRAME else ""
-
-
-def _everything(arm: Arm, session: str) -> Scene:
-    """Return a campaign of this arm in which everything was recorded: two sessions, every payload, and one more.
-
-    With a single payload there would be no choice between it and all of them, and what is declared to weigh nothing
-    may weigh something.
+    There are two sessions, and a payload beside those of the arm: with a single one there would be no choice between it
+    and all of them.
     """
-    payloads = (*arm.payloads, *(("",) if arm.payloads else ("none",)), "none")
-    mass = np.array([float(name != "none") for name in payloads])
-    columns = {name: np.arange(len(payloads), dtype=float) for name in ("time", "hold", TEMPERATURE)}
-    row = Row(np.zeros((len(payloads), len(arm.joint_names))), {}, {**columns, "payload_mass": mass})
-    sessions = (session, session + "'") * len(payloads)
-    return Scene(arm.robot, row, tuple(columns), payloads, sessions[: len(payloads)], {}, np.zeros((2, 3)))
+    payloads = ("", *sorted(name for name in arm.payloads if name != "none")) if arm.payloads else ()
+    columns = ("time", "hold", TEMPERATURE)
+    sessions = (session, f"{session}'")
+    return list(law.places(Records(arm.robot, columns, timed=True, payloads=payloads, sessions=sessions)))
 
 
 def _on_site(table: Declaration, law: EffectLaw, spots: Sequence[Spot]) -> list[Spot]:
@@ -208,10 +173,10 @@ def _parameters(table: Declaration, law: EffectLaw) -> dict[str, float]:
 
 
 def _inner(table: Declaration, inner: Inner, values: Mapping[str, float]) -> float:
-    if inner.name not in values and inner.name not in DEFAULTS:
+    if inner.name not in values and inner.default is None:
         raise table.fail("parameters", f"{inner.name!r} [{inner.unit.format(m='m', w='N')}] is missing")
-    value = values.get(inner.name, DEFAULTS.get(inner.name, 0.0))
-    least = "0 or more" if DEFAULTS.get(inner.name) == 0.0 else "more than 0"
+    value = values.get(inner.name, inner.default or 0.0)
+    least = "0 or more" if inner.default == 0.0 else "more than 0"
     if inner.positive and (value < 0.0 or (value == 0.0 and least == "more than 0")):
         raise table.fail("parameters", f"{inner.name} is {value:g}, expected {least}")
     return value
@@ -233,8 +198,8 @@ def _covariates(table: Declaration, law: EffectLaw, spot: Spot, arm: Arm) -> tup
     given = table.texts("covariates") if table.has("covariates") else None
     wanted = _wanted(law, spot)
     if given is None and wanted:
-        kind = "a column" if wanted == 1 and law in SHAPES.values() else f"{wanted} columns"
-        if law not in SHAPES.values():
+        kind = "a column" if wanted == 1 and law.shape else f"{wanted} columns"
+        if not law.shape:
             return spot.covariates
         raise ArmFileError(table.place(), f"[effect] {_called(law)} needs 'covariates', {kind} that it depends on")
     if given is None or (not wanted and given == spot.covariates):
@@ -260,9 +225,7 @@ def _derived(table: Declaration, law: EffectLaw, spot: Spot) -> tuple[str, ...]:
 
 def _wanted(law: EffectLaw, spot: Spot) -> int:
     """Return how many columns of any name a law takes: a temperature, or what a shape depends on."""
-    if law in SHAPES.values():
-        return 2 if law in (PRODUCT, WAVE_PRODUCT) else 1
-    return int(spot.covariates == (TEMPERATURE,))
+    return law.columns if law.shape else int(spot.covariates == (TEMPERATURE,))
 
 
 def _check_column(table: Declaration, name: str, arm: Arm) -> None:

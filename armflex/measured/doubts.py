@@ -7,7 +7,6 @@ fit, which lists it. The two differ in size, by a factor of a thousand against a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -74,18 +73,23 @@ def _as_in_another_unit(values: Array, size: Array, large: np.ndarray) -> bool:
 
 def check_joint_units(q: Array, arm: Arm, places: Sequence[Place]) -> None:
     """Raise `TableError` naming the first row whose joint position is far beyond any limit: degrees, or mm."""
+    beyond = in_other_units(q, arm)
     for index, joint in enumerate(arm.robot.moving):
-        if not np.isfinite(joint.upper - joint.lower):
-            continue
-        straight = joint.kind == "prismatic"
-        room = 10.0 * max(joint.upper - joint.lower, 1.0) if straight else TURNS
-        far = np.flatnonzero((q[:, index] > joint.upper + room) | (q[:, index] < joint.lower - room))
+        far = np.flatnonzero(beyond[:, index])
         if len(far):
-            unit, other = ("m", "mm") if straight else ("rad", "deg")
+            unit, other = ("m", "mm") if joint.kind == "prismatic" else ("rad", "deg")
             where = f"limits {joint.lower:.3g} to {joint.upper:.3g}; {len(far)} rows"
             hint = f"{other}? Then name the column q_{joint.name}_{other}"
             text = f"q_{joint.name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
             raise TableError(places[far[0]], text)
+
+
+def in_other_units(q: Array, arm: Arm) -> np.ndarray:
+    """Return (N, nq) where joint positions are far beyond any limit."""
+    span = arm.robot.upper - arm.robot.lower
+    straight = np.array([joint.kind == "prismatic" for joint in arm.robot.moving])
+    room = np.where(straight, 10.0 * np.maximum(span, 1.0), TURNS)
+    return np.isfinite(span) & ((q > arm.robot.upper + room) | (q < arm.robot.lower - room))
 
 
 def table_flags(table: Table, found: Measurements) -> tuple[Flag, ...]:
@@ -96,11 +100,16 @@ def table_flags(table: Table, found: Measurements) -> tuple[Flag, ...]:
 
 def check_no_nan(table: Table, name: str) -> None:
     """Raise `TableError` where a column of numbers holds nan or inf."""
-    cells = table.texts(name)
-    if sum(bool(NUMBER.fullmatch(cell)) for cell in cells):
-        for line, cell in zip(table.lines, cells, strict=True):
-            if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
-                raise TableError(Place(table.path, line), f"column {name!r} is {cell!r}, not a finite number")
+    found = first_nan(table, name)
+    if found and any(NUMBER.fullmatch(cell) for cell in table.texts(name)):
+        raise TableError(found[0], f"column {name!r} is {found[1]!r}, not a finite number")
+
+
+def first_nan(table: Table, name: str) -> tuple[Place, str] | None:
+    """Return the first cell of a column that is nan or inf, and its place."""
+    cells = zip(table.lines, table.texts(name), strict=True)
+    odd = ((line, cell) for line, cell in cells if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"))
+    return next(((Place(table.path, line), cell) for line, cell in odd), None)
 
 
 def _unsearched(table: Table, found: Measurements) -> list[Flag]:
@@ -158,18 +167,3 @@ def _copies(again: np.ndarray, found: Measurements) -> Flag | None:
         return None
     text = f"{len(again)} rows repeat an earlier one to the last digit, first {found.places[again[0]]}; each counts"
     return Flag("duplicate_rows", text)
-
-
-def without_duplicates(measurements: Measurements) -> Measurements:
-    """Return a campaign where rows that repeat an earlier one to the last digit count as not measured.
-
-    They stay in place, as the arm's history; the flag says how many they are.
-    """
-    again = duplicates(measurements)
-    if not len(again):
-        return measurements
-    measured = measurements.measured.copy()
-    measured[again] = False
-    text = f"{len(again)} rows that repeat an earlier one to the last digit were masked"
-    kept = tuple(flag for flag in measurements.flags if flag.code != "duplicate_rows")
-    return replace(measurements, measured=measured, flags=(*kept, Flag("duplicates_masked", text)))

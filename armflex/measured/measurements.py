@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -16,15 +16,22 @@ from typing import Any
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import SMALLEST_STD, Array
+from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
-from armflex.measured.doubts import check_joint_units, check_no_nan, check_one_unit, table_flags
+from armflex.measured.doubts import (
+    check_joint_units,
+    check_no_nan,
+    check_one_unit,
+    first_nan,
+    in_other_units,
+    table_flags,
+)
 from armflex.measured.point_export import PointExport, read_points
 from armflex.measured.point_match import with_points
-from armflex.measured.table import Table, check_payloads, joint_kinds, read_table
+from armflex.measured.table import Table, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
 from armflex.rows import Rows
-from armflex.rows.rows import last_motion
+from armflex.rows.rows import MOST_LEVELS, last_motion, level_columns
 
 POSITION, ROTATION = ("x", "y", "z"), ("rx", "ry", "rz")
 KINDS = {
@@ -152,8 +159,13 @@ def read_measurements(
             part; some rows are in another unit; a payload is unknown; points do not match the rows.
     """
     export = points if isinstance(points, PointExport) or points is None else read_points(points)
-    table, known, flags = _open(path, arm, inputs_only, export)
-    found = _measurements(table, known, arm)
+    table = read_table(path, KINDS | joint_kinds(arm, "q"))
+    known, flags = _check_columns(table, arm, inputs_only, export), ()
+    if export:
+        table, flags = with_points(table, export)
+    found = _measurements(table, arm)
+    found = replace(found, covariates={name: _covariate(table, name) for name in table.columns if name not in known})
+    found = replace(found, sha256=hashlib.sha256(table.path.read_bytes()).hexdigest())
     check_joint_units(found.q, arm, found.places)
     check_one_unit(found.position, np.flatnonzero(found.measured), found.places)
     flags += table_flags(table, found)
@@ -163,49 +175,124 @@ def read_measurements(
     return replace(found, flags=flags + _frame_flags(export, arm), sha256=both, frame=export.frame)
 
 
-def _measurements(table: Table, known: list[str], arm: Arm) -> Measurements:
+def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurements]:
+    """Yield the rows of a table of inputs, so many at most at a time, as `read_measurements` gives them all.
+
+    The table is read twice: all of it is looked at before its first rows are given. What is kept meanwhile does not
+    grow with it, but for measured positions. Text columns are given by their levels, see `Rows.levelled`, and doubts
+    about the table are left out. What is no file, but a pipe, is given in one piece.
+
+    Raises:
+        TableError: As `read_measurements`, of the first such rows.
+    """
+    path, kinds = Path(path), KINDS | joint_kinds(arm, "q")
+    if not path.is_file():
+        yield read_measurements(path, arm, inputs_only=True).levelled()
+        return
+    levels_of = _looked_through(path, arm, most)
+    before: tuple[Array, Array] | None = None
+    first = 0
+    for table in read_pieces(path, kinds, most):
+        found = _measurements(table, arm, first, before)
+        known, numbers, levels = _check_columns(table, arm, True, None), {}, {}
+        for name in (name for name in table.columns if name not in known):
+            if levels_of[name] is None:
+                numbers[name] = table.numbers(name)
+            else:
+                levels |= level_columns(name, table.texts(name), levels_of[name])
+        first, before = first + len(table), (found.q[-1], last_motion(found.q, before)[-1])
+        yield replace(found, covariates=numbers | levels)
+
+
+def _looked_through(path: Path, arm: Arm, most: int) -> dict[str, tuple[str, ...] | None]:
+    """Return the levels of every covariate that is text, None for one that is numbers; raise as `stream_inputs`."""
+    far, positions = [np.zeros((0, len(arm.joint_names)))], [np.zeros((0, 3))]
+    far_lines: list[int] = []
+    lines: list[int] = []
+    seen: dict[str, _Seen] = {}
+    for table in read_pieces(path, KINDS | joint_kinds(arm, "q"), most):
+        known, found = _check_columns(table, arm, True, None), _measurements(table, arm)
+        for name in (name for name in table.columns if name not in known):
+            seen.setdefault(name, _Seen()).add(table, name)
+        odd = np.flatnonzero(in_other_units(found.q, arm).any(axis=1))
+        far.append(found.q[odd])
+        far_lines += [table.lines[row] for row in odd]
+        positions.append(found.position[found.measured])
+        lines += [table.lines[row] for row in np.flatnonzero(found.measured)]
+    for name, column in seen.items():
+        if column.nan and column.numbers:
+            raise TableError(column.nan[0], f"column {name!r} is {column.nan[1]!r}, not a finite number")
+    check_joint_units(np.vstack(far), arm, [Place(path, line) for line in far_lines])
+    check_one_unit(np.vstack(positions), np.arange(len(lines)), [Place(path, line) for line in lines])
+    return {name: column.levels for name, column in seen.items()}
+
+
+class _Seen:
+    """What a covariate's column holds, as far as it was read."""
+
+    def __init__(self) -> None:
+        self.count, self.numbers, self.numeric, self.nan = 0, 0, True, None
+        self._texts: set[str] = set()
+
+    def add(self, table: Table, name: str) -> None:
+        """Look at some more of its rows."""
+        cells = table.texts(name)
+        self.count += len(cells)
+        if len(self._texts) <= MOST_LEVELS:
+            self._texts.update(cells)
+        if table.plain(name) is not None:
+            self.numbers += len(cells)
+            return
+        fine = [bool(NUMBER.fullmatch(cell)) for cell in cells]
+        self.numbers += sum(fine)
+        self.numeric &= all(fine) and all(abs(float(cell)) <= LARGEST for cell in cells)
+        self.nan = self.nan or first_nan(table, name)
+
+    @property
+    def levels(self) -> tuple[str, ...] | None:
+        """Its levels where it is text."""
+        if self.numeric:
+            return None
+        return () if len(self._texts) > MOST_LEVELS or 2 * self.numbers > self.count else tuple(sorted(self._texts))
+
+
+def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, Array] | None = None) -> Measurements:
+    """Return the rows of a table without covariates; `first` is the first's number, `before` as of `last_motion`."""
     q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
     measured, position = _optional_vectors(table, POSITION)
     turned, rotation = _optional_vectors(table, ROTATION)
     _refuse_alone(table, measured, turned)
     payload = _names(table, "payload", "none")
     check_payloads(table, payload, arm)
+    numbers = np.arange(first, first + len(table), dtype=float)
     return Measurements(
         joint_names=arm.joint_names,
-        pose=_names(table, "pose", None),
+        pose=_names(table, "pose", None, first),
         session=_names(table, "session", "session"),
         payload=payload,
-        time=table.numbers("time") if "time" in table.columns else np.arange(len(table), dtype=float),
+        time=table.numbers("time") if "time" in table.columns else numbers,
         q=q,
-        approach=_approach(table, arm, q),
+        approach=_approach(table, arm, last_motion(q, before)),
         measured=measured,
         position=position,
         rotation=rotation if turned.any() else None,
         sigma=_sigma(table, measured),
         sigma_r=_sigma_r(table, turned) if turned.any() else None,
         hold=table.numbers("hold") if "hold" in table.columns else None,
-        covariates={name: _covariate(table, name) for name in table.columns if name not in known},
         places=tuple(Place(table.path, line) for line in table.lines),
-        sha256=hashlib.sha256(table.path.read_bytes()).hexdigest(),
         derived=tuple(name for name in _derivable(arm) if name not in table.columns),
     )
 
 
-def _open(
-    path: str | Path, arm: Arm, inputs_only: bool, points: PointExport | None
-) -> tuple[Table, list[str], tuple[Flag, ...]]:
-    """Return the table, the columns that have a meaning, and doubts, after checking that all needed are there."""
-    kinds = KINDS | joint_kinds(arm, "q")
-    table, flags = read_table(path, kinds), ()
-    known = [*kinds, *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
+def _check_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExport | None) -> list[str]:
+    """Return the columns that have a meaning, after checking that all needed are there."""
+    known = [*KINDS, *joint_kinds(arm, "q"), *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
     joints = [f"q_{joint}" for joint in arm.joint_names]
     table.require([*joints, *(() if inputs_only or points else POSITION)])
     _refuse_misspelt(table, [*known, *(("point",) if points else ())])
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
-    if points:
-        table, flags = with_points(table, points)
-    return table, known, flags
+    return known
 
 
 def _frame_flags(points: PointExport, arm: Arm) -> tuple[Flag, ...]:
@@ -227,10 +314,9 @@ def _refuse_misspelt(table: Table, known: list[str]) -> None:
             raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
 
 
-def _names(table: Table, column: str, default: str | None) -> tuple[str, ...]:
-    if column not in table.columns:
-        return tuple(str(i) if default is None else default for i in range(len(table)))
-    return tuple(cell or (default or str(i)) for i, cell in enumerate(table.texts(column)))
+def _names(table: Table, column: str, default: str | None, first: int = 0) -> tuple[str, ...]:
+    cells = table.texts(column) if column in table.columns else ("",) * len(table)
+    return tuple(cell or (str(i) if default is None else default) for i, cell in enumerate(cells, first))
 
 
 def _optional_vectors(table: Table, names: tuple[str, str, str]) -> tuple[np.ndarray, Array]:
@@ -248,9 +334,8 @@ def _optional_vectors(table: Table, names: tuple[str, str, str]) -> tuple[np.nda
     return there, np.column_stack([table.numbers_where(name, there) for name in names])
 
 
-def _approach(table: Table, arm: Arm, q: Array) -> Array:
+def _approach(table: Table, arm: Arm, derived: Array) -> Array:
     """Return the recorded directions; where a joint has none, that of its last change of position."""
-    derived = last_motion(q)
     for index, joint in enumerate(arm.joint_names):
         name = f"approach_{joint}"
         if name in table.columns:
@@ -305,6 +390,9 @@ def _sigma_r(table: Table, turned: np.ndarray) -> Array:
 
 def _covariate(table: Table, name: str) -> Array | tuple[str, ...]:
     """Return a column as numbers where every cell is one, else as text; nan among numbers is an error."""
+    plain = table.plain(name)
+    if plain is not None:
+        return plain
     check_no_nan(table, name)
     try:
         return table.numbers(name)

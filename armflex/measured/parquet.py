@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,27 +21,17 @@ def is_parquet(path: Path) -> bool:
     return path.suffix.lower() in (".parquet", ".pq")
 
 
-def parquet_rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Return (line, cells) of the header and every row; lines count as if it were CSV, nulls are empty cells.
+def parquet_rows(path: Path, most: int | None = None) -> Iterator[tuple[int, list[str]]]:
+    """Yield (line, cells) of the header and every row; lines count as if it were CSV, nulls are empty cells.
+
+    Args:
+        path: The file.
+        most: Rows that are held in memory at a time, all where not given.
 
     Raises:
         TableError: pyarrow is missing, or the file is, or it is damaged or too large, holds more than plain values, or
             text that is not UTF-8.
     """
-    names, columns = _read(path)
-    body = [list(cells) for cells in zip(*columns, strict=True)]
-    rows = list(enumerate([names, *body], 1))
-    fine: set[str] = set()  # a long text may stand in every row and be held once: it is looked at once
-    for line, cells in rows:
-        for cell in cells:
-            if cell not in fine and (found := unprintable(cell)):
-                raise TableError(Place(path, line), found[1])
-        fine.update(cells)
-    return rows
-
-
-def _read(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Return the columns' names, and their cells as text."""
     try:
         import pyarrow as pa
         from pyarrow import parquet
@@ -49,15 +40,33 @@ def _read(path: Path) -> tuple[list[str], list[list[str]]]:
     try:
         with parquet.ParquetFile(path) as file:
             texts = _check(path, file)
+            count = file.metadata.num_rows
         # Texts as numbered entries: a long one in every row is held once.
         with parquet.ParquetFile(path, read_dictionary=texts) as file:
-            table = file.read()
-        return table.schema.names, [_cells(path, name, table.column(i)) for i, name in enumerate(table.schema.names)]
+            names = file.schema_arrow.names
+            yield 1, _printable(path, 1, [names])[0]
+            line = 2
+            for batch in file.iter_batches(most or max(count, 1)):
+                columns = [_cells(path, name, batch.column(i)) for i, name in enumerate(names)]
+                for cells in _printable(path, line, [list(cells) for cells in zip(*columns, strict=True)]):
+                    yield line, cells
+                    line += 1
     except UnicodeDecodeError:
         raise TableError(Place(path), "holds text, or a name, that is not UTF-8") from None
     except (pa.ArrowException, OSError) as error:
         reason = getattr(error, "strerror", None) or (str(error).splitlines() or ["damaged"])[0]
         raise TableError(Place(path), f"cannot be read as Parquet: {reason}") from None
+
+
+def _printable(path: Path, line: int, rows: list[list[str]]) -> list[list[str]]:
+    """Return rows from a line on; raise `TableError` at the first cell that cannot be shown."""
+    fine: set[str] = set()  # a long text may stand in every row and be held once: it is looked at once
+    for number, cells in enumerate(rows, line):
+        for cell in cells:
+            if cell not in fine and (found := unprintable(cell)):
+                raise TableError(Place(path, number), found[1])
+        fine.update(cells)
+    return rows
 
 
 def _check(path: Path, file: Any) -> list[str]:
@@ -84,19 +93,15 @@ def _check(path: Path, file: Any) -> list[str]:
 def _cells(path: Path, name: str, column: Any) -> list[str]:
     from pyarrow import types
 
-    found: list[str] = []
     try:
-        for chunk in column.chunks:
-            if types.is_dictionary(chunk.type):
-                entries = [_text(value) for value in chunk.dictionary.to_pylist()]
-                found += ["" if i is None else entries[i] for i in chunk.indices.to_pylist()]
-            else:
-                found += [_text(value) for value in chunk.to_pylist()]
+        if types.is_dictionary(column.type):
+            entries = [_text(value) for value in column.dictionary.to_pylist()]
+            return ["" if i is None else entries[i] for i in column.indices.to_pylist()]
+        return [_text(value) for value in column.to_pylist()]
     except UnicodeDecodeError:
         raise
     except (ValueError, OverflowError) as error:  # dates before the year 1 or after 9999
         raise TableError(Place(path, 1), f"column {name!r} holds {column.type} out of range: {error}") from None
-    return found
 
 
 def _text(value: object) -> str:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,12 +17,18 @@ from armflex.conventions import LARGEST, NUMBER, UNITS, Array
 from armflex.errors import Place, TableError, UnknownNameError, did_you_mean, listing, shown
 from armflex.measured.parquet import is_parquet, parquet_rows
 from armflex.printable import unprintable
-from armflex.storage.whole_file import write_whole
+from armflex.storage.whole_file import writing
 
 if TYPE_CHECKING:
     from armflex.arm import Arm
 
 MAX_BYTES = 200_000_000
+BLOCK = 1 << 20
+"""Letters of a file that are looked at together."""
+
+PLAIN = "0123456789+-.eE "
+"""Letters of which all that `float()` takes is a `NUMBER` as well, but for blanks about it."""
+
 BEYOND = f"beyond {LARGEST:g}"
 """What is said of a number that is larger than any."""
 
@@ -51,7 +59,9 @@ class Table:
 
         `beyond` is what is said of a larger one.
         """
-        column = self.columns[name]
+        column, plain = self.columns[name], self.plain(name)
+        if plain is not None:
+            return plain
         for line, cell in zip(self.lines, column.cells, strict=True):
             number = float(cell) if NUMBER.fullmatch(cell.strip()) else np.nan
             if not abs(number) <= LARGEST:
@@ -59,6 +69,16 @@ class Table:
                 what = f"is {shown(cell)}, {kind}" if cell.strip() else "is empty"
                 raise TableError(Place(self.path, line), f"column {column.header!r} {what}")
         return np.array([float(cell) for cell in column.cells]) * column.factor
+
+    def plain(self, name: str) -> Array | None:
+        """Return a column in SI where every cell is a plain number, all of them at once; None where one may not be."""
+        column = self.columns[name]
+        try:
+            values = np.array([*map(float, column.cells)])
+        except ValueError:
+            return None
+        fine = not "".join(column.cells).strip(PLAIN) and (np.abs(values) <= LARGEST).all()
+        return values * column.factor if fine else None
 
     def numbers_where(self, name: str, rows: np.ndarray) -> Array:
         """Return a column in SI at the rows of a (N,) mask, zero elsewhere; the other cells are not looked at."""
@@ -95,40 +115,69 @@ def read_table(path: str | Path, kinds: Mapping[str, str]) -> Table:
         TableError: Missing, empty, too large, not UTF-8, not comma separated, without header, a duplicate column, a
             row of the wrong length, a unit of the wrong kind, or Parquet where pyarrow is not installed.
     """
-    path = Path(path)
-    rows = parquet_rows(path) if is_parquet(path) else _rows(path)
-    if not rows:
+    return next(_tables(Path(path), kinds, iter(list(_rows(Path(path), None))), None))
+
+
+def read_pieces(path: str | Path, kinds: Mapping[str, str], rows: int) -> Iterator[Table]:
+    """Yield a table some rows at a time, as `read_table` reads it whole; one without rows where the file has none."""
+    yield from _tables(Path(path), kinds, _rows(Path(path), rows), rows)
+
+
+def _tables(
+    path: Path, kinds: Mapping[str, str], rows: Iterator[tuple[int, list[str]]], most: int | None
+) -> Iterator[Table]:
+    _, header = next(rows, (0, None))
+    if header is None:
         raise TableError(Place(path), f"is empty, expected a header row with columns such as {listing(kinds)}")
-    (_, header), body = rows[0], rows[1:]
     _check_header(path, header, kinds)
-    for line, cells in body:
-        if len(cells) != len(header):
-            raise TableError(Place(path, line), f"has {len(cells)} cells, the header has {len(header)}")
-    columns: dict[str, Column] = {}
-    for index, name in enumerate(header):
-        base, unit, factor = _split_unit(path, name, kinds)
-        if base in columns:
-            raise TableError(Place(path, 1), f"two columns mean {base!r}: {columns[base].header!r} and {name!r}")
-        columns[base] = Column(name, unit, factor, tuple(cells[index] for _, cells in body))
-    return Table(path, columns, tuple(line for line, _ in body))
+    body = list(islice(rows, most))
+    while True:
+        for line, cells in body:
+            if len(cells) != len(header):
+                raise TableError(Place(path, line), f"has {len(cells)} cells, the header has {len(header)}")
+        columns: dict[str, Column] = {}
+        texts = list(zip(*(cells for _, cells in body), strict=True)) or [()] * len(header)
+        for name, cells in zip(header, texts, strict=True):
+            base, unit, factor = _split_unit(path, name, kinds)
+            if base in columns:
+                raise TableError(Place(path, 1), f"two columns mean {base!r}: {columns[base].header!r} and {name!r}")
+            columns[base] = Column(name, unit, factor, cells)
+        yield Table(path, columns, tuple(line for line, _ in body))
+        body = list(islice(rows, most))
+        if not body:
+            return
 
 
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
+def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line and the cells of every row that is not blank, header first."""
+    if is_parquet(path):
+        yield from parquet_rows(path, most)
+        return
+    reader = csv.reader(_lines(path), strict=True)
+    try:
+        for cells in reader:
+            if any(map(str.strip, cells)):
+                yield reader.line_num, cells
+    except csv.Error as error:
+        raise TableError(Place(path, reader.line_num), f"is not CSV: {error}") from None
+
+
+def _lines(path: Path) -> Iterator[str]:
+    """Yield the lines of a file, the end of each included; raise where it is no text that can be shown."""
+    line = 1
     try:
         if path.stat().st_size > MAX_BYTES:
             raise TableError(Place(path), f"is larger than the {MAX_BYTES} bytes allowed")
-        text = path.read_bytes().decode("utf-8-sig")
+        with open(path, encoding="utf-8-sig", newline="\n") as file:
+            while some := file.readlines(BLOCK):
+                if found := unprintable(text := "".join(some)):
+                    raise TableError(Place(path, line + text.count("\n", 0, found[0])), found[1])
+                line += len(some)
+                yield from some
     except OSError as error:
         raise TableError(Place(path), f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise TableError(Place(path), "is not UTF-8 text") from None
-    if found := unprintable(text):
-        raise TableError(Place(path, text.count("\n", 0, found[0]) + 1), found[1])
-    reader = csv.reader(io.StringIO(text), strict=True)
-    try:
-        return [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
-    except csv.Error as error:
-        raise TableError(Place(path, reader.line_num), f"is not CSV: {error}") from None
 
 
 def _check_header(path: Path, header: list[str], expected: Iterable[str]) -> None:
@@ -160,12 +209,31 @@ def _split_unit(path: Path, header: str, kinds: Mapping[str, str]) -> tuple[str,
 
 def write_table(path: str | Path, columns: Mapping[str, Sequence[object]]) -> Path:
     """Write columns as CSV, whole or not at all; floats keep every digit."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for cells in zip(*columns.values(), strict=True):
-        writer.writerow([repr(float(cell)) if isinstance(cell, float) else cell for cell in cells])
-    return write_whole(Path(path), text.getvalue().encode())
+    with writing_table(path) as write:
+        write(columns)
+    return Path(path)
+
+
+@contextmanager
+def writing_table(path: str | Path) -> Iterator[Callable[[Mapping[str, Sequence[object]]], None]]:
+    """Yield a function that adds rows, by columns, to a CSV file; the first ones name them.
+
+    The file is there once the block ends well; see `writing`.
+    """
+    with writing(Path(path)) as file:
+        named = False
+
+        def write(columns: Mapping[str, Sequence[object]]) -> None:
+            nonlocal named
+            text = io.StringIO()
+            writer = csv.writer(text, lineterminator="\n")
+            writer.writerows([] if named else [columns])
+            named = True
+            rows = zip(*columns.values(), strict=True)
+            writer.writerows([float(cell) if isinstance(cell, float) else cell for cell in row] for row in rows)
+            file.write(text.getvalue().encode())
+
+        yield write
 
 
 def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
@@ -179,8 +247,9 @@ def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
 
 def check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:
     """Raise `TableError` naming the first row whose payload the arm does not know; an empty cell is none."""
-    for line, name in zip(table.lines, payload, strict=True):
+    first = dict(zip(reversed(payload), reversed(table.lines), strict=True))
+    for name in dict.fromkeys(payload):
         try:
             arm.payload(name or "none")
         except UnknownNameError as error:
-            raise TableError(Place(table.path, line), str(error)) from None
+            raise TableError(Place(table.path, first[name]), str(error)) from None

@@ -22,10 +22,11 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.mechanics.chain import Frames
-from armflex.mechanics.equilibrium import check_small, find_equilibrium
+from armflex.mechanics.equilibrium import MAX_ROTATION, check_small, find_equilibrium
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loads import Payload
+from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.rows import Pushes, RowSolver, Solution, frame_poses, kernel
 from armflex.mechanics.structure import Structure
 
@@ -164,6 +165,7 @@ def respond(
     payloads: Sequence[str | Payload],
     covariates: Mapping[str, Array] | None = None,
     progress: Progress | None = None,
+    allow_large: bool = False,
 ) -> Response:
     """Return what the arm does at (N, nq) joint positions with a payload each.
 
@@ -173,6 +175,7 @@ def respond(
         payloads: (N) names or objects.
         covariates: (N,) each or numbers, by name.
         progress: Told how many rows are done, of how many.
+        allow_large: Whether flexures may turn by more than 0.1 rad.
 
     Raises:
         UnknownNameError, MissingCovariateError: No such payload; an effect depends on what is not given.
@@ -190,7 +193,7 @@ def respond(
             rows = np.array(numbers[start : start + AT_ONCE])
             some = row.some(rows)
             asked = loaded.row(some.q, dict(some.covariates))
-            part, found = _solved(loaded, rows, asked, laws)
+            part, found = _solved(loaded, rows, asked, laws, allow_large)
             wrenches[rows], twists[rows] = found.wrenches, found.twists
             parts.append(part)
             done += len(rows)
@@ -201,10 +204,10 @@ def respond(
     return Response(row, wrenches, twists.reshape(len(q), 6 * n), laws, *named, tuple(parts))
 
 
-def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array) -> tuple[_Part, Solution]:
+def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_large: bool) -> tuple[_Part, Solution]:
     """Return some rows of one payload solved, the tip's response to their laws put into its rows of `into`."""
     arm, q, n = loaded.arm, np.ascontiguousarray(row.q), len(loaded.arm.sites)
-    solver, laws, found = RowSolver(loaded, True, arm.pulls), RowLaws(arm.stack, row), Solution.empty(len(q), n)
+    solver, laws, found = RowSolver(loaded, True), RowLaws(arm.stack, row), Solution.empty(len(q), n)
     fine = solver.solve(row, laws, found)
     some = np.flatnonzero(fine)
     if laws.curved:
@@ -212,14 +215,16 @@ def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array) -> tuple
     into[rows[some]], distance = solver.linearise(row, laws, found, some)
     left = np.concatenate([np.flatnonzero(~fine), some[~(distance < 1.0)]])
     for i in left:
-        one = find_equilibrium(loaded.mechanics, arm.stack, loaded.case(q[i]), row.some(int(i)))
-        found.twists[i], found.wrenches[i] = one.twists.reshape(-1, 6), one.wrenches.reshape(-1, 6)
+        one = find_equilibrium(loaded, LoadCase(q[i], covariates=row.some(int(i)).covariates), allow_large=allow_large)
+        places = loaded.flex.flexure_v
+        found.twists[i], found.wrenches[i] = one.motion[places].reshape(-1, 6), -one.torque[places].reshape(-1, 6)
     if len(left):
         if laws.curved:
             laws.expand(found.wrenches)
         into[rows[left]] = solver.linearise(row, laws, found, left, stable=True)[0]
-    for twists in found.twists:
-        check_small(twists.ravel(), arm.stack.names)
-    pushes = Pushes(loaded, arm.pulls, sited=True)
+    small = (np.linalg.norm(found.twists[:, :, 3:], axis=2) <= MAX_ROTATION).all(axis=1)
+    for i in () if allow_large else np.flatnonzero(~small):
+        check_small(found.twists[i].ravel(), arm.stack.names)
+    pushes = Pushes(loaded, sited=True)
     loads = pushes.links, pushes.wrenches(q, found.twists), pushes.changes(q, found.twists)
     return _Part(loaded, rows, *loads, laws.tangents(found.wrenches)), found

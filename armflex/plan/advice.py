@@ -9,71 +9,22 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.block import Block
+from armflex.estimate.effect_block import EffectBlock
 from armflex.estimate.identify import UNDETERMINED, partners_of
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.compliance import COMPLIANCE
+from armflex.laws.effects.law import Effect, EffectLaw
+from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES
 from armflex.plan.model import Model, Suspect
 
-BY_HAND = "push the joint to and fro with its brake on, because play gives without force and wind-up springs back"
-OVER_ITS_RANGE = "compare the joint's encoder with a second one or an inclinometer on its link over the joint's range"
-IN_STEPS = "load the joint in steps with weights at one pose"
-ON_THE_LINK = "measure a second target on the link"
-ON_THE_FLOOR = "measure fixed targets on the floor in every session"
-
-INSTEAD = {
-    "encoder_offset": "level the joint's link with an inclinometer",
-    "encoder_scale": OVER_ITS_RANGE,
-    "encoder_eccentricity": OVER_ITS_RANGE,
-    "gear_harmonic": "measure through one turn of the joint's motor in twenty steps",
-    "backlash": BY_HAND,
-    "friction_windup": BY_HAND,
-    "hysteresis": "load and unload the joint with weights at one pose",
-    "compliance": "measure a second target between the joints in question",
-    "cross_coupling": "hang a weight that loads one axis of the joint alone and measure a target beside the joint",
-    "stiffening": IN_STEPS,
-    "deadband": "reverse the load on the joint with a counterweight or with the arm turned over",
-    "even_in_load": "load the joint with the same weight from either side",
-    "position_dependent_compliance": "hang the same weight on the joint's link at several positions of the joint",
-    "thermal_softening": "load the joint with weights at one pose when it is cold and when it is warm",
-    "creep": "hold the heaviest payload for an hour and the empty arm as well",
-    "slip_step": "drive to one pose again after every few readings",
-    "dress_pack": "repeat a few poses with the dress pack untied",
-    "base_compliance": "measure a target on the base with and without load",
-    "base_thermal": "measure a target on the base at two temperatures",
-    "base_drift": ON_THE_FLOOR,
-    "gravity_tilt": "put an inclinometer on the base",
-    "tracker_scale": "measure a scale bar or a second instrument's distance with the instrument",
-    "session_frame": ON_THE_FLOOR,
-    "payload_mass": "weigh the payload",
-    "payload_com": "carry the same mass at another place of the tool",
-    "tool_shift": "measure a second target on the tool",
-    "tip_force": "measure again with whatever pulls on the tool taken off",
-    "thermal_growth": f"{ON_THE_LINK} at two temperatures",
-    "thermal_bending": f"{ON_THE_LINK} at two temperatures",
-    "link_flexure": ON_THE_LINK,
-    "link_mass": "weigh the link",
-    "link_geometry": ON_THE_LINK,
-    "umbilical": "measure again with the umbilical taken off",
-    "magnetic_pull": "measure again with the field off",
-}
-"""What shows an effect by other means than more rows of the same kind: one for every law of the catalogue."""
-
 
 def instead(own: Effect, rival: Effect) -> str:
     """Return what tells two effects apart that move the tip alike."""
-    told = dict.fromkeys(INSTEAD[e.law.name] for e in (rival, own) if e.law.name in INSTEAD)
+    told = dict.fromkeys(effect.law.instead for effect in (rival, own) if effect.law.instead)
     return ", or ".join(told) or "measure a second target between the places in question"
 
-
-AS_EFFECT = {
-    "joint_offset": "encoder_offset",
-    "compliance": "compliance",
-    "law": "compliance",
-    "geometry": "link_geometry",
-    "tool": "tool_shift",
-}
-"""Declared parameters -> the effect that would look like an error of theirs."""
 
 UNLOADED = "pull the tip sideways with a known force"
 """For compliances that weight alone does not load enough to be seen."""
@@ -119,10 +70,15 @@ def _blind(model: Model, seen: Array, whole: LinearGaussian, place: int, moves: 
     name = model.names[place]
     faint = seen[place, place] < 1.0
     partners = () if faint else partners_of(seen, whole, place, model.names)
-    block, _, label = name.partition(" ")
-    law = label.split(" ")[0] if block == "effect" else AS_EFFECT.get(block, block)
-    instead = UNLOADED if faint and AS_EFFECT.get(block) == "compliance" else INSTEAD.get(law, ON_THE_LINK)
-    return Blind(name, moves, partners, instead)
+    block = next(block for block in model.blocks if place in model.place(block))
+    law = block.effect.law if isinstance(block, EffectBlock) else _as_effect(block)
+    instead = law.instead if law is not None and law.instead else ON_THE_LINK
+    return Blind(name, moves, partners, UNLOADED if faint and law is COMPLIANCE else instead)
+
+
+def _as_effect(block: Block) -> EffectLaw | None:
+    """Return the effect that an error of declared parameters would look like."""
+    return next((law for law in CATALOGUE.values() if block.name in law.stands_for), None)
 
 
 def in_words(blind: Sequence[Blind]) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ArmParameter, Group, Kind, numbers_of
-from armflex.plan.offer import Offer, remembers
+from armflex.plan.offer import Offer
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
 from armflex.setup import Setup
@@ -192,7 +192,7 @@ def _effect_blocks(arm: Arm, offer: Offer, suspects: Sequence[Suspect]) -> list[
     asked = {suspect.ordinal for suspect in suspects}
     blocks: list[Block] = []
     for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
-        if ordinal not in asked and not remembers(effect):
+        if ordinal not in asked and not effect.remembers:
             free = free_inner(effect)
             prior = shy_prior(effect, free, offer.view, offer.scene)
             blocks.append(EffectBlock(effect, free, offer.scene, ordinal, prior, number=number))

@@ -14,10 +14,8 @@ from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, InputError, listing
 from armflex.estimate.spread import scene_of
 from armflex.estimate.view import View, look
-from armflex.laws.effects.law import Effect, TwistLaw
-from armflex.laws.effects.remember import known_rows
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.shapes import LAGGED
+from armflex.mechanics.history import known_rows
 from armflex.readings import Position, unread
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
@@ -102,19 +100,13 @@ def rows_at(arm: Arm, q: Array, payload: tuple[str, ...], given: Mapping[str, Ar
 def _settled(arm: Arm, given: Mapping[str, Array], count: int) -> dict[str, Array]:
     """Return the states that effects remember, as they settle: a lagging column at its value, play at rest."""
     states = {}
-    for effect in filter(remembers, arm.effects):
+    for effect in arm.effects:
+        if not effect.remembers:
+            continue
         columns = effect.spot.covariates
         state = given.get(columns[0], np.zeros(count)) if columns else np.zeros(count)
-        states[effect.law.memory.name(effect.spot, effect.inner)] = state
+        states[effect.state] = state
     return states
-
-
-def remembers(effect: Effect) -> bool:
-    """Return whether what an effect does depends on the rows before, not on its own row alone."""
-    law = effect.law
-    if not isinstance(law, TwistLaw) or law.memory is None:
-        return False
-    return law.memory is not LAGGED or effect.inner[-1] > 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from armflex.laws.effects.law import Effect
 from armflex.laws.effects.scene import TEMPERATURE
 from armflex.measured.measurements import Measurements
 from armflex.plan.model import Before
-from armflex.plan.offer import Reach, remembers
+from armflex.plan.offer import Reach
 from armflex.plan.rivals import needed
 from armflex.trajectory import Trajectory
 
@@ -69,7 +69,7 @@ def reach_of(before: Before, asked: Question, effects: Sequence[Effect]) -> tupl
     lower, upper, doubts = drawn_range(arm)
     approached = [name for name in arm.joint_names if f"approach_{name}" in columns]
     levels = {name: tuple(float(x) for x in dict.fromkeys(values)) for name, values in asked.covariates.items()}
-    kept = [effect.title for effect in arm.effects if remembers(effect)]
+    kept = [effect.title for effect in arm.effects if effect.remembers]
     if kept:
         text = f"{listing(kept)} depends on the rows before: kept as it is, where it settles"
         doubts = (*doubts, Flag("memory_settled", text))

@@ -17,16 +17,15 @@ from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError, UnsupportedError
 from armflex.estimate.effect_block import EffectBlock, shy_prior
 from armflex.estimate.fit import ROUGH, Fit, fit
-from armflex.files.effect_file import DEFAULTS, names_of, spots_on
 from armflex.files.effect_file import TEMPERATURE as USUAL_TEMPERATURE
+from armflex.files.effect_file import names_of, spots_on
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.law import Effect, EffectLaw, Inner
-from armflex.laws.effects.scene import TEMPERATURE, Scene
-from armflex.laws.effects.session_frame import SESSION_FRAME
+from armflex.laws.effects.scene import MASS, TEMPERATURE, Scene
 from armflex.laws.effects.spot import Spot
 from armflex.parameters import numbered, numbers_of
 from armflex.plan.model import NOWHERE, Before, Suspect, answers, free_inner
-from armflex.plan.offer import Offer, remembers
+from armflex.plan.offer import Offer
 
 SHOWS = 5.0
 """RMS of what an effect of unknown size is taken to move the readings by, in their standard deviations."""
@@ -65,8 +64,8 @@ def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
     if name not in CATALOGUE:
         raise UnknownNameError("effect", name, [*CATALOGUE, *known])
     law = CATALOGUE[name]
-    if law is SESSION_FRAME:
-        raise UnsupportedError("session_frame is of a session that has been: no row still to be measured tells of it")
+    if law.of_session:
+        raise UnsupportedError(f"{name} is of a session that has been: no row still to be measured tells of it")
     spot = _spot(text, law, arm)
     warm = [column for column in columns if TEMPERATURE.search(column)]
     if spot.covariates == (USUAL_TEMPERATURE,) and len(warm) == 1:
@@ -122,23 +121,23 @@ def suspect_of(effect: Effect, arm: Arm, offer: Offer) -> Suspect:
     ordinal = arm.effects.index(effect) if effect in arm.effects else NOWHERE
     number = 1 if ordinal == NOWHERE else numbers_of(arm.effects)[ordinal]
     if not any(effect.amplitudes):
-        inner = tuple(_usual(one, spot, scene) for one in law.inner)
+        inner = tuple(_usual(one, law, spot, scene) for one in law.inner)
         effect = replace(effect, values=(*effect.amplitudes, *inner))
-    if remembers(effect):
+    if effect.remembers:
         text = f"{effect.title} depends on the rows before: no choice of single rows tells it from another effect"
         raise UnsupportedError(text)
     free = free_inner(effect) if any(effect.amplitudes) else ()
     return Suspect(effect, free, scene, ordinal, shy_prior(effect, free, offer.view, scene), number=number)
 
 
-def _usual(inner: Inner, spot: Spot, scene: Scene) -> float:
-    """Return what an inner parameter is taken to be while nobody has searched for it."""
-    if inner.name == "lag":
+def _usual(inner: Inner, law: EffectLaw, spot: Spot, scene: Scene) -> float:
+    """Return what an inner parameter is taken to be while nobody has searched for it: nothing lags."""
+    if law.memory is not None and inner.name == law.memory.lag:
         return 0.0
     if inner.usual is not None:
         return inner.usual
     values = sorted(float(value) for value in inner.grid(spot, scene))
-    return values[len(values) // 2] if values else DEFAULTS.get(inner.name, 0.0)
+    return values[len(values) // 2] if values else inner.default or 0.0
 
 
 def refitted(suspect: Suspect, before: Before) -> Fit | None:
@@ -182,4 +181,4 @@ def _that_shows(suspect: Suspect, offer: Offer, terms: int) -> Array:
 def needed(effects: Sequence[Effect]) -> tuple[str, ...]:
     """Return the columns that effects depend on beside joint positions and payloads, each once."""
     names = [name for effect in effects for name in effect.spot.covariates]
-    return tuple(dict.fromkeys(name for name in names if not name.startswith("q_") and name != "payload_mass"))
+    return tuple(dict.fromkeys(name for name in names if not name.startswith("q_") and name != MASS))

@@ -18,7 +18,7 @@ STILL = 1e-9
 """Joints that move by less [rad or m] from row to row stand still: rounding turns no joint round."""
 
 POSE = "pose_number"
-"""Column that numbers the poses; for random twists, not a suspect."""
+"""Column that numbers the poses; for random twists, not a suspect, and not among what is known of rows by itself."""
 
 APPROACH = "approach_"
 """Begins the name of a column that says from which side a joint came: 1 upwards, -1 downwards, 0 neither."""
@@ -134,7 +134,7 @@ class Rows:
 
     @property
     def known(self) -> dict[str, Array]:
-        """Everything that is known of the rows by name, (N,) numbers each: the pose as its number, text by its levels.
+        """Everything that is known of the rows by name, (N,) numbers each, text by its levels.
 
         `column=level` is 1 where a column says so, else 0; see `levels`.
         """
@@ -144,10 +144,16 @@ class Rows:
         known |= {name: values for name, values in self.covariates.items() if isinstance(values, np.ndarray)}
         for name, cells in self.covariates.items():
             if isinstance(cells, tuple):
-                known |= {f"{name}{LEVEL_OF}{level}": _where(cells, level) for level in levels(cells)}
+                known |= level_columns(name, cells, levels(cells))
         known |= {f"{APPROACH}{joint}": self.approach[:, i] for i, joint in enumerate(self.joint_names)}
-        known[POSE] = self.pose_number.astype(float)
         return known
+
+    def levelled(self: SomeRows) -> SomeRows:
+        """Return the rows with the levels of text columns in their place: what some of them know is then as of all."""
+        if all(isinstance(values, np.ndarray) for values in self.covariates.values()):
+            return self
+        kept = {name: values for name, values in self.covariates.items() if isinstance(values, np.ndarray)}
+        return replace(self, covariates=kept | {name: v for name, v in self.known.items() if LEVEL_OF in name})
 
     @cached_property
     def pose_number(self) -> np.ndarray:
@@ -187,14 +193,18 @@ def mostly_numbers(cells: Sequence[str]) -> bool:
     return 2 * sum(bool(NUMBER.fullmatch(cell)) for cell in cells) > len(cells)
 
 
-def last_motion(q: Array) -> Array:
-    """Return the (N, nq) sign of each joint's last change over rows of (N, nq) positions, 0 before the first."""
-    step = np.diff(q, axis=0, prepend=q[:1])
-    moved = np.where(np.abs(step) > STILL, np.sign(step), 0.0)
-    for row in range(1, len(moved)):
-        moved[row] = np.where(moved[row] == 0.0, moved[row - 1], moved[row])
-    return moved
+def last_motion(q: Array, before: tuple[Array, Array] | None = None) -> Array:
+    """Return the (N, nq) sign of each joint's last change over rows of (N, nq) positions, 0 before the first.
+
+    `before` is the row that goes before them: its (nq,) positions and what is returned of it.
+    """
+    start, known = (q[:1], np.zeros((1, q.shape[1]))) if before is None else (part[None] for part in before)
+    step = np.diff(q, axis=0, prepend=start)
+    moved = np.vstack([known, np.where(np.abs(step) > STILL, np.sign(step), 0.0)])
+    last = np.maximum.accumulate(np.where(moved != 0.0, np.arange(len(moved))[:, None], 0), axis=0)
+    return np.take_along_axis(moved, last, axis=0)[1:]
 
 
-def _where(cells: tuple[str, ...], level: str) -> Array:
-    return np.array([float(cell == level) for cell in cells])
+def level_columns(name: str, cells: Sequence[str], of: Sequence[str]) -> dict[str, Array]:
+    """Return (N,) columns that say where a text column has which of its levels, 1 or 0."""
+    return {f"{name}{LEVEL_OF}{level}": np.array([float(cell == level) for cell in cells]) for level in of}

@@ -11,19 +11,29 @@ import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.errors import Flag, InputError, Place, naming
+from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
 from armflex.estimate.spread import fitted_variance, without_declared_doubt
 from armflex.estimate.view import untold_shifts
-from armflex.laws.effects.remember import check_covariates, derived_directions, known_rows
-from armflex.measured.measurements import Measurements
-from armflex.measured.table import write_table
-from armflex.mechanics.deflection import Deflection
+from armflex.laws.effects.remember import (
+    check_covariates,
+    derived_direction,
+    derived_directions,
+    directions,
+    remembers,
+)
+from armflex.measured.measurements import Measurements, read_measurements, stream_inputs
+from armflex.measured.table import write_table, writing_table
+from armflex.mechanics.deflection_batch import DeflectionBatch
+from armflex.mechanics.history import known_rows
 from armflex.readings import Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup
 from armflex.trajectory import check_approaches
 
-Progress = Callable[[int, int], None]
+TOGETHER = 2048
+"""Rows that are predicted together, and of a file are in memory at a time: each takes some ten kilobytes."""
+
+Progress = Callable[[int, int | None], None]
 
 
 @dataclass(frozen=True)
@@ -68,29 +78,87 @@ def predict(
             joint is taken as halfway, and `sigma` holds that it came from either side.
         ArmflexError: A row cannot be computed; its file and line are named.
     """
-    rows = _with_constants(arm, rows, covariates or {})
-    found: list[Deflection] = []
-    derived = derived_directions(arm, rows, np.arange(len(rows)))
+    doubts = _Doubts(arm)
+    pieces = [rows] if remembers(arm) else (rows.levelled().some(some) for some in _together(len(rows)))
+    found = []
+    for piece in pieces:
+        found.append(_predicted(arm, _with_constants(arm, piece, covariates or {}), doubts))
+        if progress:
+            progress(doubts.rows, len(rows))
+    parts = zip(*((one.position, one.rotation, one.sigma, one.displacement) for one in found), strict=True)
+    position, rotation, sigma, displacement = (None if part[0] is None else np.concatenate(part) for part in parts)
+    return Prediction(
+        _with_constants(arm, rows, covariates or {}), position, rotation, sigma, displacement, doubts.flags
+    )
+
+
+def predict_file(
+    arm: Arm,
+    path: str | Path,
+    output: str | Path,
+    progress: Progress | None = None,
+    covariates: Mapping[str, float] | None = None,
+) -> tuple[int, tuple[Flag, ...]]:
+    """Write what `predict` says of the rows of a table, some thousand of them in memory at a time.
+
+    What an arm's effects remember depends on all the rows before: for an arm that has such, all are held in memory.
+
+    Args:
+        arm, progress, covariates: As of `predict`.
+        path: The rows; see `stream_inputs`.
+        output: As of `write_predictions`; it is written whole or not at all.
+
+    Returns:
+        The number of rows, and doubts.
+
+    Raises:
+        TableError: As `read_measurements`.
+        OutOfMemoryError: Where memory runs out; the rows are named.
+        ArmflexError: As `predict`.
+    """
+    doubts = _Doubts(arm)
+    whole = remembers(arm)
+    pieces = iter([read_measurements(path, arm, inputs_only=True)]) if whole else stream_inputs(path, arm, TOGETHER)
+    with writing_table(output) as write:
+        while True:
+            with enough_memory(f"rows from {doubts.rows} on"):
+                rows = next(pieces, None)
+                if rows is None:
+                    return doubts.rows, doubts.flags
+                write(_columns(_predicted(arm, _with_constants(arm, rows, covariates or {}), doubts)))
+            if progress:
+                progress(doubts.rows, None)
+
+
+def _together(count: int) -> Iterator[range]:
+    return (range(start, min(start + TOGETHER, count)) for start in range(0, count, TOGETHER))
+
+
+def _predicted(arm: Arm, rows: Measurements, doubts: _Doubts) -> Prediction:
+    """Return what is predicted of some rows that follow those before; the doubts about them are added to `doubts`."""
+    every = np.arange(len(rows))
+    derived_directions(arm, rows, every)  # raises where one is needed that is not told
     with naming(Place(rows.places[0].file, 1) if rows.places else "rows"):
         known = known_rows(arm, rows)
-    certain = without_declared_doubt(arm)
-    for i, q in enumerate(rows.q):
-        with naming(rows.places[i]):
-            given = {name: values[i] for name, values in known.items()}
-            found.append(certain.deflection(q, rows.payload[i], covariates=given))
-        if progress:
-            progress(i + 1, len(rows))
-    instrument = arm.instrument or Instrument()
-    tip = np.array([one.pose.homogeneous for one in found])
-    fitted, doubts = fitted_variance(arm, rows)
+    certain, instrument = without_declared_doubt(arm), arm.instrument or Instrument()
+    try:
+        found = certain.deflection(rows.q, rows.payload, covariates=known)
+    except ArmflexError:
+        for i in every:  # which of them it is, by its place
+            with naming(rows.places[i]):
+                given = {name: values[i] for name, values in known.items()}
+                certain.deflection(rows.q[i], rows.payload[i], covariates=given)
+        raise
+    fitted, about = fitted_variance(arm, rows)
     untold = (untold_shifts(Setup(arm, instrument), rows, unread(len(rows), Position)) ** 2).sum(axis=0)
+    doubts.add(rows, found, about)
     return Prediction(
         rows,
-        instrument.readings(tip, rows.session),
-        np.array([pin.log3(rotation) for rotation in instrument.rotations(tip, rows.session)]),
+        instrument.readings(found.pose, rows.session),
+        np.array([pin.log3(rotation) for rotation in instrument.rotations(found.pose, rows.session)]),
         _sigma(found, instrument, fitted, untold),
-        np.array([one.displacement for one in found]),
-        (*derived, *_flags(arm, rows, found), *doubts),
+        found.displacement,
+        (),
     )
 
 
@@ -112,50 +180,80 @@ def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]
     return replace(rows, **own, approach=np.column_stack(approach), covariates=known, derived=derived)
 
 
-def _sigma(found: list[Deflection], instrument: Instrument, fitted: Array | None, untold: Array) -> Array | None:
+def _sigma(found: DeflectionBatch, instrument: Instrument, fitted: Array | None, untold: Array) -> Array | None:
     """Return (N, 3) standard uncertainties of the target's position: the laws' own, of what was fitted, and `untold`.
 
     None where neither a law nor a fit has one: what directions leave open would be taken for all of it.
     """
-    if fitted is None and all(one.covariance is None for one in found):
+    if fitted is None and found.covariance is None:
         return None
-    rows = []
-    for one in found:
-        lever = pin.skew(one.pose.rotation @ instrument.target)
-        seen = instrument.pose.rotation @ np.hstack([np.eye(3), -lever])
-        covariance = np.zeros((6, 6)) if one.covariance is None else one.covariance
-        rows.append(np.diag(seen @ covariance @ seen.T))
-    return np.sqrt(np.array(rows) + (0.0 if fitted is None else fitted) + untold)
+    variance = untold if fitted is None else fitted + untold
+    if found.covariance is not None:
+        seen = Position.unread(len(found.q)).jacobian(instrument, found.pose)
+        variance = variance + np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
+    return np.sqrt(variance)
 
 
-def _flags(arm: Arm, rows: Measurements, found: list[Deflection]) -> tuple[Flag, ...]:
-    flags: dict[str, Flag] = {}
-    if arm.instrument is None and arm.measurement.frame == "unknown":
-        text = f"the instrument's place is not known, so positions are in the base frame {arm.robot.base!r}"
-        flags["base_frame"] = Flag("base_frame", text)
-    strange = set(rows.session) - set(arm.instrument.sessions) if arm.instrument and arm.instrument.sessions else set()
-    if strange:
-        text = f"{', '.join(sorted(strange))}: not among the calibrated sessions, so taken without a shift of their own"
-        flags["new_session"] = Flag("new_session", text)
-    met = [(number, flag) for number, one in enumerate(found) for flag in one.flags]
-    for number, flag in met:
-        if not flag.about:
-            said = flag if flag in arm.flags else Flag(flag.code, f"row {number}: {flag.text}")
-            flags.setdefault(flag.code, said)
-    return (*flags.values(), *_worst([(number, flag) for number, flag in met if flag.about]))
+class _Doubts:
+    """The doubts about rows that come in pieces: each with the first row it concerns, those about a law with the worst,
+    and how many there are.
 
+    Attributes:
+        rows: How many rows there were.
+    """
 
-def _worst(met: list[tuple[int, Flag]]) -> Iterator[Flag]:
-    """Yield one doubt for each kind and law, in the worst of its rows."""
-    for code, about in dict.fromkeys((flag.code, flag.about) for _, flag in met):
-        own = [pair for pair in met if (pair[1].code, pair[1].about) == (code, about)]
-        rows, (number, flag) = len({number for number, _ in own}), max(own, key=lambda pair: pair[1].size)
-        more = f" (the worst of {rows} rows)" if rows > 1 else ""
-        yield replace(flag, text=f"row {number}: {flag.text}{more}")
+    def __init__(self, arm: Arm) -> None:
+        self._arm, self.rows = arm, 0
+        self._untold: dict[str, int] = {}
+        self._sessions: set[str] = set()
+        self._first: dict[str, Flag] = {}
+        self._worst: dict[tuple[str, str], tuple[int, int, Flag]] = {}
+        self._fitted: dict[Flag, None] = {}
+
+    def add(self, rows: Measurements, found: DeflectionBatch, fitted: tuple[Flag, ...]) -> None:
+        """Add what is doubtful about the next rows."""
+        arm = self._arm
+        untold = {name: int(unknown.sum()) for name, _, unknown in directions(arm.effects, rows)}
+        self._untold |= {name: self._untold.get(name, 0) + count for name, count in untold.items()}
+        if arm.instrument and arm.instrument.sessions:
+            self._sessions |= set(rows.session) - set(arm.instrument.sessions)
+        for number, flag in sorted(found.doubts, key=lambda pair: pair[0]):
+            said = flag if flag in arm.flags else Flag(flag.code, f"row {self.rows + number}: {flag.text}")
+            self._first.setdefault(flag.code, said)
+        for number, flags in found.unseen():
+            for key in dict.fromkeys((flag.code, flag.about) for flag in flags):
+                own = max((flag for flag in flags if (flag.code, flag.about) == key), key=lambda flag: flag.size)
+                count, *worst = self._worst.get(key, (0, self.rows + number, own))
+                worst = (self.rows + number, own) if own.size > worst[1].size else worst
+                self._worst[key] = (count + 1, *worst)
+        self._fitted |= dict.fromkeys(fitted)
+        self.rows += len(rows)
+
+    @property
+    def flags(self) -> tuple[Flag, ...]:
+        """What is to be said."""
+        arm, about = self._arm, {}
+        if arm.instrument is None and arm.measurement.frame == "unknown":
+            text = f"the instrument's place is not known, so positions are in the base frame {arm.robot.base!r}"
+            about["base_frame"] = Flag("base_frame", text)
+        if self._sessions:
+            names = ", ".join(sorted(self._sessions))
+            text = f"{names}: not among the calibrated sessions, so taken without a shift of their own"
+            about["new_session"] = Flag("new_session", text)
+        derived = [derived_direction(name, untold) for name, untold in self._untold.items()]
+        worst = []
+        for rows, number, flag in self._worst.values():
+            more = f" (the worst of {rows} rows)" if rows > 1 else ""
+            worst.append(replace(flag, text=f"row {number}: {flag.text}{more}"))
+        return (*derived, *(about | self._first).values(), *worst, *self._fitted)
 
 
 def write_predictions(prediction: Prediction, path: str | Path) -> Path:
     """Write x y z, sigma_*, the orientation pose_r*, and the displacement dx to rz; whole or not at all."""
+    return write_table(path, _columns(prediction))
+
+
+def _columns(prediction: Prediction) -> dict[str, list]:
     rows, sigma = prediction.rows, prediction.sigma
     columns: dict[str, list] = {"pose": list(rows.pose), "session": list(rows.session)}
     columns |= {"time": rows.time.tolist(), "payload": list(rows.payload)}
@@ -163,5 +261,4 @@ def write_predictions(prediction: Prediction, path: str | Path) -> Path:
     columns |= {f"pose_r{axis}": prediction.rotation[:, i].tolist() for i, axis in enumerate("xyz")}
     blank = [""] * len(rows)
     columns |= {f"sigma_{axis}": blank if sigma is None else sigma[:, i].tolist() for i, axis in enumerate("xyz")}
-    columns |= {name: prediction.displacement[:, i].tolist() for i, name in enumerate(TWIST_NAMES)}
-    return write_table(path, columns)
+    return columns | {name: prediction.displacement[:, i].tolist() for i, name in enumerate(TWIST_NAMES)}

@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
-from armflex.laws.effects.law import Along, Effect, EffectLaw, Inner, LoadLaw, TwistLaw, Values, full
+from armflex.laws.effects.law import Act, Effect, EffectLaw, Inner, Values, full
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.spot import Spot
 from armflex.trace.projection import Projection, evidence
@@ -162,12 +162,12 @@ class Bank:
         """
         view, held = self.fit.view, 0
         shared: dict[tuple[str, tuple[str, ...], Values], Array] = {}
-        waiting: dict[tuple[type, str, bytes], list[tuple[int, Array]]] = {}
+        waiting: dict[tuple[Act, str, bytes], list[tuple[int, Array]]] = {}
         for index, candidate in enumerate(self.candidates):
             self.tell("screening candidates", index, len(self.candidates))
-            law, spot, inner, direction = candidate.law, candidate.spot, candidate.inner, b""
-            if isinstance(law, TwistLaw) and isinstance(law.basis, Along):
-                direction = law.basis.direction(self.scene.here(spot, view.setup.arm), inner).tobytes()
+            law, spot, inner = candidate.law, candidate.spot, candidate.inner
+            direction = law.direction(self.scene.here(spot, view.arm), inner)
+            if direction is not None:
                 if law.of_load(spot):
                     found = law.shapes(spot, inner, view, self.scene)[list(spot.terms)]
                 else:  # the same at every site
@@ -175,11 +175,10 @@ class Bank:
                     if key not in shared:
                         shared[key] = law.shapes(spot, inner, view, self.scene)
                     found = shared[key] if len(spot.terms) == len(shared[key]) else shared[key][list(spot.terms)]
-            elif isinstance(law, TwistLaw | LoadLaw):
-                found = law.features(spot, inner, view, self.scene)
             else:
-                found = candidate_columns(candidate, self.fit, self.scene)
-            waiting.setdefault((type(law), spot.site, direction), []).append((index, found))
+                found = law.features(spot, inner, view, self.scene)
+            along = b"" if direction is None else direction.tobytes()
+            waiting.setdefault((law.act, spot.site, along), []).append((index, found))
             held += found.size
             if held > FLUSHED:
                 yield from (self._part(direction, some) for (_, _, direction), some in waiting.items())
@@ -194,9 +193,7 @@ class Bank:
         if direction:
             answer = view.to_twist(first.spot.site) @ np.frombuffer(direction) * _scale(self.fit)
             return Part(groups, places, np.concatenate(brought), answer)
-        if not isinstance(first.law, TwistLaw | LoadLaw):
-            return Part(groups, places, np.hstack(brought).T.copy(), None)
-        answer = first.law.answer(first.spot, view) * _scale(self.fit)[:, :, None]
+        answer = view.per(first.law, first.spot) * _scale(self.fit)[:, :, None]
         columns = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
         return Part(groups, places, columns.transpose(1, 0, 2).reshape(len(places), -1), None)
 
@@ -208,7 +205,7 @@ def with_signs(residual: Array, signs: Array) -> Array:
 
 def candidate_columns(candidate: Candidate, fit: Fit, scene: Scene) -> Array:
     """Return the (n, k) whitened and weighted columns of a candidate at a fit."""
-    return whiten(candidate.law.columns(candidate.spot, candidate.inner, fit.view, scene), fit)
+    return whiten(fit.view.columns(candidate.law, candidate.spot, candidate.inner, scene), fit)
 
 
 def whiten(columns: Array, fit: Fit) -> Array:
@@ -229,7 +226,7 @@ def grid(law: EffectLaw, spot: Spot, scene: Scene) -> Iterator[Values]:
 def candidates_of(laws: Iterable[EffectLaw], scene: Scene) -> Iterator[Candidate]:
     """Yield every candidate of some laws in a campaign."""
     for law in laws:
-        for spot in law.spots(scene):
+        for spot in law.places(scene.records):
             for inner in grid(law, spot, scene) if law.inner else ((),):
                 yield Candidate(law, spot, inner)
 

@@ -338,7 +338,7 @@ def _spot(said: Table, scene: Scene) -> Spot:
         raise ValueError(f"partner is {said['partner']!r}, expected a text")
     axis = None if said["axis"] is None else _axis(said)
     spot = Spot(_site(said, scene), axis, covariates, terms, said["partner"])
-    partners = {"", *TWIST_NAMES, *scene.sessions, *scene.payloads, *(one.partner for one in law.spots(scene))}
+    partners = {"", *TWIST_NAMES, *scene.sessions, *scene.payloads, *(one.partner for one in law.places(scene.records))}
     if spot.partner not in partners:
         raise ValueError(f"no partner {spot.partner!r} of {law.name} in this campaign")
     return spot

@@ -11,13 +11,12 @@ import numpy as np
 from armflex.errors import ArmflexError
 from armflex.estimate.effect_block import EffectBlock
 from armflex.estimate.fit import robust_limit
-from armflex.laws.effects.catalogue import LAWS
+from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.law import Effect
-from armflex.laws.effects.unnamed import SHAPES, shaped_places
+from armflex.laws.effects.unnamed import shaped_places
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, screen, sift
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import Projection, evidence, projected, shyness
-from armflex.trace.search import PLAIN
 from armflex.trace.state import State, add, information, moved_to, stands, without
 
 SAME = 14.0
@@ -95,10 +94,10 @@ def _candidate(state: State, block: EffectBlock) -> Candidate:
 
 def _alternatives(themselves: Sequence[Candidate], state: State) -> Iterator[Candidate]:
     """Yield the catalogue, and for a shape without a name the same shape at every other place."""
-    yield from candidates_of(LAWS, state.scene)
+    yield from candidates_of(CATALOGUE.values(), state.scene)
     for one in themselves:
-        if one.law.name in SHAPES:
-            for site, axis in shaped_places(state.scene):
+        if one.law.shape:
+            for site, axis in shaped_places(state.scene.records):
                 yield replace(one, spot=replace(one.spot, site=site, axis=axis))
 
 
@@ -144,8 +143,8 @@ def _swapped(now: Exchanged, index: int, say: Callable[[str], None]) -> Exchange
     """Return the effects with a clearly better candidate in place of one, as they are where there is none."""
     state = now.state
     worth, rivals = rivals_of(state, index)
-    was_plain = state.effects[index].effect.law.name in PLAIN
-    better = [one for one in rivals if one.evidence > worth + SAME and was_plain <= (one.candidate.law.name in PLAIN)]
+    was_plain = state.effects[index].effect.law.plain
+    better = [one for one in rivals if one.evidence > worth + SAME and was_plain <= one.candidate.law.plain]
     trial = _trial(state, (index,), better, say)
     if trial is None or _information(trial, state) > _information(state, state) - SAME:
         return now

@@ -133,18 +133,17 @@ def _propose(state: State, index: int, rival: Effect, offer: Rows, view: View, s
     """Return the offered row at which an effect and a rival in its stead differ most."""
     fit, block = state.fit, state.effects[index]
     own = block.at(state.values_of(block))
-    acting = np.array([own.amplitudes[term] for term in own.spot.terms])
     kept = [other for other in (*state.blocks, *state.effects) if other is not block]
     places = np.concatenate([np.zeros(0, dtype=int), *(fit.places(other) for other in kept)])
     imitation = Candidate(rival.law, rival.spot, rival.inner)
     parts = [fit.columns[:, places], candidate_columns(imitation, fit, state.scene)]
-    effect = candidate_columns(Candidate(own.law, own.spot, own.inner), fit, state.scene) @ acting
+    effect = candidate_columns(Candidate(own.law, own.spot, own.inner), fit, state.scene) @ own.acting
     measured = np.hstack([*parts, effect[:, None]])
     precision = np.concatenate([fit.precision[places], np.zeros(len(rival.spot.terms) + 1)])
     known = LinearGaussian.of(measured, precision + RIDGE * (measured**2).sum(axis=0))
     there = [other.of_rows(offer.session, scene).columns(view) for other in kept]
-    there.append(rival.law.columns(rival.spot, rival.inner, view, scene))
-    there.append((own.law.columns(own.spot, own.inner, view, scene) @ acting)[:, :, None])
+    there.append(view.effect_columns(rival, scene))
+    there.append((view.effect_columns(own, scene) @ own.acting)[:, :, None])
     after = np.concatenate(there, axis=2)
     truth = Truth(np.eye(len(precision))[-1], np.arange(len(precision) - 1))
     sigmas = np.sqrt(truth.apart(known, after / view.sigma[:, :, None])[1])

@@ -11,7 +11,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, Effect, TwistLaw, Values
+from armflex.laws.effects.law import Amplitude, Effect, TwistLaw, Values, Words
 from armflex.laws.effects.spot import Here, Spot
 from armflex.parameters import ArmParameter, Group, Kind
 from armflex.rows.rows import POSE
@@ -68,4 +68,11 @@ def _one_per_pose(count: int) -> TwistLaw:
         own = np.asarray(row.covariate(POSE))[..., None] == np.arange(count)
         return own[..., None] * here.direction
 
-    return TwistLaw(RANDOM, lambda scene: (), (Amplitude("twist", "{m}"),) * count, basis)
+    return TwistLaw(
+        name=RANDOM,
+        words=Words(RANDOM, "", ""),
+        places=lambda records: (),
+        amplitudes=(Amplitude("twist", "{m}"),) * count,
+        basis=basis,
+        physical=False,
+    )

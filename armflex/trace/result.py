@@ -212,6 +212,8 @@ class Trace:
         withdrawn: What was accepted and taken out again, because held-out poses were predicted worse with it.
         unfinished: Whether the search was still going on: what else would do, what could not be told and what to
             measure next is not worked out yet.
+        stopped_at: How many effects the search had accepted where that many are its limit, None where it ended because
+            nothing was left to be found.
     """
 
     arm: Arm
@@ -231,6 +233,7 @@ class Trace:
     compared: Compared | None = None
     withdrawn: tuple[Withdrawn, ...] = ()
     unfinished: bool = False
+    stopped_at: int | None = None
 
     @cached_property
     def believed(self) -> np.ndarray:
@@ -295,6 +298,14 @@ class Trace:
     def told(self, kind: str) -> int:
         """Return how many outliers are of one kind."""
         return sum(one.kind == kind for one in self.outliers)
+
+    @property
+    def said_of_limit(self) -> str:
+        """That the search ended at its limit, in a sentence; '' where it did not."""
+        if self.stopped_at is None:
+            return ""
+        count = "1 effect" if self.stopped_at == 1 else f"{self.stopped_at} effects"
+        return f"The search ended at its limit of {count}: more may be missing."
 
     @property
     def residual(self) -> Array:

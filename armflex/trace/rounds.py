@@ -34,7 +34,7 @@ from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.projection import project
 from armflex.trace.result import Found, Proof, Step, Trace, Unexplained
-from armflex.trace.search import NAMED, SECOND, TIE, Round, plainest
+from armflex.trace.search import TIE, Round, plainest
 from armflex.trace.state import (
     State,
     add,
@@ -51,6 +51,8 @@ from armflex.trace.telling import Doing, Report, Teller, tell_steps
 from armflex.trace.withdraw import never_worse
 
 MOST_EFFECTS = 12
+"""Effects at which a search ends, though more may be missing."""
+
 ENOUGH = 16.0
 """Evidence that an effect must be worth at least: thousands are looked at, and noise gives the best of them 3 to 10.
 
@@ -111,6 +113,8 @@ def trace(
             if account is not None:
                 _pass_on(account, partial(_so_far, calibration, first, found.state, places, found.steps), say)
     traced = _conclude(calibration, first, found.state, places, found.steps, say)
+    if not found.ended:
+        traced = replace(traced, stopped_at=len(found.steps))
     if account is not None:
         account(traced)
     if checkpoint:
@@ -194,7 +198,7 @@ def _accept(state: State, looked: Round, say: Report, apart: float = APART) -> t
 
     Held-out errors must fall by `apart` standard errors; where that is more than usual, only the catalogue will do.
     """
-    if apart > APART and looked.best.candidate.law.name not in NAMED:
+    if apart > APART and not looked.best.candidate.law.physical:
         return None
     null = _beyond_chance(state, looked, looked.best)
     found = None if null is None else _proven(state, looked, _refitted(state, looked, say), null, apart)
@@ -217,7 +221,7 @@ def _beyond_chance(state: State, looked: Round, best: Polished) -> float | None:
     for number, sifted in enumerate(looked.sifted):
         state.tell("what chance gives", number, len(looked.sifted))
         null = max(null, float(null_maximum(sifted, state.groups, laws).max()))
-    margin = MARGIN + SOUGHT * (best.candidate.law in SECOND)
+    margin = MARGIN + SOUGHT * best.candidate.law.sought
     return null if best.evidence >= null + margin else None
 
 

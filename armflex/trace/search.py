@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
 
 from armflex.estimate.fit import Fit
-from armflex.laws.effects.catalogue import CATALOGUE, EVERY, LAWS
-from armflex.laws.effects.guide import GUIDE
+from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.law import EffectLaw
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.spot import LINK, Spot
-from armflex.laws.effects.unnamed import (
-    BUMP,
-    LEVEL,
-    LINE,
-    PRODUCT,
-    SPLINE,
-    SPLINE_COMPLIANCE,
-    WAVE,
-    WAVE_PRODUCT,
-    suspects,
-)
+from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, suspects
 from armflex.trace.candidates import (
     Candidate,
     Screening,
@@ -56,27 +46,11 @@ PLACES = 4
 PREFERRED = 6.0
 """Evidence by which a candidate that bends must beat a plainer one."""
 
-TIMED = frozenset({"slip_step", "base_drift", "tool_shift"})
-"""Laws of time alone: in a single session nothing can be held out against them, and time runs along with the poses."""
-
 TIE = 2.0
 """Evidence within which the plainer candidate is taken."""
 
-CONSTANT = frozenset({"encoder_offset", "link_geometry"})
-"""Laws that depend on nothing: nothing is plainer."""
-
-SECOND = (WAVE, BUMP, PRODUCT, WAVE_PRODUCT)
-"""Shapes that are tried only where the residual points."""
-
 SECOND_BEST = (4, 1, 1)
-"""How many of them are refined: waves and bumps, products, products with waves."""
-
-ORDER = tuple(EVERY)
-NAMED = frozenset(CATALOGUE) | {GUIDE.name}
-"""What is physics, whether the catalogue names it or not."""
-
-PLAIN = NAMED - {"umbilical", "magnetic_pull"}
-"""Laws without a place in space to be searched, which bends like a free shape."""
+"""How many of the shapes that are sought are refined: waves and bumps, products, products with waves."""
 
 CLOSE, SHARE, SHORT = 10.0, 0.03, 4
 """Evidence, or share of it, within which candidates are refitted in full before one is chosen, and how many at most."""
@@ -127,8 +101,8 @@ class Round:
         """The candidates among which `best` is, the best first."""
         first = self.ranking[0]
         return (
-            self._some(self.plain, TRIED_FIRST * first.evidence)
-            or self._some(NAMED, first.evidence - PREFERRED)
+            self._some(self._is_plain, TRIED_FIRST * first.evidence)
+            or self._some(_is_physical, first.evidence - PREFERRED)
             or self.ranking
         )
 
@@ -138,7 +112,7 @@ class Round:
         first = self.ranking[0]
         if first.evidence < self.best.evidence + PREFERRED:
             return None
-        return preferred(self._some(NAMED, first.evidence - PREFERRED) or self.ranking)
+        return preferred(self._some(_is_physical, first.evidence - PREFERRED) or self.ranking)
 
     @property
     def could(self) -> bool:
@@ -162,10 +136,17 @@ class Round:
                 distinct.append(one)
         return tuple(distinct[:SHORT])
 
-    def _some(self, names: frozenset[str], asked: float) -> tuple[Polished, ...]:
+    def _is_plain(self, law: EffectLaw) -> bool:
+        return law.name in self.plain
+
+    def _some(self, belongs: Callable[[EffectLaw], bool], asked: float) -> tuple[Polished, ...]:
         """Return the candidates of some laws, none where their best has not the evidence asked for."""
-        some = tuple(one for one in self.ranking if one.candidate.law.name in names)
+        some = tuple(one for one in self.ranking if belongs(one.candidate.law))
         return some if some and some[0].evidence > asked else ()
+
+
+def _is_physical(law: EffectLaw) -> bool:
+    return law.physical
 
 
 def preferred(ranking: Sequence[Polished]) -> Polished:
@@ -187,8 +168,8 @@ def plainest(alike: Sequence[Polished]) -> Polished:
 
 
 def _kind(one: Polished) -> tuple[bool, int, bool]:
-    law = one.candidate.law.name
-    return law not in CONSTANT, ORDER.index(law), one.candidate.spot.site.startswith(LINK)
+    law = one.candidate.law
+    return not law.constant, list(EVERY).index(law.name), one.candidate.spot.site.startswith(LINK)
 
 
 def _size(one: Polished) -> float:
@@ -205,8 +186,10 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray, tell: Tell = silent) -> R
         tell: Called with how far it has come.
     """
     projection = project(fit)
-    named = bank(candidates_of((*LAWS, GUIDE), scene), fit, scene, tell)
-    free = bank(candidates_of((LEVEL, LINE, SPLINE, SPLINE_COMPLIANCE), scene), fit, scene, tell)
+    named = bank(candidates_of((law for law in EVERY.values() if law.physical), scene), fit, scene, tell)
+    free = bank(
+        candidates_of((law for law in EVERY.values() if not (law.physical or law.sought)), scene), fit, scene, tell
+    )
     tell("projecting candidates", 0, 0)
     sifted = (sift(named, projection), sift(free, projection))
     screened, shaped = (screen(one) for one in sifted)
@@ -237,7 +220,9 @@ def searched(sifted: Sifted, fit: Fit, scene: Scene, most: int) -> Round:
 
 
 def _plain(scene: Scene) -> frozenset[str]:
-    return PLAIN if len(set(scene.sessions)) > 1 else PLAIN - TIMED
+    """Return the names of plain laws; in a single session nothing can be held out against those of time alone."""
+    several = len(set(scene.sessions)) > 1
+    return frozenset(law.name for law in EVERY.values() if law.plain and (several or not law.timed))
 
 
 def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projection, most: int) -> list[Candidate]:
@@ -300,7 +285,7 @@ def _with(law, spot: Spot, inner) -> Candidate:
 
 def _products(places: tuple[RandomTwist, ...], scene: Scene) -> Iterable[Candidate]:
     for place in places[:PLACES]:
-        for pair in permutations(suspects(scene), 2):
+        for pair in permutations(suspects(scene.records), 2):
             spot = Spot(place.site, place.axis, pair)
             for inner in grid(PRODUCT, spot, scene):
                 yield _with(PRODUCT, spot, inner)

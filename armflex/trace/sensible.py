@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.law import Effect, TwistLaw
-from armflex.laws.effects.link_mass import LinkMass
+from armflex.laws.effects.law import Act, Effect
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.spot import link_of, resolve
-from armflex.laws.effects.unnamed import LEAST_PERIODS, WAVE, WAVE_PRODUCT
+from armflex.laws.effects.spot import resolve
 from armflex.laws.joint.linear import SOFTEST
 from armflex.trace.candidates import Candidate
 
@@ -26,17 +23,11 @@ ROWS = 15
 LARGEST_SHIFT, LARGEST_TURN = 0.05, 0.03
 """RMS of a twist [m, rad] beyond which it is no small effect any more."""
 
-LEAST_ANGLE = 2.0 * np.pi * LEAST_PERIODS
-"""Angle that a wave goes through over what was recorded."""
-
 SOFT = 100.0
 """Times the softest joint of steel that is believed: what would have to give more is no compliance."""
 
 SLACK = 2.0
 """Coupling over the most that two compliances allow: while it is missing, calibration bends them to make up for it."""
-
-FREE = ("even_in_load", "friction_windup")
-"""Laws that are no compliance: their way does not follow the load's, but nothing or the side one came from."""
 
 
 def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, present: bool = False) -> bool:
@@ -46,26 +37,17 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, pr
     for amplitude, value in zip(acting, amplitudes.tolist(), strict=True):
         if (value < 0.0 and amplitude.positive) or abs(value) > amplitude.most:
             return False
-    if isinstance(law, LinkMass):
-        return _weighs(candidate.effect(amplitudes), fit.setup.arm)
-    if not isinstance(law, TwistLaw):
-        return True
-    if law in (WAVE, WAVE_PRODUCT) and candidate.inner[0] * np.ptp(scene.column(spot.covariates[0])) < LEAST_ANGLE:
+    if not law.possible(candidate.effect(amplitudes), scene, fit.setup.arm):
         return False
+    if law.act is not Act.TWIST:
+        return True
     if not _is_small(law.features(spot, candidate.inner, fit.view, scene), amplitudes):
         return False
-    if law.name == "hysteresis":
+    if law.remembers_load(spot):
         return bool(_is_stiff(np.abs(amplitudes[0]) * resolve(spot, fit.setup.arm.robot, ()).direction))
     if not law.loaded or law.memory is not None:
         return True
     return _gives(candidate.effect(amplitudes), fit, scene, present)
-
-
-def _weighs(effect: Effect, arm: Arm) -> bool:
-    """Return whether a link keeps a mass, and not more than all of the arm."""
-    link = arm.robot.urdf.links[link_of(effect.spot.site, arm.robot)]
-    own = link.inertial.mass if link.inertial else 0.0
-    return -own <= effect.amplitudes[0] <= arm.weight / np.linalg.norm(arm.robot.gravity)
 
 
 def _is_small(features: Array, amplitudes: Array) -> bool:
@@ -84,7 +66,7 @@ def _gives(effect: Effect, fit: Fit, scene: Scene, present: bool) -> bool:
     own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
     total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
     total = np.broadcast_to(total, own.shape) + (0.0 if present else own)
-    good = _is_stiff(np.einsum("...ii->...i", own)) & (effect.law.name in FREE or _is_compliance(total))
+    good = _is_stiff(np.einsum("...ii->...i", own)) & (not effect.law.passive or _is_compliance(total))
     return bool(2 * good.sum() >= len(some))
 
 

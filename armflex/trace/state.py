@@ -16,11 +16,13 @@ from armflex.estimate.effect_block import EffectBlock, shy_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.view import look
 from armflex.laws.effects.law import Effect
-from armflex.laws.effects.remember import known_rows, without_direction
+from armflex.laws.effects.remember import without_direction
 from armflex.laws.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
+from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
 from armflex.parameters import numbers_of
+from armflex.rows.rows import POSE
 from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.lost import lost_beams
@@ -135,7 +137,7 @@ def fitted_to(fitted: Fit, measurements: Measurements, rows: np.ndarray) -> Fit:
 def scene_at(fitted: Fit, measurements: Measurements) -> Scene:
     """Return the campaign as the catalogue sees it at a fit: loads at every site of every driven row."""
     arm, view = fitted.setup.arm, fitted.view
-    known = known_rows(arm, measurements)
+    known = known_rows(arm, measurements) | {POSE: measurements.pose_number.astype(float)}
     rest = np.setdiff1d(np.arange(len(measurements)), view.rows)
     wrenches = {site: np.empty((len(measurements), 6)) for site in view.line.sites}
     for rows, line in ((view.rows, view.line), (rest, _line(arm, measurements, known, rest))):
@@ -260,7 +262,8 @@ def stands(state: State) -> bool:
     """Return whether every effect is still possible with what the fit made of it."""
     for block in state.effects:
         effect = block.at(state.values_of(block))
-        acting = np.array([effect.amplitudes[i] for i in effect.spot.terms])
-        if not sensible(Candidate(effect.law, effect.spot, effect.inner), acting, state.fit, state.scene, present=True):
+        if not sensible(
+            Candidate(effect.law, effect.spot, effect.inner), effect.acting, state.fit, state.scene, present=True
+        ):
             return False
     return True

@@ -16,11 +16,13 @@ from armflex import load_arm, predict, read_measurements
 from armflex.laws import LinearLaw
 from armflex.laws.effects import Effect, Spot
 from armflex.laws.effects.catalogue import EVERY
-from armflex.laws.effects.remember import known_rows
 from armflex.measured.measurements import Measurements
+from armflex.mechanics.history import known_rows
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 from armflex.setup import Setup
+
+pytestmark = pytest.mark.slow
 
 EXACT = 5e-8
 """m: a session's turn, of up to 7e-5, is taken to first order; at ten metres that leaves 3e-8."""
@@ -184,7 +186,7 @@ def _at_joint(one: Case, joint: Spot) -> tuple[Effect, ...]:
 
 def with_effects(setup: Setup, effects: tuple[Effect, ...]) -> Setup:
     for effect in effects:
-        setup = effect.law.apply(effect, setup)
+        setup = setup.with_effect(effect)
     return setup
 
 

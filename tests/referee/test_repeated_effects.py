@@ -22,6 +22,8 @@ from armflex.readings.instrument import Instrument
 from armflex.show.report import write_report
 from armflex.trace.result import Trace, write_traced
 
+pytestmark = pytest.mark.slow
+
 HARMONICS = {3.2: (6e-4, -3e-4), 7.9: (-4e-4, 4e-4), 14.6: (2e-4, 4.5e-4)}
 ECCENTRIC = (9e-4, -1.1e-3)
 """k -> A and B [rad] of what J2's gear does, and A and B of what its encoder's disc does."""

@@ -59,7 +59,7 @@ def spots(law: EffectLaw) -> list[Spot]:
     if law.name not in CATALOGUE:
         columns = ("q_J2", "humidity")[: 2 if law.name.endswith("product") else 1]
         return [Spot("J3", "rz", columns, tuple(range(len(law.amplitudes)))), Spot("base", "dx", columns, (0,))]
-    return list(law.spots(scene()))
+    return list(law.places(scene().records))
 
 
 BACKLASH = 'name = "backlash"\nsite = "J2"\naxis = "ry"\nparameters = { gap = 3.6e-4 }'

@@ -13,10 +13,10 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.view import View, look
 from armflex.laws.effects import Effect, EffectLaw, Spot
 from armflex.laws.effects.guide import GUIDE
-from armflex.laws.effects.remember import known_rows
 from armflex.laws.effects.scene import Scene, survey
-from armflex.laws.effects.unnamed import PRODUCT, SHAPES, WAVE_PRODUCT
+from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
+from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup
@@ -41,7 +41,7 @@ class Stage:
     scene: Scene
 
     def with_effect(self, effect: Effect) -> Setup:
-        return effect.law.apply(effect, self.setup)
+        return self.setup.with_effect(effect)
 
 
 def few(rows: Measurements, chosen: np.ndarray) -> Measurements:
@@ -54,7 +54,7 @@ def few(rows: Measurements, chosen: np.ndarray) -> Measurements:
     return replace(rows, **changes, covariates=covariates, measured=np.ones(len(chosen), bool))
 
 
-@pytest.fixture(scope="module", params=["boom", "six"])
+@pytest.fixture(scope="module", params=["boom", pytest.param("six", marks=pytest.mark.slow)])
 def stage(request, tmp_path_factory) -> Stage:
     truth = draw("none", 5, request.param).write(tmp_path_factory.mktemp("campaign"))
     arm = load_arm(truth.arm)
@@ -74,7 +74,7 @@ def everywhere(law: EffectLaw, scene: Scene) -> list[Spot]:
     if law in (PRODUCT, WAVE_PRODUCT):
         joint = scene.joints[1]
         return [Spot(joint, "ry", (f"q_{joint}", "temperature"), tuple(range(len(law.amplitudes))))]
-    return list(law.spots(scene))
+    return list(law.places(scene.records))
 
 
 def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT) -> list[Effect]:
@@ -84,7 +84,7 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
     for index in rng.permutation(len(spots)):
         inner = list(grid(law, spots[index], stage.scene))
         candidate = Candidate(law, spots[index], inner[rng.integers(len(inner))])
-        columns = law.columns(candidate.spot, candidate.inner, stage.view, stage.scene)
+        columns = stage.view.columns(law, candidate.spot, candidate.inner, stage.scene)
         sizes = np.sqrt((columns**2).sum(axis=1).mean(axis=0))
         acting = [law.amplitudes[i] for i in candidate.spot.terms]
         signs = [1.0 if one.positive or one.unit == "kg" else rng.choice((-1.0, 1.0)) for one in acting]
@@ -92,7 +92,7 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
         seen = sizes > 1e-3 * sizes.max()
         values = np.where(seen, shift * np.array(signs) / np.where(seen, sizes, 1.0), 0.0)
         scale = np.min(largest / np.maximum(np.abs(values), largest))
-        if (seen.all() or law.name in SHAPES) and sizes.max() > 0.0 and scale > 0.01:
+        if (seen.all() or law.shape) and sizes.max() > 0.0 and scale > 0.01:
             found.append(candidate.effect(values * scale))
         if len(found) == count:
             return found
@@ -105,7 +105,7 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
 
 def is_loaded(law: EffectLaw, spot: Spot, stage: Stage) -> bool:
     """Return whether there is a load worth the name on every axis that a law of the load needs."""
-    if not getattr(law, "loaded", False) and law.name != "hysteresis":
+    if not law.of_load(spot):
         return True
     suffixes = [law.amplitudes[i].name.rpartition("_")[2] for i in spot.terms]
     named = {spot.axis, spot.partner, *suffixes} & set(TWIST_NAMES)

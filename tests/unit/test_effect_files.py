@@ -30,8 +30,9 @@ from armflex.errors import ArmFileError, MissingCovariateError, UnsupportedError
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.effect_block import EffectBlock, shy_prior
 from armflex.estimate.spread import certainty_of
-from armflex.files.effect_file import SHAPES, effect_table
+from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
+from armflex.laws.effects.catalogue import SHAPES
 from armflex.laws.effects.remember import settled
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.result import Found, Proof, Trace, write_traced
@@ -316,7 +317,8 @@ def named(name: str, site: str, **more: object) -> Effect:
     """Return a law at the first of its spots at a site that has what is asked."""
     law = CATALOGUE[name]
     inner = more.pop("inner", ())
-    spot = next(s for s in law.spots(scene()) if s.place == site and all(getattr(s, k) == v for k, v in more.items()))
+    fits = (s for s in law.places(scene().records) if s.place == site)
+    spot = next(s for s in fits if all(getattr(s, k) == v for k, v in more.items()))
     return Effect(law, spot, (0.0,) * len(law.amplitudes) + inner)
 
 

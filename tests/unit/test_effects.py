@@ -18,14 +18,15 @@ from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.estimate.effect_block import EffectBlock, shy_prior
 from armflex.estimate.view import look
-from armflex.laws.effects import Effect, LoadLaw, Spot, TwistLaw
+from armflex.laws.effects import Effect, Spot
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.guide import GUIDE
-from armflex.laws.effects.remember import known_rows
+from armflex.laws.effects.law import Act
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
+from armflex.mechanics.history import known_rows
 from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, grid
 
@@ -61,8 +62,7 @@ def test_a_small_effect_moves_the_tip_by_its_column(name, stage):
     """At a hundredth of the size: the tip itself, not only its change, is what first order says."""
     law, size = EVERY[name], 1e-5
     for effect in some_effects(law, stage, 3, size):
-        amplitudes = np.array([effect.amplitudes[i] for i in effect.spot.terms])
-        expected = law.columns(effect.spot, effect.inner, stage.view, stage.scene) @ amplitudes
+        expected = stage.view.effect_columns(effect, stage.scene) @ effect.acting
         moved = readings(stage.with_effect(effect), stage.rows) - readings(stage.setup, stage.rows)
         largest = np.abs(expected).max()
         assert largest > 0.01 * size
@@ -100,8 +100,8 @@ def test_a_missing_covariate_is_named_with_the_effect(name, stage):
             continue  # moved for the whole campaign: no time is asked for
         asked = needs(effect, stage.with_effect(effect).arm, stage.rows)
         joints = {f"q_{joint}" for joint in stage.scene.joints}
-        wanted = set(effect.spot.covariates) - joints - {"payload_mass"} if isinstance(law, TwistLaw) else set()
-        remembered = isinstance(law, TwistLaw) and law.memory is not None
+        wanted = set(effect.spot.covariates) - joints - {"payload_mass"} if law.act is Act.TWIST else set()
+        remembered = law.memory is not None
         if remembered and (not effect.spot.covariates or effect.inner[-1] > 0.0):
             wanted = {law.memory.name(effect.spot, effect.inner)}
         if name == "tool_shift":
@@ -117,11 +117,11 @@ def untimed(stage: Stage) -> Scene:
 @pytest.mark.parametrize("name", [name for name in EVERY if name not in (PRODUCT.name, WAVE_PRODUCT.name, GUIDE.name)])
 def test_without_a_time_nothing_that_needs_one_is_tried(name, stage):
     scene, law = untimed(stage), EVERY[name]
-    spots = list(law.spots(scene))
+    spots = list(law.places(scene.records))
     assert bool(spots) == (name not in ("slip_step", "base_drift", "creep"))
     for spot in spots[:: max(1, len(spots) // 20)]:
         for inner in grid(law, spot, scene):
-            assert np.isfinite(law.columns(spot, inner, stage.view, scene)).all()
+            assert np.isfinite(stage.view.columns(law, spot, inner, scene)).all()
 
 
 def test_a_tool_that_moved_a_second_before_the_first_row_has_not_always_been_there(stage):
@@ -130,8 +130,7 @@ def test_a_tool_that_moved_a_second_before_the_first_row_has_not_always_been_the
     time = np.linspace(-2.0, 1.0, ROWS)
     row = replace(stage.scene.row, covariates={**stage.scene.row.covariates, "time": time})
     moved = [
-        (late.law.columns(e.spot, e.inner, stage.view, replace(stage.scene, row=row)) != 0.0).any(axis=(1, 2))
-        for e in (late, always)
+        (stage.view.effect_columns(e, replace(stage.scene, row=row)) != 0.0).any(axis=(1, 2)) for e in (late, always)
     ]
     assert moved[0].tolist() == (time >= -1.0).tolist() and moved[1].all()
     assert list(always.named) == ["dx"] and len(always.units) == 1 and late.named["since"] == -1.0
@@ -152,7 +151,7 @@ def test_a_misspelt_covariate_is_guessed(stage):
         stage.with_effect(still).arm.deflection(stage.rows.q[0], covariates={"temprature": 20.0})
 
 
-@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if isinstance(law, TwistLaw)])
+@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if law.act is Act.TWIST])
 def test_one_row_and_many_rows_are_alike(name, stage):
     """A law answers single rows and whole campaigns with the same numbers."""
     law = EVERY[name]
@@ -169,7 +168,7 @@ def test_one_row_and_many_rows_are_alike(name, stage):
             np.testing.assert_allclose(law.basis(here, wrench[i], one, effect.inner), whole[i], rtol=1e-13)
 
 
-@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if isinstance(law, LoadLaw)])
+@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if hasattr(law, "pull")])
 def test_pulls_answer_one_pose_and_many(name, stage):
     law = EVERY[name]
     effect = some_effects(law, stage, 1)[0]
@@ -191,7 +190,7 @@ def loaded_with_everything(stage: Stage) -> Setup:
     setup = stage.setup
     for law in CATALOGUE.values():
         effect = some_effects(law, stage, 1, 1e-4)[0]
-        setup = effect.law.apply(effect, setup)
+        setup = setup.with_effect(effect)
     return setup
 
 
@@ -200,6 +199,7 @@ def displacement_of(packed: bytes) -> Array:
     return arm.deflection(q, payload, covariates=known).displacement
 
 
+@pytest.mark.slow
 def test_an_arm_with_every_effect_goes_to_another_process(stage):
     arm, rows = loaded_with_everything(stage).arm, stage.rows
     assert len(arm.effects) == len(CATALOGUE)

@@ -14,8 +14,8 @@ from support.small_arms import central_difference
 from armflex import Arm, Trajectory, check, compensate, read_trajectory, view
 from armflex.cli.options import parse_covariates
 from armflex.errors import InputError, MissingCovariateError, TableError
-from armflex.files.effect_file import SHAPES
-from armflex.laws.effects import CATALOGUE, Effect, TwistLaw
+from armflex.laws.effects import CATALOGUE, Effect
+from armflex.laws.effects.catalogue import SHAPES
 from armflex.tasks.workspace import map_workspace
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
@@ -25,7 +25,7 @@ INNER = {"k": 5.0, "tau0": 300.0, "t0": 20.0, "radius": 100.0, "at": 10.0, "sinc
 INNER |= {"along": 1.0, "rest": 0.2, "reach": 0.3, "low": -2.0, "high": 2.0, "middle": 0.0, "centre": 0.2, "width": 0.5}
 INNER |= {"spare": 0.2, "out": 1.0, "hook": 0.7}
 INNER |= {f"{name}_{axis}": value for name in ("anchor", "point") for axis, value in zip("xyz", (1, 2, 3), strict=True)}
-LAWS = {name: law for name, law in (CATALOGUE | SHAPES).items() if isinstance(law, TwistLaw) or hasattr(law, "pull")}
+LAWS = {name: law for name, law in (CATALOGUE | SHAPES).items() if not law.changes_model}
 
 
 def millimetre(name: str) -> Arm:

@@ -19,7 +19,7 @@ from armflex.laws import Row
 from armflex.laws.effects import Effect, Spot
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.scene import Records
 from armflex.laws.effects.spot import Here
 from armflex.trace.result import Trace
 
@@ -155,19 +155,14 @@ def test_its_tangent_by_hand(arm, moment, position):
 # Where it is offered.
 
 
-def scene_of(arm: Arm) -> Scene:
-    row = Row(np.zeros((2, len(arm.joint_names))), {name: i for i, name in enumerate(arm.joint_names)}, {})
-    return Scene(arm.robot, row, (), ("none",) * 2, ("s",) * 2, {}, np.zeros((2, 3)))
-
-
 def test_it_is_offered_about_every_axis_of_what_slides_and_nowhere_else(arm, tarm, heavy):
-    spots = list(GUIDE.spots(scene_of(arm)))
+    spots = list(GUIDE.places(Records(arm.robot)))
     assert {(spot.site, spot.axis) for spot in spots} == {("lift", axis) for axis in ("rx", "ry", "rz")}
     assert {spot.covariates for spot in spots} == {("q_lift",)}
     assert {spot.terms for spot in spots} == {(0,), (1,), (0, 1)} and len(spots) == 9
     sliding = {joint.name for joint in tarm.robot.moving if joint.kind == "prismatic"}
-    assert sliding and {spot.site for spot in GUIDE.spots(scene_of(tarm))} == sliding
-    assert not list(GUIDE.spots(scene_of(heavy)))
+    assert sliding and {spot.site for spot in GUIDE.places(Records(tarm.robot))} == sliding
+    assert not list(GUIDE.places(Records(heavy.robot)))
 
 
 # Its file.

@@ -31,7 +31,7 @@ from armflex import (
 from armflex.errors import UnknownNameError, UnsupportedError
 from armflex.estimate import calibrate
 from armflex.files.effect_file import spots_on
-from armflex.laws.effects.catalogue import LAWS
+from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.law import Effect
 from armflex.laws.learned import Learning
 from armflex.linear_gaussian import LinearGaussian
@@ -222,7 +222,7 @@ def test_backlash_and_friction_are_told_only_where_the_load_differs(six: Arm, to
 
 
 def every_place(arm: Arm) -> list[Effect]:
-    spots = [(law, spot) for law in LAWS if law.name != "session_frame" for spot in spots_on(law, arm)]
+    spots = [(law, spot) for law in CATALOGUE.values() if not law.of_session for spot in spots_on(law, arm)]
     return [Effect(law, spot, (0.0,) * (len(law.amplitudes) + len(law.inner))) for law, spot in spots]
 
 

@@ -531,12 +531,16 @@ def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, 
     said = " ".join(capsys.readouterr().out.split())
     assert f"Withdrawn: {gone.title}; with it poses held out are predicted to " in said
     assert "Nothing is missing" not in said
+    assert "The search ended at its limit of 1 effect: more may be missing." in said
+    assert found.stopped_at == as_json(found)["stopped_at_limit"] == 1
     page = render_report(found)
+    assert found.said_of_limit in page
     assert "Withdrawn: " in page and "predicts poses not used better than the calibrated arm" in page
 
 
 def test_what_is_there_is_not_withdrawn(whole: Whole) -> None:
     found = whole.finished
+    assert found.stopped_at is None and "stopped_at_limit" not in as_json(found)
     assert found.withdrawn == () and found.compared.after < found.compared.before
     assert as_json(found)["withdrawn"] == []
     told = as_json(found)["held_out_chosen_again_rms_mm"]

@@ -32,7 +32,7 @@ from armflex.trace.state import State, add, scene_at, sorted_out, stands, withou
 
 def candidate_of(state: State, name: str, site: str, axis: str | None, terms: tuple[int, ...] = (0,)) -> Candidate:
     law = CATALOGUE[name]
-    spot = next(s for s in law.spots(state.scene) if (s.site, s.axis, s.terms) == (site, axis, terms))
+    spot = next(s for s in law.places(state.scene.records) if (s.site, s.axis, s.terms) == (site, axis, terms))
     return Candidate(law, spot, next(grid(law, spot, state.scene)))
 
 
@@ -50,7 +50,7 @@ def test_rows_that_tell_no_direction_leave_with_the_effect_that_asks_for_it(camp
     rows = replace(rows, approach=approach, derived=tuple(f"approach_{name}" for name in rows.joint_names))
     state = replace(before, measurements=rows, scene=scene_at(before.fit, rows))
     law = CATALOGUE["backlash"]
-    backlash = next(Candidate(law, spot, ()) for spot in law.spots(state.scene) if spot.site == "J4")
+    backlash = next(Candidate(law, spot, ()) for spot in law.places(state.scene.records) if spot.site == "J4")
     column = bank([backlash], state.fit, state.scene).columns.reshape(len(state.rows), -1)
     np.testing.assert_array_equal(column.any(axis=1), state.rows >= 20)  # what may be either is taken as halfway
     added = add(state, polish(backlash, state.fit, state.scene, project(state.fit)))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from armflex.laws.effects.law import Amplitude, TwistLaw
-from armflex.laws.effects.shapes import approach, at_drives, on_drive
+from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive
 
 BACKLASH = TwistLaw(
-    "backlash",
-    lambda scene: at_drives(scene, "approach_{joint}"),
-    (Amplitude("gap", "{m}"),),
-    on_drive(lambda here, wrench, row, inner: (0.5 * approach(here, row),)),
+    name="backlash",
+    words=Words("backlash", "play that is taken up by the side from which the joint came", "(gap / 2) · s"),
+    instead=BY_HAND,
+    places=lambda records: at_drives(records, "approach_{joint}"),
+    amplitudes=(Amplitude("gap", "{m}"),),
+    basis=on_drive(lambda here, wrench, row, inner: (0.5 * approach(here, row),)),
 )

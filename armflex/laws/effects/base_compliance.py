@@ -6,12 +6,12 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values
-from armflex.laws.effects.scene import AXES_TURN, Scene
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.scene import AXES_TURN, Records
 from armflex.laws.effects.spot import BASE, Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
+def _places(records: Records) -> list[Spot]:
     single = [Spot(BASE, axis, terms=(1 + i,)) for i, axis in enumerate(AXES_TURN)]
     return [Spot(BASE), *single, Spot(BASE, terms=(1, 2)), Spot(BASE, terms=(1, 2, 3))]
 
@@ -22,10 +22,12 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 
 BASE_COMPLIANCE = TwistLaw(
-    "base_compliance",
-    _places,
-    tuple(Amplitude(name, "rad/Nm", positive=True) for name in ("C", "C_rx", "C_ry", "C_rz")),
-    _basis,
+    name="base_compliance",
+    words=Words("base compliance", "the foundation tilts under the load", "C · w"),
+    instead="measure a target on the base with and without load",
+    places=_places,
+    amplitudes=tuple(Amplitude(name, "rad/Nm", positive=True) for name in ("C", "C_rx", "C_ry", "C_rz")),
+    basis=_basis,
     loaded=True,
     linear=True,
 )

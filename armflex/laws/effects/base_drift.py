@@ -6,14 +6,14 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values
-from armflex.laws.effects.scene import AXES, Scene
-from armflex.laws.effects.shapes import at_base
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.scene import AXES, Records
+from armflex.laws.effects.shapes import ON_THE_FLOOR, at_base
 from armflex.laws.effects.spot import BASE, Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    if not scene.timed:
+def _places(records: Records) -> list[Spot]:
+    if not records.timed:
         return []
     single = [Spot(BASE, spot.axis, ("time",), (AXES.index(str(spot.axis)),)) for spot in at_base()]
     return single + [Spot(BASE, None, ("time",), terms) for terms in ((0, 1, 2), (3, 4, 5))]
@@ -24,8 +24,11 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 
 BASE_DRIFT = TwistLaw(
-    "base_drift",
-    _places,
-    tuple(Amplitude(f"v_{axis}", "m/s" if axis[0] == "d" else "rad/s") for axis in AXES),
-    _basis,
+    name="base_drift",
+    words=Words("base drift", "the foundation or the instrument wanders with time", "v · t"),
+    instead=ON_THE_FLOOR,
+    places=_places,
+    amplitudes=tuple(Amplitude(f"v_{axis}", "m/s" if axis[0] == "d" else "rad/s") for axis in AXES),
+    basis=_basis,
+    timed=True,
 )

@@ -6,14 +6,14 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values
-from armflex.laws.effects.scene import AXES, Scene
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.scene import AXES, Records
 from armflex.laws.effects.shapes import LAGGED, WARM, at_base, warmth, with_temperature
 from armflex.laws.effects.spot import BASE, Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    return with_temperature(_of, scene)
+def _places(records: Records) -> list[Spot]:
+    return with_temperature(_of, records)
 
 
 def _of(name: str) -> list[Spot]:
@@ -26,10 +26,12 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 
 BASE_THERMAL = TwistLaw(
-    "base_thermal",
-    _places,
-    tuple(Amplitude(f"beta_{axis}", "m/K" if axis[0] == "d" else "rad/K") for axis in AXES),
-    _basis,
-    WARM,
+    name="base_thermal",
+    words=Words("thermal base motion", "the foundation follows the weather", "β (T − T₀)"),
+    instead="measure a target on the base at two temperatures",
+    places=_places,
+    amplitudes=tuple(Amplitude(f"beta_{axis}", "m/K" if axis[0] == "d" else "rad/K") for axis in AXES),
+    basis=_basis,
+    inner=WARM,
     memory=LAGGED,
 )

@@ -1,4 +1,4 @@
-"""Every effect that a campaign is searched for, by name."""
+"""Every effect that a campaign is searched for, by name: a new one is its file, and its line here."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from armflex.laws.effects.even_in_load import EVEN_IN_LOAD
 from armflex.laws.effects.friction_windup import FRICTION_WINDUP
 from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.laws.effects.gravity_tilt import GRAVITY_TILT
+from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.hysteresis import HYSTERESIS
 from armflex.laws.effects.law import EffectLaw
 from armflex.laws.effects.link_flexure import LINK_FLEXURE
@@ -37,7 +38,7 @@ from armflex.laws.effects.tip_force import TIP_FORCE
 from armflex.laws.effects.tool_shift import TOOL_SHIFT
 from armflex.laws.effects.tracker_scale import TRACKER_SCALE
 from armflex.laws.effects.umbilical import UMBILICAL
-from armflex.laws.effects.unnamed import SHAPES
+from armflex.laws.effects.unnamed import BUMP, LEVEL, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT
 
 LAWS: tuple[EffectLaw, ...] = (
     ENCODER_OFFSET,
@@ -74,11 +75,23 @@ LAWS: tuple[EffectLaw, ...] = (
     LINK_GEOMETRY,
     UMBILICAL,
     MAGNETIC_PULL,
+    GUIDE,
+    LEVEL,
+    LINE,
+    WAVE,
+    BUMP,
+    SPLINE,
+    SPLINE_COMPLIANCE,
+    WAVE_PRODUCT,
+    PRODUCT,
 )
-"""In the order of preference where the data cannot tell two laws apart: the plainer first."""
+"""In the order of preference where the data cannot tell two laws apart: the plainer first; then what has no name."""
 
-CATALOGUE: dict[str, EffectLaw] = {law.name: law for law in LAWS}
-"""Name in files -> law."""
+EVERY: dict[str, EffectLaw] = {law.name: law for law in LAWS}
+"""Name -> law."""
 
-EVERY: dict[str, EffectLaw] = {**CATALOGUE, **SHAPES}
-"""The same with the shapes that have no name."""
+CATALOGUE: dict[str, EffectLaw] = {law.name: law for law in LAWS if not law.shape}
+"""Those that files call by it."""
+
+SHAPES: dict[str, EffectLaw] = {law.shape: law for law in LAWS if law.shape}
+"""What files call a shape without a name -> shape."""

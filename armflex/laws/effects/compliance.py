@@ -6,15 +6,15 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values
-from armflex.laws.effects.scene import AXES, Scene
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.scene import AXES, Records
 from armflex.laws.effects.shapes import TURNS, along, at_joints, unit_twists
 from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    several = [Spot(joint, terms=tuple(4 + i for i in turns)) for joint in scene.joints for turns in TURNS]
-    return [*at_joints(scene), *several]
+def _places(records: Records) -> list[Spot]:
+    several = [Spot(joint, terms=tuple(4 + i for i in turns)) for joint in records.joints for turns in TURNS]
+    return [*at_joints(records), *several]
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -23,13 +23,16 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 
 COMPLIANCE = TwistLaw(
-    "compliance",
-    _places,
-    (
+    name="compliance",
+    words=Words("compliance", "the joint gives more (or less) than declared", "C · w"),
+    instead="measure a second target between the joints in question",
+    places=_places,
+    amplitudes=(
         Amplitude("C", "{m}/{w}"),
         *(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm") for axis in AXES),
     ),
-    _basis,
+    basis=_basis,
     loaded=True,
     linear=True,
+    stands_for=("compliance", "law"),
 )

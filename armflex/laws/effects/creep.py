@@ -6,14 +6,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Words
+from armflex.laws.effects.scene import Records, Scene
 from armflex.laws.effects.shapes import along, at_joints, on_axis
 from armflex.laws.effects.spot import Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    return at_joints(scene, covariate="hold") if "hold" in scene.recorded else []
+def _places(records: Records) -> list[Spot]:
+    return at_joints(records, covariate="hold") if "hold" in records.recorded else []
 
 
 def _times(spot: Spot, scene: Scene) -> Iterable[float]:
@@ -22,15 +22,17 @@ def _times(spot: Spot, scene: Scene) -> Iterable[float]:
 
 
 CREEP = TwistLaw(
-    "creep",
-    _places,
-    (Amplitude("c", "{m}/{w}"),),
-    on_axis(
+    name="creep",
+    words=Words("creep", "the joint goes on giving while the load stands", "c τ log(1 + h / t₀)"),
+    instead="hold the heaviest payload for an hour and the empty arm as well",
+    places=_places,
+    amplitudes=(Amplitude("c", "{m}/{w}"),),
+    basis=on_axis(
         lambda here, wrench, row, inner: (
             along(here, wrench) * np.log1p(np.maximum(row.covariate("hold"), 0.0) / inner[0]),
         )
     ),
-    (Inner("t0", "s", _times),),
+    inner=(Inner("t0", "s", _times),),
     loaded=True,
     linear=True,
 )

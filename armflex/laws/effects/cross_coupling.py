@@ -8,14 +8,14 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.scene import Records
 from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
+def _places(records: Records) -> list[Spot]:
     pairs = list(combinations(TWIST_NAMES, 2))
-    return [Spot(joint, a, partner=b) for joint in scene.joints for a, b in pairs]
+    return [Spot(joint, a, partner=b) for joint in records.joints for a, b in pairs]
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -26,5 +26,13 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 
 CROSS_COUPLING = TwistLaw(
-    "cross_coupling", _places, (Amplitude("C", "{m}/{across}"),), _basis, loaded=True, linear=True
+    name="cross_coupling",
+    words=Words("cross coupling", "a load along one axis deflects another", "C_ab · w_b"),
+    instead="hang a weight that loads one axis of the joint alone and measure a target beside the joint",
+    places=_places,
+    amplitudes=(Amplitude("C", "{m}/{across}"),),
+    basis=_basis,
+    loaded=True,
+    linear=True,
+    symmetric=True,
 )

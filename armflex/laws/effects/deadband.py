@@ -8,15 +8,15 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values
-from armflex.laws.effects.scene import AXES_TURN, Scene
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.scene import AXES_TURN, Records
 from armflex.laws.effects.shapes import TURNS, along, at_joints, shares_of_load
 from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    several = [Spot(joint, terms=tuple(1 + i for i in turns)) for joint in scene.joints for turns in TURNS]
-    return [*at_joints(scene), *several]
+def _places(records: Records) -> list[Spot]:
+    several = [Spot(joint, terms=tuple(1 + i for i in turns)) for joint in records.joints for turns in TURNS]
+    return [*at_joints(records), *several]
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -26,10 +26,15 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 
 DEADBAND = TwistLaw(
-    "deadband",
-    _places,
-    (Amplitude("g", "{m}", positive=True), *(Amplitude(f"g_{axis}", "rad", positive=True) for axis in AXES_TURN)),
-    _basis,
-    (Inner("tau0", "{w}", partial(shares_of_load, shares=(0.03, 0.1, 0.2, 0.4, 0.7))),),
+    name="deadband",
+    words=Words("play taken up by the load", "the joint falls to the loaded side", "g · clip(τ / τ₀, ±1)"),
+    instead="reverse the load on the joint with a counterweight or with the arm turned over",
+    places=_places,
+    amplitudes=(
+        Amplitude("g", "{m}", positive=True),
+        *(Amplitude(f"g_{axis}", "rad", positive=True) for axis in AXES_TURN),
+    ),
+    basis=_basis,
+    inner=(Inner("tau0", "{w}", partial(shares_of_load, shares=(0.03, 0.1, 0.2, 0.4, 0.7))),),
     loaded=True,
 )

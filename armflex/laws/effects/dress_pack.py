@@ -6,14 +6,14 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import at_drives, own_position
 from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    return at_drives(scene, "q_{joint}")
+def _places(records: Records) -> list[Spot]:
+    return at_drives(records, "q_{joint}")
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -23,4 +23,11 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     return (own_position(here, row)[..., None] * given)[..., None, :]
 
 
-DRESS_PACK = TwistLaw("dress_pack", _places, (Amplitude("k", "{w}/{m}"),), _basis)
+DRESS_PACK = TwistLaw(
+    name="dress_pack",
+    words=Words("dress pack pull", "cables turn the joint as it moves", "C · k (q − q₀)"),
+    instead="repeat a few poses with the dress pack untied",
+    places=_places,
+    amplitudes=(Amplitude("k", "{w}/{m}"),),
+    basis=_basis,
+)

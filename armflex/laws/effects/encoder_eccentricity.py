@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, TwistLaw
-from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.shapes import at_drives, on_drive, own_position
+from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.scene import Records
+from armflex.laws.effects.shapes import OVER_ITS_RANGE, at_drives, on_drive, own_position
 from armflex.laws.effects.spot import Spot, with_terms
 
 
-def _places(scene: Scene) -> list[Spot]:
-    turning = [spot for spot in at_drives(scene, "q_{joint}") if str(spot.axis).startswith("r")]
+def _places(records: Records) -> list[Spot]:
+    turning = [spot for spot in at_drives(records, "q_{joint}") if str(spot.axis).startswith("r")]
     return with_terms(turning, (0, 1))
 
 
 ENCODER_ECCENTRICITY = TwistLaw(
-    "encoder_eccentricity",
-    _places,
-    (Amplitude("A", "rad"), Amplitude("B", "rad")),
-    on_drive(lambda here, wrench, row, inner: (np.sin(own_position(here, row)), np.cos(own_position(here, row)))),
+    name="encoder_eccentricity",
+    words=Words("encoder eccentricity", "the error turns with the joint", "A sin q + B cos q"),
+    instead=OVER_ITS_RANGE,
+    places=_places,
+    amplitudes=(Amplitude("A", "rad"), Amplitude("B", "rad")),
+    basis=on_drive(lambda here, wrench, row, inner: (np.sin(own_position(here, row)), np.cos(own_position(here, row)))),
 )

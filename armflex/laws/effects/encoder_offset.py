@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, TwistLaw
+from armflex.laws.effects.law import Amplitude, TwistLaw, Words
 from armflex.laws.effects.shapes import at_drives, on_drive
 
 ENCODER_OFFSET = TwistLaw(
-    "encoder_offset",
-    at_drives,
-    (Amplitude("offset", "{m}"),),
-    on_drive(lambda here, wrench, row, inner: (np.ones(wrench.shape[:-1]),)),
+    name="encoder_offset",
+    words=Words("encoder offset", "the joint stands beside where it is said to stand", "constant"),
+    instead="level the joint's link with an inclinometer",
+    places=at_drives,
+    amplitudes=(Amplitude("offset", "{m}"),),
+    basis=on_drive(lambda here, wrench, row, inner: (np.ones(wrench.shape[:-1]),)),
+    constant=True,
+    stands_for=("joint_offset",),
 )

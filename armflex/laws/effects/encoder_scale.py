@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from armflex.laws.effects.law import Amplitude, TwistLaw
-from armflex.laws.effects.shapes import at_drives, on_drive, own_position
+from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.shapes import OVER_ITS_RANGE, at_drives, on_drive, own_position
 
 ENCODER_SCALE = TwistLaw(
-    "encoder_scale",
-    lambda scene: at_drives(scene, "q_{joint}"),
-    (Amplitude("scale", "1"),),
-    on_drive(lambda here, wrench, row, inner: (own_position(here, row),)),
+    name="encoder_scale",
+    words=Words("encoder scale", "the joint moves further than is said, or less", "scale · (q − q₀)"),
+    instead=OVER_ITS_RANGE,
+    places=lambda records: at_drives(records, "q_{joint}"),
+    amplitudes=(Amplitude("scale", "1"),),
+    basis=on_drive(lambda here, wrench, row, inner: (own_position(here, row),)),
 )

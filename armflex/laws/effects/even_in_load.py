@@ -6,7 +6,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
 from armflex.laws.effects.shapes import along, at_joints, on_axis
 from armflex.laws.effects.spot import Here, with_terms
 
@@ -18,9 +18,12 @@ def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, 
 
 
 EVEN_IN_LOAD = TwistLaw(
-    "even_in_load",
-    lambda scene: with_terms(at_joints(scene), (0,), (1,), (2,)),
-    (Amplitude("c_force", "{m}/N"), Amplitude("c_moment", "{m}/Nm"), Amplitude("c_square", "{m}/{w}^2")),
-    on_axis(_shapes),
+    name="even_in_load",
+    words=Words("deflection even in the load", "the same way whichever way it is loaded", "c |w|, c τ²"),
+    instead="load the joint with the same weight from either side",
+    places=lambda records: with_terms(at_joints(records), (0,), (1,), (2,)),
+    amplitudes=(Amplitude("c_force", "{m}/N"), Amplitude("c_moment", "{m}/Nm"), Amplitude("c_square", "{m}/{w}^2")),
+    basis=on_axis(_shapes),
     loaded=True,
+    passive=False,
 )

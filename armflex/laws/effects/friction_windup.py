@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, TwistLaw
-from armflex.laws.effects.shapes import approach, at_drives, on_drive
+from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive
 from armflex.laws.effects.spot import with_terms
 
 FRICTION_WINDUP = TwistLaw(
-    "friction_windup",
-    lambda scene: with_terms(at_drives(scene, "approach_{joint}"), (0, 1), (1,)),
-    (Amplitude("a", "{m}"), Amplitude("b", "{m}/{w}")),
-    on_drive(
+    name="friction_windup",
+    words=Words("friction wind-up", "the drive is twisted by the friction that it overcame last", "s · (a + b |τ|)"),
+    instead=BY_HAND,
+    places=lambda records: with_terms(at_drives(records, "approach_{joint}"), (0, 1), (1,)),
+    amplitudes=(Amplitude("a", "{m}"), Amplitude("b", "{m}/{w}")),
+    basis=on_drive(
         lambda here, wrench, row, inner: (approach(here, row), approach(here, row) * np.abs(wrench @ here.drive)),
     ),
     loaded=True,
+    passive=False,
 )

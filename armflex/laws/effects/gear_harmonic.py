@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Words
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.shapes import at_drives, on_drive, own_position
 from armflex.laws.effects.spot import Spot, with_terms
@@ -23,14 +23,16 @@ def _orders(spot: Spot, scene: Scene) -> Iterable[float]:
 
 
 GEAR_HARMONIC = TwistLaw(
-    "gear_harmonic",
-    lambda scene: with_terms(at_drives(scene, "q_{joint}"), (0, 1)),
-    (Amplitude("A", "{m}"), Amplitude("B", "{m}")),
-    on_drive(
+    name="gear_harmonic",
+    words=Words("gear harmonic", "the error goes k times round with the joint", "A sin kq + B cos kq"),
+    instead="measure through one turn of the joint's motor in twenty steps",
+    places=lambda records: with_terms(at_drives(records, "q_{joint}"), (0, 1)),
+    amplitudes=(Amplitude("A", "{m}"), Amplitude("B", "{m}")),
+    basis=on_drive(
         lambda here, wrench, row, inner: (
             np.sin(inner[0] * own_position(here, row)),
             np.cos(inner[0] * own_position(here, row)),
         )
     ),
-    (Inner("k", "1", _orders),),
+    inner=(Inner("k", "1", _orders),),
 )

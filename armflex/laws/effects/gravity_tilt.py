@@ -2,44 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Amplitude, Effect, Inner, Values
+from armflex.laws.effects.law import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.spot import BASE, Spot
-
-if TYPE_CHECKING:
-    from armflex.estimate.view import Setup, View
+from armflex.laws.effects.spot import BASE, Here, Spot
 
 
-@dataclass(frozen=True)
-class GravityTilt:
-    """A small rotation of gravity in the base."""
-
-    name: str = "gravity_tilt"
-    amplitudes: tuple[Amplitude, ...] = (Amplitude("rx", "rad", most=0.1), Amplitude("ry", "rad", most=0.1))
-    inner: tuple[Inner, ...] = ()
-
-    def spots(self, scene: Scene) -> Iterable[Spot]:
-        """Return either axis, and both."""
-        return [Spot(BASE, "rx", terms=(0,)), Spot(BASE, "ry", terms=(1,)), Spot(BASE, terms=(0, 1))]
-
-    def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
-        """Return (M, d, k) changes of the readings."""
-        turned = np.cross(np.eye(3)[:2], view.setup.arm.robot.gravity)[list(spot.terms)]
-        return view.answer(view.line.gravity @ turned.T)
-
-    def apply(self, effect: Effect, setup: Setup) -> Setup:
-        """Return the setup with gravity turned."""
-        rotation = pin.exp3(np.array([*effect.values, 0.0]))
-        robot = replace(setup.arm.robot, gravity=rotation @ setup.arm.robot.gravity)
-        return replace(setup, arm=replace(setup.arm, robot=robot)).with_effect(effect)
+def _turned(here: Here, view: Solved, scene: Scene) -> Array:
+    turned = np.cross(np.eye(3)[:2], view.arm.robot.gravity)
+    return np.broadcast_to(turned, (len(view.rows), *turned.shape))
 
 
-GRAVITY_TILT = GravityTilt()
+def _change(effect: Effect, model: Model) -> Model:
+    rotation = pin.exp3(np.array([*effect.values, 0.0]))
+    return replace(model, robot=replace(model.robot, gravity=rotation @ model.robot.gravity))
+
+
+GRAVITY_TILT = ModelLaw(
+    name="gravity_tilt",
+    words=Words("gravity tilt", "down is not where the frame says", "rotation of gravity"),
+    instead="put an inclinometer on the base",
+    places=lambda records: [Spot(BASE, "rx", terms=(0,)), Spot(BASE, "ry", terms=(1,)), Spot(BASE, terms=(0, 1))],
+    amplitudes=(Amplitude("rx", "rad", most=0.1), Amplitude("ry", "rad", most=0.1)),
+    acts=Act.GRAVITY,
+    made=_turned,
+    changed=_change,
+)

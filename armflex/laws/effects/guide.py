@@ -15,14 +15,14 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values
-from armflex.laws.effects.scene import AXES_TURN, Scene, column_of
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.scene import AXES_TURN, Records, Scene, column_of
 from armflex.laws.effects.shapes import along, on_axis, shares_of_load
 from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    sliding = [joint.name for joint in scene.robot.moving if joint.kind == "prismatic"]
+def _places(records: Records) -> list[Spot]:
+    sliding = [joint.name for joint in records.robot.moving if joint.kind == "prismatic"]
     return [
         Spot(joint, axis, (f"q_{joint}",), terms)
         for joint in sliding
@@ -47,14 +47,20 @@ def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, 
 
 
 GUIDE = TwistLaw(
-    "unnamed_guide",
-    _places,
-    (Amplitude("g", "rad m", positive=True), Amplitude("c", "rad m/Nm", positive=True)),
-    on_axis(_shapes),
-    (
+    name="unnamed_guide",
+    words=Words(
+        "play in the guides",
+        "a tube rocks in its guides, the more the less they overlap",
+        "(g · clip(τ / τ₀) + c τ) / overlap",
+    ),
+    places=_places,
+    amplitudes=(Amplitude("g", "rad m", positive=True), Amplitude("c", "rad m/Nm", positive=True)),
+    basis=on_axis(_shapes),
+    inner=(
         Inner("tau0", "Nm", partial(shares_of_load, shares=(0.05, 0.2, 0.5))),
         Inner("spare", "m", _spare),
         Inner("out", "m", _ends, positive=False, polished=False),
     ),
     loaded=True,
+    shape="guide",
 )

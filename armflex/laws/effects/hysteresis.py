@@ -8,7 +8,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, Inner, Memory, TwistLaw, Values
+from armflex.laws.effects.law import Amplitude, Inner, Memory, TwistLaw, Values, Words
 from armflex.laws.effects.scene import AXES, Scene
 from armflex.laws.effects.shapes import along, at_joints, on_axis
 from armflex.laws.effects.spot import Here, Spot
@@ -34,10 +34,12 @@ def _radii(spot: Spot, scene: Scene) -> Iterable[float]:
 
 
 HYSTERESIS = TwistLaw(
-    "hysteresis",
-    at_joints,
-    (Amplitude("gain", "{m}/{w}"),),
-    on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.spot, inner)),)),
-    (Inner("radius", "{w}", _radii),),
+    name="hysteresis",
+    words=Words("hysteresis", "the joint gives with the loads it carried before", "gain · play(τ; radius)"),
+    instead="load and unload the joint with weights at one pose",
+    places=at_joints,
+    amplitudes=(Amplitude("gain", "{m}/{w}"),),
+    basis=on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.spot, inner)),)),
+    inner=(Inner("radius", "{w}", _radii),),
     memory=Memory(_state, _remember, "{w}"),
 )

@@ -1,24 +1,32 @@
 """What a missing effect is: a law in the catalogue, at a spot, with values.
 
-A law is linear in its amplitudes and may have inner parameters that it is not linear in. `TwistLaw` adds a small twist
-at a site, `LoadLaw` a load on a link; `ModelLaw` changes the model itself (masses, gravity, the instrument).
+A law is linear in its amplitudes and may have inner parameters that it is not linear in. What it does per amplitude are
+its features, and `act` says what those are: a small twist at a site, a load on a link, another direction of gravity, or
+an instrument that stands elsewhere or reads too far. `TwistLaw` and `LoadLaw` are at work in an arm as they are;
+a `ModelLaw` changes the model itself (masses, gravity, the instrument). How readings answer is the fit's to say.
+
+Everything that is said about a law is a member of it: a new one is a file and a line of `catalogue`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.spot import Here, Spot, link_of
+from armflex.laws.effects.spot import Here, Spot
+from armflex.readings.instrument import Instrument
+from armflex.robot import Corrections, Robot
 
 if TYPE_CHECKING:
-    from armflex.estimate.view import Setup, View
-    from armflex.laws.effects.scene import Scene
+    from armflex.flexure import Flexure
+    from armflex.laws.effects.scene import Records, Scene
 
 Values = tuple[float, ...]
 
@@ -48,6 +56,7 @@ class Inner:
         smooth: Whether the law changes smoothly with it, so that a fit may move it.
         usual: What it is without evidence to the contrary, for one that is chosen rather than refined.
         tried: Further values that only the best candidates are tried with.
+        default: What it is where a file leaves it out, None where a file must not.
     """
 
     name: str
@@ -58,41 +67,184 @@ class Inner:
     smooth: bool = True
     usual: float | None = None
     tried: Values = ()
+    default: float | None = None
 
     def moved(self, value: float, by: float) -> float:
         """Return a value moved: by a factor's logarithm where only positive ones make sense, else by a difference."""
         return value * float(np.exp(np.clip(by, -50.0, 50.0))) if self.positive else value + by
 
 
-class EffectLaw(Protocol):
-    """An entry of the catalogue."""
+@dataclass(frozen=True)
+class Words:
+    """What a law is called, what it means, and its formula."""
+
+    title: str
+    meaning: str
+    formula: str
+
+
+class Act(Enum):
+    """What the features of a law are, and so by what the readings answer to them."""
+
+    TWIST = "a small twist at a site [m, rad], local axes"
+    LOAD = "a wrench at the origin of a link [N, Nm], base axes"
+    GRAVITY = "a change of gravity [m/s^2], base axes"
+    FRAME = "a shift and a rotation vector of the instrument's frame [m, rad]"
+    SCALE = "the share by which the instrument's distances are too long"
+
+
+class Manipulator(Protocol):
+    """What effects know of the arm that they are in; `armflex.Arm` is one.
+
+    Attributes:
+        robot: The robot.
+        flexures: Where it gives and how, without effects.
+        effects: What it does beyond them.
+        weight: Of everything that moves [N].
+    """
 
     @property
-    def name(self) -> str:
-        """As files name it."""
+    def robot(self) -> Robot: ...
+    @property
+    def flexures(self) -> Sequence[Flexure]: ...
+    @property
+    def effects(self) -> Sequence[Effect]: ...
+    @property
+    def weight(self) -> float: ...
+
+    def payload(self, payload: str) -> Any:
+        """Return the mass [kg] and the centre of mass `com` [m] of a payload."""
         ...
+
+
+class Solved(Protocol):
+    """M rows of a campaign at one state of the arm: what laws are asked about; a linearised campaign is one.
+
+    Attributes:
+        rows: (M,) their numbers among all rows of the campaign.
+        arm: The arm in that state.
+    """
 
     @property
-    def amplitudes(self) -> tuple[Amplitude, ...]:
-        """Linear parameters."""
+    def rows(self) -> np.ndarray: ...
+    @property
+    def arm(self) -> Manipulator: ...
+
+    def load_at(self, site: str) -> Array:
+        """Return the (M, 6) wrench on the structure at a site, local axes [N, Nm]."""
         ...
+
+    def pose_of(self, link: str) -> Array:
+        """Return the (M, 4, 4) pose of a link in the base."""
+        ...
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a `ModelLaw` may change: parts of an arm, and the instrument that looks at it."""
+
+    robot: Robot
+    corrections: Corrections
+    payloads: Mapping[str, Any]
+    instrument: Instrument
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EffectLaw(ABC):
+    """An entry of the catalogue.
+
+    Attributes:
+        name: As files name it; 'unnamed_' and more where `shape` is their name for it.
+        words: For people.
+        instead: What shows it by other means than more rows of the same kind; '' where nobody knows.
+        places: Where it makes sense.
+        amplitudes: Linear parameters.
+        inner: Nonlinear parameters.
+        loaded: Whether a twist depends on the wrench.
+        linear: Whether it is proportional to it, at given positions and covariates, where the flexure's own law is.
+        memory: State it needs, if any.
+        possible: Whether it is believed of a scene and an arm with its values, beyond the bounds of its amplitudes.
+        constant: Whether it depends on nothing: nothing is plainer.
+        timed: Whether it depends on time alone: in a single session time runs along with the poses.
+        spatial: Whether a place in space is searched for it, with which it bends like a free shape.
+        physical: Whether it is physics rather than a free shape, whether or not the catalogue names it.
+        sought: Whether it is tried only where the residual points.
+        passive: Whether a twist of the load is a compliance, which must follow the load's way.
+        symmetric: Whether axis and partner of its spots may change places.
+        of_session: Whether it is of a session that has been: no row still to be measured tells of it.
+        stands_for: Blocks of declared parameters whose errors look like it.
+        shape: What files call a shape without a name, '' for all others.
+        columns: How many columns of any name such a shape depends on.
+    """
+
+    name: str
+    words: Words
+    instead: str = ""
+    places: Callable[[Records], Iterable[Spot]]
+    amplitudes: tuple[Amplitude, ...]
+    inner: tuple[Inner, ...] = ()
+    loaded: bool = False
+    linear: bool = False
+    memory: Memory | None = None
+    possible: Callable[[Effect, Scene, Manipulator], bool] = lambda effect, scene, arm: True
+    constant: bool = False
+    timed: bool = False
+    spatial: bool = False
+    physical: bool = True
+    sought: bool = False
+    passive: bool = True
+    symmetric: bool = False
+    of_session: bool = False
+    stands_for: tuple[str, ...] = ()
+    shape: str = ""
+    columns: int = 1
+
+    def __reduce__(self) -> tuple:
+        """Return the name: a law is found in the catalogue again where it is sent."""
+        return _named, (self.name,)
+
+    def digested(self) -> str:
+        """Return the name, for `digest`: it stands for the entry of the catalogue."""
+        return self.name
 
     @property
-    def inner(self) -> tuple[Inner, ...]:
-        """Nonlinear parameters."""
-        ...
+    def plain(self) -> bool:
+        """Whether it has neither a free shape nor a place in space to be searched."""
+        return self.physical and not self.spatial
 
-    def spots(self, scene: Scene) -> Iterable[Spot]:
-        """Return where the effect makes sense in a campaign."""
-        ...
+    @property
+    @abstractmethod
+    def act(self) -> Act:
+        """What its features are."""
 
-    def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
-        """Return (M, d, k) changes of the readings per amplitude of `spot.terms`."""
-        ...
+    @abstractmethod
+    def features(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
+        """Return (M, k, n) what it does in some rows per amplitude of `spot.terms`; `act` says what that is."""
 
-    def apply(self, effect: Effect, setup: Setup) -> Setup:
-        """Return a setup with the effect in it."""
-        ...
+    @property
+    def changes_model(self) -> bool:
+        """Whether it is in the model that it changed, and not at work in the arm as a twist or a load."""
+        return False
+
+    def change(self, effect: Effect, model: Model) -> Model:
+        """Return the model with the effect in it; what is at work in the arm changes nothing else."""
+        return model
+
+    def direction(self, here: Here, inner: Values) -> Array | None:
+        """Return the (6,) twist of which every twist is a multiple, None where there is no such; see `shapes`."""
+        return None
+
+    def shapes(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
+        """Return the (k, M) multiples of `direction`, one per amplitude."""
+        raise NotImplementedError(f"the twists of {self.name} have no one direction")
+
+    def of_load(self, spot: Spot) -> bool:
+        """Return whether what it does depends on the load, now or before, and not on the columns of its spot alone."""
+        return self.loaded or self.remembers_load(spot)
+
+    def remembers_load(self, spot: Spot) -> bool:
+        """Return whether its memory is of the load rather than of a column."""
+        return self.memory is not None and not spot.covariates
 
 
 @dataclass(frozen=True)
@@ -117,6 +269,11 @@ class Effect:
     def amplitudes(self) -> Values:
         """Values of the linear parameters."""
         return self.values[: len(self.law.amplitudes)]
+
+    @property
+    def acting(self) -> Array:
+        """(k,) values of those of them that act."""
+        return np.array([self.values[i] for i in self.spot.terms])
 
     @property
     def inner(self) -> Values:
@@ -150,6 +307,17 @@ class Effect:
     def _acting(self) -> list[tuple[Amplitude | Inner, float]]:
         amplitudes = [(self.law.amplitudes[i], self.amplitudes[i]) for i in self.spot.terms]
         return [*amplitudes, *(pair for pair in zip(self.law.inner, self.inner, strict=True) if pair[1] != -np.inf)]
+
+    @property
+    def state(self) -> str | None:
+        """Name of the derived covariate that says what it remembers, None where it has no memory."""
+        return self.law.memory.name(self.spot, self.inner) if self.law.memory else None
+
+    @property
+    def remembers(self) -> bool:
+        """Whether what it does depends on the rows before, not on its own row alone."""
+        memory = self.law.memory
+        return memory is not None and (memory.lag is None or self.named[memory.lag] > 0.0)
 
 
 Basis = Callable[[Here, Array, Row, Values], Array]
@@ -187,128 +355,101 @@ Remember = Callable[[Here, Array, Row, Values], Array]
 class Memory:
     """A state that depends on the rows before: `name` of the derived covariate, and how it follows.
 
-    It follows the spot's first column where there is one, else the load.
+    It follows the spot's first column where there is one, else the load. Where the inner parameter named `lag` is zero
+    it follows at once, and nothing is remembered.
     """
 
     name: Callable[[Spot, Values], str]
     remember: Remember
     unit: str
+    lag: str | None = None
 
 
-@dataclass(frozen=True)
-class TwistLaw:
-    """A law that adds a twist at a site.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwistLaw(EffectLaw):
+    """A law that adds a twist at a site: the twist per amplitude is its `basis`."""
 
-    Attributes:
-        name: As files name it.
-        places: Where it makes sense.
-        amplitudes: Linear parameters.
-        basis: The twist per amplitude.
-        inner: Nonlinear parameters.
-        loaded: Whether the twist depends on the wrench.
-        linear: Whether it is proportional to it, at given positions and covariates, where the flexure's own law is.
-        memory: State it needs, if any.
-    """
-
-    name: str
-    places: Callable[[Scene], Iterable[Spot]]
-    amplitudes: tuple[Amplitude, ...]
     basis: Basis
-    inner: tuple[Inner, ...] = ()
-    loaded: bool = False
-    memory: Memory | None = None
-    linear: bool = False
 
-    def __reduce__(self) -> tuple:
-        """Return the name: a law is found in the catalogue again where it is sent."""
-        return _named, (self.name,)
+    @property
+    def act(self) -> Act:
+        """A twist."""
+        return Act.TWIST
 
-    def digested(self) -> str:
-        """Return the name, for `digest`: it stands for the entry of the catalogue."""
-        return self.name
-
-    def spots(self, scene: Scene) -> Iterable[Spot]:
-        """Return where the effect makes sense in a campaign."""
-        return self.places(scene)
-
-    def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
-        """Return (M, d, k) changes of the readings per acting amplitude."""
-        features = self.features(spot, inner, view, scene)
-        return self.answer(spot, view) @ features.transpose(0, 2, 1)
-
-    def answer(self, spot: Spot, view: View) -> Array:
-        """Return (M, d, 6) changes of the readings per twist at a spot's site."""
-        return view.to_twist(spot.site)
-
-    def features(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
-        """Return (M, k, 6) twists per acting amplitude in the measured rows."""
+    def features(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
+        """Return (M, k, 6) twists per acting amplitude in some rows."""
         return self.basis(*self._asked(spot, inner, view, scene))[:, list(spot.terms)]
 
-    def of_load(self, spot: Spot) -> bool:
-        """Return whether a twist depends on the load, now or before, and not on the columns of its spot alone."""
-        return self.loaded or (self.memory is not None and not spot.covariates)
+    def direction(self, here: Here, inner: Values) -> Array | None:
+        """Return the (6,) twist of a law whose basis is `Along` one, else None."""
+        return self.basis.direction(here, inner) if isinstance(self.basis, Along) else None
 
-    def shapes(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
+    def shapes(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return the (k, M) numbers, one per amplitude, of a law whose basis is `Along` one direction."""
         assert isinstance(self.basis, Along)
         return np.array(self.basis.shapes(*self._asked(spot, inner, view, scene)))
 
-    def _asked(self, spot: Spot, inner: Values, view: View, scene: Scene) -> tuple[Here, Array, Row, Values]:
-        """Return what the basis is asked about the measured rows."""
-        here, row = scene.here(spot, view.setup.arm), scene.row_at(view)
+    def _asked(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> tuple[Here, Array, Row, Values]:
+        """Return what the basis is asked about some rows."""
+        here, row = scene.here(spot, view.arm), scene.row_at(view)
         if self.memory:
             state = scene.remembered(self.memory, spot, inner, view)[view.rows]
             row = Row(row.q, row.joint_index, {**row.covariates, self.memory.name(spot, inner): state})
-        return here, view.line.load_at(spot.site), row, inner
-
-    def apply(self, effect: Effect, setup: Setup) -> Setup:
-        """Return the setup with the effect among those of its arm."""
-        return setup.with_effect(effect)
+        return here, view.load_at(spot.site), row, inner
 
 
 Pull = Callable[[Here, Array, Values], Array]
 """(here, (..., 4, 4) pose of the link, inner) -> (..., k, 6) wrench per amplitude at its origin, base axes."""
 
 
-@dataclass(frozen=True)
-class LoadLaw:
-    """A law that adds a load on a link."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoadLaw(EffectLaw):
+    """A law that adds a load on a link: the wrench per amplitude is its `pull`."""
 
-    name: str
-    places: Callable[[Scene], Iterable[Spot]]
-    amplitudes: tuple[Amplitude, ...]
     pull: Pull
-    inner: tuple[Inner, ...] = ()
 
-    def __reduce__(self) -> tuple:
-        """Return the name: a law is found in the catalogue again where it is sent."""
-        return _named, (self.name,)
+    @property
+    def act(self) -> Act:
+        """A load."""
+        return Act.LOAD
 
-    def digested(self) -> str:
-        """Return the name, for `digest`: it stands for the entry of the catalogue."""
-        return self.name
+    def features(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
+        """Return (M, k, 6) wrenches per acting amplitude in some rows."""
+        pose = view.pose_of(scene.link(spot.site))
+        return self.pull(scene.here(spot, view.arm), pose, inner)[:, list(spot.terms)]
 
-    def spots(self, scene: Scene) -> Iterable[Spot]:
-        """Return where the effect makes sense in a campaign."""
-        return self.places(scene)
 
-    def columns(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
-        """Return (M, d, k) changes of the readings per acting amplitude."""
-        features = self.features(spot, inner, view, scene)
-        return self.answer(spot, view) @ features.transpose(0, 2, 1)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelLaw(EffectLaw):
+    """A law that changes the model itself.
 
-    def answer(self, spot: Spot, view: View) -> Array:
-        """Return (M, d, 6) changes of the readings per wrench at the origin of a spot's link, base axes."""
-        return view.to_load(link_of(spot.site, view.setup.arm.robot))
+    Attributes:
+        acts: What its features are.
+        made: (here, rows, scene) -> (M, k, n) features, one per amplitude.
+        changed: The model with an effect in it.
+    """
 
-    def features(self, spot: Spot, inner: Values, view: View, scene: Scene) -> Array:
-        """Return (M, k, 6) wrenches per acting amplitude in the measured rows."""
-        here, index = scene.here(spot, view.setup.arm), view.line.link_names.index(scene.link(spot.site))
-        return self.pull(here, view.line.links[:, index], inner)[:, list(spot.terms)]
+    acts: Act
+    made: Callable[[Here, Solved, Scene], Array]
+    changed: Callable[[Effect, Model], Model]
 
-    def apply(self, effect: Effect, setup: Setup) -> Setup:
-        """Return the setup with the effect among those of its arm."""
-        return setup.with_effect(effect)
+    @property
+    def act(self) -> Act:
+        """What its features are."""
+        return self.acts
+
+    @property
+    def changes_model(self) -> bool:
+        """It does."""
+        return True
+
+    def features(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
+        """Return (M, k, n) changes per acting amplitude in some rows."""
+        return self.made(scene.here(spot, view.arm), view, scene)[:, list(spot.terms)]
+
+    def change(self, effect: Effect, model: Model) -> Model:
+        """Return the model with the effect in it."""
+        return self.changed(effect, model)
 
 
 def _named(name: str) -> EffectLaw:

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from armflex.laws.effects.law import Amplitude, TwistLaw
-from armflex.laws.effects.scene import AXES, Scene
-from armflex.laws.effects.shapes import at_links, unit_twists
+from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.scene import AXES, Records
+from armflex.laws.effects.shapes import ON_THE_LINK, at_links, unit_twists
 from armflex.laws.effects.spot import Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    single = [Spot(spot.site, spot.axis, terms=(AXES.index(str(spot.axis)),)) for spot in at_links(scene)]
+def _places(records: Records) -> list[Spot]:
+    single = [Spot(spot.site, spot.axis, terms=(AXES.index(str(spot.axis)),)) for spot in at_links(records)]
     bending = ((3, 4), (3, 5), (4, 5), (3, 4, 5))
-    return single + [Spot(link, None, terms=terms) for link in scene.links for terms in bending]
+    return single + [Spot(link, None, terms=terms) for link in records.links for terms in bending]
 
 
 LINK_FLEXURE = TwistLaw(
-    "link_flexure",
-    _places,
-    tuple(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm", positive=True) for axis in AXES),
-    lambda here, wrench, row, inner: unit_twists(wrench),
+    name="link_flexure",
+    words=Words("link flexure", "the link itself bends", "C · w"),
+    instead=ON_THE_LINK,
+    places=_places,
+    amplitudes=tuple(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm", positive=True) for axis in AXES),
+    basis=lambda here, wrench, row, inner: unit_twists(wrench),
     loaded=True,
     linear=True,
 )

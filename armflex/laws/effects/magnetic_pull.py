@@ -7,14 +7,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Amplitude, Inner, LoadLaw, Values
+from armflex.laws.effects.law import Amplitude, Inner, LoadLaw, Values, Words
 from armflex.laws.effects.points import coordinates, force_at, middle_of
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.scene import Records, Scene
 from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    return [Spot(link) for link in scene.links]
+def _places(records: Records) -> list[Spot]:
+    return [Spot(link) for link in records.links]
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
@@ -29,9 +29,12 @@ def _reaches(spot: Spot, scene: Scene) -> Iterable[float]:
 
 
 MAGNETIC_PULL = LoadLaw(
-    "magnetic_pull",
-    _places,
-    (Amplitude("F1", "N m^2", positive=True),),
-    _pull,
-    (*coordinates("point", 4), Inner("reach", "m", _reaches)),
+    name="magnetic_pull",
+    words=Words("magnetic pull", "a force towards a point that falls with distance", "F / (d² + reach²)"),
+    instead="measure again with the field off",
+    places=_places,
+    amplitudes=(Amplitude("F1", "N m^2", positive=True),),
+    pull=_pull,
+    inner=(*coordinates("point", 4), Inner("reach", "m", _reaches, default=0.0)),
+    spatial=True,
 )

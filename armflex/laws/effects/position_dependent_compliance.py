@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import along, at_joints, on_axis, own_position
 from armflex.laws.effects.spot import Here, Spot, with_terms
 
 
-def _places(scene: Scene) -> list[Spot]:
-    spots = [Spot(spot.site, spot.axis, (f"q_{spot.site}",)) for spot in at_joints(scene)]
+def _places(records: Records) -> list[Spot]:
+    spots = [Spot(spot.site, spot.axis, (f"q_{spot.site}",)) for spot in at_joints(records)]
     return with_terms(spots, (0,), (0, 1))
 
 
@@ -21,10 +21,12 @@ def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, 
 
 
 POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
-    "position_dependent_compliance",
-    _places,
-    (Amplitude("C1", "{m}/{w} per q"), Amplitude("C2", "{m}/{w} per q^2")),
-    on_axis(_shapes),
+    name="position_dependent_compliance",
+    words=Words("position-dependent compliance", "the joint gives more in some positions", "(C₁ q + C₂ q²) · w"),
+    instead="hang the same weight on the joint's link at several positions of the joint",
+    places=_places,
+    amplitudes=(Amplitude("C1", "{m}/{w} per q"), Amplitude("C2", "{m}/{w} per q^2")),
+    basis=on_axis(_shapes),
     loaded=True,
     linear=True,
 )

@@ -18,15 +18,52 @@ from armflex.rows import Driven, Rows
 from armflex.rows.rows import LEVEL_OF, POSE
 
 if TYPE_CHECKING:
-    from armflex.arm import Arm
-    from armflex.estimate.view import View
-    from armflex.laws.effects.law import Memory, Values
+    from armflex.laws.effects.law import Manipulator, Memory, Solved, Values
 
 TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
 """Names of columns that are taken for a temperature."""
 
+MASS = "payload_mass"
+"""Column of the mass of what is carried [kg], which every row has."""
+
 AXES_TURN = ("rx", "ry", "rz")
 AXES = ("dx", "dy", "dz", *AXES_TURN)
+
+
+@dataclass(frozen=True, eq=False)
+class Records:
+    """What decides where effects make sense: the robot, and the names of what is known beside its joints.
+
+    Attributes:
+        robot: The robot.
+        recorded: Numeric columns that vary, which are suspects.
+        timed: Whether it is known when the rows were taken.
+        levels: Suspects that are entries of a text column: 1 where the column has it, else 0.
+        payloads: Those that weigh.
+        sessions: In their order.
+    """
+
+    robot: Robot
+    recorded: tuple[str, ...] = ()
+    timed: bool = False
+    levels: tuple[str, ...] = ()
+    payloads: tuple[str, ...] = ()
+    sessions: tuple[str, ...] = ()
+
+    @property
+    def temperatures(self) -> tuple[str, ...]:
+        """Suspects that go by the name of a temperature."""
+        return tuple(name for name in self.recorded if TEMPERATURE.search(name))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Moving joints of the chain."""
+        return self.robot.joint_names
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Sites at the ends of the links, the tool's last; what ends in the first joint is the base."""
+        return (*(LINK + joint for joint in self.joints[1:]), TOOL)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +88,15 @@ class Scene:
     wrenches: Mapping[str, Array]
     box: Array
 
-    @property
-    def temperatures(self) -> tuple[str, ...]:
-        """Suspects that go by the name of a temperature."""
-        return tuple(name for name in self.recorded if TEMPERATURE.search(name))
-
-    @property
-    def levels(self) -> tuple[str, ...]:
-        """Suspects that are entries of a text column: 1 where the column has it, else 0."""
-        return tuple(name for name, values in self.row.covariates.items() if LEVEL_OF in name and np.ptp(values) > 0.0)
+    @cached_property
+    def records(self) -> Records:
+        """What decides where effects make sense."""
+        known = self.row.covariates
+        levels = tuple(name for name, values in known.items() if LEVEL_OF in name and np.ptp(values) > 0.0)
+        mass = known.get(MASS, np.zeros(len(self.payloads)))
+        payloads = sorted({name for name, kilograms in zip(self.payloads, mass, strict=True) if kilograms > 0.0})
+        sessions = tuple(dict.fromkeys(self.sessions))
+        return Records(self.robot, self.recorded, self.timed, levels, tuple(payloads), sessions)
 
     @property
     def timed(self) -> bool:
@@ -72,11 +109,6 @@ class Scene:
         return self.robot.joint_names
 
     @cached_property
-    def links(self) -> tuple[str, ...]:
-        """Sites at the ends of the links, the tool's last; what ends in the first joint is the base."""
-        return (*(LINK + joint for joint in self.joints[1:]), TOOL)
-
-    @cached_property
     def sites(self) -> tuple[str, ...]:
         """All sites from base to tool."""
         return site_names(self.robot)
@@ -85,7 +117,7 @@ class Scene:
         """Return the (N,) values of a column or of a joint's position ('q_J')."""
         return column_of(self.row, name)
 
-    def here(self, spot: Spot, arm: Arm) -> Here:
+    def here(self, spot: Spot, arm: Manipulator) -> Here:
         """Return what is known about the arm at a spot."""
         known = self._heres.get(spot)
         if known is None or known[0] is not arm:
@@ -93,10 +125,10 @@ class Scene:
         return known[1]
 
     @cached_property
-    def _heres(self) -> dict[Spot, tuple[Arm, Here]]:
+    def _heres(self) -> dict[Spot, tuple[Manipulator, Here]]:
         return {}
 
-    def row_at(self, view: View) -> Row:
+    def row_at(self, view: Solved) -> Row:
         """Return what is known in a view's rows."""
         key = view.rows.tobytes()
         if key not in self._rows:
@@ -107,9 +139,9 @@ class Scene:
     def _rows(self) -> dict[bytes, Row]:
         return {}
 
-    def remembered(self, memory: Memory, spot: Spot, inner: Values, view: View) -> Array:
+    def remembered(self, memory: Memory, spot: Spot, inner: Values, view: Solved) -> Array:
         """Return the (N,) state of a memory at a spot; one of a column is the same at every spot, and kept."""
-        here = self.here(spot, view.setup.arm)
+        here = self.here(spot, view.arm)
         if not spot.covariates:
             return memory.remember(here, self.wrench(view, spot.site), self.row, inner)
         key = (memory, spot.covariates, inner)
@@ -121,10 +153,10 @@ class Scene:
     def _states(self) -> dict[tuple[Memory, tuple[str, ...], Values], Array]:
         return {}
 
-    def wrench(self, view: View, site: str) -> Array:
+    def wrench(self, view: Solved, site: str) -> Array:
         """Return the (N, 6) wrench at a site: the view's own where it has a row, else that of the scene."""
         wrench = self.wrenches[site].copy()
-        wrench[view.rows] = view.line.load_at(site)
+        wrench[view.rows] = view.load_at(site)
         return wrench
 
     def link(self, site: str) -> str:
@@ -139,7 +171,9 @@ def column_of(row: Row, name: str) -> Array:
     return row.covariate(name)
 
 
-def survey(rows: Rows, arm: Arm, known: Mapping[str, Array], wrenches: Mapping[str, Array], points: Array) -> Scene:
+def survey(
+    rows: Rows, arm: Manipulator, known: Mapping[str, Array], wrenches: Mapping[str, Array], points: Array
+) -> Scene:
     """Return the scene of a campaign.
 
     Args:
@@ -159,12 +193,15 @@ def survey(rows: Rows, arm: Arm, known: Mapping[str, Array], wrenches: Mapping[s
     return Scene(arm.robot, row, recorded, rows.payload, rows.session, wrenches, box)
 
 
-def known_columns(rows: Driven, arm: Arm) -> dict[str, Array]:
+def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
     """Return everything that is known of rows by name, each payload's mass included, (N,) numbers each.
 
     An entry of a text column that effects depend on and these rows never have is 0 throughout.
     """
-    known = {**rows.known, "payload_mass": np.array([arm.payload(name).mass for name in rows.payload])}
+    weights = {name: arm.payload(name).mass for name in dict.fromkeys(rows.payload)}
+    known = {**rows.known, MASS: np.array([weights[name] for name in rows.payload])}
+    if isinstance(rows, Rows) and any(POSE in effect.spot.covariates for effect in arm.effects):
+        known[POSE] = rows.pose_number.astype(float)
     texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}
     asked = {name for effect in arm.effects for name in effect.spot.covariates if LEVEL_OF in name}
     return {name: np.zeros(len(rows.q)) for name in asked if name.partition(LEVEL_OF)[0] in texts} | known

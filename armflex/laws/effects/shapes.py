@@ -9,7 +9,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.law import Along, Inner, Memory, Shapes, Values
-from armflex.laws.effects.scene import AXES, Scene, column_of
+from armflex.laws.effects.scene import AXES, Records, Scene, column_of
 from armflex.laws.effects.spot import BASE, Here, Spot, drive_axis
 from armflex.laws.effects.stepping import lag_behind, stepper
 
@@ -21,6 +21,11 @@ REFERENCE = 20.0
 
 ROUNDING = 1e-9
 """Share of a joint's largest load below which a load along another of its axes is rounding."""
+
+BY_HAND = "push the joint to and fro with its brake on, because play gives without force and wind-up springs back"
+OVER_ITS_RANGE = "compare the joint's encoder with a second one or an inclinometer on its link over the joint's range"
+ON_THE_LINK = "measure a second target on the link"
+ON_THE_FLOOR = "measure fixed targets on the floor in every session"
 
 TURNS = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
 """Turning axes that laws act about together."""
@@ -91,7 +96,8 @@ def follow(time: Array, values: Array, lag: float) -> Array:
     return state
 
 
-LAGGED = Memory(lagged_name, lagged, "K")
+LAG = "lag"
+LAGGED = Memory(lagged_name, lagged, "K", LAG)
 
 
 def reference_grid(spot: Spot, scene: Scene) -> Iterable[float]:
@@ -107,29 +113,29 @@ def lag_grid(spot: Spot, scene: Scene) -> Iterable[float]:
     return (0.0, *(lag for lag in LAGS if lag < span))
 
 
-WARM = (
-    Inner("reference", "degC", reference_grid, positive=False, polished=False),
-    Inner("lag", "s", lag_grid, positive=True),
-)
+ABOVE = Inner("reference", "degC", reference_grid, positive=False, polished=False, default=REFERENCE)
+"""The temperature above which a law counts."""
+
+WARM = (ABOVE, Inner(LAG, "s", lag_grid, default=0.0))
 
 
-def at_drives(scene: Scene, *covariates: str) -> list[Spot]:
+def at_drives(records: Records, *covariates: str) -> list[Spot]:
     """Return every moving joint's own axis; a covariate may name the joint as {joint}."""
     return [
         Spot(joint.name, drive_axis(joint), tuple(name.format(joint=joint.name) for name in covariates))
-        for joint in scene.robot.moving
+        for joint in records.robot.moving
     ]
 
 
-def at_joints(scene: Scene, axes: Iterable[str] = AXES, covariate: str | None = None) -> list[Spot]:
+def at_joints(records: Records, axes: Iterable[str] = AXES, covariate: str | None = None) -> list[Spot]:
     """Return every joint with each axis."""
     covariates = () if covariate is None else (covariate,)
-    return [Spot(joint, axis, covariates) for joint in scene.joints for axis in axes]
+    return [Spot(joint, axis, covariates) for joint in records.joints for axis in axes]
 
 
-def at_links(scene: Scene, axes: Iterable[str] = AXES, *covariates: str) -> list[Spot]:
+def at_links(records: Records, axes: Iterable[str] = AXES, *covariates: str) -> list[Spot]:
     """Return every link's end with each axis."""
-    return [Spot(link, axis, covariates) for link in scene.links for axis in axes]
+    return [Spot(link, axis, covariates) for link in records.links for axis in axes]
 
 
 def at_base(axes: Iterable[str] = AXES, *covariates: str) -> list[Spot]:
@@ -137,9 +143,9 @@ def at_base(axes: Iterable[str] = AXES, *covariates: str) -> list[Spot]:
     return [Spot(BASE, axis, covariates) for axis in axes]
 
 
-def with_temperature(make: Callable[..., list[Spot]], scene: Scene) -> list[Spot]:
+def with_temperature(make: Callable[..., list[Spot]], records: Records) -> list[Spot]:
     """Return the spots of `make(temperature)` for every recorded temperature."""
-    return [spot for name in scene.temperatures for spot in make(name)]
+    return [spot for name in records.temperatures for spot in make(name)]
 
 
 def unit_twists(wrench: Array) -> Array:

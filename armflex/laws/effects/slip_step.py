@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Words
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.shapes import at_joints, on_axis
 from armflex.laws.effects.spot import Spot
@@ -22,9 +22,12 @@ def _times(spot: Spot, scene: Scene) -> Iterable[float]:
 
 
 SLIP_STEP = TwistLaw(
-    "slip_step",
-    lambda scene: at_joints(scene, covariate="time") if scene.timed else [],
-    (Amplitude("size", "{m}"),),
-    on_axis(lambda here, wrench, row, inner: (np.where(row.covariate("time") >= inner[0], 1.0, 0.0),)),
-    (Inner("at", "s", _times, positive=False, smooth=False),),
+    name="slip_step",
+    words=Words("slip", "the joint moved once and stayed there", "size from a moment on"),
+    instead="drive to one pose again after every few readings",
+    places=lambda records: at_joints(records, covariate="time") if records.timed else [],
+    amplitudes=(Amplitude("size", "{m}"),),
+    basis=on_axis(lambda here, wrench, row, inner: (np.where(row.covariate("time") >= inner[0], 1.0, 0.0),)),
+    inner=(Inner("at", "s", _times, positive=False, smooth=False),),
+    timed=True,
 )

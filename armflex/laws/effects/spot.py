@@ -56,6 +56,11 @@ def with_terms(spots: Iterable[Spot], *choices: tuple[int, ...]) -> list[Spot]:
     return [replace(spot, terms=terms) for spot in spots for terms in choices]
 
 
+def all_and_each(names: Sequence[str]) -> tuple[str, ...]:
+    """Return '' for all of some payloads together, and the name of each where there are several."""
+    return ("", *names) if len(names) > 1 else ("",) * len(names)
+
+
 @dataclass(frozen=True)
 class Here:
     """A spot on one arm.

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, TwistLaw
+from armflex.laws.effects.law import Amplitude, TwistLaw, Words
 from armflex.laws.effects.shapes import along, at_joints, on_axis
 from armflex.laws.effects.spot import with_terms
 
 STIFFENING = TwistLaw(
-    "stiffening",
-    lambda scene: with_terms(at_joints(scene), (0,), (1,), (0, 1)),
-    (Amplitude("c2", "{m}/{w}^2"), Amplitude("c3", "{m}/{w}^3")),
-    on_axis(
+    name="stiffening",
+    words=Words("load-dependent stiffness", "the joint gives not in proportion", "c₂ τ|τ| + c₃ τ³"),
+    instead="load the joint in steps with weights at one pose",
+    places=lambda records: with_terms(at_joints(records), (0,), (1,), (0, 1)),
+    amplitudes=(Amplitude("c2", "{m}/{w}^2"), Amplitude("c3", "{m}/{w}^3")),
+    basis=on_axis(
         lambda here, wrench, row, inner: (
             along(here, wrench) * np.abs(along(here, wrench)),
             along(here, wrench) ** 3,

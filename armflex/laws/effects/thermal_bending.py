@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Along, Amplitude, Inner, TwistLaw, Values
+from armflex.laws.effects.law import Along, Amplitude, Inner, TwistLaw, Values, Words
 from armflex.laws.effects.scene import AXES_TURN
-from armflex.laws.effects.shapes import LAGGED, WARM, at_links, warmth, with_temperature
+from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, at_links, warmth, with_temperature
 from armflex.laws.effects.spot import Here
 
 
@@ -20,10 +20,12 @@ def _direction(here: Here, inner: Values) -> Array:
 
 
 THERMAL_BENDING = TwistLaw(
-    "thermal_bending",
-    lambda scene: with_temperature(lambda name: at_links(scene, AXES_TURN, name), scene),
-    (Amplitude("beta", "rad/K"),),
-    Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
-    (Inner("along", "1", lambda spot, scene: (1.0, 0.5, 0.0), polished=False, usual=1.0), *WARM),
+    name="thermal_bending",
+    words=Words("thermal bending", "the link bends as it warms", "β (T − T₀)"),
+    instead=f"{ON_THE_LINK} at two temperatures",
+    places=lambda records: with_temperature(lambda name: at_links(records, AXES_TURN, name), records),
+    amplitudes=(Amplitude("beta", "rad/K"),),
+    basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
+    inner=(Inner("along", "1", lambda spot, scene: (1.0, 0.5, 0.0), polished=False, usual=1.0, default=1.0), *WARM),
     memory=LAGGED,
 )

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from armflex.laws.effects.law import Along, Amplitude, TwistLaw
-from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.shapes import LAGGED, WARM, warmth
+from armflex.laws.effects.law import Along, Amplitude, TwistLaw, Words
+from armflex.laws.effects.scene import Records
+from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, warmth
 from armflex.laws.effects.spot import Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    return [Spot(link, None, (name,)) for link in scene.links for name in scene.temperatures]
+def _places(records: Records) -> list[Spot]:
+    return [Spot(link, None, (name,)) for link in records.links for name in records.temperatures]
 
 
 THERMAL_GROWTH = TwistLaw(
-    "thermal_growth",
-    _places,
-    (Amplitude("alpha", "1/K"),),
-    Along(lambda here, wrench, row, inner: (warmth(here, row, *inner),), lambda here, inner: here.stretch),
-    WARM,
+    name="thermal_growth",
+    words=Words("thermal growth", "the link grows as it warms", "α L (T − T₀)"),
+    instead=f"{ON_THE_LINK} at two temperatures",
+    places=_places,
+    amplitudes=(Amplitude("alpha", "1/K"),),
+    basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner),), lambda here, inner: here.stretch),
+    inner=WARM,
     memory=LAGGED,
 )

@@ -6,8 +6,8 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warmth, with_temperature
 from armflex.laws.effects.spot import Here, Spot
 
@@ -15,9 +15,9 @@ MOST = 0.1
 """Largest beta that is believed [1/K]: plastics near their softening point; steel and gears have a thousandth."""
 
 
-def _places(scene: Scene) -> list[Spot]:
-    whole = [Spot(joint, None, (name,)) for joint in scene.joints for name in scene.temperatures]
-    return whole + with_temperature(lambda name: at_joints(scene, covariate=name), scene)
+def _places(records: Records) -> list[Spot]:
+    whole = [Spot(joint, None, (name,)) for joint in records.joints for name in records.temperatures]
+    return whole + with_temperature(lambda name: at_joints(records, covariate=name), records)
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -28,11 +28,13 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 
 THERMAL_SOFTENING = TwistLaw(
-    "thermal_softening",
-    _places,
-    (Amplitude("beta", "1/K", most=MOST),),
-    _basis,
-    WARM,
+    name="thermal_softening",
+    words=Words("thermal softening", "the joint gives more as it warms", "β (T − T₀) · C w"),
+    instead="load the joint with weights at one pose when it is cold and when it is warm",
+    places=_places,
+    amplitudes=(Amplitude("beta", "1/K", most=MOST),),
+    basis=_basis,
+    inner=WARM,
     loaded=True,
     memory=LAGGED,
     linear=True,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Amplitude, LoadLaw, Values
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.law import Amplitude, LoadLaw, Values, Words
+from armflex.laws.effects.scene import Records
 from armflex.laws.effects.spot import TOOL, Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
+def _places(records: Records) -> list[Spot]:
     single = [Spot(TOOL, axis, terms=(i,)) for i, axis in enumerate(("dx", "dy", "dz"))]
     return [*single, Spot(TOOL, None, terms=(0, 1, 2))]
 
@@ -19,4 +19,11 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
     return np.broadcast_to(np.eye(3, 6), (*pose.shape[:-2], 3, 6))
 
 
-TIP_FORCE = LoadLaw("tip_force", _places, tuple(Amplitude(f"f{axis}", "N") for axis in "xyz"), _pull)
+TIP_FORCE = LoadLaw(
+    name="tip_force",
+    words=Words("tip force", "something pulls at the tip", "constant force"),
+    instead="measure again with whatever pulls on the tool taken off",
+    places=_places,
+    amplitudes=tuple(Amplitude(f"f{axis}", "N") for axis in "xyz"),
+    pull=_pull,
+)

@@ -8,17 +8,17 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.scene import Records, Scene
 from armflex.laws.effects.spot import TOOL, Here, Spot
 
 ALWAYS = -np.inf
 """A start before every row, which needs no time."""
 
 
-def _places(scene: Scene) -> list[Spot]:
+def _places(records: Records) -> list[Spot]:
     single = [Spot(TOOL, axis, terms=(i,)) for i, axis in enumerate(("dx", "dy", "dz"))]
-    return [*single, *([Spot(TOOL, None, ("time",), (0, 1, 2))] if scene.timed else [])]
+    return [*single, *([Spot(TOOL, None, ("time",), (0, 1, 2))] if records.timed else [])]
 
 
 def _starts(spot: Spot, scene: Scene) -> Iterable[float]:
@@ -37,9 +37,13 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 
 TOOL_SHIFT = TwistLaw(
-    "tool_shift",
-    _places,
-    tuple(Amplitude(axis, "m") for axis in ("dx", "dy", "dz")),
-    _basis,
-    (Inner("since", "s", _starts, positive=False, polished=False),),
+    name="tool_shift",
+    words=Words("tool shift", "the target is elsewhere than declared, or moved", "constant shift"),
+    instead="measure a second target on the tool",
+    places=_places,
+    amplitudes=tuple(Amplitude(axis, "m") for axis in ("dx", "dy", "dz")),
+    basis=_basis,
+    inner=(Inner("since", "s", _starts, positive=False, polished=False, default=ALWAYS),),
+    timed=True,
+    stands_for=("tool",),
 )

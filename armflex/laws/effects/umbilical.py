@@ -7,14 +7,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Amplitude, Inner, LoadLaw, Values
+from armflex.laws.effects.law import Amplitude, Inner, LoadLaw, Values, Words
 from armflex.laws.effects.points import coordinates, end_of, force_at
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.scene import Records, Scene
 from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(scene: Scene) -> list[Spot]:
-    return [Spot(link) for link in scene.links]
+def _places(records: Records) -> list[Spot]:
+    return [Spot(link) for link in records.links]
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
@@ -30,13 +30,16 @@ def _rests(spot: Spot, scene: Scene) -> Iterable[float]:
     return (0.0, 0.25 * float(np.linalg.norm(np.ptp(scene.box, axis=0))))
 
 
-HOOK = Inner("hook", "1", lambda spot, scene: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0))
+HOOK = Inner("hook", "1", lambda spot, scene: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0), default=1.0)
 """Where on the link it is hooked, as a part of the way to the link's end."""
 
 UMBILICAL = LoadLaw(
-    "umbilical",
-    _places,
-    (Amplitude("k", "N/m", positive=True),),
-    _pull,
-    (*coordinates("anchor", 3), Inner("rest", "m", _rests, positive=False), HOOK),
+    name="umbilical",
+    words=Words("umbilical pull", "a spring pulls the link towards a fixed point", "k · (distance − rest)"),
+    instead="measure again with the umbilical taken off",
+    places=_places,
+    amplitudes=(Amplitude("k", "N/m", positive=True),),
+    pull=_pull,
+    inner=(*coordinates("anchor", 3), Inner("rest", "m", _rests, positive=False, default=0.0), HOOK),
+    spatial=True,
 )

@@ -13,9 +13,8 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.guide import GUIDE
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values
-from armflex.laws.effects.scene import AXES, Scene, column_of
+from armflex.laws.effects.law import Amplitude, Effect, Inner, Manipulator, TwistLaw, Values, Words
+from armflex.laws.effects.scene import AXES, Records, Scene, column_of
 from armflex.laws.effects.shapes import along, on_axis
 from armflex.laws.effects.spot import BASE, TOOL, Here, Spot
 
@@ -26,9 +25,9 @@ LEAST_PERIODS, PERIODS = 0.5, 6.0
 """Fewest and most periods of a wave over a column's recorded range; less of one is a trend."""
 
 
-def suspects(scene: Scene) -> tuple[str, ...]:
+def suspects(records: Records) -> tuple[str, ...]:
     """Return every column that may be a cause: what was recorded, and every joint's position."""
-    return (*scene.recorded, *(f"q_{joint}" for joint in scene.joints))
+    return (*records.recorded, *(f"q_{joint}" for joint in records.joints))
 
 
 def hats(values: Array, low: float, high: float, count: int) -> Array:
@@ -107,86 +106,126 @@ def _waves(spot: Spot, scene: Scene) -> Iterable[float]:
     return 2.0 * np.pi / span * np.arange(LEAST_PERIODS, PERIODS, 1.0 / 3.0)
 
 
+def _goes_round(effect: Effect, scene: Scene, arm: Manipulator) -> bool:
+    """Return whether a wave goes through `LEAST_PERIODS` over what was recorded of its column."""
+    return effect.inner[0] * np.ptp(scene.column(effect.spot.covariates[0])) >= 2.0 * np.pi * LEAST_PERIODS
+
+
 LOW = Inner("low", "as recorded", lowest, positive=False, polished=False)
 HIGH = Inner("high", "as recorded", highest, positive=False, polished=False)
 MIDDLE = Inner("middle", "as recorded", _middle, positive=False, polished=False)
 TENTS = tuple(f"a{i}" for i in range(KNOTS))
 
 
-def shaped_places(scene: Scene) -> list[tuple[str, str]]:
+def shaped_places(records: Records) -> list[tuple[str, str]]:
     """Return the sites and axes at which free shapes are tried: the base, every joint and the tool."""
-    return [(site, axis) for site in (BASE, *scene.joints, TOOL) for axis in AXES]
+    return [(site, axis) for site in (BASE, *records.joints, TOOL) for axis in AXES]
 
 
-def everywhere(scene: Scene) -> list[Spot]:
+def everywhere(records: Records) -> list[Spot]:
     """Return every joint, the base and the tool with each axis and each suspect column."""
-    return [Spot(site, axis, (name,)) for site, axis in shaped_places(scene) for name in suspects(scene)]
+    return [Spot(site, axis, (name,)) for site, axis in shaped_places(records) for name in suspects(records)]
 
 
-def _with_all(make: Callable[[Scene], list[Spot]], count: int, scene: Scene) -> list[Spot]:
-    return [Spot(s.site, s.axis, s.covariates, tuple(range(count))) for s in make(scene)]
+def _with_all(make: Callable[[Records], list[Spot]], count: int, records: Records) -> list[Spot]:
+    return [Spot(s.site, s.axis, s.covariates, tuple(range(count))) for s in make(records)]
 
 
 SPLINE = TwistLaw(
-    "unnamed_shape",
-    partial(_with_all, everywhere, KNOTS),
-    tuple(Amplitude(name, "{m}") for name in TENTS),
-    on_axis(_spline),
-    (LOW, HIGH),
+    name="unnamed_shape",
+    words=Words("unnamed shape", "it follows a column freely", "f(x), straight between knots"),
+    places=partial(_with_all, everywhere, KNOTS),
+    amplitudes=tuple(Amplitude(name, "{m}") for name in TENTS),
+    basis=on_axis(_spline),
+    inner=(LOW, HIGH),
+    physical=False,
+    shape="spline",
 )
 SPLINE_COMPLIANCE = TwistLaw(
-    "unnamed_compliance",
-    partial(_with_all, everywhere, KNOTS),
-    tuple(Amplitude(name, "{m}/{w}") for name in TENTS),
-    on_axis(_spline_compliance),
-    (LOW, HIGH),
+    name="unnamed_compliance",
+    words=Words("unnamed compliance", "it gives with the load, as a column goes", "f(x) · w"),
+    places=partial(_with_all, everywhere, KNOTS),
+    amplitudes=tuple(Amplitude(name, "{m}/{w}") for name in TENTS),
+    basis=on_axis(_spline_compliance),
+    inner=(LOW, HIGH),
     loaded=True,
+    physical=False,
+    shape="spline_compliance",
 )
 BUMP = TwistLaw(
-    "unnamed_bump",
-    everywhere,
-    (Amplitude("height", "{m}"),),
-    on_axis(_bump),
-    (
+    name="unnamed_bump",
+    words=Words("unnamed bump", "it happens near one value", "height · exp(−(x − centre)² / 2 width²)"),
+    places=everywhere,
+    amplitudes=(Amplitude("height", "{m}"),),
+    basis=on_axis(_bump),
+    inner=(
         Inner("centre", "as recorded", _centres, positive=False),
         Inner("width", "as recorded", _widths),
     ),
+    physical=False,
+    shape="bump",
+    sought=True,
 )
 WAVE = TwistLaw(
-    "unnamed_wave",
-    partial(_with_all, everywhere, 2),
-    (Amplitude("A", "{m}"), Amplitude("B", "{m}")),
-    on_axis(_wave),
-    (Inner("k", "per recorded", _waves),),
+    name="unnamed_wave",
+    words=Words("unnamed wave", "it goes up and down with a column", "A sin kx + B cos kx"),
+    places=partial(_with_all, everywhere, 2),
+    amplitudes=(Amplitude("A", "{m}"), Amplitude("B", "{m}")),
+    basis=on_axis(_wave),
+    inner=(Inner("k", "per recorded", _waves),),
+    physical=False,
+    shape="wave",
+    sought=True,
+    possible=_goes_round,
 )
 LINE = TwistLaw(
-    "unnamed_line",
-    everywhere,
-    (Amplitude("slope", "{m} per recorded"), Amplitude("curvature", "{m} per recorded^2")),
-    on_axis(_line),
-    (MIDDLE,),
+    name="unnamed_line",
+    words=Words("unnamed trend", "it grows steadily with a column", "slope · x + curvature · x²"),
+    places=everywhere,
+    amplitudes=(Amplitude("slope", "{m} per recorded"), Amplitude("curvature", "{m} per recorded^2")),
+    basis=on_axis(_line),
+    inner=(MIDDLE,),
+    physical=False,
+    shape="line",
 )
 PRODUCT = TwistLaw(
-    "unnamed_product",
-    lambda scene: [],
-    tuple(Amplitude(f"a{i}", "{m}") for i in range(2 * KNOTS + 1)),
-    on_axis(_product),
-    (LOW, HIGH, MIDDLE),
+    name="unnamed_product",
+    words=Words("unnamed product", "two columns act together", "f(x) · (1, y)"),
+    places=lambda records: [],
+    amplitudes=tuple(Amplitude(f"a{i}", "{m}") for i in range(2 * KNOTS + 1)),
+    basis=on_axis(_product),
+    inner=(LOW, HIGH, MIDDLE),
+    physical=False,
+    shape="product",
+    columns=2,
+    sought=True,
 )
 WAVE_PRODUCT = TwistLaw(
-    "unnamed_wave_product",
-    lambda scene: [],
-    tuple(Amplitude(name, "{m}" + unit) for name, unit in zip("ABCD", ("", "", *2 * (" per recorded",)), strict=True)),
-    on_axis(_wave_product),
-    (Inner("k", "per recorded", _waves), MIDDLE),
+    name="unnamed_wave_product",
+    words=Words(
+        "unnamed wave product", "a wave in one column grows with another", "(A + C y) sin kx + (B + D y) cos kx"
+    ),
+    places=lambda records: [],
+    amplitudes=tuple(
+        Amplitude(name, "{m}" + unit) for name, unit in zip("ABCD", ("", "", *2 * (" per recorded",)), strict=True)
+    ),
+    basis=on_axis(_wave_product),
+    inner=(Inner("k", "per recorded", _waves), MIDDLE),
+    physical=False,
+    shape="wave_product",
+    columns=2,
+    sought=True,
+    possible=_goes_round,
 )
 
 LEVEL = TwistLaw(
-    "unnamed_level",
-    lambda scene: [Spot(site, axis, (name,)) for site, axis in shaped_places(scene) for name in scene.levels],
-    (Amplitude("step", "{m}"),),
-    on_axis(_level),
+    name="unnamed_level",
+    words=Words("unnamed level", "it is there while a column has one entry", "a step"),
+    places=lambda records: [
+        Spot(site, axis, (name,)) for site, axis in shaped_places(records) for name in records.levels
+    ],
+    amplitudes=(Amplitude("step", "{m}"),),
+    basis=on_axis(_level),
+    physical=False,
+    shape="level",
 )
-
-SHAPES = {law.name: law for law in (GUIDE, LEVEL, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, WAVE_PRODUCT, PRODUCT)}
-"""Name in files -> shape; the plainer first."""

@@ -72,6 +72,8 @@ def further(trace: Trace, accurate: Accuracy) -> list[str]:
         "(the calibrated arm)."
         for one in trace.withdrawn
     ]
+    if trace.said_of_limit:
+        said.append(trace.said_of_limit)
     if trace.told("unexplained"):
         said.append(f"{trace.told('unexplained')} readings far off together are left out: nothing explains them.")
     if trace.unexplained:

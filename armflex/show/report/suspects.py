@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
-from armflex.laws.effects.law import Effect, TwistLaw
+from armflex.laws.effects.law import Act, Effect
 from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.shapes import ABOVE, LAG
 from armflex.show.report.numbers import scaled
 from armflex.trace.result import Trace
 
@@ -17,10 +18,6 @@ STRAIGHT = 1e-6
 
 FUNCTION = 0.03
 """Scatter of an effect about a curve, as a share of its range, below which it is drawn as one."""
-
-
-CONSTANT = ("encoder_offset", "link_geometry", "tool_shift")
-"""Laws that depend on nothing: drawn against time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,15 +84,13 @@ def suspicion(trace: Trace, index: int) -> Suspicion:
 def motion_of(trace: Trace, effect: Effect) -> Array:
     """Return the (M, 3) change of the readings by an effect [m]."""
     view, scene = trace.state.fit.view, trace.state.scene
-    amplitudes = np.array([effect.amplitudes[i] for i in effect.spot.terms])
-    return effect.law.columns(effect.spot, effect.inner, view, scene)[:, view.positions] @ amplitudes
+    return view.effect_columns(effect, scene)[:, view.positions] @ effect.acting
 
 
 def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array, str]:
     """Return the direction of an effect, what it depends on, and the label of that."""
     twist, axis = _twist(trace, effect)
-    many = axis is None or (isinstance(effect.law, TwistLaw) and effect.law.loaded)
-    if "reference" in effect.named and many:
+    if ABOVE in effect.law.inner and (axis is None or effect.law.loaded):
         x, x_label = _suspect(trace, effect, None)
         return _per_kelvin(trace, effect, motion, x), x, x_label
     if axis is None:
@@ -120,21 +115,20 @@ def _usual(unit: Array, value: Array) -> Direction:
 
 def _per_kelvin(trace: Trace, effect: Effect, motion: Array, warm: Array) -> Direction:
     """Return the direction of an effect that grows with a temperature above its reference."""
-    place = [inner.name for inner in effect.law.inner].index("reference")
+    place = effect.law.inner.index(ABOVE)
     lower = list(effect.inner)
     lower[place] -= 1.0
     moved = replace(effect, values=(*effect.amplitudes, *lower))
-    return _usual(motion_of(trace, moved) - motion, warm - effect.named["reference"])
+    return _usual(motion_of(trace, moved) - motion, warm - effect.inner[place])
 
 
 def _twist(trace: Trace, effect: Effect) -> tuple[Array, Array | None]:
     """Return the (M, 6) twist of an effect and the one (6,) direction that it has, None where it has several."""
     law, state = effect.law, trace.state
-    if not isinstance(law, TwistLaw):
+    if law.act is not Act.TWIST:
         return np.zeros((0, 6)), None
-    amplitudes = np.array([effect.amplitudes[i] for i in effect.spot.terms])
     features = law.features(effect.spot, effect.inner, state.fit.view, state.scene)
-    twist = np.einsum("mka,k->ma", features, amplitudes)
+    twist = np.einsum("mka,k->ma", features, effect.acting)
     _, sizes, directions = np.linalg.svd(twist, full_matrices=False)
     if sizes[0] == 0.0 or sizes[1] > STRAIGHT * sizes[0]:
         return twist, None
@@ -174,14 +168,14 @@ def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, s
         load = scene.wrench(state.fit.view, spot.site)[rows, main]
         return _loads(load, WRENCH_NAMES[main], f"load {WRENCH_NAMES[main]} at {spot.place}")
     own = spot.place in scene.joints and np.ptp(scene.column(f"q_{spot.place}")[rows]) > 0.0
-    return _column(scene, f"q_{spot.place}" if own and law.name not in CONSTANT else "time", rows)
+    return _column(scene, f"q_{spot.place}" if own and not law.constant else "time", rows)
 
 
 def _remembered(values: Array, effect: Effect) -> tuple[Array, str]:
     if not effect.spot.covariates:
         axis = str(effect.spot.axis)
         return _loads(values, "m" if effect.spot.turns else "f", f"load {axis} that play passes on")
-    name, lag = effect.spot.covariates[0], effect.named.get("lag", 0.0)
+    name, lag = effect.spot.covariates[0], effect.named.get(LAG, 0.0)
     return values, f"{name}, {lag / 3600.0:.2g} h behind" if lag else name
 
 

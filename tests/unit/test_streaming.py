@@ -1,0 +1,221 @@
+"""Rows that come some at a time: as all at once, in memory that does not grow with them, whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import armflex
+from armflex.errors import ArmflexError, Place, TableError
+from armflex.estimate.calibrate import calibrate, write_calibrated
+from armflex.measured.measurements import read_measurements, stream_inputs
+from armflex.measured.table import Column, Table
+from armflex.rows.rows import last_motion
+from armflex.tasks import predict as task
+from armflex.tasks.predict import predict, predict_file
+from tests.support.small_arms import ROBOTS
+
+DECLARED = ROBOTS / "tarm_like" / "measured.toml"
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(armflex.__file__).parents[1])}
+JOINTS = ("M1", "A1", "A2", "A3", "A4", "A5", "A6")
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An arm.toml with what was fitted and its covariance."""
+    arm = armflex.load_arm(DECLARED)
+    campaign = read_measurements(DECLARED.with_name("campaign.csv"), arm)
+    found = calibrate(arm, campaign.some(range(0, len(campaign), 6)), as_stated=True)
+    return write_calibrated(DECLARED, found, tmp_path_factory.mktemp("calibrated") / "arm.toml")
+
+
+@pytest.fixture(scope="module")
+def arm(calibrated: Path) -> armflex.Arm:
+    return armflex.load_arm(calibrated)
+
+
+def rows_of(
+    folder: Path, count: int = 23, keep: tuple[str, ...] = ("time", "temperature", "hold"), **more: list
+) -> Path:
+    """Write inputs as of the bundled campaign, again and again; `more` are further columns, by cells in turn."""
+    with (ROBOTS / "tarm_like" / "campaign.csv").open() as file:
+        campaign = list(csv.DictReader(file))
+    path = folder / "rows.csv"
+    with path.open("w") as file:
+        names = ["session", "payload", *keep, *(f"q_{joint}" for joint in JOINTS)]
+        writer = csv.writer(file)
+        writer.writerow([*names, *more])
+        for i in range(count):
+            own = [cells[i % len(cells)] for cells in more.values()]
+            writer.writerow([*(campaign[i % len(campaign)][name] for name in names), *own])
+    return path
+
+
+CELL = st.one_of(
+    st.floats(allow_nan=True).map(repr),
+    st.sampled_from(
+        ["", " ", "1_000", "nan", "-inf", "1e400", "１", "+.5", "5.", " 7 ", "\t8", "1 2", "0x1", "1e30", "2e30"]
+    ),
+    st.text("0123456789+-.eE _nif", max_size=6),
+)
+
+
+@given(st.lists(CELL, max_size=6), st.sampled_from([1.0, 1e-3]))
+def test_a_column_at_once_is_as_cell_by_cell(cells: list[str], factor: float) -> None:
+    table = Table(Path("t.csv"), {"x": Column("x_mm", "mm", factor, tuple(cells))}, tuple(range(2, 2 + len(cells))))
+    found, careful = [], type("Careful", (Table,), {"plain": lambda *_: None})(table.path, table.columns, table.lines)
+    for one in (table, careful):
+        try:
+            found.append(one.numbers("x").tolist())
+        except TableError as error:
+            found.append(str(error))
+    assert found[0] == found[1]
+
+
+@given(
+    st.lists(st.lists(st.sampled_from([0.0, 1.0, 1.0 + 1e-12, 2.0]), min_size=2, max_size=2), min_size=2, max_size=9)
+)
+def test_the_last_motion_goes_on_from_the_row_before(rows: list[list[float]]) -> None:
+    q = np.array(rows)
+    whole = last_motion(q)
+    parts, before = [], None
+    for row in q:
+        parts.append(last_motion(row[None], before)[0])
+        before = row, parts[-1]
+    np.testing.assert_array_equal(np.array(parts), whole)
+
+
+@pytest.mark.parametrize("most", [1, 7, 1000])
+def test_rows_in_pieces_are_those_at_once(tmp_path: Path, arm: armflex.Arm, most: int) -> None:
+    mixed = {"shift": ["a", "b", "b", "2"], "gaps": ["1", "2", "3", "", "5"], "many": [f"t{i}" for i in range(20)]}
+    mixed |= {"late": ["1"] * 20 + ["x"], "approach_A2": ["1", "-1", "0"], "humidity": ["40.5", "41"]}
+    path = rows_of(tmp_path, 23, ("temperature",), **mixed)
+    whole, pieces = read_measurements(path, arm, inputs_only=True), list(stream_inputs(path, arm, most))
+    assert sum(map(len, pieces)) == len(whole) and len(pieces) == -(-23 // most)
+    for name in ("pose", "session", "payload", "places"):
+        assert sum((getattr(piece, name) for piece in pieces), ()) == getattr(whole, name)
+    for name in ("time", "q", "approach", "measured"):
+        np.testing.assert_array_equal(np.concatenate([getattr(piece, name) for piece in pieces]), getattr(whole, name))
+    assert all(list(one.known) == list(whole.known) and one.derived == whole.derived for one in pieces)
+    for name, values in whole.known.items():
+        np.testing.assert_array_equal(np.concatenate([piece.known[name] for piece in pieces]), values)
+    assert {"shift=a", "shift=2", "humidity"} < set(whole.known)
+    assert not {"many=t1", "late=x", "late"} & set(whole.known)
+
+
+@pytest.mark.parametrize(
+    ("column", "cells"),
+    [
+        ("humidity", ["40", "nan"]),
+        ("humidity", ["nan", "", "", "40"]),
+        ("q_A1_deg", ["a"]),
+        ("hold", ["1", "1e40"]),
+        ("approach_A2", ["1", "0.5"]),
+        ("payload", ["p300", "p600", "p301"]),
+        ("q_A1", ["0.1", "0.2", "30", "40"]),
+        ("hold", ["1", "2", "\x1b"]),
+        ("x", ["1.0"]),
+    ],
+)
+def test_bad_cells_are_told_as_of_a_whole_table(
+    tmp_path: Path, arm: armflex.Arm, column: str, cells: list[str]
+) -> None:
+    path = rows_of(tmp_path, 12, ())
+    header, *body = [line.split(",") for line in path.read_text().splitlines()]
+    place = {name: i for i, name in enumerate(header)}.get(column.removesuffix("_deg"), len(header))
+    for i, row in enumerate([header, *body]):
+        row[place : place + 1] = [column if i == 0 else cells[(i - 1) % len(cells)]]
+    path.write_text("\n".join(",".join(row) for row in (header, *body)))
+    with pytest.raises(TableError) as whole:
+        read_measurements(path, arm, inputs_only=True)
+    for most in (1, 5):
+        with pytest.raises(TableError) as pieces:
+            list(stream_inputs(path, arm, most))
+        assert str(pieces.value) == str(whole.value)
+
+
+@pytest.mark.parametrize("together", [1, 7, 1000])
+def test_predictions_in_pieces_are_those_at_once(
+    tmp_path: Path, arm: armflex.Arm, monkeypatch: pytest.MonkeyPatch, together: int
+) -> None:
+    path = rows_of(tmp_path)
+    whole = predict(arm, read_measurements(path, arm, inputs_only=True))
+    monkeypatch.setattr(task, "TOGETHER", together)
+    pieces, told = predict(arm, read_measurements(path, arm, inputs_only=True)), []
+    for name in ("position", "rotation", "sigma", "displacement"):
+        np.testing.assert_allclose(getattr(pieces, name), getattr(whole, name), rtol=1e-9, atol=1e-12)
+    count, flags = predict_file(arm, path, tmp_path / "out.csv", lambda done, _: told.append(done))
+    assert count == told[-1] == 23 and flags == pieces.flags == whole.flags and len(told) == -(-23 // together)
+    with (tmp_path / "out.csv").open() as file:
+        written = list(csv.DictReader(file))
+    for name, values in (("x", whole.position[:, 0]), ("sigma_z", whole.sigma[:, 2]), ("rz", whole.displacement[:, 5])):
+        np.testing.assert_allclose([float(row[name]) for row in written], values, rtol=1e-9, atol=1e-12)
+
+
+def test_a_row_that_cannot_be_predicted_leaves_no_file(
+    tmp_path: Path, arm: armflex.Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = rows_of(tmp_path)
+    lines = path.read_text().splitlines()
+    q = lines[0].split(",").index("q_A1")
+    lines[12] = ",".join("3.9" if i == q else cell for i, cell in enumerate(lines[12].split(",")))
+    path.write_text("\n".join(lines))
+    monkeypatch.setattr(task, "TOGETHER", 5)
+    with pytest.raises(ArmflexError, match=f"{Place(path, 13)}: joint 'A1' at 3.9 is outside"):
+        predict_file(arm, path, tmp_path / "out.csv")
+    assert [one.name for one in tmp_path.iterdir()] == ["rows.csv"]
+
+
+SCARCE = """
+import resource, sys
+import armflex
+from armflex.errors import OutOfMemoryError
+from armflex.tasks import predict as task
+arm = armflex.load_arm(sys.argv[1])
+task.predict_file(arm, sys.argv[2], "first.csv")  # what is compiled and loaded once
+size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (size + 130_000_000,) * 2)
+task.predict_file(arm, sys.argv[3], "pieces.csv")
+task.TOGETHER = 10**9
+try:
+    task.predict_file(arm, sys.argv[3], "whole.csv")
+except OutOfMemoryError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux how much memory there is")
+def test_memory_does_not_grow_with_the_rows(tmp_path: Path, calibrated: Path) -> None:
+    """What the same rows in one piece take is refused here, and leaves no file."""
+    (tmp_path / "few").mkdir()
+    few, many = rows_of(tmp_path / "few", 20), rows_of(tmp_path, 15_000)
+    command = [sys.executable, "-c", SCARCE, str(calibrated), str(few), str(many)]
+    found = subprocess.run(command, cwd=tmp_path, check=True, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
+    assert found.stdout == "rows from 0 on: there is not enough memory for them\n"
+    assert len((tmp_path / "pieces.csv").read_text().splitlines()) == 15_001
+    assert {one.name for one in tmp_path.iterdir()} == {"few", "rows.csv", "first.csv", "pieces.csv"}
+
+
+KILLED = """
+import os, signal, sys
+import armflex
+from armflex.tasks import predict as task
+task.TOGETHER = 5
+arm = armflex.load_arm(sys.argv[1])
+task.predict_file(arm, sys.argv[2], "out.csv", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+"""
+
+
+def test_a_process_that_is_killed_leaves_the_file_that_was_there(tmp_path: Path, calibrated: Path) -> None:
+    (tmp_path / "out.csv").write_text("before")
+    command = [sys.executable, "-c", KILLED, str(calibrated), str(rows_of(tmp_path))]
+    assert subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT).returncode == -9
+    assert (tmp_path / "out.csv").read_text() == "before"
