@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test fuzz bench study lint clean
+.PHONY: demo check test fuzz bench study lint clean
 
 $(VENV)/.demo: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -24,6 +24,10 @@ $(VENV)/.lint: $(VENV)/.demo
 
 demo: $(VENV)/.demo
 	$(VENV)/bin/armflex demo
+
+# The daily round: everything that takes less than a second of a processor, and nothing spoilt at random.
+check: lint $(VENV)/.test
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest tests/unit tests/referee -m 'not slow' -n auto --dist worksteal
 
 test: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --dist worksteal

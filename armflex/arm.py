@@ -27,18 +27,32 @@ from armflex.errors import (
 from armflex.flexure import Flexure as Flexure
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
 from armflex.laws.effects.law import Effect
-from armflex.mechanics.batch import deflect_batch
-from armflex.mechanics.deflect import Asked, deflect, deflect_moving
-from armflex.mechanics.deflection import Deflection
-from armflex.mechanics.deflection_batch import DeflectionBatch
-from armflex.mechanics.laws import LawStack, PlacedLaws, place_laws
+from armflex.mechanics.deflection import Asked, Deflection, deflect
+from armflex.mechanics.deflection_batch import DeflectionBatch, deflect_batch
+from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loads import NO_PAYLOAD, Payload, Wrench
+from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.query import Prepared
 from armflex.mechanics.structure import Names
+from armflex.parameters import (
+    FRAME,
+    MOUNTED,
+    TARGET,
+    ArmParameter,
+    Kind,
+    fitted_group,
+    named,
+    numbers_of,
+    of_compliance,
+    of_effect,
+    of_law,
+    of_motions,
+    of_offsets,
+)
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
-from armflex.robot import Corrections, FlexModel, Robot, Site
+from armflex.robot import Corrections, Robot, Site
 from armflex.robot.elements import Joint
 
 OneRow = Sequence[float] | np.ndarray[tuple[int], np.dtype[Any]]
@@ -151,6 +165,25 @@ class Arm:
         """All laws as one map."""
         return LawStack(self.flexure_names, tuple(flexure.law for flexure in self.modelled))
 
+    def named(self, labels: Sequence[str]) -> tuple[ArmParameter, ...]:
+        """Return the parameters of the arm and its instrument that labels name; see `armflex.parameters.named`.
+
+        In files from before effects of one name were numbered, those of the second go by the name of the first.
+        """
+        sessions = self.instrument.sessions if self.instrument else ()
+        known = [*FRAME, *of_motions(Kind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
+        known += of_motions(Kind.GEOMETRY, self.joint_names)
+        for flexure in self.flexures:
+            known += of_compliance(flexure.name)
+            if fitted_group(flexure).kind is Kind.LAW:
+                known += of_law(flexure.name, flexure.law)
+        pairs = [(parameter, parameter.label) for parameter in known]
+        for effect, number in zip(self.effects, numbers_of(self.effects), strict=True):
+            own, first = of_effect(effect, number), of_effect(effect, 1)
+            pairs += [(parameter, parameter.label) for parameter in own]
+            pairs += [(parameter, old.label) for parameter, old in zip(own, first, strict=True) if number > 1]
+        return named(labels, pairs)
+
     @cached_property
     def weight(self) -> float:
         """Weight of everything that moves [N]."""
@@ -253,10 +286,8 @@ class Arm:
             return deflect_batch(self, positions, payload, (v, a), known, tuple(wrenches), asked, jobs)
         checked, flags = self.check_position(positions, enforce_limits)
         loaded = self.loaded(payload)
-        if v is None and a is None and not wrenches:
-            return deflect(loaded, checked, flags, known, asked)
-        motion = [None if values is None else self.checked(values, name) for values, name in ((v, "v"), (a, "a"))]
-        return deflect_moving(loaded, checked, flags, known, asked, motion, tuple(wrenches))
+        v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
+        return deflect(loaded, LoadCase(checked, v, a, tuple(wrenches), known), flags, asked)
 
     def prepared(
         self,
@@ -353,13 +384,6 @@ class Arm:
     @cached_property
     def _named(self) -> dict[str | None, LoadedArm]:
         return {}
-
-    def placed_laws(self, flex: FlexModel) -> PlacedLaws:
-        """Return the laws as a model of this arm has its numbers; they are the same with every payload."""
-        if "_placed" not in self.__dict__:
-            places = flex.flexure_v.reshape(-1, 6)
-            self.__dict__["_placed"] = place_laws(self.stack, places, flex.model.nv)
-        return self.__dict__["_placed"]
 
 
 def _not_at_zero(joint: Joint, value: float) -> Flag:

@@ -51,8 +51,10 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
     certain = without_declared_doubt(solved.loaded.arm)
     own = replace(found, solved=solved._replace(loaded=certain.loaded(payload))).covariance
     laws = None if own is None else own[None]
-    covariance, doubts = tip_covariance(certain, found.q[None], [_known_as(certain, payload)], solved.covariates, laws)
-    rest = solved.case is None or certain.certainty is None
+    covariance, doubts = tip_covariance(
+        certain, found.q[None], [_known_as(certain, payload)], solved.case.covariates, laws
+    )
+    rest = not (solved.case.moves or solved.case.wrenches) or certain.certainty is None
     return None if covariance is None else covariance[0], doubts if rest else (*doubts, AT_REST)
 
 

@@ -7,7 +7,6 @@ fit, which lists it. The two differ in size, by a factor of a thousand against a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -168,18 +167,3 @@ def _copies(again: np.ndarray, found: Measurements) -> Flag | None:
         return None
     text = f"{len(again)} rows repeat an earlier one to the last digit, first {found.places[again[0]]}; each counts"
     return Flag("duplicate_rows", text)
-
-
-def without_duplicates(measurements: Measurements) -> Measurements:
-    """Return a campaign where rows that repeat an earlier one to the last digit count as not measured.
-
-    They stay in place, as the arm's history; the flag says how many they are.
-    """
-    again = duplicates(measurements)
-    if not len(again):
-        return measurements
-    measured = measurements.measured.copy()
-    measured[again] = False
-    text = f"{len(again)} rows that repeat an earlier one to the last digit were masked"
-    kept = tuple(flag for flag in measurements.flags if flag.code != "duplicate_rows")
-    return replace(measurements, measured=measured, flags=(*kept, Flag("duplicates_masked", text)))

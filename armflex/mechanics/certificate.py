@@ -10,7 +10,7 @@ their distances from it, at most. A small motion (dv, dr) of flexure j changes t
     j at or inboard of i:  force g M_i |dr|,  moment g S_i |dr|             (all that i carries turns as one body)
     j outboard of i:       moment g M_j |dv| + g S_j |dr|                   (what j carries moves against i)
 
-A dead force on a link is a weight more, and a dead moment adds its size to g S.
+A dead force on a link is a weight more, and a dead moment, which has no arm, adds its size to g S.
 
 With the norms of C's blocks this bounds every 3 x 3 block of C G E, and `max_i (sum_j N_ij x_j) / x_i` bounds the
 whole in the norm `max |part_i| / x_i`, whatever the positive x; the best x is the eigenvector of N. Distances are those
@@ -19,9 +19,10 @@ of a chain pulled straight, so the bound is a few times what it bounds. That is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -30,71 +31,130 @@ from armflex.conventions import Array
 from armflex.laws import Law
 from armflex.laws.law import Ranges, block_norms
 from armflex.mechanics.laws import LawStack
+from armflex.mechanics.loads import Load
 
 SHARE = 0.9
 """Of the bound 1 that is used, so that rounding is no part of the proof."""
+
+BASE = np.eye(4)
 
 BALL = 0.1
 """Largest shift [m] and turn [rad] of a flexure that the bound is made for."""
 
 
 @dataclass(frozen=True, eq=False)
-class Softening:
-    """How far the weight can soften an arm with one payload, wherever its joints are within their ranges.
+class StabilityBound:
+    """How far weight and dead loads can soften an arm with one payload, wherever its joints are within their ranges.
 
     Attributes:
-        answer: (n, 2) bound of the change of each flexure's force [N] and moment [N m] where all move by `reference`.
+        change: (n, 2) bound of the change of each flexure's force [N] and moment [N m] where all move by `reference`.
         reference: (n, 2) the norm's shift [m] and turn [rad] of each flexure.
-        known: (n, 2, 2) bounds of the tangents' blocks of the laws that have such bounds, summed.
-        unknown: Flexures whose laws have not, or whose bounds prove nothing, with the laws that must be asked.
+        parts: Of each flexure the laws that add up, each with (2, 2) bounds of its tangent's blocks, None without.
+        steepest: (n, 2, 2) sums of these.
+        per_load: Link -> (2, n, 2) `change` per dead force [1/N] and per dead moment [1/(N m)] at its origin.
         ranges: Of the joints.
     """
 
-    answer: Array
+    change: Array
     reference: Array
-    known: Array
-    unknown: tuple[tuple[int, tuple[Law, ...]], ...]
+    parts: tuple[tuple[tuple[Law, Array | None], ...], ...]
+    steepest: Array
+    per_load: Callable[[str], Array]
     ranges: Ranges
+
+    @cached_property
+    def _fine(self) -> np.ndarray:
+        """(n,) flexures whose bounds prove what they have to."""
+        return ((self.steepest @ self.change[..., None])[..., 0] <= SHARE * self.reference).all(axis=1)
 
     @cached_property
     def proven(self) -> bool:
         """Whether nothing need be asked: the arm stays wherever it is."""
-        return not self.unknown
+        return self._bounded and bool(self._fine.all())
 
     @cached_property
-    def _most(self) -> Array:
-        """(n, 2) what the bound may be."""
-        return SHARE * self.reference
+    def _bounded(self) -> bool:
+        return all(bound is not None for own in self.parts for _, bound in own)
 
-    def with_laws(self, stack: LawStack) -> Softening:
+    @cached_property
+    def _most(self) -> float:
+        """What of the bound is used at most, of any flexure."""
+        return self._share(self.change[None])[0]
+
+    @cached_property
+    def _most_per_load(self) -> dict[str, list[float]]:
+        return {}
+
+    def _share(self, changes: Array) -> list[float]:
+        shares = (self.steepest @ changes[..., None])[..., 0] / self.reference
+        return shares.max(axis=(1, 2), initial=0.0).tolist()
+
+    def proven_under(self, loads: Sequence[Load]) -> bool:
+        """Return whether nothing need be asked under further loads either; a sum of the greatest, quick to tell."""
+        if not self._bounded:
+            return False
+        share, known = self._most, self._most_per_load
+        for load in loads:
+            if not load.dead:
+                return False
+            if load.frame not in known:
+                known[load.frame] = self._share(self.per_load(load.frame))
+            per_force, per_moment = known[load.frame]
+            fx, fy, fz, mx, my, mz = load.at(BASE).tolist()
+            share += math.hypot(fx, fy, fz) * per_force + math.hypot(mx, my, mz) * per_moment
+        return share <= SHARE
+
+    def with_laws(self, stack: LawStack) -> StabilityBound:
         """Return the bound for the same arm with other laws."""
-        return _judged(self.answer, self.reference, stack, self.ranges)
+        return StabilityBound(self.change, self.reference, *_steepest(stack, self.ranges), self.per_load, self.ranges)
+
+    def under(self, loads: Sequence[Load]) -> StabilityBound | None:
+        """Return the bound under further loads; None where one is not dead, or they are no numbers."""
+        change = self.change
+        for load in loads:
+            if not load.dead:
+                return None
+            wrench, per_load = load.at(BASE).tolist(), self.per_load(load.frame)
+            change = change + (math.hypot(*wrench[:3]) * per_load[0] + math.hypot(*wrench[3:]) * per_load[1])
+        if not math.isfinite(change.sum()):
+            return None
+        return StabilityBound(change, self.reference, self.parts, self.steepest, self.per_load, self.ranges)
 
     def stays(self, wrenches: Array, tangent: Callable[[Law, Array], Array]) -> bool | np.ndarray:
         """Return (...) whether it is proven that the arm stays under (..., 6 n) loads on its flexures.
 
-        Flexures must be within `BALL`, and joints within their ranges. `tangent` gives the (..., 6, 6) tangent of one
-        of the `unknown` laws under its (..., 6) loads.
+        Flexures must be within `BALL`, and joints within their ranges. `tangent` gives the (..., 6, 6) tangent of a law
+        under its (..., 6) loads; asked are laws that have no bound, or whose bounds prove nothing.
         """
         whole: bool | np.ndarray = True
-        for i, laws in self.unknown:
+        for i, bound, laws, most in self._unknown:
             load = wrenches[..., 6 * i : 6 * i + 6]
-            bound = self.known[i]
             for law in laws:
                 bound = bound + block_norms(tangent(law, load))
-            whole = whole & (bound @ self.answer[i] <= self._most[i]).all(axis=-1)
+            whole = whole & (bound @ self.change[i] <= most).all(axis=-1)
         return whole
 
+    @cached_property
+    def _unknown(self) -> list[tuple[int, Array, list[Law], Array]]:
+        """Flexures whose laws must be asked, with what is known of the others of its laws, and what it may come to."""
+        found = []
+        for i, own in enumerate(self.parts):
+            known = [bound for _, bound in own if bound is not None and self._fine[i]]
+            if len(known) < len(own):
+                laws = [law for law, bound in own if bound is None or not self._fine[i]]
+                found.append((i, sum(known, np.zeros((2, 2))), laws, SHARE * self.reference[i]))
+        return found
 
-def bound_softening(
+
+def bound_stability(
     model: pin.Model,
     joints: Sequence[int],
     stack: LawStack,
     ranges: Ranges,
     travel: Mapping[int, float],
-    dead: Sequence[tuple[int, Array, Array]] = (),
-) -> Softening:
-    """Return the bound for a serial model under its own weight and dead loads.
+    links: Callable[[str], tuple[int, Array]],
+) -> StabilityBound:
+    """Return the bound for a serial model under its own weight.
 
     Args:
         model: Of the arm with its payload, with flexures.
@@ -102,42 +162,47 @@ def bound_softening(
         stack: Laws of the flexures.
         ranges: Smallest and largest position of every joint that a law may depend on.
         travel: Pinocchio joint -> the most [m] that it moves what is outboard; flexures and turning joints left out.
-        dead: Of every load the Pinocchio joint that it moves with, (3,) where on that [m], and the (6,) wrench.
+        links: Link -> the Pinocchio joint that it moves with, and (3,) where its origin is on that [m].
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # laws of no sense are judged by what comes of them
-        answers = _answers(model, joints, travel, dead)
-        reference = _reference(_known(stack, ranges), answers)
-        return _judged(np.einsum("ipjq,jq->ip", answers, reference), reference, stack, ranges)
+    gravity, places = float(np.linalg.norm(model.gravity.linear)), np.asarray(joints, dtype=int)
+    steps = [float(np.linalg.norm(model.jointPlacements[i].translation)) for i in range(model.njoints)]
+    steps = [step + travel.get(i, BALL if model.joints[i].nv == 6 else 0.0) for i, step in enumerate(steps)]
+    along = np.cumsum(steps)
+    mass = np.array([model.inertias[i].mass for i in range(model.njoints)])
+    own = np.array([float(np.linalg.norm(model.inertias[i].lever)) for i in range(model.njoints)])
+    weights = [gravity * mass[i:].sum() for i in joints]
+    moments = [gravity * float(mass[i:] @ (along[i:] - along[i] + own[i:])) for i in joints]
+    with np.errstate(over="ignore", invalid="ignore"):
+        whole, (parts, steepest) = _changes(places, np.array(weights), np.array(moments)), _steepest(stack, ranges)
+        reference = _reference(steepest, whole)
+
+        @cache
+        def per_load(link: str) -> Array:
+            joint, point = links(link)
+            arms = np.where(places <= joint, along[joint] - along[places] + float(np.linalg.norm(point)), 0.0)
+            carried = (places <= joint).astype(float)
+            both = (_changes(places, carried, arms), _changes(places, 0.0 * carried, carried))
+            return np.einsum("lipjq,jq->lip", both, reference)
+
+        change = np.einsum("ipjq,jq->ip", whole, reference)
+    return StabilityBound(change, reference, parts, steepest, per_load, ranges)
 
 
-def _known(stack: LawStack, ranges: Ranges) -> Array:
-    """Return (n, 2, 2) summed bounds of the laws that have them."""
-    bounds = [[part.steepest(ranges) for part in law.parts] for law in stack.laws]
-    return np.array([sum((b for b in own if b is not None), np.zeros((2, 2))) for own in bounds]).reshape(-1, 2, 2)
+def _steepest(stack: LawStack, ranges: Ranges) -> tuple[tuple[tuple[tuple[Law, Array | None], ...], ...], Array]:
+    """Return every flexure's laws with the bounds that they have, and (n, 2, 2) the bounds' sums."""
+    parts = tuple(tuple((part, part.steepest(ranges)) for part in law.parts) for law in stack.laws)
+    known = [sum((bound for _, bound in own if bound is not None), np.zeros((2, 2))) for own in parts]
+    return parts, np.array(known).reshape(-1, 2, 2)
 
 
-def _judged(answer: Array, reference: Array, stack: LawStack, ranges: Ranges) -> Softening:
-    """Return the bound in one norm, with what it leaves to be asked."""
-    known, unknown = _known(stack, ranges), []
-    fine = (np.einsum("ipq,iq->ip", known, answer) <= SHARE * reference).all(axis=1)
-    for i, law in enumerate(stack.laws):
-        bounds = [(part, part.steepest(ranges)) for part in law.parts]
-        asked = tuple(part for part, bound in bounds if bound is None or not fine[i])
-        if asked:
-            unknown.append((i, asked))
-            known[i] = sum((bound for part, bound in bounds if bound is not None and fine[i]), np.zeros((2, 2)))
-    return Softening(answer, reference, known, tuple(unknown), ranges)
+def _changes(places: np.ndarray, weight: Array, moment: Array) -> Array:
+    """Return (n, 2, n, 2) bounds of the change of forces and moments per shift and turn, coordinates of exp6.
 
-
-def _answers(
-    model: pin.Model,
-    joints: Sequence[int],
-    travel: Mapping[int, float],
-    dead: Sequence[tuple[int, Array, Array]],
-) -> Array:
-    """Return (n, 2, n, 2) bounds of the change of forces and moments per shift and turn, coordinates of exp6."""
-    weight, moment = _outboard(model, joints, travel, dead)
-    places = np.asarray(joints, dtype=int)
+    Args:
+        places: (n,) Pinocchio joints of the flexures.
+        weight: (n,) load outboard of each flexure [N].
+        moment: (n,) the most that it can be times its distance [N m].
+    """
     inboard = places[None, :] <= places[:, None]  # j at or inboard of i
     total = np.zeros((len(places), 2, len(places), 2))
     total[:, 0, :, 1] = np.where(inboard, weight[:, None], 0.0)
@@ -148,41 +213,14 @@ def _answers(
     return total
 
 
-def _outboard(
-    model: pin.Model,
-    joints: Sequence[int],
-    travel: Mapping[int, float],
-    dead: Sequence[tuple[int, Array, Array]],
-) -> tuple[Array, Array]:
-    """Return (n,) load outboard of each flexure [N] and the most that it can be times its distance [N m].
-
-    A dead moment turns against the flexures that it loads, but has no arm.
-    """
-    gravity = float(np.linalg.norm(model.gravity.linear))
-    steps = [float(np.linalg.norm(model.jointPlacements[i].translation)) for i in range(model.njoints)]
-    steps = [step + travel.get(i, BALL if model.joints[i].nv == 6 else 0.0) for i, step in enumerate(steps)]
-    along = np.cumsum(steps)
-    mass = np.array([model.inertias[i].mass for i in range(model.njoints)])
-    own = np.array([float(np.linalg.norm(model.inertias[i].lever)) for i in range(model.njoints)])
-    weights = [gravity * mass[i:].sum() for i in joints]
-    moments = [gravity * float(mass[i:] @ (along[i:] - along[i] + own[i:])) for i in joints]
-    for joint, point, wrench in dead:
-        force, moment, lever = (float(np.linalg.norm(part)) for part in (wrench[:3], wrench[3:], point))
-        for number, i in enumerate(joints):
-            if i <= joint:
-                weights[number] += force
-                moments[number] += force * float(along[joint] - along[i] + lever) + moment
-    return np.array(weights), np.array(moments)
-
-
-def _reference(known: Array, answers: Array) -> Array:
+def _reference(known: Array, changes: Array) -> Array:
     """Return (n, 2) shifts and turns in which the bound is near its least: the eigenvector of what bounds C G E."""
     # Laws without a bound are taken for as soft as the softest of the others: it is a norm that is chosen, no more.
     softest = known.max(axis=0, initial=1e-12)
     given = np.maximum(known, 1e-3 * softest)
     given[~known.any(axis=(1, 2))] = softest
-    shape = np.ones(answers.shape[:2])
+    shape = np.ones(changes.shape[:2])
     for _ in range(30):
-        shape = np.einsum("ipq,iqjr,jr->ip", given, answers, shape)
+        shape = np.einsum("ipq,iqjr,jr->ip", given, changes, shape)
         shape = np.maximum(shape / shape.max(initial=1e-300), 1e-12)
     return shape

@@ -1,8 +1,7 @@
-"""What a loaded arm does at one configuration."""
+"""One question to an arm with a payload, from joint positions that were checked to a `Deflection`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,10 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.errors import Flag
+from armflex.errors import ExtrapolationError, Flag
 from armflex.laws import Row
-from armflex.mechanics.doubts import sag_doubts
-from armflex.mechanics.equilibrium import Equilibrium, tangent_of
+from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, tangent_of
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loads import Payload
@@ -22,32 +20,13 @@ from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 from armflex.mechanics.structure import Names
 
 
-class Solved(NamedTuple):
-    """What the solver leaves, in the order and signs of Pinocchio's flexible model.
+class Asked(NamedTuple):
+    """How a question is to be answered; see `Arm.deflection`."""
 
-    Attributes:
-        loaded: The arm with its payload.
-        straight: Configuration with flexures at zero.
-        motion: (nv,) exponential coordinates of the flexures, zero for joints [m, rad].
-        torque: (nv,) generalized torque: minus the loads on the flexures [N, Nm]; None for that of the motion.
-        method: How it was found.
-        history: Squared length of the residual before each step [m^2 or rad^2].
-        flags: Doubts about the question.
-        covariates: What the laws know beyond positions.
-        case: Motion and loads from outside, None where there are none.
-        tangent: (6 n, 6 n), where stability was checked with it.
-    """
-
-    loaded: LoadedArm
-    straight: Array
-    motion: Array
-    torque: Array | None
-    method: str
-    history: Sequence[float]
-    flags: tuple[Flag, ...]
-    covariates: dict[str, Array]
-    case: LoadCase | None = None
-    tangent: Array | None = None
+    method: str = "exact"
+    enforce_limits: bool = True
+    allow_large: bool = False
+    strict: bool = False
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -61,12 +40,12 @@ class Deflection:
     computed when it is asked for, and kept.
 
     Attributes:
-        q: (nq,) joint positions [rad or m].
-        solved: What the solver left.
+        solved: The equilibrium.
+        asked_flags: Doubts about the question.
     """
 
-    q: Array
-    solved: Solved
+    solved: Equilibrium
+    asked_flags: tuple[Flag, ...] = ()
 
     def __repr__(self) -> str:
         """Two lines: how far the tip moves, and what is doubtful."""
@@ -74,6 +53,11 @@ class Deflection:
         doubts = ", ".join(flag.code for flag in self.flags) or "none"
         moves = f"{self.names.tip} moves {shift * 1e3:.4g} mm and turns {turn * 1e3:.3g} mrad"
         return f"<Deflection: {moves} under {self.payload.mass:g} kg ({self.method}); doubts: {doubts}>"
+
+    @property
+    def q(self) -> Array:
+        """(nq,) joint positions [rad or m]."""
+        return self.solved.case.q
 
     @property
     def names(self) -> Names:
@@ -88,14 +72,14 @@ class Deflection:
     @cached_property
     def displacement(self) -> Array:
         """(6,) flexed minus rigid: shift of the tip origin [m] and rotation vector [rad], base axes."""
-        found = self.solved.loaded.solver.displacement(self._configuration, self.q)
+        found = self._mechanics.displacement(self._configuration, self.q)
         found.flags.writeable = False
         return found
 
     @cached_property
     def pose(self) -> pin.SE3:
         """Tip pose of the flexed arm in the base frame."""
-        return self._mechanics.tip_pose(self._configuration)
+        return self._mechanics.frame_pose(self._configuration, self._mechanics.flex.tip)
 
     @cached_property
     def rigid_pose(self) -> pin.SE3:
@@ -105,7 +89,7 @@ class Deflection:
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
         """Doubts about this result."""
-        return (*self.solved.flags, *sag_doubts(self.solved.loaded.arm, self.displacement), *self.unseen)
+        return (*self.asked_flags, *self.solved.loaded.sag_flags(self.displacement), *self.unseen)
 
     @cached_property
     def wrenches(self) -> Array:
@@ -130,35 +114,34 @@ class Deflection:
     @cached_property
     def joint_loads(self) -> Array:
         """(nq, 6) wrench on the structure at every joint, in the joint's child frame [N, Nm]."""
-        return self._mechanics.joint_loads(self._equilibrium.configuration, self._case)
+        return self._mechanics.joint_loads(self._configuration, self.solved.case)
 
     @cached_property
     def tangent(self) -> Array:
         """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution."""
         known = self.solved.tangent
-        if known is not None:
-            return known
-        return tangent_of(self._mechanics, self._stack, self._case, self._row, self._equilibrium)
+        return (
+            tangent_of(self.solved._replace(motion=self._at_rest[0], torque=self._at_rest[1]))
+            if known is None
+            else known
+        )
 
     @cached_property
     def flexure_jacobian(self) -> Array:
         """(6, 6 n) change of the tip (origin, rotation; base axes) per change of the flexures' twists."""
-        places = self._mechanics.flex.flexure_v
-        body = self._mechanics.tip_jacobian(self._equilibrium.configuration)[:, places]
-        return body @ self._mechanics.exponential_jacobian(self._equilibrium.straight, self._equilibrium.twists)
+        body = self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.flexure_v]
+        return body @ self._mechanics.exponential_jacobian(self.solved.rigid, self._at_rest[0])
 
     @cached_property
     def joint_jacobian(self) -> Array:
         """(6, nq) change of the tip (origin, rotation; base axes) per joint, flexures held as they are."""
-        jacobian = self._mechanics.tip_jacobian(self._equilibrium.configuration)
-        return jacobian[:, self._mechanics.flex.v_index]
+        return self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.v_index]
 
     @cached_property
     def total_jacobian(self) -> Array:
         """(6, nq) change of the tip (origin, rotation; base axes) per joint, the flexures following their loads."""
-        flex = self._mechanics.flex
-        wrenches, row = self._equilibrium.wrenches, self._row
-        turned = self._mechanics.stiffness(self._equilibrium.configuration, self._case)[:, flex.v_index]
+        flex, wrenches, row = self._mechanics.flex, self.wrenches.ravel(), self._row
+        turned = self._mechanics.stiffness(self._configuration, self.solved.case)[:, flex.v_index]
         given = self._stack.tangent(wrenches, row) @ turned[flex.flexure_v]
         following = self._stack.change_with_position(wrenches, row) - given
         return self.joint_jacobian + self.flexure_jacobian @ np.linalg.solve(self.tangent, following)
@@ -175,7 +158,7 @@ class Deflection:
         known = self.solved.loaded.arm.corrections
         if not (known.joint_offset or known.geometry):
             return np.zeros(6)
-        return self.solved.loaded.solver.displacement(self.solved.straight, self.q)
+        return self._mechanics.displacement(self.solved.rigid, self.q)
 
     def shares(self, part: slice = slice(0, 3)) -> Array:
         """Return (n_flexures,) of each flexure along the tip's shift (0:3) [m] or turn (3:6) [rad]."""
@@ -200,8 +183,8 @@ class Deflection:
     @cached_property
     def compliance(self) -> Array:
         """(6, 6) displacement of the tip per wrench at the tip origin, base axes, about the solution [m/N, ...]."""
-        tip = self._mechanics.tip_jacobian(self._equilibrium.configuration)[:, self._mechanics.flex.flexure_v]
-        given = self._stack.tangent(self._equilibrium.wrenches, self._row) @ tip.T
+        tip = self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.flexure_v]
+        given = self._stack.tangent(self.wrenches.ravel(), self._row) @ tip.T
         return self.flexure_jacobian @ np.linalg.solve(self.tangent, given)
 
     @cached_property
@@ -210,7 +193,7 @@ class Deflection:
 
         It is of the laws alone: what a calibration or a trace fitted is left out; see `armflex.total_covariance`.
         """
-        laws = self._stack.covariance(self._equilibrium.wrenches, self._row)
+        laws = self._stack.covariance(self.wrenches.ravel(), self._row)
         if laws is None:
             return None
         gain = np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T
@@ -226,40 +209,44 @@ class Deflection:
 
     @cached_property
     def _configuration(self) -> Array:
-        return self.solved.loaded.solver.bent(self.solved.straight, self.solved.motion)
+        return self._mechanics.flexed(self.solved.rigid, self.solved.motion)
 
     @cached_property
     def _at_rest(self) -> tuple[Array, Array]:
         """(nv,) motion and torque, the one what the laws say of the other to the last digit."""
-        motion, torque, loaded = self.solved.motion, self.solved.torque, self.solved.loaded
+        motion, torque, mechanics = self.solved.motion, self.solved.torque, self._mechanics
         if torque is not None:
             return motion, torque
-        solver = loaded.solver
-        if loaded.laws.others:
-            solver.know(self._row)
-        torque = solver.torque(self._configuration)
-        return solver.motion(torque), torque
-
-    @cached_property
-    def _case(self) -> LoadCase:
-        known = self.solved.case
-        return self.solved.loaded.case(self.q) if known is None else known
+        if mechanics.laws.changing:
+            mechanics.laws.know(self._row)
+        torque = mechanics.load(self.solved.case)(self._configuration)
+        return mechanics.laws.motion(torque), torque
 
     @cached_property
     def _row(self) -> Row:
-        return self.solved.loaded.row(self.q, self.solved.covariates)
+        return self.solved.loaded.row(self.q, self.solved.case.covariates)
 
     @cached_property
     def unseen(self) -> tuple[Flag, ...]:
         """Doubts about loads beyond those that a trained law has seen."""
         return self._stack.doubts(self.wrenches.ravel(), self._row) if self._stack.trained else ()
 
-    @cached_property
-    def _equilibrium(self) -> Equilibrium:
-        solved, loads = self.solved, (self.twists.ravel(), self.wrenches.ravel())
-        return Equilibrium(*loads, solved.straight, self._configuration, solved.method, self.residuals, solved.tangent)
-
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
         """Return the (4, 4) pose of every link with the flexures' twists magnified; 0 gives the rigid arm."""
-        twists = magnification * self._equilibrium.twists
-        return self._mechanics.link_poses(self._mechanics.bent(self._equilibrium.straight, twists))
+        mechanics = self._mechanics
+        return mechanics.link_poses(mechanics.flexed(self.solved.rigid, magnification * self._at_rest[0]))
+
+
+def deflect(loaded: LoadedArm, case: LoadCase, flags: tuple[Flag, ...], asked: Asked) -> Deflection:
+    """Return what the arm does in a case; `flags` are the doubts about its joint positions.
+
+    Raises:
+        As `find_equilibrium`; ExtrapolationError: A trained law was asked beyond its loads, and that is refused.
+    """
+    doubts = loaded.flags_under(case.wrenches, case.a is not None) if case.wrenches or case.moves else loaded.flags
+    # Beyond its limits a joint may be farther out than the proof of stability knows of.
+    found = find_equilibrium(loaded, case, asked.method, asked.allow_large, within=not flags)
+    result = Deflection(found, (*doubts, *flags) if flags else doubts)
+    if asked.strict and result.unseen:
+        raise ExtrapolationError("; ".join(flag.text for flag in result.unseen))
+    return result

@@ -1,24 +1,38 @@
-"""What a loaded arm does at many configurations."""
+"""Many questions to an arm at once: compiled where the arm stands still, else one by one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from armflex.conventions import Array
-from armflex.errors import Flag
-from armflex.mechanics.deflect import Asked
-from armflex.mechanics.deflection import Deflection, Solved
-from armflex.mechanics.doubts import SAG_BAND, payload_doubts, sag_doubts, wrench_doubts
+from armflex.conventions import LARGEST_POSITION, Array, real_array
+from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
+from armflex.mechanics.deflection import Asked, Deflection, deflect
+from armflex.mechanics.equilibrium import Equilibrium
 from armflex.mechanics.laws import RowLaws
-from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loaded import SAG_BAND, LoadedArm
 from armflex.mechanics.loads import Payload, Wrench
 from armflex.mechanics.pinocchio_model import LoadCase
-from armflex.mechanics.rows import RowSolver, Solution, flexure_poses, rigid_tips, rotations
+from armflex.mechanics.rows import (
+    AT_ONCE,
+    Pushes,
+    RowSolver,
+    Solution,
+    chunks,
+    flexure_poses,
+    frame_loads,
+    rigid_tips,
+    rotations,
+)
 from armflex.mechanics.structure import Names, Structure
+from armflex.parallel import in_order
+
+PIECE = 16384
+"""Configurations that a process or thread is given at a time."""
 
 CHUNK = 512
 """Rows whose covariances are found together."""
@@ -64,13 +78,18 @@ class Acting:
         """Return the covariates of a row, or of some."""
         return {name: values[rows] if values.ndim else values for name, values in self.covariates.items()}
 
+    def flags(self, loaded: LoadedArm) -> tuple[Flag, ...]:
+        """Return the doubts about the arm, one of its payloads and the loads from outside."""
+        return loaded.flags_under(self.wrenches, self.moving[1] is not None)
+
     def payload(self, i: int) -> str | Payload | None:
         """Return what is carried in a row."""
         return self.payloads[0 if len(self.payloads) == 1 else i]
 
-    def motion(self, i: int) -> list[Array | None]:
-        """Return a row's velocities and accelerations."""
-        return [None if values is None else values[i] for values in self.moving]
+    def case(self, q: Array, i: int) -> LoadCase:
+        """Return what acts in a row, at checked (nq,) positions."""
+        motion = (None if values is None else values[i] for values in self.moving)
+        return LoadCase(q, *motion, self.wrenches, self.known(i))
 
     def groups(self, count: int) -> Iterator[tuple[LoadedArm, np.ndarray]]:
         """Yield the arm with each payload, and the rows in which it is carried."""
@@ -116,22 +135,12 @@ class DeflectionBatch:
         acting = self.acting
         loaded = acting.arm.loaded(acting.payload(i))
         checked, flags = acting.arm.check_position(self.q[i], enforce_limits=False)
-        flex, case = loaded.mechanics.flex, None
-        if acting.moves or acting.wrenches:
-            case = LoadCase(checked, *acting.motion(i), (*acting.wrenches, *acting.arm.pulls))
-        motion, torque = np.zeros((2, flex.model.nv))
-        motion[flex.flexure_v], torque[flex.flexure_v] = self.twists[i].ravel(), -self.wrenches[i].ravel()
-        straight, known = loaded.solver.straight(checked), acting.known(i)
-        doubts = (*self._standing(loaded), *flags)
-        return Deflection(
-            checked, Solved(loaded, straight, motion, torque, acting.asked.method, (), doubts, known, case)
-        )
-
-    def _standing(self, loaded: LoadedArm) -> tuple[Flag, ...]:
-        """Return the doubts about the arm, its payload and the loads from outside."""
-        acting = self.acting
-        carried = payload_doubts(acting.arm, loaded.payload, acting.moving[1] is not None)
-        return (*acting.arm.flags, *carried, *wrench_doubts(acting.arm, acting.wrenches))
+        mechanics, places = loaded.mechanics, loaded.flex.flexure_v
+        motion, torque = np.zeros((2, mechanics.model.nv))
+        motion[places], torque[places] = self.twists[i].ravel(), -self.wrenches[i].ravel()
+        rigid, case = mechanics.rigid_configuration(checked), acting.case(checked, i)
+        found = Equilibrium(loaded, case, rigid, motion, torque, acting.asked.method, ())
+        return Deflection(found, (*acting.flags(loaded), *flags))
 
     @cached_property
     def rigid_pose(self) -> Array:
@@ -164,6 +173,21 @@ class DeflectionBatch:
         return found
 
     @cached_property
+    def drive_loads(self) -> Array:
+        """(N, nq) load on every drive about or along its joint's axis [Nm or N]."""
+        moving, found = self.acting.arm.robot.moving, np.empty((len(self.q), len(self.acting.arm.robot.moving)))
+        axes = [np.concatenate([j.axis, np.zeros(3)][:: 1 if j.kind == "prismatic" else -1]) for j in moving]
+        for loaded, rows in self.acting.groups(len(self.q)) if self.acting.compiled else ():
+            pushes = Pushes(loaded, self.acting.wrenches, sited=True)
+            q, twists = np.ascontiguousarray(self.q[rows]), np.ascontiguousarray(self.twists[rows])
+            at = [loaded.sites.names.index(f"link:{joint.name}") for joint in moving]
+            links = frame_loads(loaded.sited_chain, pushes, q, twists, loaded.sites, at)
+            found[rows] = np.einsum("nja,ja->nj", links, np.array(axes))
+        for i in () if self.acting.compiled else range(len(self.q)):
+            found[i] = np.einsum("ja,ja->j", self.row(i).joint_loads, np.array(axes))
+        return found
+
+    @cached_property
     def covariance(self) -> Array | None:
         """(N, 6, 6) of the laws alone, None where no law carries an uncertainty; see `armflex.total_covariance`."""
         found, left = np.zeros((len(self.q), 6, 6)), np.ones(len(self.q), dtype=bool)
@@ -175,7 +199,7 @@ class DeflectionBatch:
                 left[rows] = False
                 continue
             known = True
-            solver, laws = RowSolver(loaded, True, (*self.acting.wrenches, *self.acting.arm.pulls)), RowLaws(stack, row)
+            solver, laws = RowSolver(loaded, True, self.acting.wrenches), RowLaws(stack, row)
             if laws.curved:
                 laws.expand(wrenches)
             at = Solution(self.displacement[rows], wrenches, self.twists[rows])
@@ -210,13 +234,13 @@ class DeflectionBatch:
         arm, found = self.acting.arm, []
         for loaded, rows in self.acting.groups(len(self.q)):
             if len(rows):
-                found += [(int(rows[0]), flag) for flag in self._standing(loaded)]
+                found += [(int(rows[0]), flag) for flag in self.acting.flags(loaded)]
         outside = ((self.q < arm.robot.lower) | (self.q > arm.robot.upper)).any(axis=1)
         for i in np.flatnonzero(outside):
             found += [(int(i), flag) for flag in arm.check_position(self.q[i], enforce_limits=False)[1]]
         sagging = np.linalg.norm(self.displacement[:, :3], axis=1) > SAG_BAND * arm.robot.reach
         for i in np.flatnonzero(sagging)[:1]:
-            found += [(int(i), flag) for flag in sag_doubts(arm, self.displacement[i])]
+            found += [(int(i), flag) for flag in arm.loaded(None).sag_flags(self.displacement[i])]
         return found
 
     @cached_property
@@ -231,3 +255,103 @@ class DeflectionBatch:
             flags = stack.doubts(wrenches, acting.arm.loaded(acting.payload(i)).row(self.q[i], acting.known(i)))
             if flags:
                 yield i, flags
+
+
+def deflect_batch(
+    arm: Structure,
+    q: Array,
+    payload: object,
+    motion: Sequence[ArrayLike | None],
+    covariates: dict[str, Array],
+    wrenches: tuple[Wrench, ...],
+    asked: Asked,
+    jobs: int | None,
+) -> DeflectionBatch:
+    """Return what the arm does at (N, nq) positions; see `Arm.deflection`."""
+    q = check_positions(arm, q, asked.enforce_limits)
+    names = _payloads(payload, len(q))
+    moving = tuple(_motion(arm, values, name, q) for values, name in zip(motion, "va", strict=True))
+    acting = Acting(arm, names, moving, covariates, wrenches, asked)
+    arm.loaded(None).flags_under(wrenches, accelerated=False)  # raises where a link is not the arm's
+    answers = Solution.empty(len(q), len(arm.sites))
+    pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
+    rooms = [answers.some(rows) for rows in pieces]
+    alone, here = jobs in (None, 1), acting.compiled  # compiled code runs side by side in threads, Pinocchio does not
+    tasks = [
+        partial(_answer, acting.some(rows), q[rows], rows.start, room if alone or here else None)
+        for rows, room in zip(pieces, rooms, strict=True)
+    ]
+    done = (task() for task in tasks) if alone else in_order(tasks, jobs, threads=here)
+    for room, part in zip(rooms, done, strict=True):
+        for into, values in zip(room, part, strict=True):
+            if values is not into:
+                into[:] = values
+    found = DeflectionBatch(q, *answers, arm.names, acting)
+    if asked.strict:
+        _check_seen(found)
+    return found
+
+
+def check_positions(arm: Structure, q: Array, enforce_limits: bool) -> Array:
+    """Return a copy of (N, nq) positions; raise as `Arm.check_position` does, naming the first row that is wrong."""
+    lower, upper = np.maximum(arm.robot.lower, -LARGEST_POSITION), np.minimum(arm.robot.upper, LARGEST_POSITION)
+    fits = q.shape[1] == len(lower)
+    inside = (q >= lower) & (q <= upper) if fits else np.zeros((len(q), 1), dtype=bool)
+    for i in () if inside.all() else np.flatnonzero(~inside.all(axis=1)):
+        with naming(f"row {i}"):
+            arm.check_position(q[i], enforce_limits)
+    if not fits and not len(q):
+        raise ShapeError(f"q: expected shape (N, {len(lower)}), got {q.shape}")
+    return q.copy()
+
+
+def _payloads(payload: object, count: int) -> tuple:
+    if payload is None or isinstance(payload, str | Payload):
+        return (payload,)
+    names = tuple(payload)  # type: ignore[arg-type]
+    if len(names) != count:
+        raise ShapeError(f"payload: expected one name or {count}, got {len(names)}")
+    return names
+
+
+def _motion(arm: Structure, values: ArrayLike | None, name: str, q: Array) -> Array | None:
+    if values is None:
+        return None
+    array = real_array(values, name)
+    if array.shape != q.shape:
+        raise ShapeError(f"{name}: expected shape {q.shape}, got {array.shape}")
+    for i in np.flatnonzero(~(np.abs(array) <= LARGEST_POSITION).all(axis=1)):
+        with naming(f"row {i}"):
+            arm.checked(array[i], name)
+    return array.copy()
+
+
+def _check_seen(found: DeflectionBatch) -> None:
+    unseen = found.first_unseen
+    if unseen is not None:
+        raise ExtrapolationError(f"row {unseen[0]}: " + "; ".join(flag.text for flag in unseen[1]))
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a row that runs away is not fine, and is asked alone
+def _answer(acting: Acting, q: Array, first: int, room: Solution | None) -> Solution:
+    """Return the answers at some positions, from row `first` on; in a room for them where there is one."""
+    arm, exact, n = acting.arm, acting.asked.method == "exact", len(acting.arm.sites)
+    found, left = room or Solution.empty(len(q), n), np.ones(len(q), dtype=bool)
+    for loaded, rows in acting.groups(len(q)) if acting.compiled else ():
+        solver = RowSolver(loaded, exact, acting.wrenches)
+        for some in chunks(rows, AT_ONCE):
+            row, whole = loaded.row(q[some], acting.known(some)), isinstance(some, slice)
+            laws, into = RowLaws(arm.stack, row), found.some(some) if whole else Solution.empty(len(some), n)
+            fine = solver.solve(row, laws, into)
+            left[some] = ~(solver.proven(row, laws, into, solver.bound, fine) if exact else fine)
+            if not whole:
+                for part, values in zip(found, into, strict=True):
+                    part[some] = values
+    plain = acting.asked._replace(strict=False)
+    for i in np.flatnonzero(left):
+        with naming(f"row {first + i}"):
+            checked, flags = arm.check_position(q[i], plain.enforce_limits)
+            one = deflect(arm.loaded(acting.payload(i)), acting.case(checked, i), flags, plain)
+        for into, part in zip(found, (one.displacement, one.wrenches, one.twists), strict=True):
+            into[i] = part
+    return found

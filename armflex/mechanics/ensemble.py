@@ -6,10 +6,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError, naming
-from armflex.mechanics.batch import chunks
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loads import Payload
-from armflex.mechanics.rows import CHUNK, RowSolver, Solution
+from armflex.mechanics.rows import AT_ONCE, RowSolver, Solution, chunks
 from armflex.mechanics.structure import Structure
 
 
@@ -41,9 +40,9 @@ def draw_laws(
     rng = np.random.default_rng(seed)
     stacks = [LawStack(arm.stack.names, tuple(law.draw(rng) for law in arm.stack.laws)) for _ in range(draws)]
     loaded, exact = arm.loaded(payload), method == "exact"
-    bounds = [None if loaded.softening is None else loaded.softening.with_laws(stack) for stack in stacks]
+    bounds = [None if loaded.stability_bound is None else loaded.stability_bound.with_laws(stack) for stack in stacks]
     solver, found = RowSolver(loaded, exact), np.empty((draws, len(rows), 6))
-    for some in chunks(np.arange(len(rows)), CHUNK):
+    for some in chunks(np.arange(len(rows)), AT_ONCE):
         given = {name: values[some] if values.ndim else values for name, values in known.items()}
         row = loaded.row(rows[some], given)
         into, rooms = Solution.empty(len(row.q), len(arm.sites)), solver.rooms(len(row.q))

@@ -1,14 +1,15 @@
-"""Where the loaded arm comes to rest: `twist = law(wrench(twist))`, and whether it stays there.
+"""Where the loaded arm comes to rest: `twist = law(load(twist))`, and whether it stays there.
 
-The heart of the package, hence our own: Newton on the flexures' exponential coordinates with Pinocchio's geometric
-stiffness, a fixed point and a first-order answer where speed matters more. A fixed point cannot tell a stable
-equilibrium from a buckled one, the tangent `I + C dτ/dtwist` can.
+The heart of the package, hence our own: a fixed point, which stiff arms are drawn to in a few steps, Newton on the
+flexures' exponential coordinates with Pinocchio's geometric stiffness, and a first-order answer where speed matters
+more. A fixed point cannot tell a stable equilibrium from a buckled one: the bound of `certificate` can where the arm is
+stiff, the tangent `I + C dτ/dtwist` everywhere.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,9 +21,8 @@ from armflex.errors import (
     UnstableEquilibriumError,
     did_you_mean,
 )
-from armflex.laws import Row
-from armflex.mechanics.laws import LawStack
-from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
+from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.pinocchio_model import LoadCase, integrate
 
 METHODS = ("newton", "fixed_point", "first_order", "exact")
 TOLERANCE = 1e-12
@@ -47,67 +47,28 @@ SLOWEST = 0.1
 """Where a squared step is not shorter than this part of the one before it, Newton is quicker."""
 
 
-@dataclass(frozen=True)
-class Equilibrium:
-    """A solved arm.
+class Equilibrium(NamedTuple):
+    """A solved arm, in the order and signs of Pinocchio's flexible model.
 
     Attributes:
-        twists: (6 n,) exponential coordinates of the flexures [m, rad].
-        wrenches: (6 n,) loads on the flexures in their local axes [N, Nm].
-        straight: Configuration with flexures at zero.
-        configuration: Configuration at the solution.
+        loaded: The arm with its payload.
+        case: Where its joints are and what acts.
+        rigid: Configuration with flexures at zero.
+        motion: (nv,) exponential coordinates of the flexures, zero for joints [m, rad].
+        torque: (nv,) generalized torque: minus the loads on the flexures [N, Nm]; None for that of the motion.
         method: How it was found.
-        history: Largest residual before each step [m or rad].
-        tangent: (6 n, 6 n) tangent at the solution, where stability was checked with it.
+        history: Squared length of the residual before each step [m^2 or rad^2].
+        tangent: (6 n, 6 n), where stability was checked with it.
     """
 
-    twists: Array
-    wrenches: Array
-    straight: Array
-    configuration: Array
+    loaded: LoadedArm
+    case: LoadCase
+    rigid: Array
+    motion: Array
+    torque: Array | None
     method: str
-    history: tuple[float, ...]
+    history: Sequence[float]
     tangent: Array | None = None
-
-
-def find_equilibrium(
-    mechanics: Mechanics,
-    stack: LawStack,
-    case: LoadCase,
-    row: Row,
-    method: str = "newton",
-    tolerance: float = TOLERANCE,
-    allow_large: bool = False,
-) -> Equilibrium:
-    """Return where the arm comes to rest.
-
-    Args:
-        mechanics: Models of the arm with its payload.
-        stack: Laws of its flexures.
-        case: Joint positions, motion and external wrenches.
-        row: What the laws may know.
-        method: "newton", "fixed_point" (which does not settle an arm that its load stiffens much), "exact" (whichever
-            of them is quicker), all with the tangent checked, or "first_order" (loads of the undeflected arm).
-        tolerance: Largest residual of any flexure coordinate [m, rad].
-        allow_large: Go on where a flexure turns by more than `MAX_ROTATION`.
-
-    Raises:
-        ConvergenceError: No equilibrium was found.
-        UnstableEquilibriumError: One was found, but the arm would leave it.
-        SmallDisplacementError: A flexure turned by more than `MAX_ROTATION`.
-    """
-    check_method(method)
-    problem = _Problem(mechanics, stack, case, row, mechanics.straight(case))
-    if method == "first_order":
-        solved = _first_order(problem)
-    else:
-        solved = SOLVERS[method](problem, tolerance)
-        tangent = tangent_of(mechanics, stack, case, row, solved)
-        check_stable(tangent)
-        solved = replace(solved, tangent=tangent)
-    if not allow_large:
-        check_small(solved.twists, stack.names)
-    return solved
 
 
 def check_method(method: str) -> None:
@@ -116,143 +77,167 @@ def check_method(method: str) -> None:
         raise InputError(f"method {method!r} is not known{did_you_mean(method, METHODS)} (known: {', '.join(METHODS)})")
 
 
-@dataclass(frozen=True)
-class _Problem:
-    mechanics: Mechanics
-    stack: LawStack
-    case: LoadCase
-    row: Row
-    straight: Array
-
-    def residual(self, twists: Array) -> tuple[Array, Array, Array]:
-        """Return twists - law(loads), the loads, and the configuration."""
-        configuration = self.mechanics.bent(self.straight, twists)
-        wrenches = self.mechanics.loads(configuration, self.case)
-        return twists - self.stack.twists(wrenches, self.row), wrenches, configuration
-
-    def tangent(self, twists: Array, wrenches: Array, configuration: Array) -> Array:
-        """Return the (6 n, 6 n) derivative of the residual with respect to the twists."""
-        turning = self.mechanics.turning(self.straight, configuration, twists, self.case)
-        return np.eye(len(twists)) + self.stack.tangent(wrenches, self.row) @ turning
-
-    def solved(self, twists: Array, wrenches: Array, method: str, history: Sequence[float]) -> Equilibrium:
-        configuration = self.mechanics.bent(self.straight, twists)
-        return Equilibrium(twists, wrenches, self.straight, configuration, method, tuple(history))
-
-
-def _first_order(problem: _Problem) -> Equilibrium:
-    wrenches = problem.mechanics.loads(problem.straight, problem.case)
-    twists = problem.stack.twists(wrenches, problem.row)
-    return problem.solved(twists, wrenches, "first_order", ())
-
-
-def fixed_point(
-    law: Callable[[Array], Array],
-    load: Callable[[Array], Array],
-    rigid: Array,
-    most: int = STEPS,
-    slow: float = SLOWEST,
-) -> tuple[Array | None, list[float]]:
-    """Return the twists at rest, None where the steps do not shrink quickly, and the squared lengths of the steps.
+def find_equilibrium(
+    loaded: LoadedArm, case: LoadCase, method: str = "newton", allow_large: bool = False, within: bool = False
+) -> Equilibrium:
+    """Return where the arm comes to rest.
 
     Args:
-        law: Loads to twists.
-        load: Twists to loads.
-        rigid: Loads on the undeflected arm.
+        loaded: The arm with its payload.
+        case: Joint positions, motion, external wrenches and covariates.
+        method: "newton", "fixed_point" (which does not settle an arm that its load stiffens much), "exact" (whichever
+            of them is quicker), all with stability checked, or "first_order" (loads of the undeflected arm).
+        allow_large: Go on where a flexure turns by more than `MAX_ROTATION`.
+        within: Whether the joints are within their limits: stability may be known without the tangent.
+
+    Raises:
+        ConvergenceError: No equilibrium was found.
+        UnstableEquilibriumError: One was found, but the arm would leave it.
+        SmallDisplacementError: A flexure turned by more than `MAX_ROTATION`.
+    """
+    mechanics = loaded.mechanics
+    laws, model, torque = mechanics.laws, mechanics.model, None
+    if laws.changing:
+        laws.know(loaded.row(case.q, case.covariates))
+    rigid, load, law = mechanics.rigid_configuration(case.q), mechanics.load(case), laws.motion
+    if method == "first_order":
+        torque = load(rigid)
+        found = Equilibrium(loaded, case, rigid, law(torque), torque, method, ())
+    else:
+        found = None
+        if method != "newton":
+            check_method(method)
+            bounds = (STEPS, SLOWEST) if method == "exact" else (MAX_FIXED_POINT - 1, GROWTH)
+            motion, sizes = _fixed_point(
+                law, lambda motion: load(integrate(model, rigid, motion)), load(rigid), *bounds
+            )
+            if motion is not None:
+                found = Equilibrium(loaded, case, rigid, motion, None, "fixed_point", sizes)
+            elif method == "fixed_point":
+                raise ConvergenceError("the fixed point did not converge; Newton may", np.sqrt(sizes).tolist())
+        if found is None:
+            found = _newton(loaded, case, rigid, load)
+        if within and _proven(found, load):
+            return found
+        found = _checked(found, load)
+    # Not a number is not small, either; `vdot` says nothing of what overflows.
+    if not (allow_large and method != "first_order") and not np.vdot(found.motion, found.motion) < SMALL:
+        if not np.isfinite(found.motion).all():
+            raise ConvergenceError("the loads or the laws give no finite twists", ())
+        if not allow_large:
+            check_small(found.motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
+    return found
+
+
+RUNS_AWAY = np.errstate(over="ignore", invalid="ignore")
+"""What runs away is refused, not warned of."""
+
+
+@RUNS_AWAY
+def _fixed_point(
+    law: Callable[[Array], Array], load: Callable[[Array], Array], rigid: Array, most: int, slow: float
+) -> tuple[Array | None, list[float]]:
+    """Return the motion at rest, None where the steps do not shrink quickly, and the squared lengths of the steps.
+
+    Args:
+        law: Torques to motions.
+        load: Motions to torques.
+        rigid: Torque on the undeflected arm.
         most: Steps at most.
         slow: Part of the squared step before it that a squared step must be shorter than.
     """
-    twists = law(rigid)
-    before = twists.dot(twists)
+    motion = law(rigid)
+    before = motion.dot(motion)
     sizes = [before]
     for _ in range(most):
-        moved = law(load(twists))
-        step = moved - twists
+        moved = law(load(motion))
+        step = moved - motion
         size = step.dot(step)
         sizes.append(size)
         if size <= CONVERGED and size * size <= NEXT * before:
             return moved, sizes
         if not size < slow * before:  # not a number is not, either
             break
-        twists, before = moved, size
+        motion, before = moved, size
     return None, sizes
 
 
-def _exact(problem: _Problem, tolerance: float) -> Equilibrium:
-    found, _ = _settled(problem, STEPS, SLOWEST)
-    return found or _newton(problem, tolerance)
+@RUNS_AWAY
+def _newton(loaded: LoadedArm, case: LoadCase, rigid: Array, load: Callable[[Array], Array]) -> Equilibrium:
+    """Return the equilibrium by Newton's method with damped steps."""
+    mechanics, places = loaded.mechanics, loaded.mechanics.flex.flexure_v
 
+    def residual(motion: Array) -> tuple[Array, Array, float]:
+        torque = load(mechanics.flexed(rigid, motion))
+        left = motion - mechanics.laws.motion(torque)
+        largest = float(np.abs(left).max(initial=0.0))
+        return left, torque, largest if np.isfinite(largest) else np.inf
 
-def _fixed_point(problem: _Problem, tolerance: float) -> Equilibrium:
-    found, history = _settled(problem, MAX_FIXED_POINT - 1, GROWTH)
-    if found is None:
-        raise ConvergenceError("the fixed point did not converge; Newton may", history)
-    return found
-
-
-def _settled(problem: _Problem, most: int, slow: float) -> tuple[Equilibrium | None, list[float]]:
-    """Return what the fixed point comes to, and the lengths of its steps."""
-    mechanics, case, row = problem.mechanics, problem.case, problem.row
-
-    def law(wrenches: Array) -> Array:
-        return problem.stack.twists(wrenches, row)
-
-    def load(twists: Array) -> Array:
-        return mechanics.loads(mechanics.bent(problem.straight, twists), case)
-
-    twists, sizes = fixed_point(law, load, mechanics.loads(problem.straight, case), most, slow)
-    history = np.sqrt(sizes).tolist()
-    if twists is None:
-        return None, history
-    # Once more, so that loads and twists are each other's to the last digit.
-    residual, wrenches, _ = problem.residual(twists)
-    return problem.solved(twists - residual, wrenches, "fixed_point", history), history
-
-
-def _newton(problem: _Problem, tolerance: float) -> Equilibrium:
-    twists = np.zeros(len(problem.mechanics.flex.flexure_v))
-    state = problem.residual(twists)
-    history = [_largest(state[0])]
-    polished = False
+    motion, polished = np.zeros(mechanics.model.nv), False
+    left, torque, largest = residual(motion)
+    history = [largest]
     for _ in range(MAX_NEWTON):
-        within = history[-1] <= tolerance
-        if within and (polished or history[-1] <= POLISHED * tolerance):
-            return problem.solved(twists, state[1], "newton", history)
-        polished = within
+        if largest <= TOLERANCE and (polished or largest <= POLISHED * TOLERANCE):
+            return Equilibrium(loaded, case, rigid, motion, torque, "newton", np.square(history).tolist())
+        polished = largest <= TOLERANCE
+        tangent = tangent_of(Equilibrium(loaded, case, rigid, motion, torque, "newton", ()))
         try:
-            step = np.linalg.solve(problem.tangent(twists, state[1], state[2]), state[0])
+            step = np.linalg.solve(tangent, left[places])
         except np.linalg.LinAlgError:
             raise ConvergenceError("the tangent is singular: the arm is about to buckle", history) from None
-        twists, state = _damped(problem, twists, step, history[-1])
-        history.append(_largest(state[0]))
+        # The step is halved until the residual shrinks or is given up; exp6 wraps around at a turn of pi, and a step
+        # must not get there.
+        before, start, factor = largest, motion, min(1.0, 1.0 / max(1e-300, float(np.abs(step).max(initial=0.0))))
+        for _ in range(8):
+            motion = start.copy()
+            motion[places] -= factor * step
+            left, torque, largest = residual(motion)
+            if largest < before or before < 1e-11:
+                break
+            factor *= 0.5
+        history.append(largest)
     raise ConvergenceError("the equilibrium did not converge", history)
 
 
-SOLVERS = {"newton": _newton, "fixed_point": _fixed_point, "exact": _exact}
+def _proven(found: Equilibrium, load: Callable[[Array], Array]) -> bool:
+    """Return whether the bound proves that the arm stays where it was found, with its joints within their limits."""
+    loaded, laws = found.loaded, found.loaded.mechanics.laws
+    bound = loaded.stability_bound
+    if bound is None or found.case.moves or not found.motion.dot(found.motion) < SMALL:
+        return False
+    if found.case.wrenches:
+        if bound.proven_under(found.case.wrenches):
+            return True
+        bound = bound.under(found.case.wrenches)
+        if bound is None:
+            return False
+    if bound.proven:
+        return True
+    # What is affine gives the same under every load, so they need not be known.
+    torque = load(integrate(loaded.flex.model, found.rigid, found.motion)) if laws.curved else found.motion
+    return bool(bound.stays(-torque[loaded.flex.flexure_v], laws.tangent))
 
 
-def _damped(problem: _Problem, twists: Array, step: Array, before: float) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Return the next twists and their residual: the step, halved until the residual shrinks or is given up."""
-    # exp6 wraps around at a turn of pi; a step must not get there.
-    factor = min(1.0, 1.0 / max(1e-300, float(np.abs(step).max())))
-    for _ in range(8):
-        trial = twists - factor * step
-        state = problem.residual(trial)
-        if _largest(state[0]) < before or before < 1e-11:
-            break
-        factor *= 0.5
-    return trial, state
+@RUNS_AWAY
+def _checked(found: Equilibrium, load: Callable[[Array], Array]) -> Equilibrium:
+    """Return the equilibrium with its tangent, from which it is known to be stable."""
+    if found.torque is None:  # once more, so that loads and twists are each other's to the last digit
+        mechanics = found.loaded.mechanics
+        torque = load(mechanics.flexed(found.rigid, found.motion))
+        found = found._replace(motion=mechanics.laws.motion(torque), torque=torque)
+    found = found._replace(tangent=tangent_of(found))
+    check_stable(found.tangent)
+    return found
 
 
-def _largest(residual: Array) -> float:
-    largest = float(np.abs(residual).max()) if len(residual) else 0.0
-    return largest if np.isfinite(largest) else np.inf
-
-
-def tangent_of(mechanics: Mechanics, stack: LawStack, case: LoadCase, row: Row, equilibrium: Equilibrium) -> Array:
+def tangent_of(found: Equilibrium) -> Array:
     """Return the (6 n, 6 n) tangent `I + C dτ/dtwist` at an equilibrium."""
-    problem = _Problem(mechanics, stack, case, row, equilibrium.straight)
-    return problem.tangent(equilibrium.twists, equilibrium.wrenches, equilibrium.configuration)
+    loaded, mechanics = found.loaded, found.loaded.mechanics
+    configuration, places = mechanics.flexed(found.rigid, found.motion), mechanics.flex.flexure_v
+    torque = found.torque if found.torque is not None else mechanics.load(found.case)(configuration)
+    compliance = loaded.arm.stack.tangent(-torque[places], loaded.row(found.case.q, found.case.covariates))
+    geometric = mechanics.stiffness(configuration, found.case)[mechanics.flexures]
+    return np.eye(len(places)) + compliance @ geometric @ mechanics.exponential_jacobian(found.rigid, found.motion)
 
 
 def check_small(twists: Array, names: tuple[str, ...]) -> None:

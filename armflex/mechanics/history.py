@@ -15,9 +15,8 @@ from armflex.laws import Row
 from armflex.laws.effects.law import Effect, Manipulator
 from armflex.laws.effects.scene import known_columns
 from armflex.laws.effects.spot import resolve
-from armflex.mechanics.batch import deflect_batch
-from armflex.mechanics.deflect import Asked
-from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.deflection import Asked, Deflection
+from armflex.mechanics.deflection_batch import deflect_batch
 from armflex.mechanics.response import respond
 from armflex.mechanics.structure import Structure
 from armflex.rows import Driven

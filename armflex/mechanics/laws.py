@@ -1,62 +1,57 @@
-"""The laws of all flexures as one map from loads to twists, and the same where Pinocchio has its numbers."""
+"""The laws of all flexures as one map from loads to twists, and as the numbers that both engines work with."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Law, Row
+from armflex.laws.law import NOTHING, UNLOADED
+
+Motion = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
 class LawStack:
-    """The laws of all flexures as one map from (..., 6 n) wrenches to (..., 6 n) twists.
-
-    Constant linear laws are one block-diagonal matrix, so that asking costs one product.
-    """
+    """The laws of all flexures as one map from (..., 6 n) wrenches to (..., 6 n) twists."""
 
     names: tuple[str, ...]
     laws: tuple[Law, ...]
 
     @cached_property
-    def constant(self) -> Array:
-        """(6 n, 6 n) block-diagonal compliance of the constant laws, zero elsewhere."""
-        total = np.zeros((6 * len(self.laws),) * 2)
-        for i, law in enumerate(self.laws):
-            if law.constant is not None:
-                total[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = law.constant
-        return total
+    def places(self) -> tuple[tuple[str, slice, Law], ...]:
+        """Names, places among the twists and laws of the flexures."""
+        named = enumerate(zip(self.names, self.laws, strict=True))
+        return tuple((name, slice(6 * i, 6 * i + 6), law) for i, (name, law) in named)
 
     @cached_property
-    def others(self) -> tuple[tuple[slice, Law], ...]:
-        """Places and laws that must be asked one by one."""
-        return tuple((slice(6 * i, 6 * i + 6), law) for i, law in enumerate(self.laws) if law.constant is None)
+    def parts(self) -> tuple[tuple[int, Law], ...]:
+        """Every flexure's laws that add up, each with the number of its flexure."""
+        return tuple((i, part) for i, law in enumerate(self.laws) for part in law.parts)
 
     def twists(self, wrenches: Array, row: Row) -> Array:
-        """Return the (..., 6 n) twists."""
-        twists = wrenches @ self.constant.T
-        for place, law in self.others:
+        """Return the (..., 6 n) twists [m, rad] under (..., 6 n) wrenches [N, Nm]."""
+        twists = np.empty_like(wrenches)
+        for _, place, law in self.places:
             twists[..., place] = law.twist(wrenches[..., place], row)
         return twists
 
     def tangent(self, wrenches: Array, row: Row) -> Array:
         """Return the (..., 6 n, 6 n) block-diagonal derivative of the twists."""
-        if not self.others and wrenches.ndim == 1:
-            return self.constant
-        total = np.broadcast_to(self.constant, (*wrenches.shape[:-1], *self.constant.shape)).copy()
-        for place, law in self.others:
+        total = np.zeros((*wrenches.shape, wrenches.shape[-1]))
+        for _, place, law in self.places:
             total[..., place, place] = law.tangent(wrenches[..., place], row)
         return total
 
     def change_with_position(self, wrenches: Array, row: Row) -> Array:
         """Return the (6 n, nq) derivative of the twists with respect to the joint positions at given loads."""
         change = np.zeros((len(wrenches), len(row.q)))
-        if self.others:
+        if self.changing:
             for i, step in enumerate(1e-4 * np.eye(len(row.q))):
                 ends = [self.twists(wrenches, replace(row, q=row.q + side * step)) for side in (1.0, -1.0)]
                 change[:, i] = (ends[0] - ends[1]) / 2e-4
@@ -64,20 +59,17 @@ class LawStack:
 
     def covariance(self, wrenches: Array, row: Row) -> Array | None:
         """Return the (6 n, 6 n) covariance of the twists at given loads, None when no law carries one."""
-        parts = [law.covariance(wrenches[6 * i : 6 * i + 6], row) for i, law in enumerate(self.laws)]
-        if all(part is None for part in parts):
-            return None
-        total = np.zeros((len(wrenches),) * 2)
-        for i, part in enumerate(parts):
+        total, known = np.zeros((len(wrenches),) * 2), False
+        for _, place, law in self.places:
+            part = law.covariance(wrenches[place], row)
             if part is not None:
-                total[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = part
-        return total
+                total[place, place], known = part, True
+        return total if known else None
 
     @cached_property
     def trained(self) -> tuple[tuple[str, slice, Law], ...]:
-        """Names, places and laws of the flexures whose law was trained."""
-        named = enumerate(zip(self.names, self.laws, strict=True))
-        return tuple((name, slice(6 * i, 6 * i + 6), law) for i, (name, law) in named if law.trained)
+        """`places` of the flexures whose law was trained."""
+        return tuple(place for place in self.places if place[2].trained)
 
     def doubts(self, wrenches: Array, row: Row) -> tuple[Flag, ...]:
         """Return where (6 n,) wrenches are beyond what a law was trained on."""
@@ -85,57 +77,88 @@ class LawStack:
         return tuple(replace(f, text=f"flexure {name!r}: {f.text}", about=name) for name, flags in asked for f in flags)
 
     @cached_property
-    def parts(self) -> tuple[tuple[int, Law], ...]:
-        """Every flexure's laws that add up, each with the number of its flexure."""
-        return tuple((i, part) for i, law in enumerate(self.laws) for part in law.parts)
+    def changing(self) -> tuple[tuple[int, Law], ...]:
+        """The parts that must be asked in every row: neither a constant compliance nor a network."""
+        return tuple((i, law) for i, law in self.parts if law.constant is None and law.neurons() is None)
+
+    def ask(self, row: Row) -> tuple[list[tuple[int, Array, Array]], list[tuple[int, Law]], dict[int, Array]]:
+        """Return what the changing parts are at some rows: affine or curved.
+
+        Returns:
+            Numbers of flexures with (..., 6) twist without load and (..., 6, 6) compliance; numbers of flexures with
+            laws that are curved; compliances by the identity of the law.
+        """
+        affine, curved, known = [], [], {}
+        for i, law in self.changing:
+            found = law.affine(row)
+            if found is None:
+                curved.append((i, law))
+            else:
+                affine.append((i, *found))
+                known[id(law)] = found[1]
+        return affine, curved, known
+
+    @cached_property
+    def numbers(self) -> tuple[Array, Array, Array, np.ndarray]:
+        """(1, n, 6, 6), (1, n, 6), (H, 13) and (n + 1,) numbers of the parts that are the same everywhere.
+
+        Compliance and offset of the laws, `twist = compliance @ wrench + offset`; units (6), bias and gains (6) of all
+        networks' neurons, loads and twists in SI; first neuron of each flexure.
+        """
+        n, neurons, starts = len(self.laws), [np.zeros((0, 13))], np.zeros(len(self.laws) + 1, dtype=np.int64)
+        compliance, offset = np.zeros((1, n, 6, 6)), np.zeros((1, n, 6))
+        for i, law in self.parts:
+            if law.constant is not None:
+                compliance[0, i] += law.constant
+            elif law.neurons() is not None:
+                units, bias, gains, shift = law.neurons()
+                own, size = np.zeros((len(bias), 13)), len(shift)
+                own[:, :size], own[:, 6], own[:, 7 : 7 + size] = units.T, bias, gains
+                offset[0, i, :size] += shift
+                starts[i + 1 :] += len(bias)
+                neurons.append(own)
+        return compliance, offset, np.concatenate(neurons), starts
 
 
 class RowLaws:
-    """The laws of a stack at N rows as numbers, for compiled code.
+    """The laws of a stack at N rows, or at one, as numbers.
 
     What is affine at the rows' positions and covariates is looked up once for all of them, networks stand as they are,
-    and every other law as its affine expansion about some loads: see `expand`. `parts` are laws of the stack with the
-    numbers of their flexures, all where not given.
+    and every other law as its affine expansion about some loads: see `expand`.
 
     Attributes:
         compliance, offset: (R, n, 6, 6) and (R, n, 6) of what is affine or expanded, R being 1 or N.
-        neurons: (H, 13) units (6), bias and gains (6) of all networks, loads and twists in SI.
-        starts: (n + 1,) first neuron of each flexure.
+        neurons, starts: See `LawStack.numbers`.
         curved: Laws that must be expanded, with the numbers of their flexures.
     """
 
-    def __init__(self, stack: LawStack, row: Row, parts: Iterable[tuple[int, Law]] | None = None) -> None:
-        affine: list[tuple[int, Array, Array]] = []
-        networks: list[tuple[int, Law]] = []
+    def __init__(self, stack: LawStack, row: Row | None = None) -> None:
+        self._stack, self._row = stack, row  # laws that are the same everywhere do without a row
+        compliance, offset, self.neurons, self.starts = stack.numbers
+        self.compliance, self.offset = compliance.copy(), offset.copy()
         self.curved: list[tuple[int, Law]] = []
-        self._row, self._known, self._slopes = row, {}, []
-        for i, law in stack.parts if parts is None else parts:
-            if law.neurons() is not None:
-                networks.append((i, law))
-                continue
-            found = law.affine(row)
-            if found is None:
-                self.curved.append((i, law))
-            else:
-                affine.append((i, *found))
-                self._known[id(law)] = found[1]
-        each = bool(self.curved) or any(twist.ndim > 1 or compliance.ndim > 2 for _, twist, compliance in affine)
-        self.compliance = np.zeros((len(row.q) if each else 1, len(stack.laws), 6, 6))
-        self.offset = np.zeros(self.compliance.shape[:3])
-        for i, twist, compliance in affine:
-            self.offset[:, i] += twist
-            self.compliance[:, i] += compliance
-        self.neurons = np.zeros((sum(len(law.neurons()[1]) for _, law in networks), 13))
-        self.starts = np.zeros(len(stack.laws) + 1, dtype=np.int64)
-        at = 0
-        for i, law in sorted(networks, key=lambda pair: pair[0]):
-            units, bias, gains, constant = law.neurons()
-            own, at = self.neurons[at : at + len(bias)], at + len(bias)
-            size = len(constant)
-            own[:, :size], own[:, 6], own[:, 7 : 7 + size] = units.T, bias, gains
-            self.offset[:, i, :size] += constant
-            self.starts[i + 1 :] += len(bias)
-        self._affine = (self.compliance.copy(), self.offset.copy()) if self.curved else None
+        self._known: dict[int, Array] = {}
+        if row is not None and stack.changing:
+            self.know(row)
+
+    def know(self, row: Row) -> None:
+        """Ask the laws in other rows; the arrays are filled anew, and are others only for another number of rows."""
+        affine, self.curved, self._known = self._stack.ask(row)
+        self._row, self._slopes, (compliance, offset, _, _) = row, [], self._stack.numbers
+        single = row.q.ndim == 1
+        many = not single and (self.curved or any(part[1].ndim > 1 or part[2].ndim > 2 for part in affine))
+        count = len(row.q) if many else 1
+        if len(self.compliance) != count:
+            self.compliance, self.offset = np.repeat(compliance, count, axis=0), np.repeat(offset, count, axis=0)
+        else:
+            np.copyto(self.compliance, compliance)
+            np.copyto(self.offset, offset)
+        for i, twist, softer in affine:
+            if twist is not NOTHING:
+                self.offset[:, i] += twist
+            if softer is not UNLOADED:
+                self.compliance[:, i] += softer
+        self._affine = (self.compliance.copy(), self.offset.copy()) if self.curved and not single else None
 
     @property
     def numbers(self) -> tuple[Array, Array, Array, np.ndarray]:
@@ -180,58 +203,98 @@ class RowLaws:
         return total
 
 
-MOST_NEURONS = 64
-"""Networks with more (those of a posterior) are asked by themselves: side by side they would be mostly zeros."""
-
-
-@dataclass(frozen=True, eq=False)
 class PlacedLaws:
-    """The laws as a map from Pinocchio's generalized torques to velocities: no gathering, no signs to turn.
+    """The laws at one row as a map from Pinocchio's generalized torques to velocities: no gathering, no signs to turn.
 
-        v = matrix tau + gains tanh(units tau + bias)  +  the others'
+        v = matrix tau + gains tanh(units tau + bias) + offset + what is curved gives
 
     A torque is minus the load that deforms. Velocities of joints are zero, and torques on them do not count.
 
     Attributes:
-        matrix: (nv, nv) of the laws that are the same everywhere and proportional to the load.
-        units: (H, nv) of all networks' neurons together; bias: (H,).
-        gains: (nv, H + 1) with the constant last.
-        others: Laws that depend on more than the load, or bend in another way, with the number and the six places of
-            their flexures.
+        motion: (nv,) generalized torques to the (nv,) twists, among zeros, that the laws give at the row that is known.
+        curved: Whether their tangents depend on the load there.
     """
 
-    matrix: Array
-    units: Array
-    bias: Array
-    gains: Array
-    others: tuple[tuple[int, slice, Law], ...]
+    def __init__(self, stack: LawStack, places: np.ndarray, size: int) -> None:
+        (compliance, offset, neurons, starts), matrix = stack.numbers, np.zeros((size, size))
+        units, gains = np.zeros((len(neurons), size)), np.zeros((size, len(neurons) + 1))
+        for here, block in zip(places, compliance[0], strict=True):
+            matrix[np.ix_(here, here)] = -block
+        own = places[np.repeat(np.arange(len(places)), np.diff(starts))]
+        np.put_along_axis(units, own, -neurons[:, :6], axis=1)
+        np.put_along_axis(gains[:, :-1].T, own, neurons[:, 7:], axis=1)
+        gains[places, -1] = offset[0]
+        self._networks = _networks(units, neurons[:, 6].copy(), gains) if len(neurons) else None
+        self.motion = self._usual = _sum(_product(matrix), self._networks)
+        self._stack, self._size, self._same, self._matrix = stack, size, matrix, matrix.copy()
+        self._places = [slice(int(here[0]), int(here[5]) + 1) for here in places]
+        self._softer: list[slice] = []
+        self._row: Row | None = None
+        self._known: dict[int, Array] = {}
+        self.changing, self.curved = bool(stack.changing), False
+
+    def know(self, row: Row) -> None:
+        """Take in the row of the questions to come; needed where laws depend on more than the load."""
+        affine, curved, self._known = self._stack.ask(row)
+        offset, self._row, self.curved = np.zeros(self._size), row, bool(curved)
+        for here in self._softer:
+            self._matrix[here, here] = self._same[here, here]
+        self._softer = []
+        for i, twist, compliance in affine:
+            here = self._places[i]
+            if twist is not NOTHING:
+                offset[here] += twist
+            if compliance is not UNLOADED:
+                self._matrix[here, here] -= compliance
+                self._softer.append(here)
+        together = _sum(self._matrix.dot, self._networks) if self._softer else self._usual
+        asked = [(self._places[i], law) for i, law in curved]
+
+        def motion(torque: Array) -> Array:
+            found = together(torque)
+            found += offset
+            for here, law in asked:
+                found[here] += law.twist(-torque[here], row)
+            return found
+
+        self.motion = motion
+
+    def tangent(self, law: Law, load: Array) -> Array:
+        """Return the (6, 6) tangent of one of the laws under a (6,) load, at the row that is known."""
+        known = self._known.get(id(law))
+        return law.tangent(load, self._row) if known is None else known
 
 
-def place_laws(stack: LawStack, places: Sequence[np.ndarray], size: int) -> PlacedLaws:
-    """Return the laws of a stack whose flexures' twists are at some (6,) places of `size` generalized velocities."""
-    matrix, others = np.zeros((size, size)), []
-    networks: list[tuple[np.ndarray, Law]] = []
-    for number, part in stack.parts:
-        here, compliance, neurons = places[number], part.constant, part.neurons()
-        if compliance is not None:
-            matrix[np.ix_(here, here)] -= compliance
-        elif neurons is not None and len(neurons[1]) <= MOST_NEURONS:
-            networks.append((here, part))
-        else:
-            others.append((number, slice(int(here[0]), int(here[-1]) + 1), part))
-    return PlacedLaws(matrix, *_stacked(networks, size), tuple(others))
+def _networks(units: Array, bias: Array, gains: Array) -> Motion:
+    """Return the map of all networks' neurons together, (H, nv) units and (nv, H + 1) gains with the constant last."""
+    hidden = np.ones(len(bias) + 1)
+    inner, into, out, tanh = hidden[:-1], units.dot, gains.dot, np.tanh
+
+    def networks(torque: Array) -> Array:
+        into(torque, inner)
+        np.add(inner, bias, inner)
+        tanh(inner, inner)
+        return out(hidden)
+
+    return networks
 
 
-def _stacked(networks: Sequence[tuple[np.ndarray, Law]], size: int) -> tuple[Array, Array, Array]:
-    """Return `units`, `bias` and `gains` of networks at their places."""
-    total = sum(len(law.neurons()[1]) for _, law in networks)
-    units, bias, gains = np.zeros((total, size)), np.zeros(total), np.zeros((size, total + 1))
-    start = 0
-    for here, law in networks:
-        into, offset, out, constant = law.neurons()
-        own, acting = slice(start, start + len(offset)), here[: len(constant)]
-        units[own, acting], bias[own] = -into.T, offset
-        gains[acting, own] = out.T
-        gains[acting, -1] += constant
-        start = own.stop
-    return units, bias, gains
+def _sum(linear: Motion | None, networks: Motion | None) -> Motion:
+    """Return the map of the laws that need not be asked one by one."""
+    if linear is None or networks is None:
+        return networks or linear or np.zeros_like
+
+    def both(torque: Array) -> Array:
+        return linear(torque) + networks(torque)
+
+    return both
+
+
+def _product(matrix: Array) -> Motion | None:
+    """Return the product with a matrix, None with zero; diagonal ones are the usual and take a third of the time."""
+    if not matrix.any():
+        return None
+    diagonal = np.diag(matrix).copy()
+    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
+        return partial(np.multiply, diagonal)
+    return matrix.dot

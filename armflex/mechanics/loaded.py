@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,20 +12,23 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.errors import Flag
+from armflex.errors import Flag, PayloadError, UnknownNameError
 from armflex.laws import Row
 from armflex.laws.effects.scene import MASS
-from armflex.mechanics.certificate import Softening, bound_softening
+from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
-from armflex.mechanics.doubts import payload_doubts
-from armflex.mechanics.laws import PlacedLaws
-from armflex.mechanics.loads import Load, Payload
-from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
-from armflex.mechanics.solver import Solver
+from armflex.mechanics.loads import Load, Payload, Wrench
+from armflex.mechanics.pinocchio_model import Mechanics
 from armflex.mechanics.structure import Structure
 from armflex.robot import FlexModel, Site, build_model
 
 TOOL = "what is at the tool"
+
+FORCE_BAND = 10.0
+"""External forces beyond this many times the arm's weight are flagged: kN or kgf given as N?"""
+
+SAG_BAND = 0.1
+"""Displacements beyond this fraction of the reach are flagged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +43,24 @@ class LoadedArm:
         """Return what it is made of; a workspace belongs to its thread."""
         return _again, (self.arm, self.payload)
 
-    @cached_property
+    @property
     def mechanics(self) -> Mechanics:
-        """Pinocchio models, rigid and flexible."""
-        return Mechanics(build_model(self.arm.robot, (), self._body), self._model())
+        """This thread's Pinocchio."""
+        try:
+            return self._local.mechanics
+        except AttributeError:
+            self._local.mechanics = Mechanics(self.rigid, self.flex, self.arm.stack, self.arm.pulls)
+            return self._local.mechanics
+
+    @cached_property
+    def rigid(self) -> FlexModel:
+        """The model without flexures, where the controller knows it to be."""
+        return build_model(self.arm.robot, (), self._body)
+
+    @cached_property
+    def flex(self) -> FlexModel:
+        """The model with flexures, corrected."""
+        return self._model()
 
     @property
     def _body(self) -> pin.Inertia | None:
@@ -52,48 +70,79 @@ class LoadedArm:
         return build_model(self.arm.robot, (*self.arm.sites, *extra), self._body, self.arm.corrections)
 
     @cached_property
-    def laws(self) -> PlacedLaws:
-        """The arm's laws in Pinocchio's generalized velocities."""
-        return self.arm.placed_laws(self.mechanics.flex)
-
-    @cached_property
     def flags(self) -> tuple[Flag, ...]:
-        """Doubts about the arm, and about its standing still with the payload."""
-        return (*self.arm.flags, *payload_doubts(self.arm, self.payload, accelerated=False))
+        """Doubts about the arm, and about its standing still with the payload.
+
+        Raises:
+            PayloadError: The payload's centre of mass is beyond the arm's reach.
+        """
+        arm, payload = self.arm, self.payload
+        distance = float(np.linalg.norm(payload.com))
+        if payload.mass and distance > max(arm.robot.reach, 1.0):
+            raise PayloadError(f"payload CoM is {distance:g} m from the tip, more than the arm's reach: millimetres?")
+        if arm.payload_rating is None or payload.mass <= arm.payload_rating:
+            return arm.flags
+        text = f"payload of {payload.mass:g} kg exceeds the rated {arm.payload_rating:g} kg"
+        return (*arm.flags, Flag("beyond_rating", text))
+
+    def flags_under(self, wrenches: Sequence[Wrench], accelerated: bool) -> tuple[Flag, ...]:
+        """Return `flags` with the doubts about loads from outside [N, Nm] and about accelerating the payload.
+
+        Raises:
+            PayloadError, UnknownNameError: As `flags`; a load is at no link of the arm.
+        """
+        arm, flags = self.arm, list(self.flags)
+        if accelerated and self.payload.mass and self.payload.inertia is None:
+            flags.append(Flag("no_inertia", "the payload's inertia is not given, so its turning adds no load"))
+        for wrench in wrenches:
+            if wrench.frame not in arm.link_names:
+                raise UnknownNameError("link", wrench.frame, arm.link_names)
+            if not wrench.dead:
+                text = f"the load at {wrench.frame!r} turns with its link; buckling is checked, flutter is not"
+                flags.append(Flag("follower_load", text))
+            size = math.hypot(*wrench.force.tolist())
+            if 0.0 < FORCE_BAND * arm.weight < size:
+                text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
+                flags.append(Flag("large_force", text))
+        return tuple(flags)
+
+    def sag_flags(self, displacement: Array) -> tuple[Flag, ...]:
+        """Return a flag where the tip moves by a good part of the reach."""
+        sag = float(np.linalg.norm(displacement[:3]))
+        if sag <= SAG_BAND * self.arm.robot.reach:
+            return ()
+        return (Flag("large_sag", f"the tip moves {sag:.3g} m, over {SAG_BAND:.0%} of the reach"),)
 
     @cached_property
-    def softening(self) -> Softening | None:
-        """How far the weight can soften the arm; None where nobody can say beforehand, see `softening_under`."""
-        return self.softening_under(self.arm.pulls)
-
-    def softening_under(self, loads: Sequence[Load]) -> Softening | None:
-        """Return how far the weight and dead loads can soften the arm; None where a joint can go any way, or a load."""
-        robot, model = self.arm.robot, self.mechanics.flex.model
-        ranges = {joint.name: (joint.lower, joint.upper) for joint in robot.moving}
-        travel = {
-            model.getJointId(joint.name): float(np.abs(ranges[joint.name]).max())
-            for joint in robot.moving
-            if joint.kind == "prismatic"
-        }
-        if not (all(load.dead for load in loads) and np.isfinite(list(travel.values())).all()):
+    def stability_bound(self) -> StabilityBound | None:
+        """How far weight and what pulls at it can soften the arm; None where a joint or a pull can go any way."""
+        ranges = {joint.name: (joint.lower, joint.upper) for joint in self.arm.robot.moving}
+        model, flex, slides = self.flex.model, self.flex, [j for j in self.arm.robot.moving if j.kind == "prismatic"]
+        travel = {model.getJointId(joint.name): max(abs(joint.lower), abs(joint.upper)) for joint in slides}
+        if not np.isfinite(list(travel.values())).all():
             return None
-        dead = []
-        for load in loads:
-            _, joint, _, pose = link_frame(model, self.mechanics.flex.frame(load.frame))
-            dead.append((joint, pose.translation, load.at(np.eye(4))))
-        found = bound_softening(model, self.flexure_joints, self.arm.stack, ranges, travel, dead)
-        return found if np.isfinite(found.answer).all() else None
+
+        def link(name: str) -> tuple[int, Array]:
+            _, joint, _, pose = link_frame(model, flex.frame(name))
+            return joint, pose.translation
+
+        bound = bound_stability(model, self.flexure_joints, self.arm.stack, ranges, travel, link)
+        return bound.under(self.arm.pulls)
+
+    def bound_under(self, wrenches: Sequence[Load]) -> StabilityBound | None:
+        """Return the bound under further loads from outside."""
+        return self.stability_bound and self.stability_bound.under(wrenches)
 
     @cached_property
     def flexure_joints(self) -> tuple[int, ...]:
         """Pinocchio joints of the flexures, in order."""
-        starts = {joint.idx_v: joint.id for joint in self.mechanics.flex.model.joints if joint.nv == 6}
-        return tuple(starts[place] for place in self.mechanics.flex.flexure_v[::6].tolist())
+        starts = {joint.idx_v: joint.id for joint in self.flex.model.joints if joint.nv == 6}
+        return tuple(starts[place] for place in self.flex.flexure_v[::6].tolist())
 
     @cached_property
     def chain(self) -> Chain:
         """The arm as arrays, for compiled code."""
-        return chain_of(self.mechanics.flex, self.flexure_joints)
+        return chain_of(self.flex, self.flexure_joints)
 
     @cached_property
     def _with_tool(self) -> FlexModel:
@@ -141,7 +190,7 @@ class LoadedArm:
     @cached_property
     def plain_link_frames(self) -> Frames:
         """The same in `chain`."""
-        flex = self.mechanics.flex
+        flex = self.flex
         return frames_of([link_frame(flex.model, flex.frame(link)) for link in flex.links])
 
     @cached_property
@@ -149,20 +198,7 @@ class LoadedArm:
         """The rigid arm as the controller knows it, as arrays; None where corrections leave it where `chain` is."""
         if not self.arm.corrections.move:
             return None
-        return chain_of(self.mechanics.rigid, ())
-
-    @property
-    def solver(self) -> Solver:
-        """This thread's workspace."""
-        try:
-            return self._local.solver
-        except AttributeError:
-            self._local.solver = Solver(self.mechanics, self.laws)
-            return self._local.solver
-
-    def case(self, q: Array) -> LoadCase:
-        """Return the arm standing still at (nq,) or (N, nq) positions under its own weight and what pulls at it."""
-        return LoadCase(q, wrenches=self.arm.pulls)
+        return chain_of(self.rigid, ())
 
     def row(self, q: Array, covariates: dict[str, Array]) -> Row:
         """Return what the laws may know at (nq,) or (N, nq) positions."""
@@ -171,12 +207,12 @@ class LoadedArm:
     @cached_property
     def links(self) -> tuple[str, ...]:
         """Names of the links at and beyond the base."""
-        return tuple(self.mechanics.flex.links)
+        return tuple(self.flex.links)
 
     @cached_property
     def mass(self) -> float:
         """Of everything that moves, the payload included [kg]."""
-        return float(pin.computeTotalMass(self.mechanics.rigid.model))
+        return float(pin.computeTotalMass(self.rigid.model))
 
 
 def _again(arm: Structure, payload: Payload) -> LoadedArm:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -104,11 +105,14 @@ class Wrench:
         """Whether it does not turn with its link."""
         return self.axes == "base"
 
+    @cached_property
+    def _whole(self) -> Array:
+        return np.concatenate([self.force, self.moment])
+
     def at(self, pose: Array) -> Array:
         """Return the (..., 6) wrench at the link's origin in base axes."""
         if self.dead:
-            wrench = np.concatenate([self.force, self.moment])
-            return wrench if pose.ndim == 2 else np.broadcast_to(wrench, (*pose.shape[:-2], 6))
+            return self._whole if pose.ndim == 2 else np.broadcast_to(self._whole, (*pose.shape[:-2], 6))
         return np.concatenate([pose[..., :3, :3] @ part for part in (self.force, self.moment)], axis=-1)
 
     def change(self, pose: Array) -> Array:

@@ -1,166 +1,189 @@
 """What Pinocchio is asked: loads on the flexures, how they change, and where the tip is.
 
-One `Mechanics` belongs to one arm with one payload. It is shared between threads; each thread keeps its own
-`pin.Data` here, because making one costs a hundred times what a query does.
+Everything is in the generalized velocities of the flexible model: a motion has the twists of the flexures, exponential
+coordinates, among zeros for the joints, and a torque is minus the loads that deform them. So nothing is gathered where
+an equilibrium is found.
 """
 
 from __future__ import annotations
 
-import threading
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.mechanics.laws import LawStack, PlacedLaws
 from armflex.mechanics.loads import Load
 from armflex.robot import FlexModel
 
+gravity, rnea, integrate, frame_jacobian = (
+    pin.computeGeneralizedGravity,
+    pin.rnea,
+    pin.integrate,
+    pin.computeFrameJacobian,
+)
+place_frames, log3, BASE_AXES = pin.framesForwardKinematics, pin.log3, pin.LOCAL_WORLD_ALIGNED
 
-@dataclass(frozen=True)
-class LoadCase:
-    """Where the joints are and what acts: q, v, a of shape (nq,), and external wrenches."""
+BASE = np.eye(4)
+NOTHING_KNOWN: Mapping[str, Array] = {}
+
+
+class LoadCase(NamedTuple):
+    """One configuration and what acts in it.
+
+    Attributes:
+        q, v, a: (nq,) joint positions, velocities and accelerations; None where the arm stands still.
+        wrenches: Loads from outside, beside those that the arm's effects put on its links.
+        covariates: What the laws may know beyond positions, by name.
+    """
 
     q: Array
     v: Array | None = None
     a: Array | None = None
     wrenches: tuple[Load, ...] = ()
-
-
-@dataclass(frozen=True)
-class Mechanics:
-    """Pinocchio models of an arm with its payload, rigid and flexible."""
-
-    rigid: FlexModel
-    flex: FlexModel
-    _local: threading.local = field(default_factory=threading.local, repr=False)
-
-    def __reduce__(self) -> tuple:
-        """Return the models; a workspace belongs to its thread and is made again."""
-        return Mechanics, (self.rigid, self.flex)
+    covariates: Mapping[str, Array] = NOTHING_KNOWN
 
     @property
-    def data(self) -> pin.Data:
-        """This thread's workspace for the flexible model."""
-        if not hasattr(self._local, "flex"):
-            self._local.flex = self.flex.model.createData()
-            self._local.rigid = self.rigid.model.createData()
-        return self._local.flex
+    def moves(self) -> bool:
+        """Whether there is a velocity or an acceleration."""
+        return self.v is not None or self.a is not None
 
-    def straight(self, case: LoadCase) -> Array:
-        """Return the flexible model's configuration with the joints at q and every flexure at zero."""
+
+class Mechanics:
+    """One thread's Pinocchio of an arm with its payload, rigid and flexible; never to be shared between threads."""
+
+    def __init__(self, rigid: FlexModel, flex: FlexModel, stack: LawStack, pulls: Sequence[Load] = ()) -> None:
+        self.rigid, self.flex, self.pulls = rigid, flex, tuple(pulls)
+        self.model, self.data, self._rigid_data = flex.model, flex.model.createData(), rigid.model.createData()
+        self.laws = PlacedLaws(stack, flex.flexure_v.reshape(-1, 6), flex.model.nv)
+        self._frames = {link: flex.frame(link) for link in flex.links}
+        self._gravity = partial(gravity, self.model, self.data)
+        self.flexures = np.ix_(flex.flexure_v, flex.flexure_v)
+        # Views into Pinocchio's own memory: to ask for them costs more than to compute what they show.
+        tip, rigid_tip = self.data.oMf[flex.tip], self._rigid_data.oMf[rigid.tip]
+        self._shift, self._turn = tip.translation, tip.rotation
+        self._rigid_shift, self._rigid_turn = rigid_tip.translation, rigid_tip.rotation.T
+
+    def rigid_configuration(self, q: Array) -> Array:
+        """Return the flexible model's configuration with the joints at (nq,) positions and every flexure at zero."""
         configuration = self.flex.neutral.copy()
-        configuration[self.flex.q_index] = case.q
+        configuration[self.flex.q_index] = q
         return configuration
 
-    def bent(self, straight: Array, twists: Array) -> Array:
-        """Return the configuration with the flexures at exp6 of their (6 n,) twists."""
-        return pin.integrate(self.flex.model, straight, self._velocity(twists))
+    def flexed(self, rigid: Array, motion: Array) -> Array:
+        """Return the configuration with the flexures at exp6 of the twists in a (nv,) motion."""
+        return integrate(self.model, rigid, motion)
 
-    def exponential_jacobian(self, straight: Array, twists: Array) -> Array:
-        """Return the (6 n, 6 n) right Jacobian of exp6 at the twists: body motion per change of coordinates."""
-        whole = pin.dIntegrate(self.flex.model, straight, self._velocity(twists), pin.ArgumentPosition.ARG1)
-        return whole[np.ix_(self.flex.flexure_v, self.flex.flexure_v)]
+    def load(self, case: LoadCase) -> Callable[[Array], Array]:
+        """Return the map from configurations to (nv,) generalized torques that hold the arm [N, Nm].
 
-    def turning(self, straight: Array, configuration: Array, twists: Array, case: LoadCase) -> Array:
-        """Return the (6 n, 6 n) fall of the flexures' loads per change of their twists, which bent the arm."""
-        places = self.flex.flexure_v
-        geometric = self.stiffness(configuration, case)[np.ix_(places, places)]
-        return geometric @ self.exponential_jacobian(straight, twists)
+        They are what parents exert on children: minus the loads that deform.
+        """
+        model, data = self.model, self.data
+        if case.moves:
+            motion = self._velocities(case)
 
-    def _velocity(self, twists: Array) -> Array:
-        velocity = np.zeros(self.flex.model.nv)
-        velocity[self.flex.flexure_v] = twists
-        return velocity
+            def bare(configuration: Array) -> Array:
+                return rnea(model, data, configuration, *motion)
+        else:
+            bare = self._gravity
+        if not (case.wrenches or self.pulls):
+            return bare
+        loads = [(self._frames[load.frame], load) for load in (*case.wrenches, *self.pulls)]
+        dead = [(frame, load.at(BASE).dot) for frame, load in loads if load.dead]
+        turning = [(frame, load) for frame, load in loads if not load.dead]
 
-    def torque(self, configuration: Array, case: LoadCase) -> Array:
-        """Return the (nv,) generalized force that holds the arm: what parents exert on children."""
-        model, data = self.flex.model, self.data
-        if case.v is None and case.a is None and not case.wrenches:
-            return pin.computeGeneralizedGravity(model, data, configuration)
-        return pin.rnea(model, data, configuration, *self._motion(case), self._forces(configuration, case))
+        def loaded(configuration: Array) -> Array:
+            torque = bare(configuration)
+            for frame, wrench_times in dead:
+                torque -= wrench_times(frame_jacobian(model, data, configuration, frame, BASE_AXES))
+            for frame, load in turning:
+                jacobian = frame_jacobian(model, data, configuration, frame, BASE_AXES)
+                torque -= load.at(self.frame_pose(configuration, frame).homogeneous).dot(jacobian)
+            return torque
 
-    def loads(self, configuration: Array, case: LoadCase) -> Array:
-        """Return the (6 n,) wrenches on the structure at the flexures, local axes [N, Nm]."""
-        return -self.torque(configuration, case)[self.flex.flexure_v]
+        return loaded
 
     def stiffness(self, configuration: Array, case: LoadCase) -> Array:
-        """Return the (nv, nv) change of `torque` per body motion of joints and flexures: the geometric stiffness."""
-        model, data = self.flex.model, self.data
-        if case.v is None and case.a is None and not case.wrenches:
+        """Return the (nv, nv) change of the torque per body motion of joints and flexures: the geometric stiffness."""
+        model, data, loads = self.model, self.data, (*case.wrenches, *self.pulls)
+        if not (loads or case.moves):
             return np.array(pin.computeGeneralizedGravityDerivatives(model, data, configuration))
-        forces = self._forces(configuration, case)
-        total = np.array(pin.computeRNEADerivatives(model, data, configuration, *self._motion(case), forces)[0])
-        for load in case.wrenches:
-            total += self._turning(configuration, load)
+        forces, motion = self._forces(configuration, loads), self._velocities(case)
+        total = np.array(pin.computeRNEADerivatives(model, data, configuration, *motion, forces)[0])
+        for load in loads:
+            # What the load adds by changing in its link's axes when the link moves.
+            frame = self._frames[load.frame]
+            jacobian = frame_jacobian(model, data, configuration, frame, pin.LOCAL)
+            pose = self.frame_pose(configuration, frame)
+            local, turn = _in_axes_of(pose, load), np.kron(np.eye(2), pose.rotation)
+            change = turn.T @ load.change(pose.homogeneous) @ turn
+            change[:, 3:] += np.vstack([pin.skew(local.linear), pin.skew(local.angular)])
+            total -= jacobian.T @ change @ jacobian
         return total
 
-    def _motion(self, case: LoadCase) -> tuple[Array, Array]:
-        full = []
-        for values in (case.v, case.a):
-            vector = np.zeros(self.flex.model.nv)
-            if values is not None:
-                vector[self.flex.v_index] = values
-            full.append(vector)
-        return full[0], full[1]
-
-    def _turning(self, configuration: Array, load: Load) -> Array:
-        """Return what a load adds to the stiffness by changing in its link's axes when the link moves."""
-        model, data, frame = self.flex.model, self.data, self.flex.frame(load.frame)
-        jacobian = pin.computeFrameJacobian(model, data, configuration, frame, pin.LOCAL)
-        pose = self.frame_pose(configuration, frame)
-        local = self._local_load(pose, load)
-        turn = np.kron(np.eye(2), pose.rotation)
-        change = turn.T @ load.change(pose.homogeneous) @ turn
-        change[:, 3:] += np.vstack([pin.skew(local.linear), pin.skew(local.angular)])
-        return -jacobian.T @ change @ jacobian
-
-    @staticmethod
-    def _local_load(pose: pin.SE3, load: Load) -> pin.Force:
-        """Return a load in the axes of its link."""
-        wrench = load.at(pose.homogeneous)
-        return pin.Force(pose.rotation.T @ wrench[:3], pose.rotation.T @ wrench[3:])
-
-    def _forces(self, configuration: Array, case: LoadCase) -> pin.StdVec_Force:
-        """Return the external force on every Pinocchio joint, in its local frame."""
-        forces = pin.StdVec_Force()
-        forces.extend([pin.Force.Zero()] * self.flex.model.njoints)
-        for load in case.wrenches:
-            frame = self.flex.frame(load.frame)
-            owner = self.flex.model.frames[frame]
-            local = self._local_load(self.frame_pose(configuration, frame), load)
-            forces[owner.parentJoint] = forces[owner.parentJoint] + owner.placement.act(local)
-        return forces
-
-    def frame_pose(self, configuration: Array, frame: int) -> pin.SE3:
-        """Return a frame's pose in the base."""
-        pin.forwardKinematics(self.flex.model, self.data, configuration)
-        return pin.updateFramePlacement(self.flex.model, self.data, frame).copy()
-
-    def tip_pose(self, configuration: Array) -> pin.SE3:
-        """Return the tip's pose in the base."""
-        return self.frame_pose(configuration, self.flex.tip)
-
-    def link_poses(self, configuration: Array) -> dict[str, Array]:
-        """Return the (4, 4) pose of every link at and beyond the base."""
-        pin.framesForwardKinematics(self.flex.model, self.data, configuration)
-        return {link: self.data.oMf[self.flex.frame(link)].homogeneous for link in self.flex.links}
+    def exponential_jacobian(self, rigid: Array, motion: Array) -> Array:
+        """Return the (6 n, 6 n) right Jacobian of exp6 at the twists: body motion per change of coordinates."""
+        return pin.dIntegrate(self.model, rigid, motion, pin.ArgumentPosition.ARG1)[self.flexures]
 
     def tip_jacobian(self, configuration: Array) -> Array:
         """Return the (6, nv) motion of the tip origin in base axes per body motion of joints and flexures."""
-        model, data = self.flex.model, self.data
-        return pin.computeFrameJacobian(model, data, configuration, self.flex.tip, pin.LOCAL_WORLD_ALIGNED)
+        return frame_jacobian(self.model, self.data, configuration, self.flex.tip, BASE_AXES)
+
+    def displacement(self, configuration: Array, q: Array) -> Array:
+        """Return the (6,) displacement of the tip from where the rigid arm has it at (nq,) positions [m, rad]."""
+        place_frames(self.model, self.data, configuration)
+        place_frames(self.rigid.model, self._rigid_data, q)
+        found = np.empty(6)
+        np.subtract(self._shift, self._rigid_shift, found[:3])
+        found[3:] = log3(self._turn.dot(self._rigid_turn))
+        return found
+
+    def frame_pose(self, configuration: Array, frame: int) -> pin.SE3:
+        """Return a frame's pose in the base."""
+        pin.forwardKinematics(self.model, self.data, configuration)
+        return pin.updateFramePlacement(self.model, self.data, frame).copy()
 
     def rigid_tip_pose(self, q: Array) -> pin.SE3:
         """Return the tip's pose of the rigid arm at joint positions (nq,)."""
-        _ = self.data
-        data = self._local.rigid
-        pin.forwardKinematics(self.rigid.model, data, q)
-        return pin.updateFramePlacement(self.rigid.model, data, self.rigid.tip).copy()
+        pin.forwardKinematics(self.rigid.model, self._rigid_data, q)
+        return pin.updateFramePlacement(self.rigid.model, self._rigid_data, self.rigid.tip).copy()
+
+    def link_poses(self, configuration: Array) -> dict[str, Array]:
+        """Return the (4, 4) pose of every link at and beyond the base."""
+        place_frames(self.model, self.data, configuration)
+        return {link: self.data.oMf[frame].homogeneous for link, frame in self._frames.items()}
 
     def joint_loads(self, configuration: Array, case: LoadCase) -> Array:
         """Return the (nq, 6) wrench on the structure at every joint, in the joint's child frame [N, Nm]."""
-        model, data = self.flex.model, self.data
-        pin.rnea(model, data, configuration, *self._motion(case), self._forces(configuration, case))
-        ids = [model.getJointId(name) for name in self.rigid.model.names[1:]]
-        return np.array([-data.f[joint].vector for joint in ids])
+        forces = self._forces(configuration, (*case.wrenches, *self.pulls))
+        rnea(self.model, self.data, configuration, *self._velocities(case), forces)
+        return np.array([-self.data.f[self.model.getJointId(name)].vector for name in self.rigid.model.names[1:]])
+
+    def _velocities(self, case: LoadCase) -> Array:
+        """Return (2, nv) velocities and accelerations."""
+        full = np.zeros((2, self.model.nv))
+        for into, values in zip(full, (case.v, case.a), strict=True):
+            if values is not None:
+                into[self.flex.v_index] = values
+        return full
+
+    def _forces(self, configuration: Array, loads: Sequence[Load]) -> pin.StdVec_Force:
+        """Return the external force on every Pinocchio joint, in its local frame."""
+        forces = pin.StdVec_Force()
+        forces.extend([pin.Force.Zero()] * self.model.njoints)
+        for load in loads:
+            frame = self._frames[load.frame]
+            owner = self.model.frames[frame]
+            local = _in_axes_of(self.frame_pose(configuration, frame), load)
+            forces[owner.parentJoint] = forces[owner.parentJoint] + owner.placement.act(local)
+        return forces
+
+
+def _in_axes_of(pose: pin.SE3, load: Load) -> pin.Force:
+    """Return a load in the axes of its link."""
+    wrench = load.at(pose.homogeneous)
+    return pin.Force(pose.rotation.T @ wrench[:3], pose.rotation.T @ wrench[3:])

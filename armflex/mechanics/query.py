@@ -9,9 +9,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
-from armflex.laws import Law, Row
-from armflex.mechanics.deflect import Asked, deflect, deflect_moving
-from armflex.mechanics.doubts import wrench_doubts
+from armflex.laws import Row
+from armflex.mechanics.deflection import Asked, deflect
 from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
@@ -49,13 +48,13 @@ class Prepared:
         wrenches: Sequence[Wrench] = (),
     ) -> None:
         check_method(method)
-        wrench_doubts(loaded.arm, wrenches)  # raises where a link is not the arm's
+        loaded.flags_under(wrenches, accelerated=False)  # raises where a link is not the arm's
         self._loaded, self._asked, self._wrenches = loaded, Asked(method, enforce_limits), tuple(wrenches)
         joints, flexures = len(loaded.arm.joint_names), len(loaded.flexure_joints)
         self._answer: Answer = (np.zeros(joints), np.zeros((flexures, 6)), np.zeros(6))
         self._quick: Quick | None = None
         if method in COMPILED:
-            self._quick = _quick(loaded, method == "exact", (*self._wrenches, *loaded.arm.pulls))
+            self._quick = _quick(loaded, method == "exact", self._wrenches)
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
         """Return the (6,) displacement of the tip [m, rad], base axes, at (nq,) joint positions [rad or m].
@@ -85,13 +84,12 @@ class Prepared:
     @property
     def wrenches(self) -> Array:
         """(n_flexures, 6) loads on the flexures at the last answer, local axes [N, Nm]."""
-        mechanics, pulls = self._loaded.mechanics, self._loaded.arm.pulls
-        case = LoadCase(self._answer[0], wrenches=(*self._wrenches, *pulls))
-        rigid = mechanics.straight(case)
-        first_order = self._asked.method == "first_order"
-        return mechanics.loads(rigid if first_order else mechanics.bent(rigid, self.twists.ravel()), case).reshape(
-            -1, 6
-        )
+        mechanics, flexed = self._loaded.mechanics, self._asked.method != "first_order"
+        motion = np.zeros(mechanics.model.nv)
+        motion[mechanics.flex.flexure_v] = flexed * self._answer[1].ravel()
+        configuration = mechanics.flexed(mechanics.rigid_configuration(self._answer[0]), motion)
+        torque = mechanics.load(LoadCase(self._answer[0], wrenches=self._wrenches))(configuration)
+        return -torque[mechanics.flex.flexure_v].reshape(-1, 6)
 
     @property
     def twists(self) -> Array:
@@ -102,30 +100,26 @@ class Prepared:
         """Return the displacement as `deflection` finds it, which also says what is wrong."""
         checked, flags = self._loaded.arm.check_position(q, self._asked.enforce_limits)
         known = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
-        if self._wrenches:
-            found = deflect_moving(self._loaded, checked, flags, known, self._asked, [None, None], self._wrenches)
-        else:
-            found = deflect(self._loaded, checked, flags, known, self._asked)
+        case = LoadCase(checked, wrenches=self._wrenches, covariates=known)
+        found = deflect(self._loaded, case, flags, self._asked)
         displacement = found.displacement.copy()
         self._answer = (checked, found.twists.copy(), displacement)
         return displacement
 
 
-def _quick(loaded: LoadedArm, exact: bool, loads: Sequence[Load]) -> Quick:
+def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
     """Return the question to the kernel.
 
     Everything it needs is a local name: to look up attributes takes as long as the mechanics.
     """
     arm, stack, n, compiled = loaded.arm, loaded.arm.stack, len(loaded.arm.sites), kernel()
     bounds, shape = np.array(arm.bounds), (len(arm.joint_names),)
-    solver, middle = RowSolver(loaded, exact, loads), bounds.mean(axis=0)
-    changing = [(i, law) for i, law in stack.parts if law.constant is None and law.neurons() is None]
-    same = [(i, law) for i, law in stack.parts if not any(law is other for _, other in changing)]
-    laws, pushes, softening = RowLaws(stack, loaded.row(middle[None], {}), same), solver.pushes, solver.softening
+    solver, middle = RowSolver(loaded, exact, wrenches), bounds.mean(axis=0)
+    laws, pushes, bound = RowLaws(stack), solver.pushes, solver.bound
     room, hidden = compiled.room_for(n, len(pushes.links), lanes=1)[0], np.empty(len(laws.neurons))
     head, tail = (*loaded.chain.numbers, pushes.links), (pushes.acting, *laws.numbers, bounds, room, hidden)
     solve, known = compiled.solve_one, (*head, pushes.wrenches(middle[None]), *tail, exact)
-    proven = not exact or (softening is not None and softening.proven)
+    proven = not exact or (bound is not None and bound.proven)
 
     def plainly(q: Array, covariates: dict[str, float]) -> Answer | None:
         if q.shape != shape or q.dtype != FLOAT or covariates:
@@ -133,8 +127,8 @@ def _quick(loaded: LoadedArm, exact: bool, loads: Sequence[Load]) -> Quick:
         here, twists, displacement = q.copy(), np.empty((n, 6)), np.empty(6)
         return (here, twists, displacement) if solve(*known, here, twists, displacement) else None
 
-    wrenches, offset, compliance = room[6 * n : 7 * n, :, 0], laws.offset[0], laws.compliance[0]
-    declared, dead, fixed = (offset.copy(), compliance.copy()), not pushes.turning, pushes.wrenches(middle[None])
+    loads, offset, compliance = room[6 * n : 7 * n, :, 0], laws.offset[0], laws.compliance[0]
+    dead, fixed = not pushes.turning, pushes.wrenches(middle[None])
 
     def in_rounds(q: Array, covariates: dict[str, float]) -> Answer | None:
         """See `rows`; the loads on the flexures are those that the kernel left."""
@@ -142,26 +136,15 @@ def _quick(loaded: LoadedArm, exact: bool, loads: Sequence[Load]) -> Quick:
             return None
         here, twists, displacement = q.copy(), np.empty((n, 6)), np.empty(6)
         row = loaded.row(here, {name: covariate_array(value, name, 0) for name, value in covariates.items()})
-        np.copyto(offset, declared[0])
-        np.copyto(compliance, declared[1])
-        curved, tangents, pushed = [], {}, fixed if dead else pushes.wrenches(here[None])
-        for i, law in changing:
-            affine = law.affine(row)
-            if affine is None:
-                curved.append((i, law))
-            else:
-                offset[i] += affine[0]
-                compliance[i] += affine[1]
-                tangents[id(law)] = affine[1]
-        if dead and not curved:
+        laws.know(row)
+        pushed = fixed if dead else pushes.wrenches(here[None])
+        if dead and not laws.curved:
             fine = solve(*head, pushed, *tail, exact, here, twists, displacement)
         else:
-            fine = settle(row, curved, pushed, here, twists, displacement)
-        return (here, twists, displacement) if fine and (proven or stays(row, here, twists, tangents)) else None
+            fine = settle(row, pushed, here, twists, displacement)
+        return (here, twists, displacement) if fine and (proven or stays(row, here, twists)) else None
 
-    def settle(
-        row: Row, curved: Sequence[tuple[int, Law]], pushed: Array, here: Array, twists: Array, displacement: Array
-    ) -> bool:
+    def settle(row: Row, pushed: Array, here: Array, twists: Array, displacement: Array) -> bool:
         """Renew what the curved laws give and the turning loads until both are what they were taken for.
 
         One configuration needs a round or two more without the laws' tangents, which are as dear as those rounds.
@@ -172,8 +155,8 @@ def _quick(loaded: LoadedArm, exact: bool, loads: Sequence[Load]) -> Quick:
         for _ in range(ROUNDS):
             given = offset.copy()
             np.copyto(offset, affine)
-            for i, law in curved:
-                offset[i] += law.twist(wrenches[i].copy(), row)
+            for i, law in laws.curved:
+                offset[i] += law.twist(loads[i].copy(), row)
             if exact:
                 moved = np.abs(offset - given).max(initial=0.0)
                 if moved <= SETTLED and turning <= SETTLED:
@@ -186,31 +169,25 @@ def _quick(loaded: LoadedArm, exact: bool, loads: Sequence[Load]) -> Quick:
             turning = turned(before, pushed)[0]
         return False
 
-    def stays(row: Row, here: Array, twists: Array, tangents: dict[int, Array]) -> bool:
+    def stays(row: Row, here: Array, twists: Array) -> bool:
         """Return whether the arm is proven to stay, by the bound or by the tangent itself."""
-
-        def tangent(law: Law, load: Array) -> Array:
-            found = tangents.get(id(law))
-            return law.tangent(load, row) if found is None else found
-
-        if softening is not None and softening.stays(wrenches.ravel(), tangent):
+        if bound is not None and bound.stays(loads.ravel(), laws.tangent):
             return True
-        for i, law in changing:
-            if id(law) not in tangents:
-                compliance[i] += law.tangent(wrenches[i].copy(), row)
+        for i, law in laws.curved:
+            compliance[i] += law.tangent(loads[i].copy(), row)
         at, distance = (here[None], twists[None]), np.empty(1)
-        given = (*head, pushes.wrenches(*at), pushes.changes(*at), *at, laws.tangents(wrenches[None]))
+        given = (*head, pushes.wrenches(*at), pushes.changes(*at), *at, laws.tangents(loads[None]))
         compiled.sensitivities(*given, np.zeros(1, dtype=bool), np.empty((1, 6, n, 6)), distance)
         return bool(distance[0] < 1.0)
 
     solve(*known, middle, np.empty((n, 6)), np.empty(6))  # compiled now, not in the loop
-    quick = plainly if proven and not changing and not pushes.turning else in_rounds
+    quick = plainly if proven and not stack.changing and not pushes.turning else in_rounds
     return quick if loaded.nominal is None else _from_nominal(loaded, quick)
 
 
 def _from_nominal(loaded: LoadedArm, quick: Quick) -> Quick:
     """Return the question whose displacements are from where the controller has the rigid arm, not from where it is."""
-    true, nominal = build_model(loaded.arm.robot, (), None, loaded.arm.corrections), loaded.mechanics.rigid
+    true, nominal = build_model(loaded.arm.robot, (), None, loaded.arm.corrections), loaded.rigid
     datas = (true.model.createData(), nominal.model.createData())
     here, there = datas[0].oMf[true.tip], datas[1].oMf[nominal.tip]
     origin, turn, nominal_origin, back = here.translation, here.rotation, there.translation, there.rotation.T

@@ -26,6 +26,7 @@ from armflex.mechanics.equilibrium import MAX_ROTATION, check_small, find_equili
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loads import Payload
+from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.rows import Pushes, RowSolver, Solution, frame_poses, kernel
 from armflex.mechanics.structure import Structure
 
@@ -206,7 +207,7 @@ def respond(
 def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_large: bool) -> tuple[_Part, Solution]:
     """Return some rows of one payload solved, the tip's response to their laws put into its rows of `into`."""
     arm, q, n = loaded.arm, np.ascontiguousarray(row.q), len(loaded.arm.sites)
-    solver, laws, found = RowSolver(loaded, True, arm.pulls), RowLaws(arm.stack, row), Solution.empty(len(q), n)
+    solver, laws, found = RowSolver(loaded, True), RowLaws(arm.stack, row), Solution.empty(len(q), n)
     fine = solver.solve(row, laws, found)
     some = np.flatnonzero(fine)
     if laws.curved:
@@ -214,8 +215,9 @@ def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_la
     into[rows[some]], distance = solver.linearise(row, laws, found, some)
     left = np.concatenate([np.flatnonzero(~fine), some[~(distance < 1.0)]])
     for i in left:
-        one = find_equilibrium(loaded.mechanics, arm.stack, loaded.case(q[i]), row.some(int(i)))
-        found.twists[i], found.wrenches[i] = one.twists.reshape(-1, 6), one.wrenches.reshape(-1, 6)
+        one = find_equilibrium(loaded, LoadCase(q[i], covariates=row.some(int(i)).covariates), allow_large=allow_large)
+        places = loaded.flex.flexure_v
+        found.twists[i], found.wrenches[i] = one.motion[places].reshape(-1, 6), -one.torque[places].reshape(-1, 6)
     if len(left):
         if laws.curved:
             laws.expand(found.wrenches)
@@ -223,6 +225,6 @@ def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_la
     small = (np.linalg.norm(found.twists[:, :, 3:], axis=2) <= MAX_ROTATION).all(axis=1)
     for i in () if allow_large else np.flatnonzero(~small):
         check_small(found.twists[i].ravel(), arm.stack.names)
-    pushes = Pushes(loaded, arm.pulls, sited=True)
+    pushes = Pushes(loaded, sited=True)
     loads = pushes.links, pushes.wrenches(q, found.twists), pushes.changes(q, found.twists)
     return _Part(loaded, rows, *loads, laws.tangents(found.wrenches)), found

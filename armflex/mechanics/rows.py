@@ -8,7 +8,7 @@ load is asked once a round for all rows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache, cached_property
 from types import ModuleType
 from typing import NamedTuple
@@ -17,13 +17,13 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.mechanics.certificate import Softening
-from armflex.mechanics.chain import Chain
+from armflex.mechanics.certificate import StabilityBound
+from armflex.mechanics.chain import Chain, Frames
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loads import Load
 
-CHUNK = 8192
+AT_ONCE = 8192
 """Rows that are asked about together: their arrays stay near the processor, and memory does not grow with N."""
 
 ROUNDS = 16
@@ -61,7 +61,7 @@ class Solution(NamedTuple):
 
 
 class Pushes:
-    """Loads on the links of a loaded arm, in numbers for the kernel.
+    """Wrenches on a loaded arm, and what its effects put on its links, in numbers for the kernel.
 
     Attributes:
         links: (L, 2) element of a chain that each link is fixed to, and how many flexures move it.
@@ -69,8 +69,9 @@ class Pushes:
         turning: Numbers of the loads that depend on their links' poses.
     """
 
-    def __init__(self, loaded: LoadedArm, loads: Sequence[Load], sited: bool = False) -> None:
-        self._loads, self._chain = tuple(loads), loaded.sited_chain if sited else loaded.chain
+    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Load] = (), sited: bool = False) -> None:
+        self._loads = loads = (*wrenches, *loaded.arm.pulls)
+        self._chain = loaded.sited_chain if sited else loaded.chain
         frames = loaded.link_frames if sited else loaded.plain_link_frames
         index = [frames.names.index(load.frame) for load in loads]
         self._frames = frames.places[:, index], frames.numbers[index]
@@ -131,19 +132,30 @@ def frame_poses(
     return found if count else found[:0]
 
 
+def frame_loads(chain: Chain, pushes: Pushes, q: Array, twists: Array, frames: Frames, some: Sequence[int]) -> Array:
+    """Return the (N, s, 6) load on all that a twist at some frames of a flexed arm moves, axes of the frames."""
+    places, numbers, count = frames.places[:, some], frames.numbers[some], len(q)
+    none, found = np.zeros((count, 6, twists.shape[1], 6)), np.empty((count, len(some), 6))
+    kernel().responses(
+        *chain.numbers, pushes.links, pushes.wrenches(q, twists), NO_CHANGES, q, twists, none, places, numbers,
+        np.empty((0, 0, 4, 4)), np.empty((0, 6, 0)), np.empty((0, 6, 0, 6)), found, np.empty((0, 0, 6, 6)),
+        np.empty((0, 6, 3)),
+    )  # fmt: skip
+    return found
+
+
 class RowSolver:
     """Solves one arm with one payload under its weight and some loads, in rows of some thousand at a time."""
 
-    def __init__(self, loaded: LoadedArm, exact: bool, loads: Sequence[Load] = ()) -> None:
+    def __init__(self, loaded: LoadedArm, exact: bool, wrenches: Sequence[Load] = ()) -> None:
         self._loaded, self._exact, self._chain, self._nominal = loaded, exact, loaded.chain, loaded.nominal
-        self.pushes = Pushes(loaded, loads)
-        self._loads = loads
+        self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
         self._lower, self._upper = map(np.array, loaded.arm.bounds)
 
     @cached_property
-    def softening(self) -> Softening | None:
+    def bound(self) -> StabilityBound | None:
         """How far the loads can soften the arm with its own laws; None where nobody can say beforehand."""
-        return self._loaded.softening_under(self._loads) if self._loads else self._loaded.softening
+        return self._loaded.bound_under(self._wrenches)
 
     def rooms(self, count: int) -> Array:
         """Return memory in which the kernel keeps what it knows of so many rows from one call to the next."""
@@ -202,25 +214,25 @@ class RowSolver:
         kernel().solve_many(*known, *into, fine)
         return fine
 
-    def stable(self, row: Row, laws: RowLaws, found: Solution, softening: Softening | None) -> np.ndarray:
+    def stable(self, row: Row, laws: RowLaws, found: Solution, bound: StabilityBound | None) -> np.ndarray:
         """Return (N,) whether it is proven that the arm stays where it was found, under its weight and dead loads.
 
         Args:
             row, laws, found: As of `solve`.
-            softening: Of these laws.
+            bound: Of these laws.
         """
-        if softening is None:
+        if bound is None:
             return np.zeros(len(row.q), dtype=bool)
         inside = ((row.q >= self._lower) & (row.q <= self._upper)).all(axis=1)
-        if softening.proven:
+        if bound.proven:
             return inside
-        return inside & softening.stays(found.wrenches.reshape(len(inside), -1), laws.tangent)
+        return inside & bound.stays(found.wrenches.reshape(len(inside), -1), laws.tangent)
 
     def proven(
-        self, row: Row, laws: RowLaws, found: Solution, softening: Softening | None, fine: np.ndarray
+        self, row: Row, laws: RowLaws, found: Solution, bound: StabilityBound | None, fine: np.ndarray
     ) -> np.ndarray:
         """Return (N,) which of the rows that are `fine` are stable, by the bound or by the tangent itself."""
-        proven = fine & self.stable(row, laws, found, softening)
+        proven = fine & self.stable(row, laws, found, bound)
         rest = np.flatnonzero(fine & ~proven)
         if len(rest):
             if laws.curved:
@@ -250,6 +262,14 @@ class RowSolver:
         numbers = (*self._chain.numbers, *loads, q, twists, tangents)
         kernel().sensitivities(*numbers, np.full(len(some), stable), by_law, distance)
         return by_law, distance
+
+
+def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
+    """Yield rows `size` at a time, as slices where they follow each other: those are not copied."""
+    together = len(rows) > 0 and rows[-1] - rows[0] + 1 == len(rows)
+    for start in range(0, len(rows), size):
+        some = rows[start : start + size]
+        yield slice(int(some[0]), int(some[-1]) + 1) if together else some
 
 
 def flexure_poses(loaded: LoadedArm, q: Array, twists: Array) -> Array:

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.mechanics.laws import LawStack, PlacedLaws
+from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loads import Load, Payload
-from armflex.robot import Corrections, FlexModel, Robot, Site
+from armflex.robot import Corrections, Robot, Site
 
 if TYPE_CHECKING:
     from armflex.mechanics.loaded import LoadedArm
@@ -78,10 +78,6 @@ class Structure(Protocol):
 
     def loaded(self, payload: str | Payload | None) -> LoadedArm:
         """Return the arm with a payload, whose models are kept."""
-        ...
-
-    def placed_laws(self, flex: FlexModel) -> PlacedLaws:
-        """Return the laws as a model of this arm has its numbers."""
         ...
 
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:

@@ -12,24 +12,18 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from harness import FOLDER, written
-from support.small_arms import joint, link, random_compliance, robot
+from support.campaign_files import PRIOR
+from support.small_arms import CROOKED, joint, random_compliance, robot
+from support.structures import BEAM
+from support.two_links import PAYLOADS
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.effect_block import EffectBlock
 from armflex.measured.measurements import Measurements
 
-URDF = robot(
-    link("base"),
-    joint("yaw", "base", "column", (0.1, -0.05, 0.4), (0.1, 0.05, -0.2), (0, 0, 1)),
-    link("column", 80.0, (0.05, 0.02, 0.2), 4.0),
-    joint("lift", "column", "upper", (0.1, 0, 0.5), (0, -0.3, 0.2), (0, 0, 1), kind="prismatic"),
-    link("upper", 60.0, (0.5, 0.05, 0.02), 5.0),
-    joint("roll", "upper", "fore", (1.0, 0.02, 0.1), (0.2, 0.1, 0), (0.6, 0, 0.8)),
-    link("fore", 30.0, (0.3, -0.04, 0), 2.0),
-    joint("flange", "fore", "tool", (0.6, 0.05, 0.1), (0, 0.4, 0), kind="fixed"),
-    link("tool"),
-)
+SLIDING = joint("lift", "column", "upper", (0.1, 0, 0.5), (0, -0.3, 0.2), (0, 0, 1), kind="prismatic")
+URDF = robot(*CROOKED[:3], SLIDING, *CROOKED[4:])
 
 ARM = f"""[robot]
 urdf = "robot.urdf"
@@ -38,15 +32,7 @@ base = "base"
 gravity = [0.0, 0.0, -9.81]
 payload_rating = 30.0
 
-[payload.p5]
-mass = 5.0
-com = [0.1, 0.0, 0.0]
-inertia = [0.3, 0.3, 0.3, 0.0, 0.0, 0.0]
-
-[payload.p20]
-mass = 20.0
-com = [0.1, 0.0, 0.05]
-
+{PAYLOADS}
 [flexure.Y]
 joint = "yaw"
 model = "linear"
@@ -78,15 +64,7 @@ compliance = [1e-9, 1e-9, 6e-10, 4e-8, 4.5e-8, 2e-7]
 relative_std = 0.2
 holds = ["dx", "dy", "dz", "rx", "ry", "rz"]
 
-[[flexure.S.beam]]
-between = ["1", "3"]
-E = 210e9
-G = 81e9
-A = 0.024
-Iy = 1.28e-5
-Iz = 1.8e-4
-J = 4.26e-5
-up = [0.0, 0.1, 1.0]
+{BEAM.format("1").replace("[[beam]]", "[[flexure.S.beam]]")}up = [0.0, 0.1, 1.0]
 
 [flexure.R]
 joint = "roll"
@@ -97,17 +75,7 @@ LEARN
 joint = "yaw"
 compliance = [1e-9, 1e-9, 6e-10, 4e-8, 4.5e-8, 2e-7]
 
-[measurement]
-frame = "unknown"
-gravity_in = "base"
-
-[prior]
-joint_offset = 1e-3
-compliance = 0.2
-tool = 0.005
-geometry = 1e-4
-session_translation = 5e-4
-session_rotation = 5e-5
+{PRIOR}geometry = 1e-4
 
 [[effect]]
 name = "backlash"

@@ -16,6 +16,7 @@ from support.small_arms import ROBOTS
 
 from armflex import (
     Arm,
+    check,
     compensate,
     predict,
     read_joint_data,
@@ -76,12 +77,17 @@ def test_rows_to_predict(text: bytes) -> None:
 
 
 def followed(path: Trajectory) -> Mapping[str, Any]:
-    """Return what the arm does along a path and what compensates its rows."""
+    """Return what the arm does along a path, what of it is held against a tolerance, and what compensates its rows."""
     found = [
         arm().deflection(q, payload, **path.motion(i))
         for i, (q, payload) in enumerate(zip(path.q, path.payload, strict=True))
     ]
+    held = check(arm(), path, 5e-3)
+    moved = [np.linalg.norm(one.displacement[:3]) for one in found]
+    np.testing.assert_allclose([row.displacement_m for row in held.rows], moved, rtol=1e-6, atol=1e-9)
+    points = (*held.rows, *held.segments, *held.via_points, held.path_worst)
     return {
+        "held": [(one.displacement_m, one.rotation_rad, one.sigma_m, one.margin_m) for one in points],
         "displacement": [one.displacement for one in found],
         "covariance": [one.covariance for one in found],
         "q": compensate(arm(), path).trajectory.q,

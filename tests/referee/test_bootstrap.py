@@ -12,6 +12,8 @@ from support.plant import Campaign, Plant
 from armflex import Arm, Bootstrap, Measurements, bootstrap, calibrate, load_arm, read_measurements
 from armflex.errors import FileError, InputError
 
+pytestmark = pytest.mark.slow
+
 GEOMETRY = "joint_offset = 1e-3\ntool = 5e-3"
 SESSIONS = "session_translation = 5e-4\nsession_rotation = 5e-5"
 DRAWS = 12

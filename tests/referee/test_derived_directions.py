@@ -32,6 +32,8 @@ from armflex.estimate.calibrate import write_calibrated
 from armflex.trace.result import write_traced
 from armflex.trajectory import write_trajectory
 
+pytestmark = pytest.mark.slow
+
 GAP, COUNT, STILL = 1.4e-3, 90, 3
 """Play of J2 [rad], rows, and how many of the first ones are over before J2 moves."""
 

@@ -22,6 +22,8 @@ from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 from armflex.setup import Setup
 
+pytestmark = pytest.mark.slow
+
 EXACT = 5e-8
 """m: a session's turn, of up to 7e-5, is taken to first order; at ten metres that leaves 3e-8."""
 

@@ -16,11 +16,12 @@ from studies.learned import (
     read_told,
     table,
 )
-from support import black_box
 from support.bent_joints import bent
 
 from armflex import Arm, draw_laws, load_arm
 from armflex.errors import InputError, ShapeError, UnknownNameError
+
+pytestmark = pytest.mark.slow
 
 SEED = 1
 
@@ -30,9 +31,9 @@ def told(tmp_path_factory) -> dict[str, Told]:
     campaign = Campaign(bent(SEED), "inside", tmp_path_factory.mktemp("study"))
     plain, calibrated = learned(campaign, "none")
     with pytest.MonkeyPatch.context() as patch:  # one size of networks: which one hardly matters where all are far off
-        patch.setattr(black_box, "SIZES", ((32,),))
-        patch.setattr(black_box, "DECAYS", (1e-1,))
-        patch.setattr(black_box, "STEPS", 400)
+        patch.setattr("support.black_box.SIZES", ((32,),))
+        patch.setattr("support.black_box.DECAYS", (1e-1,))
+        patch.setattr("support.black_box.STEPS", 400)
         boxes = black_boxes(campaign, calibrated)
     every = [plain, learned(campaign, "polynomial")[0], *boxes]
     return {one.model: one for one in every}

@@ -34,6 +34,7 @@ def test_plant_and_library_agree_on_the_declared_arm(arm, tmp_path):
         np.testing.assert_allclose(loaded.deflection(q, name).pose.homogeneous, tip, rtol=0.0, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize("kind", ALL)
 def test_every_effect_moves_the_tip_by_what_was_asked(kind, arm):

@@ -39,6 +39,7 @@ EXACT = [
 NOTHING = [("none", 100, "six"), ("none_restationed", 100, "six"), ("none_quieter", 100, "six")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "seed", "arm"), EXACT)
 def test_what_was_hidden_is_named_where_it_is(kind, seed, arm):
     found = score(kind, seed, arm, 1.0)
@@ -47,6 +48,7 @@ def test_what_was_hidden_is_named_where_it_is(kind, seed, arm):
         assert found.after < 1.08 * found.floor and found.after < found.before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "seed", "arm"), NOTHING)
 def test_nothing_is_named_where_nothing_is(kind, seed, arm):
     found = score(kind, seed, arm, 1.0)

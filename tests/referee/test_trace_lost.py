@@ -28,6 +28,8 @@ from armflex.trace.result import Trace, write_traced
 from armflex.trace.rounds import trace
 from armflex.trace.state import begin
 
+pytestmark = pytest.mark.slow
+
 SIGMA, SLIP, LATE, LOST = 2e-5, 1.5e-3, 12, (20, 70)
 
 

@@ -15,6 +15,8 @@ from armflex.trace.localise import NOTICED, localise
 from armflex.trace.projection import Projection, project, projected
 from armflex.trace.state import State, begin, information
 
+pytestmark = pytest.mark.slow
+
 SIGMA = 2e-5  # rad
 
 

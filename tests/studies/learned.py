@@ -29,7 +29,6 @@ from joblib import Parallel, delayed
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from support.bent_joints import Bent, bent
-from support.black_box import inputs, train_black_box
 from support.campaigns import SIGMA
 from support.plant import Array
 
@@ -141,6 +140,8 @@ def black_boxes(campaign: Campaign, calibrated: Arm) -> list[Told]:
 
     Both are given what calibration found of the instrument and of the joints' zeros.
     """
+    from support.black_box import inputs, train_black_box  # torch takes as long as all else
+
     _, used, judged = campaign.arm("none")
     drawn = campaign.drawn.drawn
     x = inputs(drawn.rows, [joint.kind == "prismatic" for joint in drawn.plant.joints])

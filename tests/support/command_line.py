@@ -1,13 +1,53 @@
-"""The command line as tests ask it: what must come of a run, and JSON as strict readers read it."""
+"""The command line as tests ask it: how it is run, what must come of it, and JSON as strict readers read it."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import subprocess
+import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import patch
 
-Run = Callable[..., subprocess.CompletedProcess]
+from support.small_arms import ROBOTS
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+UNSEEN = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
+"""What a Python of its own does not show."""
+
+
+def run_here(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run the command line in this process, inside a folder; an error that it does not word is raised."""
+    from armflex.cli.main import main
+
+    command = ["armflex", *map(str, arguments)]
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    with (
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        patch.object(sys, "argv", command),
+        patch("armflex.cli.options._said", set()),  # a process begins with nothing said
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("default")
+        for category in UNSEEN:
+            warnings.simplefilter("ignore", category)
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code
+    return subprocess.CompletedProcess(command, code, *(one.buffer.getvalue().decode() for one in (out, err)))
+
+
+def run_apart(folder: Path, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a process of its own, inside a folder, as a shell does."""
+    command = [sys.executable, "-c", "from armflex.cli.main import main; main()", *map(str, arguments)]
+    env = {"PATH": "/usr/bin:/bin", "HOME": str(folder), "PYTHONPATH": str(ROBOTS.parent), **environment}
+    return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=120)
 
 
 def strict_json(path: Path) -> dict:

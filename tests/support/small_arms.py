@@ -99,20 +99,23 @@ def one_joint(
     return arm_of(folder, parts, "tool", {"j": law}, **options)
 
 
+CROOKED = (
+    link("base"),
+    joint("yaw", "base", "column", (0.1, -0.05, 0.4), (0.1, 0.05, -0.2), (0, 0, 1)),
+    link("column", 80.0, (0.05, 0.02, 0.2), 4.0),
+    joint("pitch", "column", "upper", (0.1, 0, 0.5), (0, -0.3, 0.2), (0, 1, 0)),
+    link("upper", 60.0, (0.5, 0.05, 0.02), 5.0),
+    joint("roll", "upper", "fore", (1.0, 0.02, 0.1), (0.2, 0.1, 0), (0.6, 0, 0.8)),
+    link("fore", 30.0, (0.3, -0.04, 0), 2.0),
+    joint("flange", "fore", "tool", (0.6, 0.05, 0.1), (0, 0.4, 0), kind="fixed"),
+    link("tool"),
+)
+"""Yaw, pitch and roll joints on oblique mounts, 2.2 m long."""
+
+
 def three_joints(folder: Path, compliances: Sequence[Law | np.ndarray], **options: object) -> Arm:
-    """Return a crooked arm: yaw, pitch and roll joints, oblique mounts, 2.2 m long."""
-    parts = [
-        link("base"),
-        joint("yaw", "base", "column", (0.1, -0.05, 0.4), (0.1, 0.05, -0.2), (0, 0, 1)),
-        link("column", 80.0, (0.05, 0.02, 0.2), 4.0),
-        joint("pitch", "column", "upper", (0.1, 0, 0.5), (0, -0.3, 0.2), (0, 1, 0)),
-        link("upper", 60.0, (0.5, 0.05, 0.02), 5.0),
-        joint("roll", "upper", "fore", (1.0, 0.02, 0.1), (0.2, 0.1, 0), (0.6, 0, 0.8)),
-        link("fore", 30.0, (0.3, -0.04, 0), 2.0),
-        joint("flange", "fore", "tool", (0.6, 0.05, 0.1), (0, 0.4, 0), kind="fixed"),
-        link("tool"),
-    ]
-    return arm_of(folder, parts, "tool", dict(zip(("yaw", "pitch", "roll"), compliances, strict=True)), **options)
+    """Return the crooked arm with a law, or a compliance, at each of its joints."""
+    return arm_of(folder, CROOKED, "tool", dict(zip(("yaw", "pitch", "roll"), compliances, strict=True)), **options)
 
 
 def random_compliance(seed: int, softness: float = 1.0) -> np.ndarray:
@@ -135,50 +138,6 @@ def central_difference(function, at: np.ndarray, step: float) -> np.ndarray:
         change[i] = step
         columns.append((function(at + change) - function(at - change)) / (2.0 * step))
     return np.array(columns).T
-
-
-GOOD = """<?xml version="1.0"?>
-<robot name="two_link">
-  <link name="base"/>
-  <joint name="shoulder" type="revolute">
-    <parent link="base"/>
-    <child link="upper"/>
-    <origin xyz="0 0 0.5" rpy="0 0.1 0"/>
-    <axis xyz="0 1 0"/>
-    <limit lower="-1.5" upper="1.6" effort="900" velocity="0.7"/>
-  </joint>
-  <link name="upper">
-    <inertial>
-      <origin xyz="0.5 0 0.01"/>
-      <mass value="20"/>
-      <inertia ixx="0.2" ixy="0.001" ixz="0.002" iyy="1.7" iyz="0.003" izz="1.75"/>
-    </inertial>
-    <visual name="tube">
-      <geometry><box size="1.0 0.1 0.1"/></geometry>
-    </visual>
-  </link>
-  <joint name="elbow" type="revolute">
-    <parent link="upper"/>
-    <child link="fore"/>
-    <origin xyz="1.0 0 0"/>
-    <axis xyz="0 0 1"/>
-    <limit lower="-2" upper="2.1" effort="400" velocity="0.8"/>
-  </joint>
-  <link name="fore">
-    <inertial>
-      <origin xyz="0.4 0 0"/>
-      <mass value="12"/>
-      <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.7" iyz="0" izz="0.71"/>
-    </inertial>
-  </link>
-  <joint name="flange" type="fixed">
-    <parent link="fore"/>
-    <child link="tool"/>
-    <origin xyz="0.8 0 0"/>
-  </joint>
-  <link name="tool"/>
-</robot>
-"""
 
 
 def standing(folder, softness: float, height: float, across: float = 0.0, law: Law | None = None) -> Arm:

@@ -54,7 +54,7 @@ def few(rows: Measurements, chosen: np.ndarray) -> Measurements:
     return replace(rows, **changes, covariates=covariates, measured=np.ones(len(chosen), bool))
 
 
-@pytest.fixture(scope="module", params=["boom", "six"])
+@pytest.fixture(scope="module", params=["boom", pytest.param("six", marks=pytest.mark.slow)])
 def stage(request, tmp_path_factory) -> Stage:
     truth = draw("none", 5, request.param).write(tmp_path_factory.mktemp("campaign"))
     arm = load_arm(truth.arm)

@@ -12,7 +12,8 @@ import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.small_arms import GOOD, ROBOTS, joint, line_of, link, robot, write
+from support.small_arms import ROBOTS, joint, line_of, link, robot, write
+from support.two_links import GOOD
 
 from armflex import Arm, Flexure, load_arm
 from armflex.cli.options import declared_arm
@@ -749,6 +750,7 @@ def test_a_chain_must_lead_from_base_to_tip(tmp_path, tip, base, words):
     assert_refused(write(tmp_path, GOOD), (words, f"'{tip}'"), tip=tip, base=base)
 
 
+@pytest.mark.slow
 @settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(
     place=st.integers(0, len(GOOD)),

@@ -23,7 +23,7 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.laws import LinearLaw
-from armflex.mechanics import batch as batch_module
+from armflex.mechanics import deflection_batch as batch_module
 
 NEAR = 1e-12
 """m and rad; of loads relative to the largest."""
@@ -52,7 +52,7 @@ def no_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("a row was asked by itself")
 
-    monkeypatch.setattr(batch_module, "alone", refuse)
+    monkeypatch.setattr(batch_module, "deflect", refuse)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -208,7 +208,7 @@ def test_a_row_too_soft_for_the_proof_is_asked_alone(tmp_path):
     """Some rows need Newton, others do not; each is what it is alone."""
     arm = three_joints(tmp_path, [random_compliance(i, 150.0) for i in range(3)])
     q = positions(arm, 12)
-    assert not arm.loaded(None).softening.proven
+    assert not arm.loaded(None).stability_bound.proven
     assert_rows(arm, q, arm.deflection(q, allow_large=True), allow_large=True)
 
 

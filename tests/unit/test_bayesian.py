@@ -22,6 +22,8 @@ from armflex.laws.joint.network import layers
 from armflex.laws.law import Row
 from armflex.sampling.nuts import no_u_turn
 
+pytestmark = pytest.mark.slow
+
 NOISE = 1e-5
 NOWHERE = Row(np.zeros(0), {})
 UNEQUAL = Prior(np.array([1.3, 0.7, 2.0, 0.1]), 0.7, 1e-3)

@@ -1,4 +1,4 @@
-"""The command line, each call in a process of its own: exit codes, JSON files, messages, and nothing left behind."""
+"""The command line, as a shell runs it or in this process: exit codes, JSON files, messages, nothing left behind."""
 
 from __future__ import annotations
 
@@ -15,24 +15,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.command_line import Run, few_rows, fine, strict_json
+from support.command_line import Run, few_rows, fine, run_here, strict_json
 from support.small_arms import ROBOTS
 
-from armflex import Arm, InputError, Trajectory, Wrench, compensate, load_arm, load_law, read_trajectory
+from armflex import Arm, InputError, Trajectory, Wrench, compensate, load_arm, load_law, read_trajectory, trace
 from armflex.cli.main import COMMANDS, Commands, main
 from armflex.cli.main import armflex as group
 from armflex.cli.options import OutputPath
+from armflex.trace.result import Trace
 from armflex.trajectory import write_trajectory
 
 TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"
 TABLE = TARM / "a4_table_1.csv"
 
 
-def test_help_of_the_whole_names_every_command(armflex: Run) -> None:
-    text = fine(armflex("--help")).stdout
+def test_help_of_the_whole_names_every_command(shell: Run) -> None:
+    text = fine(shell("--help")).stdout
     assert all(f"  {name} " in text for name in COMMANDS)
-    assert fine(armflex("-h")).stdout == text and "deflect" in fine(armflex(), 2).stderr
-    assert fine(armflex("--version")).stdout.strip()
+    assert fine(shell("-h")).stdout == text and "deflect" in fine(shell(), 2).stderr
+    assert fine(shell("--version")).stdout.strip()
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -42,9 +43,9 @@ def test_help_of_every_command(armflex: Run, command: str) -> None:
     assert "--json" in text
 
 
-def test_deflect_json(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
+def test_deflect_json(shell: Run, tmp_path: Path, tarm: Arm) -> None:
     result = fine(
-        armflex(
+        shell(
             "deflect", TARM / "arm.toml", "--q", "M1=1500mm, A1=10deg,A3=0.5", "--payload", "p600", "--json", "d.json"
         )
     )
@@ -90,10 +91,10 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
     assert found["tolerance_m"] == {"0.1m": 0.1, "5mm": 0.005, "1cm": 0.01}[tolerance]
 
 
-def test_check_angle_alone_can_fail(armflex: Run) -> None:
+def test_check_angle_alone_can_fail(shell: Run) -> None:
     command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m", "--angle"]
-    fine(armflex(*command, "1mrad"), 1)
-    fine(armflex(*command, "10deg"), 0)
+    fine(shell(*command, "1mrad"), 1)
+    fine(shell(*command, "10deg"), 0)
 
 
 @pytest.mark.parametrize(("robot", "match"), [(TARM, "position"), (HEAVY, "pose")])
@@ -121,13 +122,13 @@ def narrowed(folder: Path) -> Path:
     return folder / "narrow" / "arm.toml"
 
 
-def test_compensate_out_of_reach_writes_nothing_unless_asked(armflex: Run, tmp_path: Path) -> None:
+def test_compensate_out_of_reach_writes_nothing_unless_asked(shell: Run, tmp_path: Path) -> None:
     arm, path = narrowed(tmp_path), few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 30)
     command = ["compensate", arm, path, "-o", "o.csv", "--match", "pose", "--json", "c.json"]
-    result = fine(armflex(*command), 1)
+    result = fine(shell(*command), 1)
     assert "limit: J2" in result.stdout and not (tmp_path / "o.csv").exists()
     assert not strict_json(tmp_path / "c.json")["ok"]
-    fine(armflex(*command, "--best-effort"), 1)
+    fine(shell(*command, "--best-effort"), 1)
     assert (tmp_path / "o.csv").exists()
 
 
@@ -193,14 +194,25 @@ def test_view_writes_a_page_and_says_so(armflex: Run, tmp_path: Path) -> None:
     assert (tmp_path / "v.html").stat().st_size > 500_000
 
 
-def test_demo_runs_through(armflex: Run, tmp_path: Path) -> None:
-    result = fine(armflex("demo", "-o", "out", "--json", "demo.json"))
-    shifts = strict_json(tmp_path / "demo.json")["tip_moves_m"]
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess, Trace]:
+    """Run the demonstration; return its folder, what it said, and the trace that it made, which takes longest."""
+    folder, made = tmp_path_factory.mktemp("demo"), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("armflex.cli.demo.trace", lambda *given, **rest: made.append(trace(*given, **rest)) or made[0])
+        said = fine(run_here(folder, "demo", "-o", "out", "--json", "demo.json"))
+    return folder, said, made[0]
+
+
+@pytest.mark.slow
+def test_demo_runs_through(demo) -> None:
+    folder, result, _ = demo
+    shifts = strict_json(folder / "demo.json")["tip_moves_m"]
     assert shifts["paper_A4_literal"] > 4 * shifts["paper_A4_um"] > 4 * shifts["paper_A4_composed"]
     assert "no machine" in result.stdout and "a machine" in result.stdout
-    names = {path.name for path in (tmp_path / "out").iterdir()}
+    names = {path.name for path in (folder / "out").iterdir()}
     assert names == {"tarm_like", "tarm_like.html", "compensated.csv", "traced.toml", "trace.html"}
-    assert strict_json(tmp_path / "demo.json")["traced"] == ["backlash at A2 (ry)"]
+    assert strict_json(folder / "demo.json")["traced"] == ["backlash at A2 (ry)"]
 
 
 A, T = TARM / "arm.toml", TARM / "trajectory.csv"
@@ -331,15 +343,15 @@ def test_an_arm_that_gives_too_far_exits_with_1(armflex: Run, tmp_path: Path) ->
     assert "large_sag" in fine(armflex("deflect", arm, "--allow-large")).stderr
 
 
-def test_doubts_go_to_stderr(armflex: Run) -> None:
-    result = fine(armflex("deflect", TARM / "robot.urdf"))
+def test_doubts_go_to_stderr(shell: Run) -> None:
+    result = fine(shell("deflect", TARM / "robot.urdf"))
     assert "warning: rigid:" in result.stderr and "rigid:" not in result.stdout
 
 
-def test_a_terminal_without_the_plus_minus_sign(armflex: Run) -> None:
+def test_a_terminal_without_the_plus_minus_sign(shell: Run) -> None:
     command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m"]
-    assert "± mm" in fine(armflex(*command, PYTHONIOENCODING="utf-8")).stdout
-    assert "? mm" in fine(armflex(*command, PYTHONIOENCODING="ascii")).stdout
+    assert "± mm" in fine(shell(*command, PYTHONIOENCODING="utf-8")).stdout
+    assert "? mm" in fine(shell(*command, PYTHONIOENCODING="ascii")).stdout
 
 
 def test_a_reader_that_goes_away_gets_no_traceback() -> None:
@@ -472,9 +484,9 @@ def test_whatever_is_no_file_is_told_in_one_line(
         assert now == before, arguments
 
 
-def test_an_input_is_refused_from_the_shell(armflex: Run, tmp_path: Path) -> None:
+def test_an_input_is_refused_from_the_shell(shell: Run, tmp_path: Path) -> None:
     (tmp_path / "in.csv").write_bytes(TABLE.read_bytes())
-    result = fine(armflex("train", "in.csv", "-o", "o.safetensors", "--json", "in.csv"), 2)
+    result = fine(shell("train", "in.csv", "-o", "o.safetensors", "--json", "in.csv"), 2)
     assert "in.csv is an input of this command; name another file with --json" in result.stderr
     assert (tmp_path / "in.csv").read_bytes() == TABLE.read_bytes() and not (tmp_path / "o.safetensors").exists()
 
@@ -488,7 +500,9 @@ def test_a_demo_keeps_its_files_apart(folder: Path, file: str) -> None:
     assert not list((folder / "d" / "tarm_like").iterdir())
 
 
-def test_a_demo_leaves_an_edited_arm_alone(armflex: Run, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_demo_leaves_an_edited_arm_alone(demo, armflex: Run, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("armflex.cli.demo.trace", lambda *_, **__: demo[2])  # of files that nobody edited
     (tmp_path / "d" / "tarm_like").mkdir(parents=True)
     edited = (TARM / "arm.toml").read_text().replace("payload_rating = 600.0", "payload_rating = 500.0")
     (tmp_path / "d" / "tarm_like" / "arm.toml").write_text(edited)

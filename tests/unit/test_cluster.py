@@ -20,6 +20,8 @@ from armflex.bench.paper.linear_chain import sample_compliance
 from armflex.parallel import in_order
 from armflex.tasks.workspace import WorkspaceMap
 
+pytestmark = pytest.mark.slow
+
 distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 
 

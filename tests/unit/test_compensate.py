@@ -153,6 +153,7 @@ def test_jacobian_in_use_is_that_of_the_loaded_arm(tarm: Arm, q: tuple) -> None:
     assert np.abs(here.joint_jacobian - expected).max() > 1e-3  # flexures held: something else
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 60, 98])
 @pytest.mark.parametrize("weighted", [True, False])
 def test_redundant_arm_makes_the_smallest_change(tarm: Arm, tarm_path: Trajectory, row: int, weighted: bool) -> None:
@@ -184,6 +185,7 @@ def study(tarm: Arm) -> list[Trajectory]:
     return [at(tarm, *tarm.position(**draw), payload="p600") for draw in draws]
 
 
+@pytest.mark.slow
 def test_random_positions_are_reached_unless_no_change_reaches_them(tarm: Arm, study: list[Trajectory]) -> None:
     rows = [compensate(tarm, commanded, best_effort=True).rows[0] for commanded in study]
     assert {i: row.reason.split(":")[0] for i, row in enumerate(rows) if not row.reached} == HARD
@@ -193,6 +195,7 @@ def test_random_positions_are_reached_unless_no_change_reaches_them(tarm: Arm, s
         assert left < 2e-10 if row.reached else row.sigma_min < 0.02 and left < np.linalg.norm(row.before[:3]), i
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", [50, 57, 59, 61, 87, 94, 105])
 def test_hard_positions_against_another_solver(tarm: Arm, study: list[Trajectory], which: int) -> None:
     commanded, ones = study[which], np.ones(7)

@@ -249,6 +249,7 @@ def displacement_of(packed: bytes) -> Array:
     return arm.deflection(q, payload, covariates=known).displacement
 
 
+@pytest.mark.slow
 def test_an_arm_with_every_effect_goes_to_another_process(stage):
     arm, rows = loaded_with_everything(stage).arm, stage.rows
     assert len(arm.effects) == len(CATALOGUE)

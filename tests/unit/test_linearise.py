@@ -257,7 +257,7 @@ def test_links_are_where_the_arm_has_them(solved):
     found = deflected(arm, q, 0)
     flex = found._mechanics.flex
     data = flex.model.createData()
-    pin.framesForwardKinematics(flex.model, data, found._equilibrium.configuration)
+    pin.framesForwardKinematics(flex.model, data, found._configuration)
     for index, name in enumerate(line.link_names):
         np.testing.assert_allclose(line.links[0, index], data.oMf[flex.frame(name)].homogeneous, atol=1e-11)
 

@@ -12,7 +12,7 @@ from support.measurement_rows import JOINTS, campaign, codes, written
 from armflex import Arm, InputError, read_measurements
 from armflex.errors import TableError
 from armflex.estimate.view import look
-from armflex.measured.doubts import without_duplicates
+from armflex.measured.doubts import duplicates
 from armflex.readings.instrument import Instrument
 from armflex.rows.poses import leaked, pose_groups
 from armflex.setup import Setup
@@ -181,16 +181,14 @@ def test_degrees_among_radians_are_named(heavy: Arm, tmp_path: Path) -> None:
         read_measurements(written(tmp_path, rows), heavy)
 
 
-def test_duplicates_are_counted_and_masked_on_request_only(heavy: Arm, tmp_path: Path) -> None:
+def test_duplicates_are_counted_and_kept(heavy: Arm, tmp_path: Path) -> None:
     rows = campaign()
     repeat = rows[2] | {"time": 500.0, "x": rows[2]["x"] + 1e-4}
     blind = rows[6] | {"x": "", "y": "", "z": ""}
     found = read_measurements(written(tmp_path, [*rows, rows[4], rows[4], repeat, blind, blind]), heavy)
     assert codes(found) == ["time_unordered", "duplicate_rows"] and found.measured[:-2].all()
     assert "2 rows" in found.flags[1].text and "rows.csv:14" in found.flags[1].text
-    without = without_duplicates(found)
-    assert np.flatnonzero(~without.measured).tolist() == [12, 13, 15, 16] and len(without) == 17
-    assert codes(without) == ["time_unordered", "duplicates_masked"]
+    assert duplicates(found).tolist() == [12, 13] and len(found) == 17
 
 
 def test_without_a_time_column_duplicates_are_still_seen(heavy: Arm, tmp_path: Path) -> None:

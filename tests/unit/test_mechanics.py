@@ -28,8 +28,8 @@ from support.small_arms import (
 from armflex import Arm, Flexure, Payload, Wrench, load_arm
 from armflex.laws import LinearFit, LinearLaw
 from armflex.laws.law import WithoutParameters
-from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
-from armflex.robot import Corrections, Site, build_model, load_robot
+from armflex.mechanics.pinocchio_model import LoadCase
+from armflex.robot import Corrections, build_model, load_robot
 
 G = 9.81
 WEIGHTLESS = np.zeros(3)
@@ -228,16 +228,15 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_geometric_stiffness(crooked, case):
-    sites = [Site(flexure.name, flexure.joint) for flexure in crooked.flexures]
-    body = PAYLOAD.body
-    mechanics = Mechanics(build_model(crooked.robot, (), body), build_model(crooked.robot, sites, body))
-    twists = np.random.default_rng(2).normal(size=18) * 0.03
-    here = mechanics.bent(mechanics.straight(case), twists)
+    mechanics = crooked.loaded(PAYLOAD).mechanics
+    twists = np.zeros(mechanics.model.nv)
+    twists[mechanics.flex.flexure_v] = np.random.default_rng(2).normal(size=18) * 0.03
+    here, load = mechanics.flexed(mechanics.rigid_configuration(POSE), twists), mechanics.load(case)
 
     def torque(motion: np.ndarray) -> np.ndarray:
-        return mechanics.torque(pin.integrate(mechanics.flex.model, here, motion), case)
+        return load(pin.integrate(mechanics.model, here, motion))
 
-    expected = central_difference(torque, np.zeros(mechanics.flex.model.nv), 1e-5)
+    expected = central_difference(torque, np.zeros(mechanics.model.nv), 1e-5)
     np.testing.assert_allclose(mechanics.stiffness(here, case), expected, atol=1e-9 * np.abs(expected).max())
 
 

@@ -55,7 +55,7 @@ def assert_like_pinocchio(arm: Arm, q: np.ndarray, payloads: list, found: Respon
         stack, loads = arm.stack, one.wrenches.ravel()
         by_load = by_law @ stack.tangent(loads, one._row)
         tip = one._mechanics.tip_jacobian(one._configuration)[:, one._mechanics.flex.flexure_v]
-        stiffness = one._mechanics.stiffness(one._configuration, one._case)
+        stiffness = one._mechanics.stiffness(one._configuration, one.solved.case)
         by_joint = stiffness[np.ix_(one._mechanics.flex.flexure_v, one._mechanics.flex.v_index)]
         np.testing.assert_allclose(found.tip[i], one.pose.homogeneous, rtol=0, atol=1e-12)
         assert_close(found.flexure_twists[i], one.twists.ravel())

@@ -9,7 +9,6 @@ import pinocchio as pin
 import pytest
 from scipy.optimize import root
 from support.small_arms import (
-    GOOD,
     ROBOTS,
     central_difference,
     line_of,
@@ -19,6 +18,7 @@ from support.small_arms import (
     write,
 )
 from support.structures import SPRING, STEEL, UP, nonlinear
+from support.two_links import GOOD
 
 from armflex import load_arm
 from armflex.errors import ArmFileError, LawError, UnknownNameError
