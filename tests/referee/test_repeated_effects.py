@@ -76,7 +76,7 @@ def alone(arm: Arm, label: str, std: float) -> Arm:
     """Return the arm with everything known but one parameter."""
     known = np.array([std**2 * (one == label) for one in arm.certainty.labels])
     assert known.any()
-    return replace(arm, certainty=Certainty(arm.certainty.labels, np.diag(known)))
+    return replace(arm, certainty=Certainty(arm.certainty.parameters, np.diag(known)))
 
 
 def test_every_harmonic_is_found_under_its_own_name(found: Trace) -> None:
@@ -185,8 +185,9 @@ def test_a_tracker_leaves_the_harmonics_as_they_are(again: Arm, rows: Path) -> N
     known, before = tracker.arm.certainty, again.certainty
     own = [i for i, label in enumerate(before.labels) if label.startswith("effect ")]
     labels = [before.labels[i] for i in own]
-    assert [label for label in known.labels if label.startswith("effect ")] == labels and len(labels) == 11
-    np.testing.assert_array_equal(known.among(labels), before.among(labels))
+    there = [i for i, label in enumerate(known.labels) if label.startswith("effect ")]
+    assert [known.labels[i] for i in there] == labels and len(labels) == 11
+    np.testing.assert_array_equal(known.part(there).covariance, before.part(own).covariance)
     assert "no_certainty" not in [flag.code for flag in predict(tracker.arm, read).flags]
 
 
@@ -205,7 +206,7 @@ def test_a_file_that_named_disjoint_terms_alike_is_still_read(folder: Path) -> N
     path.write_text(ARM + "".join(f"\n[[effect]]\n{one}\n" for one in moves))
     arm = quietly(path)
     labels = ("effect tool_shift tool dx", "effect tool_shift tool dy")
-    known = replace(arm, certainty=Certainty(labels, np.diag([1e-10, 4e-10])), instrument=Instrument())
+    known = replace(arm, certainty=Certainty(arm.named(labels), np.diag([1e-10, 4e-10])), instrument=Instrument())
     rows = read_measurements(written(folder, [{"q_J1": 0.1, "q_J2": 0.2, "q_J3": 0.3, "time": 9.0}]), arm, True)
     sigma = predict(known, rows).sigma
     assert np.linalg.norm(sigma) == pytest.approx(np.sqrt(5e-10), rel=1e-6)

@@ -291,7 +291,7 @@ def test_what_a_fit_does_not_know_is_part_of_the_verdict(heavy: Arm, heavy_path:
     names, std, path = heavy.joint_names, 2e-4, some_rows(heavy_path, range(0, 3))
     labels = tuple(f"joint_offset {name}" for name in names)
     exact = replace(heavy, flexures=tuple(replace(f, law=replace(f.law, relative_std=0.0)) for f in heavy.flexures))
-    fitted = replace(exact, certainty=Certainty(labels, np.diag(np.full(6, std**2))))
+    fitted = replace(exact, certainty=Certainty(exact.named(labels), np.diag(np.full(6, std**2))))
     assert all(point.sigma_m is None for point in check(exact, path, 0.1).via_points)
     report = check(fitted, path, 0.1, 0.1)
     point, step = next(one for one in report.via_points if one.time == path.time[0]), 1e-5
@@ -314,7 +314,7 @@ def test_a_fit_s_and_the_laws_uncertainty_are_those_of_predict(heavy: Arm, heavy
     names = [[*heavy.joint_names], [f"{heavy.flexures[1].name} {axis}" for axis in ("rx", "ry")]]
     labels = tuple(f"{block} {name}" for block, some in zip(labels, names, strict=True) for name in some)
     root = np.random.default_rng(1).normal(size=(8, 8)) * np.array([[1e-4]] * 6 + [[0.1]] * 2)
-    arm = replace(heavy, certainty=Certainty(labels, root @ root.T))
+    arm = replace(heavy, certainty=Certainty(heavy.named(labels), root @ root.T))
     rows = some_rows(heavy_path, range(0, 5))
     found, _ = tip_covariance(
         without_declared_doubt(arm),

@@ -34,6 +34,7 @@ from armflex.laws import AtNode, LinearLaw, Row, StructuralLaw, SubJoint
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.law import beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
+from armflex.parameters import ArmParameter, Group, Kind
 
 
 @pytest.mark.parametrize("name", DECLARED)
@@ -312,7 +313,8 @@ def test_laws_of_names_that_begin_alike_are_read_with_their_own_covariance(six, 
 
 def test_parameters_named_alike_are_refused():
     with pytest.raises(InputError, match="law A2 1@n 2@m:dx"):
-        Certainty(("tool dx", "law A2 1@n 2@m:dx", "law A2 1@n 2@m:dx"), np.eye(3))
+        names = (("A2", "1@n 2@m:dx"), ("A2 1@n", "2@m:dx"))
+        Certainty(tuple(ArmParameter(Group(Kind.LAW, flexure), name) for flexure, name in names), np.eye(2))
 
 
 @pytest.mark.slow
