@@ -10,6 +10,8 @@ import io
 import os
 import sys
 import warnings
+from types import ModuleType
+from typing import NoReturn
 
 import click
 
@@ -47,7 +49,7 @@ class Commands(click.Group):
         """Return a command, or None when there is none of that name."""
         if name not in COMMANDS:
             return None
-        return importlib.import_module(f"armflex.cli.{name}").command
+        return importlib.import_module(f"armflex.cli.{name}_command").command
 
     def resolve_command(self, context: click.Context, args: list[str]) -> tuple:
         """Find the command; name the nearest one where there is none."""
@@ -71,7 +73,7 @@ def armflex() -> None:
 
 def main() -> None:
     """Run the command line; exit with 0, 1 or 2."""
-    warnings.showwarning = _show_warning
+    warnings.showwarning = lambda message, *_, **__: _terminal().warn(str(message))
     for name in THREADS:
         os.environ.setdefault(name, "1")
     for stream in (sys.stdout, sys.stderr):
@@ -85,40 +87,36 @@ def main() -> None:
         error.show()
         sys.exit(2)
     except click.ClickException as error:
-        _fail(_one_line(error), 2)
+        # Worded as everything else is: one line, and where to read on.
+        text = " ".join(error.format_message().split()).rstrip(".")
+        context = getattr(error, "ctx", None)
+        _fail(text[:1].lower() + text[1:] + (f" (see {context.command_path} --help)" if context else ""), 2)
     except Exception as error:
-        _explain(error)
+        from armflex.errors import ArmflexError, InputError
+
+        if was_interrupted(error):
+            _fail("interrupted", 130)
+        if isinstance(error, OSError):
+            _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
+        if not isinstance(error, ArmflexError):
+            raise
+        _fail(str(error), 2 if isinstance(error, InputError) else 1)
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _one_line(error: click.ClickException) -> str:
-    """Return what click refuses, worded as everything else is: one line, and where to read on."""
-    text = " ".join(error.format_message().split()).rstrip(".")
-    context = getattr(error, "ctx", None)
-    return text[:1].lower() + text[1:] + (f" (see {context.command_path} --help)" if context else "")
+def was_interrupted(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C is behind an error: libraries that tidy up after it may fail, and raise that instead."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
-def _explain(error: Exception) -> None:
-    from armflex.cli.options import was_interrupted
-    from armflex.errors import ArmflexError, InputError
-
-    if was_interrupted(error):
-        _fail("interrupted", 130)
-    if isinstance(error, OSError):
-        _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
-    if not isinstance(error, ArmflexError):
-        raise error
-    _fail(str(error), 2 if isinstance(error, InputError) else 1)
-
-
-def _fail(text: str, code: int) -> None:
-    from armflex.cli.tables import complain
-
-    complain(f"error: {text}")
+def _fail(text: str, code: int) -> NoReturn:
+    _terminal().complain(f"error: {text}")
     sys.exit(code)
 
 
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    from armflex.cli.options import say_warning
+def _terminal() -> ModuleType:
+    from armflex.cli import terminal  # imports rich
 
-    say_warning(str(message))
+    return terminal

@@ -1,4 +1,4 @@
-"""What several commands share: the arm they load, quantities with units, JSON files, progress."""
+"""What several commands are asked: the arm they load, quantities with units, files that they write."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import functools
 import json
 import os
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -16,23 +15,13 @@ import click
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.cli.tables import complain, stream
 from armflex.conventions import NUMBER, Array, parse_quantity
-from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean
+from armflex.errors import InputError, UnknownNameError, did_you_mean
 from armflex.files.arm_file import load_arm
 from armflex.measured.point_export import read_points
 from armflex.storage.whole_file import is_replaced, write_whole
 
-PathArgument = click.Path(path_type=Path)
-
-
-class Command(click.Command):
-    """A command that writes over none of its inputs, nor one of its outputs over another; checked before it begins."""
-
-    def invoke(self, context: click.Context) -> Any:
-        """Run the command; raise what `keep_inputs` does."""
-        keep_inputs(context)
-        return super().invoke(context)
+InputPath = click.Path(path_type=Path)
 
 
 class Choice(click.Choice):
@@ -44,6 +33,17 @@ class Choice(click.Choice):
             known = ", ".join(self.choices)
             self.fail(f"{value!r} is not known{did_you_mean(value, self.choices)} (known: {known})", parameter, context)
         return super().convert(value, parameter, context)
+
+
+class Quantity(click.ParamType):
+    """A number with a unit of some kind, such as 'length'; the command gets it in SI."""
+
+    def __init__(self, kind: str) -> None:
+        self.name = kind
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> float:
+        """Return the number; raise `UnitError` where the unit is missing or of another kind."""
+        return parse_quantity(value, self.name) if isinstance(value, str) else value
 
 
 class OutputPath(click.Path):
@@ -69,18 +69,47 @@ class OutputPath(click.Path):
         return path
 
 
-def keep_inputs(context: click.Context) -> None:
-    """Raise `InputError` where an output is an input, a file that an input names, or another output; links count."""
-    paths = {one: context.params.get(one.name) for one in context.command.params if isinstance(one.type, click.Path)}
-    given = {one: path for one, path in paths.items() if isinstance(path, Path)}
-    outputs = [(one.opts[0], path) for one, path in given.items() if isinstance(one.type, OutputPath)]
-    inputs = [file for one, path in given.items() if not isinstance(one.type, OutputPath) for file in named_files(path)]
-    for option, path in outputs:
-        if any(same_file(path, file) for file in inputs):
-            raise InputError(f"{path} is an input of this command; name another file with {option}")
-    for (one, first), (other, second) in combinations(outputs, 2):
-        if same_file(first, second):
-            raise InputError(f"{one} and {other} are the same file {second}; name another one")
+class Command(click.Command):
+    """A command that writes its result to `--json`, see `write_json`.
+
+    It writes over none of its inputs, nor one of its outputs over another, which is checked before it begins.
+    """
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        text = "Write the result for programs to FILE."
+        self.params.append(click.Option(["--json", "json_path"], type=OutputPath(), help=text))
+
+    def invoke(self, context: click.Context) -> Any:
+        """Run the command.
+
+        Raises:
+            InputError: An output is an input, a file that an input names, or another output; links count.
+        """
+        paths = {one: context.params.get(one.name) for one in self.params if isinstance(one.type, click.Path)}
+        given = {one: path for one, path in paths.items() if isinstance(path, Path)}
+        outputs = [(one.opts[0], path) for one, path in given.items() if isinstance(one.type, OutputPath)]
+        inputs = [path for one, path in given.items() if not isinstance(one.type, OutputPath)]
+        read = [file for path in inputs for file in named_files(path)]
+        for option, path in outputs:
+            if any(same_file(path, file) for file in read):
+                raise InputError(f"{path} is an input of this command; name another file with {option}")
+        for (one, first), (other, second) in combinations(outputs, 2):
+            if same_file(first, second):
+                raise InputError(f"{one} and {other} are the same file {second}; name another one")
+        context.meta[__name__] = context.params.pop("json_path")
+        return super().invoke(context)
+
+
+def json_path() -> Path | None:
+    """Return what `--json` of the running command says."""
+    return click.get_current_context().meta[__name__]
+
+
+def write_json(content: dict[str, Any], path: Path | None = None) -> None:
+    """Write a result as strict JSON to a path or `--json`, whole or not at all; nothing where neither is given."""
+    if path := path or json_path():
+        write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
 
 
 def named_files(path: Path) -> list[Path]:
@@ -88,27 +117,20 @@ def named_files(path: Path) -> list[Path]:
     if path.suffix != ".toml":
         return [path]
     try:
-        texts = list(_texts(tomllib.loads(path.read_text(encoding="utf-8-sig"))))
+        values: list[Any] = [tomllib.loads(path.read_text(encoding="utf-8-sig"))]
     except (OSError, ValueError, RecursionError):
         return [path]  # who reads it will say what is wrong with it
-    beside = [path.parent / text for text in texts]
-    return [path, *(file for file in beside if _is_file(file))]
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # a text that cannot be a path
-        return False
-
-
-def _texts(value: Any) -> Iterator[str]:
-    """Yield every text in nested tables and lists."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict | list):
-        for item in value.values() if isinstance(value, dict) else value:
-            yield from _texts(item)
+    found = [path]
+    while values:
+        value = values.pop()
+        if isinstance(value, dict | list):
+            values += value.values() if isinstance(value, dict) else value
+        elif isinstance(value, str):
+            try:
+                found += [path.parent / value] if (path.parent / value).is_file() else []
+            except (OSError, ValueError):  # a text that cannot be a path
+                continue
+    return found
 
 
 def same_file(output: Path, other: Path) -> bool:
@@ -118,28 +140,22 @@ def same_file(output: Path, other: Path) -> bool:
     return os.path.realpath(output) == os.path.realpath(other)  # also of links that end nowhere, or in a circle
 
 
-def arm_argument(function: Callable) -> Callable:
+def arm(function: Callable) -> Callable:
     """Add the ARM argument, `--preset`, `--tip` and `--lax`; the command is called with the loaded arm first."""
 
+    @click.option("--lax", is_flag=True, help="Flag unknown URDF tags on the chain, and motion with impossible "
+                                              "inertias, do not refuse.")  # fmt: skip
+    @click.option("--tip", metavar="LINK", help="Link whose motion is reported, where ARM is a bare URDF.")
+    @click.option("--preset", metavar="NAME", help="Use the flexures of [preset.NAME] in ARM.")
+    @click.argument("arm_path", metavar="ARM", type=InputPath)
     @functools.wraps(function)
     def with_arm(arm_path: Path, preset: str | None, tip: str | None, lax: bool, **rest: Any) -> Any:
         return function(load_arm(arm_path, preset=preset, tip=tip, strict=not lax), **rest)
 
-    for decorate in (
-        click.argument("arm_path", metavar="ARM", type=PathArgument),
-        click.option("--preset", metavar="NAME", help="Use the flexures of [preset.NAME] in ARM."),
-        click.option("--tip", metavar="LINK", help="Link whose motion is reported, where ARM is a bare URDF."),
-        click.option(
-            "--lax",
-            is_flag=True,
-            help="Flag unknown URDF tags on the chain, and motion with impossible inertias, do not refuse.",
-        ),
-    ):
-        with_arm = decorate(with_arm)
     return with_arm
 
 
-keep_option = click.option(
+keep = click.option(
     "--keep",
     is_flag=True,
     help="ARM is calibrated or traced already: keep it, and fit only where the instrument stands. The uncertainty of "
@@ -161,15 +177,13 @@ def declared_arm(path: Path, command: str, keep: bool = False) -> Arm:
     return arm
 
 
-def covariates_option(function: Callable) -> Callable:
-    """Add `--covariates`; the command gets a dict of numbers by name."""
-    return click.option(
-        "--covariates",
-        default="",
-        metavar="temperature=25,approach_A2=1",
-        callback=lambda context, parameter, text: parse_covariates(text),
-        help="What the arm's effects depend on beside the rows' columns, SI and degrees Celsius; no other names.",
-    )(function)
+covariates = click.option(
+    "--covariates",
+    default="",
+    metavar="temperature=25,approach_A2=1",
+    callback=lambda context, parameter, text: parse_covariates(text),
+    help="What the arm's effects depend on beside the rows' columns, SI and degrees Celsius; no other names.",
+)
 
 
 def parse_covariates(text: str) -> dict[str, float]:
@@ -190,9 +204,12 @@ def parse_covariates(text: str) -> dict[str, float]:
     return found
 
 
-def points_options(function: Callable) -> Callable:
+def points(function: Callable) -> Callable:
     """Add `--points`, `--points-unit` and `--points-frame`; the command gets a `PointExport` or None as `points`."""
 
+    @click.option("--points-frame", metavar="NAME", help="Their frame, where the file does not state it.")
+    @click.option("--points-unit", metavar="mm", help="Their unit, where the file does not state it.")
+    @click.option("--points", "points_path", type=InputPath, help="Positions exported apart from MEAS.csv.")
     @functools.wraps(function)
     def with_points(points_path: Path | None, points_unit: str | None, points_frame: str | None, **rest: Any) -> Any:
         if points_path is None and (points_unit or points_frame):
@@ -200,26 +217,7 @@ def points_options(function: Callable) -> Callable:
         points = None if points_path is None else read_points(points_path, points_unit, points_frame)
         return function(points=points, **rest)
 
-    for decorate in (
-        click.option("--points", "points_path", type=PathArgument, help="Positions exported apart from MEAS.csv."),
-        click.option("--points-unit", metavar="mm", help="Their unit, where the file does not state it."),
-        click.option("--points-frame", metavar="NAME", help="Their frame, where the file does not state it."),
-    ):
-        with_points = decorate(with_points)
     return with_points
-
-
-def json_option(function: Callable) -> Callable:
-    """Add `--json FILE`."""
-    return click.option("--json", "json_path", type=OutputPath(), help="Write the result for programs to FILE.")(
-        function
-    )
-
-
-def write_json(path: Path | None, content: dict[str, Any]) -> None:
-    """Write a result as strict JSON, whole or not at all; nothing when no path is given."""
-    if path is not None:
-        write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
 
 
 def parse_positions(text: str, arm: Arm) -> Array:
@@ -229,23 +227,18 @@ def parse_positions(text: str, arm: Arm) -> Array:
         InputError: Not of that form; UnknownNameError, UnitError for names and units.
     """
     positions: dict[str, float] = {}
+    kinds = {joint.name: joint.kind for joint in arm.robot.moving}
     for part in filter(None, (part.strip() for part in text.split(","))):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not equals:
             raise InputError(f"--q: {part!r} is not of the form JOINT=POSITION")
         if name in positions:
             raise InputError(f"--q: joint {name!r} is given twice")
-        positions[name] = _position(arm, name, value)
+        if name not in arm.joint_names:
+            raise UnknownNameError("joint", name, arm.joint_names)
+        kind, unit = ("length", "m") if kinds[name] == "prismatic" else ("angle", "rad")
+        positions[name] = parse_quantity(value if value[-1:].isalpha() else value + unit, kind)
     return arm.position(**positions)
-
-
-def _position(arm: Arm, name: str, value: str) -> float:
-    if name not in arm.joint_names:
-        raise UnknownNameError("joint", name, arm.joint_names)
-    prismatic = arm.robot.moving[arm.joint_names.index(name)].kind == "prismatic"
-    has_unit = value[-1:].isalpha()
-    text = value if has_unit else value + ("m" if prismatic else "rad")
-    return parse_quantity(text, "length" if prismatic else "angle")
 
 
 def parse_force(text: str) -> tuple[str, Array]:
@@ -257,37 +250,3 @@ def parse_force(text: str) -> tuple[str, Array]:
     unit = parts[-1].strip().lstrip("+-.0123456789eE")
     numbers = [part.strip().removesuffix(unit) for part in parts]
     return link.strip(), np.array([parse_quantity(number + unit, "force") for number in numbers])
-
-
-@contextmanager
-def progress(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function of (done, total) that draws a bar on a terminal's stderr and is silent elsewhere."""
-    from rich.progress import Progress
-
-    out = stream(stderr=True)
-    with Progress(console=out, transient=True, disable=not out.is_terminal) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def was_interrupted(error: BaseException | None) -> bool:
-    """Return whether Ctrl-C is behind an error: libraries that tidy up after it may fail, and raise that instead."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
-
-
-_said: set[str] = set()
-
-
-def show_flags(flags: Sequence[Flag]) -> None:
-    """Print doubts about a result on stderr."""
-    for flag in flags:
-        say_warning(str(flag))
-
-
-def say_warning(text: str) -> None:
-    """Print a warning on stderr, once: an arm's doubts come with every result."""
-    if text not in _said:
-        _said.add(text)
-        complain(f"warning: {text}")

@@ -16,7 +16,7 @@ from support.small_arms import ROBOTS
 
 from armflex import calibrate, draw_arms, ensemble, load_arm, predict, read_measurements, total_covariance
 from armflex.certainty import Certainty
-from armflex.cli.calibrate import as_json
+from armflex.cli.calibrate_command import as_json
 from armflex.errors import ArmFileError, InputError, UnsupportedError
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import first_guess, write_calibrated

@@ -15,7 +15,7 @@ from support.stage import few
 
 from armflex import calibrate, load_arm, pose_groups, predict, read_measurements
 from armflex.arm import Arm
-from armflex.cli.trace import as_json, print_trace
+from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds
 from armflex.laws.effects import CATALOGUE, Effect, Spot
 from armflex.laws.effects.catalogue import EVERY

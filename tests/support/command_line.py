@@ -30,7 +30,7 @@ def run_here(folder: Path, *arguments: object) -> subprocess.CompletedProcess[st
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
         patch.object(sys, "argv", command),
-        patch("armflex.cli.options._said", set()),  # a process begins with nothing said
+        patch("armflex.cli.terminal._said", set()),  # a process begins with nothing said
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("default")

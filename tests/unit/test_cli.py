@@ -194,7 +194,9 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.Com
     """Run the demonstration; return its folder, what it said, and the trace that it made, which takes longest."""
     folder, made = tmp_path_factory.mktemp("demo"), []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("armflex.cli.demo.trace", lambda *given, **rest: made.append(trace(*given, **rest)) or made[0])
+        patch.setattr(
+            "armflex.cli.demo_command.trace", lambda *given, **rest: made.append(trace(*given, **rest)) or made[0]
+        )
         said = fine(run_here(folder, "demo", "-o", "out", "--json", "demo.json"))
     return folder, said, made[0]
 
@@ -362,7 +364,7 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
 
 @pytest.mark.slow
 def test_a_demo_leaves_an_edited_arm_alone(demo, armflex: Run, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("armflex.cli.demo.trace", lambda *_, **__: demo[2])  # of files that nobody edited
+    monkeypatch.setattr("armflex.cli.demo_command.trace", lambda *_, **__: demo[2])  # of files that nobody edited
     (tmp_path / "d" / "tarm_like").mkdir(parents=True)
     edited = (TARM / "arm.toml").read_text().replace("payload_rating = 600.0", "payload_rating = 500.0")
     (tmp_path / "d" / "tarm_like" / "arm.toml").write_text(edited)

@@ -18,14 +18,14 @@ from support.command_line import strict_json
 from support.small_arms import joint, link, robot
 
 from armflex import Reading, Tracker, load_arm, predict, read_measurements, read_points
-from armflex.cli import options
+from armflex.cli import terminal
 from armflex.cli.main import Commands, main
 from armflex.errors import ArmFileError, TableError, UrdfError
 from armflex.picture import picture
 from armflex.printable import printable
-from armflex.show.view.laws import draw_laws
-from armflex.show.view.page import render_page
-from armflex.show.view.scene import Scene
+from armflex.show.view.law_curves import draw_laws
+from armflex.show.view.meshcat_page import render_page
+from armflex.show.view.scene_3d import Scene
 
 MARKUP, FORMULA, SCRIPT, BOLD, DATA = "[/x]", r"$\frac{$", "<script>alert(1)</script>", "[bold", '"]</script>{{7*7}}'
 ODD = (MARKUP, FORMULA, SCRIPT, BOLD, DATA)
@@ -134,7 +134,7 @@ def write_csv(path: Path, columns: dict[str, list]) -> None:
 
 def run(name: str, *arguments: object) -> Result:
     """Run a command in this process, which is quicker than in one of its own."""
-    options._said.clear()
+    terminal._said.clear()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return CliRunner().invoke(Commands().get_command(None, name), list(map(str, arguments)))
@@ -331,7 +331,7 @@ def test_nothing_from_outside_moves_the_cursor(
     odd, told = f"a{code}b", printable(f"a{code}b")
 
     def said(status: int, *arguments: object) -> tuple[str, str]:
-        options._said.clear()
+        terminal._said.clear()
         monkeypatch.setattr(sys, "argv", ["armflex", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             main()
@@ -356,10 +356,10 @@ def test_nothing_from_outside_moves_the_cursor(
 
 
 def test_every_doubt_and_step_is_escaped(capsys: pytest.CaptureFixture) -> None:
-    from armflex.cli.tables import complain, console, heading, print_table
+    from armflex.cli.terminal import complain, heading, print_table, say
 
-    for say in (complain, console().print, heading, lambda text: print_table(text, [text], [[text], [text]])):
-        say(f"{MARKUP}{FORMULA} :smile: \x1b[31m\u202e\n")
+    for show in (complain, say, heading, lambda text: print_table(text, [text], [[text], [text]])):
+        show(f"{MARKUP}{FORMULA} :smile: \x1b[31m\u202e\n")
         said = capsys.readouterr()
         assert "\x1b" not in said.out + said.err and "\u202e" not in said.out + said.err
         assert f"{MARKUP}{FORMULA} :smile: \\x1b[31m\\u202e\\n" in said.out + said.err

@@ -26,8 +26,8 @@ from support.command_line import strict_json
 from support.effect_arms import quietly
 
 from armflex import calibrate, load_arm, predict, read_measurements, trace
-from armflex.cli.calibrate import as_json as calibrated_json
-from armflex.cli.trace import Outputs, as_json, command, print_trace, telling
+from armflex.cli.calibrate_command import as_json as calibrated_json
+from armflex.cli.trace_command import Outputs, as_json, command, print_trace, telling
 from armflex.errors import ConvergenceError, FileError, InputError
 from armflex.files import arm_file, certainty_table
 from armflex.measured.measurements import Measurements
@@ -312,7 +312,7 @@ def run(field: Truth, folder: Path, *more: str) -> Result:
 
 KILLED = """
 import importlib, os, signal, sys
-import armflex.cli.trace
+import armflex.cli.trace_command
 signal.signal(signal.SIGINT, signal.default_int_handler)
 module = importlib.import_module("armflex.trace.rounds")
 how = getattr(signal, sys.argv.pop())
@@ -355,7 +355,7 @@ def test_whatever_ends_it_what_was_accepted_is_there_and_goes_on(field: Truth, t
 
     page = (tmp_path / "t.html").read_text()
     with monkeypatch.context() as patch:
-        patch.setattr("armflex.show.report.write_report", unmade)
+        patch.setattr("armflex.cli.trace_command.write_report", unmade)
         failed = run(field, tmp_path, "--resume")
     assert str(failed.exception) == "no ink" and kept.exists() and "What the arm lacked" in failed.stdout
     assert "unfinished" not in strict_json(tmp_path / "t.json") and (tmp_path / "t.html").read_text() == page
@@ -371,7 +371,7 @@ def test_whatever_ends_it_what_was_accepted_is_there_and_goes_on(field: Truth, t
 
 def test_a_search_that_begins_anew_says_that_another_could_go_on(field: Truth, tmp_path: Path, monkeypatch) -> None:
     (tmp_path / "t.checkpoint.json").write_text("{}")
-    monkeypatch.setattr("armflex.cli.trace.trace", lambda *given: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr("armflex.cli.trace_command.trace", lambda *given: (_ for _ in ()).throw(KeyboardInterrupt))
     said = run(field, tmp_path)
     assert "--resume would go on with that one" in said.stderr
     assert (tmp_path / "t.checkpoint.json").read_text() == "{}"
@@ -463,7 +463,7 @@ def test_every_long_stage_says_how_far_it_is_and_what_there_is(whole: Whole) -> 
 
 
 def test_a_pipe_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    module = importlib.import_module("armflex.cli.trace")
+    module = importlib.import_module("armflex.cli.trace_command")
     monkeypatch.setattr(module, "EVERY", 0.2)
     monkeypatch.setattr(module, "REDRAWN", 0.05)
     with telling() as (say, progress):
@@ -477,7 +477,7 @@ def test_a_pipe_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys
 
 
 def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    module = importlib.import_module("armflex.cli.trace")
+    module = importlib.import_module("armflex.cli.trace_command")
     monkeypatch.setattr(module, "REDRAWN", 0.02)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("COLUMNS", "60")

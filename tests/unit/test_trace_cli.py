@@ -14,7 +14,7 @@ from support.command_line import Run, fine, strict_json
 from support.effect_arms import quietly
 
 from armflex import predict, read_measurements, read_points, trace
-from armflex.cli.trace import as_json, print_trace
+from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.spread import without_declared_doubt
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.trace.result import Unexplained
@@ -52,7 +52,7 @@ def ran(truth: Truth, tmp_path_factory: pytest.TempPathFactory):
     """Run the command in this process; return its folder, what it said, and the trace that it made."""
     from click.testing import CliRunner
 
-    import armflex.cli.trace as module
+    import armflex.cli.trace_command as module
 
     folder, made = tmp_path_factory.mktemp("ran"), []
     rows, points = exported(truth, folder)

@@ -214,7 +214,7 @@ def test_a_chain_that_has_converged_on_all_rows_but_not_without_some(monkeypatch
 
 def test_a_stuck_chain_is_null_for_programs(armflex: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("arviz_stats")
-    from armflex.cli.train import as_json
+    from armflex.cli.train_command import as_json
 
     data, _ = bench(3, 24, 2, 0.01)
     result = train(data)

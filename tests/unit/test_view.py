@@ -18,6 +18,7 @@ from support.small_arms import ROBOTS, joint, link, robot, write
 from armflex import Arm, InputError, Trajectory, check, load_arm, view
 from armflex.errors import FileError, UrdfError
 from armflex.show.view import meshes
+from armflex.show.view.arm_page import _motion as motion_of
 from armflex.show.view.arm_scene import (
     FLEXED_PATH,
     MAX_FRAMES,
@@ -28,8 +29,7 @@ from armflex.show.view.arm_scene import (
     contribution_colors,
     nice_magnification,
 )
-from armflex.show.view.scene import Scene
-from armflex.show.view.view import _motion as motion_of
+from armflex.show.view.scene_3d import Scene
 
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no chromium, chromium-browser or google-chrome on PATH")
 TRIANGLE = bytes(80) + struct.pack("<I12fH", 1, *[0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0], 0)

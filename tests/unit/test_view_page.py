@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from support.pages import BROWSER, hue_share, picture
 
-from armflex.show.view.page import capsule_mesh, render_page, tube_mesh
-from armflex.show.view.scene import (
+from armflex.show.view.meshcat_page import capsule_mesh, render_page, tube_mesh
+from armflex.show.view.scene_3d import (
     Camera,
     LegendRow,
     Marker,

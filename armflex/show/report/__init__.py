@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from armflex.printable import printable
 from armflex.storage.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -28,7 +30,19 @@ def write_report(trace: Trace, path: str | os.PathLike[str]) -> Path:
 
 
 def render_report(trace: Trace) -> str:
-    """Return the page of a traced arm as HTML text."""
-    from armflex.show.report.page import render  # imports jinja2 and matplotlib
+    """Return the page of a traced arm as HTML text; everything that is not a figure is escaped."""
+    from jinja2 import Environment, StrictUndefined
 
-    return render(trace)
+    from armflex.show.report.account import account
+    from armflex.show.report.svg import drawing
+
+    def shown(value: object) -> object:
+        # A text that a browser can show; what is markup already, a figure, is left alone.
+        return printable(value, keep="\t\n\r") if type(value) is str else value
+
+    with drawing():
+        found = account(trace)
+    text = (resources.files(__package__) / "page.html").read_text(encoding="utf-8")
+    blocks = {"trim_blocks": True, "lstrip_blocks": True}
+    environment = Environment(autoescape=True, undefined=StrictUndefined, finalize=shown, **blocks)
+    return environment.from_string(text).render(page=found).lstrip()

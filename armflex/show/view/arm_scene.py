@@ -13,7 +13,7 @@ from armflex.mechanics.deflection import Deflection
 from armflex.robot.elements import Link, Visual
 from armflex.robot.tree import joints_by_parent
 from armflex.show.view.meshes import read_mesh
-from armflex.show.view.scene import LegendRow, Marker, Node, Polyline, Scene, Shape, scene_points
+from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, scene_points
 from armflex.tasks.check import CheckReport
 from armflex.trajectory import Trajectory
 

@@ -14,7 +14,7 @@ from armflex.conventions import number
 from armflex.errors import InputError
 from armflex.laws.effects.remember import settled
 from armflex.show.view.arm_scene import SCALE, VERDICTS, Motion, arm_scene
-from armflex.show.view.scene import LegendRow, Node, Scene, Shape, frame_camera
+from armflex.show.view.scene_3d import LegendRow, Node, Scene, Shape, frame_camera
 from armflex.storage.whole_file import write_whole
 from armflex.tasks.workspace.workspace_map import WorkspaceMap
 
@@ -46,7 +46,7 @@ def map_page(
         InputError: The tolerance is no positive length, or every configuration was refused.
         FileError: The file cannot be written.
     """
-    from armflex.show.view.page import render_page  # meshcat takes a quarter of a second
+    from armflex.show.view.meshcat_page import render_page  # meshcat takes a quarter of a second
 
     if not found.answered.any():
         raise InputError("every configuration was refused: there is no displacement to show")

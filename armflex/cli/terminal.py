@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 import click
 from rich import box
@@ -11,10 +12,13 @@ from rich.table import Table
 from rich.text import Text
 
 from armflex.conventions import number as number
+from armflex.errors import Flag
 from armflex.printable import printable
 
 NARROWEST = 130
 """Columns to lay out for where the output is no terminal."""
+
+_said: set[str] = set()
 
 
 def stream(stderr: bool = False) -> Console:
@@ -24,21 +28,11 @@ def stream(stderr: bool = False) -> Console:
     return out if out.is_terminal else Console(width=NARROWEST, **plain)
 
 
-class Printer:
-    """Prints lines; what would break one of them, or colour it, is shown and not obeyed."""
-
-    def __init__(self) -> None:
-        self._out = stream()
-
-    def print(self, *lines: str) -> None:
-        """Print lines."""
-        for line in lines:
-            self._out.print(printable(line))
-
-
-def console() -> Printer:
-    """Return what prints on stdout."""
-    return Printer()
+def say(*lines: str) -> None:
+    """Print lines on stdout; what would break one of them, or colour it, is shown and not obeyed."""
+    out = stream()
+    for line in lines:
+        out.print(printable(line))
 
 
 def heading(text: str) -> None:
@@ -51,15 +45,29 @@ def complain(text: str, end: str = "\n", over: bool = False) -> None:
     click.echo(("\r\x1b[K" if over else "") + printable(text) + end, err=True, nl=False)
 
 
+def warn(text: str) -> None:
+    """Print a warning on stderr, once: an arm's doubts come with every result."""
+    if text not in _said:
+        _said.add(text)
+        complain(f"warning: {text}")
+
+
+def show_flags(flags: Sequence[Flag]) -> None:
+    """Print doubts about a result on stderr."""
+    for flag in flags:
+        warn(str(flag))
+
+
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Print a table: the first column is text, numbers are set to the right."""
+    """Print a table: the first column is text, numbers are set to the right, verdicts give a row its colour."""
     table = Table(title=printable(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     rows = [[printable(str(cell)) for cell in row] for row in rows]
     for index, column in enumerate(columns):
-        numeric = index > 0 and all(_is_number(row[index]) for row in rows)
+        numeric = index > 0 and all(not row[index] or row[index][0] in "+-.0123456789" for row in rows)
         table.add_column(printable(column), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
-        table.add_row(*row, style=_style(row))
+        failed = "fail" in row or "not reached" in row
+        table.add_row(*row, style="red" if failed else "yellow" if "uncertain" in row else None)
     stream().print(table)
 
 
@@ -69,11 +77,12 @@ def no_via_points(shown: str) -> str:
     return f"The trajectory names no via-points: every row counts alike, and shown are {shown}; {advice}.\n"
 
 
-def _is_number(text: str) -> bool:
-    return not text or text[0] in "+-.0123456789" or text == "-"
+@contextmanager
+def progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function of (done, total) that draws a bar on a terminal's stderr and is silent elsewhere."""
+    from rich.progress import Progress
 
-
-def _style(row: Sequence[str]) -> str | None:
-    if "fail" in row or "not reached" in row:
-        return "red"
-    return "yellow" if "uncertain" in row else None
+    out = stream(stderr=True)
+    with Progress(console=out, transient=True, disable=not out.is_terminal) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

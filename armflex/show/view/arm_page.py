@@ -49,7 +49,7 @@ def view(
     Raises:
         InputError: Both q and a trajectory are given, one cannot be used, or no effect depends on a covariate.
     """
-    from armflex.show.view.page import render_page  # meshcat is imported only when something is drawn
+    from armflex.show.view.meshcat_page import render_page  # meshcat is imported only when something is drawn
 
     if q is not None and trajectory is not None:
         raise InputError("view takes q or a trajectory, not both")

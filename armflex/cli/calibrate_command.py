@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from armflex.cli.learned import laws_json, print_laws
-from armflex.cli.options import (
-    Command,
-    OutputPath,
-    PathArgument,
-    declared_arm,
-    json_option,
-    keep_option,
-    points_options,
-    progress,
-    show_flags,
-    write_json,
-)
-from armflex.cli.tables import console, number, print_table
+from armflex.cli import options
+from armflex.cli.terminal import number, print_table, progress, say, show_flags
 from armflex.conventions import RESOLUTION
 from armflex.errors import InputError
 from armflex.estimate import Calibration, calibrate
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.identify import Parameter
-from armflex.estimate.sample import sample_laws
+from armflex.estimate.law_block import learned_laws
+from armflex.estimate.learned import LearnedAxis, learned_axes
+from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
 from armflex.parameters import Kind
@@ -37,17 +29,16 @@ SCATTERED = 1.5
 """Scatter over the stated noise from which an arm is said to lack something."""
 
 
-@click.command(cls=Command)
-@click.argument("arm_path", metavar="ARM", type=PathArgument)
-@click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
-@click.option("-o", "--output", required=True, type=OutputPath(), help="Calibrated arm.toml to write.")
+@click.command(cls=options.Command)
+@click.argument("arm_path", metavar="ARM", type=options.InputPath)
+@click.argument("measurements_path", metavar="MEAS.csv", type=options.InputPath)
+@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Calibrated arm.toml to write.")
 @click.option(
     "--sample", type=click.IntRange(FEWEST_DRAWS), help="Draws per chain: learned laws by NUTS, too (minutes)."
 )
 @click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
-@keep_option
-@points_options
-@json_option
+@options.keep
+@options.points
 def command(
     arm_path: Path,
     measurements_path: Path,
@@ -56,10 +47,9 @@ def command(
     show_all: bool,
     keep: bool,
     points: PointExport | None,
-    json_path: Path | None,
 ) -> None:
     """Fit what [prior] frees, on the deflected arm, and say what the data cannot tell."""
-    arm = declared_arm(arm_path, "calibrate", keep)
+    arm = options.declared_arm(arm_path, "calibrate", keep)
     if sample and keep:
         raise InputError("--keep keeps laws as an earlier campaign taught them: leave out --sample, or --keep")
     if sample and not any(flexure.learn for flexure in arm.flexures):
@@ -71,18 +61,21 @@ def command(
     if sample:
         with progress("sampling") as tick:
             samples = sample_laws(found.fit, sample, progress=tick)
+    axes: tuple[LearnedAxis, ...] = ()
+    if any(p.kind is Kind.LAW for p in found.parameters):  # else they stay as an earlier campaign taught them
+        settled = {name: law for name, law in learned_laws(found.arm).items() if law.spread is not None}
+        axes = learned_axes(found.fit, settled, samples) if settled else ()
     print_calibration(found, show_all)
-    print_laws(found, samples)
+    if axes:
+        print_laws(axes, samples)
     show_flags((*measurements.flags, *found.flags))
-    write_json(json_path, as_json(found) | {"laws": laws_json(found, samples)})
+    options.write_json(as_json(found) | {"laws": [asdict(axis) | {"told": axis.told} for axis in axes]})
     write_calibrated(arm_path, found, output)
-    console().print(f"Written to {output}.")
+    say(f"Written to {output}.")
 
 
 def print_calibration(found: Calibration, show_all: bool = False) -> None:
     """Print the error before and after, what was found, and what the data cannot tell."""
-    rows = len(found.fit.view.rows)
-    columns = ["", "RMS mm", "poses held out mm"]
     held_out = found.held_out or (None, None)
     figures = [
         ["declared, instrument placed", found.declared_rms, held_out[0]],
@@ -90,8 +83,10 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         ["stated noise", found.noise_rms, None],
     ]
     cells = [[name, *("-" if rms is None else number(rms * 1e3) for rms in pair)] for name, *pair in figures]
-    print_table(f"3-D position error over {rows} rows", columns, cells)
-    chosen = found.parameters if show_all else _remarkable(found)
+    title = f"3-D position error over {len(found.fit.view.rows)} rows"
+    print_table(title, ["", "RMS mm", "poses held out mm"], cells)
+    known = [p for p in found.parameters if np.isfinite(p.prior) and p.kind is not Kind.LAW]
+    chosen = found.parameters if show_all else sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
     if chosen:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "the data say"]
         print_table("Parameters" if show_all else "Moved most, against their priors", columns, map(_cells, chosen))
@@ -102,19 +97,14 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         more = f" (12 of {len(blind)})" if len(blind) > 12 else ""
         print_table(f"What these data cannot determine{more}", columns, cells)
     if not found.fit.blocks:
-        console().print("Nothing was fitted: [prior] frees nothing.")
+        say("Nothing was fitted: [prior] frees nothing.")
     if found.scatter > SCATTERED:
-        text = (
-            f"The readings scatter {found.scatter:.2g} times as much as stated, and were weighed by that: something is"
+        say(
+            f"The readings scatter {found.scatter:.2g} times as much as stated, and were weighed by that: something is "
+            "missing, which what was fitted may make up for. `armflex trace` looks for it."
         )
-        console().print(f"{text} missing, which what was fitted may make up for. `armflex trace` looks for it.")
     for outlier in found.outliers[:5]:
-        console().print(f"outlier: {outlier.place}, {number(outlier.error_m * 1e3, 3)} mm off")
-
-
-def _remarkable(found: Calibration) -> list[Parameter]:
-    known = [p for p in found.parameters if np.isfinite(p.prior) and p.kind is not Kind.LAW]
-    return sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
+        say(f"outlier: {outlier.place}, {number(outlier.error_m * 1e3, 3)} mm off")
 
 
 def _cells(parameter: Parameter) -> list[str]:
@@ -125,17 +115,35 @@ def _cells(parameter: Parameter) -> list[str]:
     return [parameter.name, value, std, parameter.unit, pull, says]
 
 
+def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
+    """Print a line for every axis that the readings told something about, and name the others."""
+    rows = []
+    for axis in axes:
+        if axis.told:
+            unit, factor = ("µm", 1e6) if axis.axis.startswith("d") else ("mrad", 1e3)
+            sizes = [number(size * factor, 3) for size in (axis.declared, axis.learned, axis.correction, axis.std)]
+            sampled = [] if axis.sampled is None else [number(axis.sampled * factor, 3)]
+            rows.append([axis.flexure, axis.axis, *sizes, unit, *sampled])
+    columns = ["flexure", "axis", "declared", "learned", "bent", "± std", "unit", *(["sampled"] if samples else [])]
+    print_table("Laws learned: RMS over the loads seen", columns, rows)
+    left = ", ".join(f"{axis.flexure} {axis.axis}" for axis in axes if not axis.told)
+    if left:
+        say(f"Hardly told by these readings, held by what was declared: {left}.")
+    if samples is not None:
+        found = samples.diagnostics
+        say(f"Sampled: R-hat {found.rhat_max:.3f}, {found.ess_min:.0f} effective draws or more.")
+
+
 def as_json(found: Calibration) -> dict[str, Any]:
     """Return a calibration for programs; RMS in mm like that of trace."""
+    stages = ("declared", "calibrated")
     return {
         "format": "armflex-calibrate-1",
         "rows": len(found.fit.view.rows),
         "noise_rms_mm": found.noise_rms * 1e3,
         "noise_over_stated": found.scatter,
         "rms_mm": {"declared": found.declared_rms * 1e3, "calibrated": found.rms * 1e3},
-        "held_out_rms_mm": None
-        if found.held_out is None
-        else dict(zip(("declared", "calibrated"), (1e3 * rms for rms in found.held_out), strict=True)),
+        "held_out_rms_mm": found.held_out and dict(zip(stages, (1e3 * rms for rms in found.held_out), strict=True)),
         "parameters": [
             {
                 "name": p.name,

@@ -4,55 +4,50 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import click
 
 from armflex.arm import Arm
-from armflex.cli.options import (
-    Choice,
-    Command,
-    PathArgument,
-    arm_argument,
-    covariates_option,
-    json_option,
-    progress,
-    show_flags,
-    write_json,
-)
-from armflex.cli.tables import console, no_via_points, number, print_table
-from armflex.conventions import parse_quantity
+from armflex.cli import options
+from armflex.cli.terminal import no_via_points, number, print_table, progress, say, show_flags
 from armflex.mechanics.equilibrium import METHODS
 from armflex.tasks.check import CheckReport, Point, check
 from armflex.trajectory import read_trajectory
 
 
-@click.command(cls=Command)
-@arm_argument
-@click.argument("trajectory_path", metavar="TRAJ.csv", type=PathArgument)
-@click.option("--tolerance", required=True, metavar="5mm", help="Largest displacement of the tip, with unit.")
-@click.option("--angle", metavar="1mrad", help="Largest rotation of the tip, with unit.")
-@click.option("--method", type=Choice(METHODS), default="exact", show_default=True)
-@covariates_option
-@json_option
+@click.command(cls=options.Command)
+@options.arm
+@click.argument("trajectory_path", metavar="TRAJ.csv", type=options.InputPath)
+@click.option("--tolerance", required=True, type=options.Quantity("length"), metavar="5mm",
+              help="Largest displacement of the tip, with unit.")  # fmt: skip
+@click.option("--angle", type=options.Quantity("angle"), metavar="1mrad",
+              help="Largest rotation of the tip, with unit.")  # fmt: skip
+@click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
+@options.covariates
 def command(
-    arm: Arm,
-    trajectory_path: Path,
-    tolerance: str,
-    angle: str | None,
-    method: str,
-    covariates: dict[str, float],
-    json_path: Path | None,
+    arm: Arm, trajectory_path: Path, tolerance: float, angle: float | None, method: str, covariates: dict[str, float]
 ) -> int:
     """Each via-point and the path between: displacement, margin, verdict, worst first."""
     trajectory = read_trajectory(trajectory_path, arm)
-    limits = parse_quantity(tolerance, "length"), None if angle is None else parse_quantity(angle, "angle")
     with progress("checking") as tick:
-        report = check(arm, trajectory, *limits, method=method, progress=tick, covariates=covariates)
-    console().print(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
+        report = check(arm, trajectory, tolerance, angle, method=method, progress=tick, covariates=covariates)
+    say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
     print_check(report)
     show_flags(report.flags)
-    write_json(json_path, as_json(report) | {"base": arm.robot.base, "tip": arm.robot.tip})
+    options.write_json(
+        {
+            "format": "armflex-check-1",
+            "ok": report.ok,
+            "tolerance_m": report.tolerance_m,
+            "angle_rad": report.angle_rad,
+            "via_points": [asdict(point) for point in report.via_points],
+            "path_worst": asdict(report.path_worst),
+            "samples": report.samples,
+            "flags": [str(flag) for flag in report.flags],
+            "base": arm.robot.base,
+            "tip": arm.robot.tip,
+        }
+    )
     return 0 if report.ok else 1
 
 
@@ -67,18 +62,17 @@ def print_check(report: CheckReport) -> None:
         rows = [_row(point, point.name) for point in report.via_points]
         print_table(f"Via-points against {asked}, worst first", columns, rows)
     else:
-        console().print(no_via_points("the first, the worst and the last"))
+        say(no_via_points("the first, the worst and the last"))
         worst = min(report.rows, key=lambda point: point.badness)
         named = {"first": report.rows[0], "worst row": worst, "last": report.rows[-1]}
-        print_table(
-            f"Rows against {asked}", ["row", *columns[1:]], [_row(point, name) for name, point in named.items()]
-        )
+        rows = [_row(point, name) for name, point in named.items()]
+        print_table(f"Rows against {asked}", ["row", *columns[1:]], rows)
     print_table("Worst of the whole path", columns, [_row(report.path_worst, report.path_worst.name or "between")])
     for point in dict.fromkeys([*report.via_points, report.path_worst]):
         if point.reason:
-            console().print(f"{point.name or 'between'} at {point.time:g} s: {point.reason}")
+            say(f"{point.name or 'between'} at {point.time:g} s: {point.reason}")
     verdict = "within tolerance" if report.ok else "NOT within tolerance"
-    console().print(f"The path is {verdict} ({report.samples} configurations evaluated).")
+    say(f"The path is {verdict} ({report.samples} configurations evaluated).")
 
 
 def _row(point: Point, name: str) -> list[str]:
@@ -94,17 +88,3 @@ def _row(point: Point, name: str) -> list[str]:
         point.verdict,
         point.cause or "none",
     ]
-
-
-def as_json(report: CheckReport) -> dict[str, Any]:
-    """Return a check for programs, SI."""
-    return {
-        "format": "armflex-check-1",
-        "ok": report.ok,
-        "tolerance_m": report.tolerance_m,
-        "angle_rad": report.angle_rad,
-        "via_points": [asdict(point) for point in report.via_points],
-        "path_worst": asdict(report.path_worst),
-        "samples": report.samples,
-        "flags": [str(flag) for flag in report.flags],
-    }

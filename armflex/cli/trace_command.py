@@ -14,20 +14,8 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from armflex.cli.options import (
-    Command,
-    OutputPath,
-    PathArgument,
-    declared_arm,
-    json_option,
-    keep_option,
-    points_options,
-    same_file,
-    say_warning,
-    show_flags,
-    write_json,
-)
-from armflex.cli.tables import complain, console, number, print_table, stream
+from armflex.cli import options
+from armflex.cli.terminal import complain, number, print_table, say, show_flags, stream, warn
 from armflex.errors import FileError, InputError
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.law import Effect
@@ -36,11 +24,12 @@ from armflex.laws.effects.spot import LINK
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
 from armflex.parameters import numbered
+from armflex.show.report import write_report
 from armflex.trace import trace
 from armflex.trace.result import write_traced
 
 if TYPE_CHECKING:
-    from armflex.trace.result import Found, Smallest, Trace, Unexplained, Withdrawn
+    from armflex.trace.result import Found, Trace
     from armflex.trace.telling import Doing
 
 MOST_LINES = 8
@@ -50,19 +39,18 @@ MOST_ADVICE = 3
 """Of what to measure next."""
 
 
-@click.command(cls=Command)
-@click.argument("arm_path", metavar="ARM", type=PathArgument)
-@click.argument("measurements_path", metavar="MEAS.csv", type=PathArgument)
-@click.option("-o", "--output", required=True, type=OutputPath(), help="Traced arm.toml to write.")
-@click.option("--report", "report_path", type=OutputPath(), help="HTML page of what was found to write.")
+@click.command(cls=options.Command)
+@click.argument("arm_path", metavar="ARM", type=options.InputPath)
+@click.argument("measurements_path", metavar="MEAS.csv", type=options.InputPath)
+@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Traced arm.toml to write.")
+@click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of what was found to write.")
 @click.option(
     "--resume",
     is_flag=True,
     help="Go on from the last accepted effect of the same command, which was interrupted, killed or ended by an error.",
 )
-@keep_option
-@points_options
-@json_option
+@options.keep
+@options.points
 def command(
     arm_path: Path,
     measurements_path: Path,
@@ -71,7 +59,6 @@ def command(
     resume: bool,
     keep: bool,
     points: PointExport | None,
-    json_path: Path | None,
 ) -> None:
     """Calibrate, find what residual is left, trace it to an effect the arm lacks, add it, and say what it was worth.
 
@@ -79,23 +66,23 @@ def command(
     ARM2.checkpoint.json, from which --resume goes on; it is removed at the end. Effects with which held-out poses are
     predicted worse than by the calibrated arm are withdrawn.
     """
-    outputs = Outputs(arm_path, output, report_path, json_path)
+    outputs = Outputs(arm_path, output, report_path, options.json_path())
     kept = _checkpoint(outputs, measurements_path, resume)
-    arm = declared_arm(arm_path, "trace", keep)
+    arm = options.declared_arm(arm_path, "trace", keep)
     measurements = read_measurements(measurements_path, arm, points=points)
     finished: list[Trace] = []
     try:
-        with telling() as (say, progress):
+        with telling() as (tell, progress):
 
             def account(found: Trace) -> None:
-                say("writing what was accepted so far" if found.unfinished else "writing")
+                tell("writing what was accepted so far" if found.unfinished else "writing")
                 if not found.unfinished:
                     finished.append(found)
                 outputs.write(found)
 
-            trace(arm, measurements, None, say, keep, kept, resume, account, progress)
+            trace(arm, measurements, None, tell, keep, kept, resume, account, progress)
     except BaseException as error:
-        if kept is not None and kept.exists() and not _is_about(error, kept):
+        if kept is not None and kept.exists() and not (isinstance(error, FileError) and error.place.file == kept):
             complain(f"What was accepted is kept in {kept}: the same command with --resume goes on.")
         raise
     finally:  # also where it could not be written
@@ -103,7 +90,7 @@ def command(
             print_trace(found)
             derived = derived_directions(found.arm, measurements, found.rows)
             show_flags((*measurements.flags, *derived, *found.calibration.flags))
-    console().print(f"Written to {' and '.join(str(path) for path in (output, report_path) if path)}.")
+    say(f"Written to {' and '.join(str(path) for path in (output, report_path) if path)}.")
 
 
 @dataclass(frozen=True)
@@ -123,28 +110,23 @@ class Outputs:
         Raises:
             FileError: A file of the finished account cannot be written.
         """
+        writers: list[tuple[Path | None, Callable[[Path], object]]] = [
+            (self.arm, lambda path: write_traced(self.declared, found, path)),
+            (self.json, lambda path: options.write_json(as_json(found), path)),
+            (self.report, lambda path: write_report(found, path)),
+        ]
         failed: list[Exception] = []
-        for path, write in self._writers(found):
-            if found.unfinished and path.exists() and not path.is_file():
+        for path, write in writers:
+            if path is None or (found.unfinished and path.exists() and not path.is_file()):
                 continue  # a pipe gets one account
             try:
-                write()
+                write(path)
             except Exception as error:
                 failed.append(error)
                 if found.unfinished:
-                    say_warning(f"{error}; the search goes on")
+                    warn(f"{error}; the search goes on")
         if failed and not found.unfinished:
             raise failed[0]
-
-    def _writers(self, found: Trace) -> Iterator[tuple[Path, Callable[[], object]]]:
-        yield self.arm, lambda: write_traced(self.declared, found, self.arm)
-        if self.json is not None:
-            yield self.json, lambda: write_json(self.json, as_json(found))
-        if self.report is not None:
-            from armflex.show.report import write_report  # imports a plotting library
-
-            report = self.report
-            yield report, lambda: write_report(found, report)
 
 
 def _checkpoint(outputs: Outputs, measurements: Path, resume: bool) -> Path | None:
@@ -161,15 +143,11 @@ def _checkpoint(outputs: Outputs, measurements: Path, resume: bool) -> Path | No
         return None
     kept = outputs.arm.with_suffix(".checkpoint.json")
     others = (outputs.declared, measurements, outputs.arm, outputs.report, outputs.json)
-    if any(path is not None and same_file(kept, path) for path in others):
+    if any(path is not None and options.same_file(kept, path) for path in others):
         raise InputError(f"{kept} is where the search is kept while it goes on: name another file")
     if kept.exists() and not resume:
-        say_warning(f"{kept} is of a search that did not end: this one begins anew, --resume would go on with that one")
+        warn(f"{kept} is of a search that did not end: this one begins anew, --resume would go on with that one")
     return kept
-
-
-def _is_about(error: BaseException, path: Path) -> bool:
-    return isinstance(error, FileError) and error.place.file == path
 
 
 EVERY, REDRAWN = 4.0, 0.5
@@ -192,7 +170,7 @@ def telling() -> Iterator[tuple[Callable[[str], None], Callable[[Doing], None]]]
             complain(f"{time.monotonic() - begun:4.0f} s  {text}", end, over=live)
             now["said"] = time.monotonic()
 
-    def say(text: str) -> None:
+    def tell(text: str) -> None:
         now["doing"] = text
         line(text, "\n")
 
@@ -210,7 +188,7 @@ def telling() -> Iterator[tuple[Callable[[str], None], Callable[[Doing], None]]]
     thread = threading.Thread(target=keep_saying, daemon=True)
     thread.start()
     try:
-        yield say, progress
+        yield tell, progress
     finally:
         over.set()
         thread.join()
@@ -220,7 +198,6 @@ def telling() -> Iterator[tuple[Callable[[str], None], Callable[[Doing], None]]]
 
 def print_trace(found: Trace) -> None:
     """Print the errors before and after, what was added, what else it may be, what is left, and what to measure."""
-    out = console()
     figures = [
         ["declared, instrument placed", found.declared_rms, None],
         ["calibrated", found.calibrated_rms, found.held_out_before],
@@ -233,8 +210,7 @@ def print_trace(found: Trace) -> None:
     if found.found:
         columns = ["added", "site", "axis", "value ± standard uncertainty", "held out mm"]
         print_table("What the arm lacked", columns, [row for one in found.found for row in _lines(one)])
-    for line in _remarks(found):
-        out.print(line)
+    say(*_remarks(found))
 
 
 def _lines(found: Found) -> Iterator[list[str]]:
@@ -242,21 +218,21 @@ def _lines(found: Found) -> Iterator[list[str]]:
     effect, proof = found.effect, found.proof
     held_out = f"{number(proof.before * 1e3, 3)} -> {number(proof.after * 1e3, 3)}"
     head = [" ".join(filter(None, names_of(effect.law))), effect.spot.place, effect.spot.axis or "-"]
-    for value in _values(found)[:MOST_LINES]:
-        yield [*head, value, held_out]
+    values = list(zip(effect.named.items(), effect.units, strict=True))
+    for (name, value), unit in values[:MOST_LINES]:
+        std = f" ± {found.std[name]:.2g}" if found.std.get(name) else ""
+        yield [*head, f"{name} {value:.4g}{std} {unit}", held_out]
         head, held_out = ["", "", ""], ""
 
 
-def _values(found: Found) -> list[str]:
-    pairs = zip(found.effect.named.items(), found.effect.units, strict=True)
-    return [
-        f"{name} {value:.4g}" + (f" ± {found.std[name]:.2g}" if found.std.get(name) else "") + f" {unit}"
-        for (name, value), unit in pairs
-    ]
-
-
 def _remarks(found: Trace) -> Iterator[str]:
-    yield from _left_out(found)
+    if found.outliers:
+        lost, less = found.told("lost beam"), found.told("counted less")
+        yield f"In no figure: {lost} rows left out as lost beams, and {less} that the fit counts less as outliers."
+    if unknown := found.told("direction unknown"):
+        yield f"{unknown} more rows are left out: nothing tells from where a joint came before it first moved."
+    if far := found.told("unexplained"):
+        yield f"{far} more rows, far off together, are left out: nothing explains them."
     for one, which in zip(found.found, found.numbers, strict=True):
         title = f"{one.effect.title}{numbered(which)}"
         if one.witness:
@@ -276,12 +252,21 @@ def _remarks(found: Trace) -> Iterator[str]:
         )
     if found.said_of_limit:
         yield found.said_of_limit
-    if found.unexplained is not None:
-        yield _left(found.unexplained)
+    if left := found.unexplained:
+        where = "without a place" if left.site is None else f"at {left.site.removeprefix(LINK)} {left.axis}"
+        size = "" if left.std is None else f", {number(left.std, 2)} {left.unit} from pose to pose"
+        others = ", ".join(f"{place.site.removeprefix(LINK)} {place.axis}" for place in left.equivalent[:3])
+        also = f" (or {others})" if others else ""
+        yield f"Left unexplained: {number(left.rms * 1e3, 3)} mm RMS {where}{size}{also}; no column tells why."
     elif not found.found and not found.withdrawn:
         yield "Nothing is missing that these data could show."
     if found.smallest:
-        yield _smallest(found.smallest)
+        least = min(found.smallest, key=lambda one: one.least)
+        median = float(np.median([one.least for one in found.smallest]))
+        yield (
+            f"Effects would have shown from {number(median * 1e3, 2)} mm RMS at the target "
+            f"(median over laws; {least.effect} from {number(least.least * 1e3, 2)} mm)."
+        )
     for advice in found.next_measurement[:MOST_ADVICE]:
         yield f"Next: {advice}"
     more = len(found.next_measurement) - MOST_ADVICE
@@ -289,37 +274,9 @@ def _remarks(found: Trace) -> Iterator[str]:
         yield f"Next: {more} more in --report and --json."
 
 
-def _left_out(found: Trace) -> Iterator[str]:
-    """Yield how many rows are in no figure, and why."""
-    if found.outliers:
-        lost, less = found.told("lost beam"), found.told("counted less")
-        yield f"In no figure: {lost} rows left out as lost beams, and {less} that the fit counts less as outliers."
-    unknown = found.told("direction unknown")
-    if unknown:
-        yield f"{unknown} more rows are left out: nothing tells from where a joint came before it first moved."
-    if found.told("unexplained"):
-        yield f"{found.told('unexplained')} more rows, far off together, are left out: nothing explains them."
-
-
-def _left(left: Unexplained) -> str:
-    where = "without a place" if left.site is None else f"at {left.site.removeprefix(LINK)} {left.axis}"
-    size = "" if left.std is None else f", {number(left.std, 2)} {left.unit} from pose to pose"
-    others = ", ".join(f"{place.site.removeprefix(LINK)} {place.axis}" for place in left.equivalent[:3])
-    also = f" (or {others})" if others else ""
-    return f"Left unexplained: {number(left.rms * 1e3, 3)} mm RMS {where}{size}{also}; no column tells why."
-
-
-def _smallest(smallest: tuple[Smallest, ...]) -> str:
-    least = min(smallest, key=lambda one: one.least)
-    median = float(np.median([one.least for one in smallest]))
-    return (
-        f"Effects would have shown from {number(median * 1e3, 2)} mm RMS at the target "
-        f"(median over laws; {least.effect} from {number(least.least * 1e3, 2)} mm)."
-    )
-
-
 def as_json(found: Trace) -> dict[str, Any]:
     """Return a trace for programs: RMS in mm, parameters SI."""
+    left = found.unexplained
     return {
         "format": "armflex-trace-1",
         **({"unfinished": True} if found.unfinished else {}),
@@ -333,7 +290,15 @@ def as_json(found: Trace) -> dict[str, Any]:
         },
         "held_out_rms_mm": {"calibrated": found.held_out_before * 1e3, "after": found.held_out_after * 1e3},
         "effects": [_effect_json(one) for one in found.found],
-        "unexplained": None if found.unexplained is None else _unexplained_json(found.unexplained),
+        "unexplained": left
+        and {
+            "site": left.site and left.site.removeprefix(LINK),
+            "axis": left.axis,
+            "std": left.std,
+            "unit": left.unit,
+            "rms_mm": left.rms * 1e3,
+            "covariates": [],
+        },
         "not_identifiable": [
             {"effect": one.effect, "site": one.site, "reason": one.reason} for one in found.not_identifiable
         ],
@@ -344,47 +309,40 @@ def as_json(found: Trace) -> dict[str, Any]:
             {"row": one.row, "place": str(one.place), "error_mm": one.error_m * 1e3, "kind": one.kind}
             for one in found.outliers
         ],
-        "held_out_chosen_again_rms_mm": None
-        if found.compared is None
-        else {"calibrated": found.compared.before * 1e3, "after": found.compared.after * 1e3},
-        "withdrawn": [_withdrawn_json(one) for one in found.withdrawn],
+        "held_out_chosen_again_rms_mm": found.compared
+        and {"calibrated": found.compared.before * 1e3, "after": found.compared.after * 1e3},
+        "withdrawn": [
+            {
+                **(
+                    _place_json(one.effect)
+                    if one.effect is not None
+                    else {"effect": "random_twist", "site": one.random.site.removeprefix(LINK), "axis": one.random.axis}
+                ),
+                "held_out_rms_mm": {"calibrated": one.errors[0] * 1e3, "after": one.errors[1] * 1e3},
+            }
+            for one in found.withdrawn
+        ],
     }
-
-
-def _withdrawn_json(one: Withdrawn) -> dict[str, Any]:
-    """Return what was taken out again, and the held-out errors for which it was."""
-    calibrated, after = one.errors
-    if one.effect is not None:
-        what = _place_json(one.effect)
-    else:
-        assert one.random is not None
-        what = {"effect": "random_twist", "site": one.random.site.removeprefix(LINK), "axis": one.random.axis}
-    return {**what, "held_out_rms_mm": {"calibrated": calibrated * 1e3, "after": after * 1e3}}
 
 
 def _effect_json(found: Found) -> dict[str, Any]:
     effect, proof = found.effect, found.proof
-    pairs = zip(effect.named.items(), effect.units, strict=True)
-    sessions = (proof.sessions_before, proof.sessions_after)
+    sessions = {"before": proof.sessions_before, "after": proof.sessions_after}
+    # Nothing determines a value whose standard uncertainty is not finite.
+    std = {name: value for name, value in found.std.items() if value is not None and np.isfinite(value)}
     return {
         **_place_json(effect),
         "parameters": {
-            name: {"value": value, "std": _finite(found.std.get(name)), "unit": unit} for (name, value), unit in pairs
+            name: {"value": value, "std": std.get(name), "unit": unit}
+            for (name, value), unit in zip(effect.named.items(), effect.units, strict=True)
         },
         "held_out_rms_mm": {"before": proof.before * 1e3, "after": proof.after * 1e3},
         "equivalent": [_place_json(rival) for rival, _ in found.equivalent],
-        "held_out_sessions_rms_mm": dict(
-            zip(("before", "after"), (None if rms is None else rms * 1e3 for rms in sessions), strict=True)
-        ),
+        "held_out_sessions_rms_mm": {name: None if rms is None else rms * 1e3 for name, rms in sessions.items()},
         "evidence": found.evidence,
         "chance": proof.null,
         "believed": found.believed,
     }
-
-
-def _finite(std: float | None) -> float | None:
-    """Return a standard uncertainty, None where nothing determines the value."""
-    return std if std is not None and np.isfinite(std) else None
 
 
 def _place_json(effect: Effect) -> dict[str, Any]:
@@ -392,14 +350,3 @@ def _place_json(effect: Effect) -> dict[str, Any]:
     (name, shape), spot = names_of(effect.law), effect.spot
     place = {"effect": name, "site": spot.place, "axis": spot.axis, "covariates": list(spot.covariates)}
     return place | ({"shape": shape} if shape else {}) | ({"partner": spot.partner} if spot.partner else {})
-
-
-def _unexplained_json(left: Unexplained) -> dict[str, Any]:
-    return {
-        "site": None if left.site is None else left.site.removeprefix(LINK),
-        "axis": left.axis,
-        "std": left.std,
-        "unit": left.unit,
-        "rms_mm": left.rms * 1e3,
-        "covariates": [],
-    }

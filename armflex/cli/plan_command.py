@@ -8,25 +8,16 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from armflex.arm import Arm
-from armflex.cli.options import (
-    Command,
-    OutputPath,
-    PathArgument,
-    json_option,
-    progress,
-    show_flags,
-    write_json,
-)
-from armflex.cli.tables import console, number, print_table
-from armflex.conventions import NUMBER, parse_quantity
+from armflex.cli import options
+from armflex.cli.options import InputPath, OutputPath, Quantity
+from armflex.cli.terminal import number, print_table, progress, say, show_flags
+from armflex.conventions import NUMBER
 from armflex.errors import InputError
+from armflex.files.arm_file import load_arm
 from armflex.measured.measurements import read_measurements
 from armflex.parameters import Kind
 from armflex.picture import check_ending
 from armflex.plan import draw_plan, plan, write_plan
-from armflex.plan.advice import Blind
-from armflex.plan.rivals import Rival
 from armflex.trajectory import read_trajectory
 
 if TYPE_CHECKING:
@@ -36,13 +27,13 @@ MOST_LINES = 10
 """Parameters that are shown on the terminal; --json has all."""
 
 
-@click.command(cls=Command)
-@click.argument("arm_path", metavar="ARM", type=PathArgument)
+@click.command(cls=options.Command)
+@click.argument("arm_path", metavar="ARM", type=InputPath)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Rows to measure, with x y z to be filled in.")
 @click.option("--rows", type=int, default=20, show_default=True, help="Positions that will be read.")
-@click.option("--after", "after_path", type=PathArgument, metavar="MEAS.csv", help="What was measured already.")
+@click.option("--after", "after_path", type=InputPath, metavar="MEAS.csv", help="What was measured already.")
 @click.option(
-    "--along", "along_path", type=PathArgument, metavar="TRAJ.csv", help="Make predictions along this path certain."
+    "--along", "along_path", type=InputPath, metavar="TRAJ.csv", help="Make predictions along this path certain."
 )
 @click.option(
     "--between",
@@ -59,11 +50,21 @@ MOST_LINES = 10
     metavar="NAME=LOW,HIGH",
     help="Values that can be set of what effects depend on; once for each name.",
 )
-@click.option("--sigma", metavar="0.2mm", help="Of a position read; that of MEAS.csv, else 0.2mm, where left out.")
-@click.option("--floor", metavar="0.5m", help="Lowest height of the tip in the base frame.")
+@click.option(
+    "--sigma",
+    type=Quantity("length"),
+    metavar="0.2mm",
+    help="Of a position read; that of MEAS.csv, else 0.2mm, where left out.",
+)
+@click.option(
+    "--floor",
+    type=Quantity("length"),
+    default=-np.inf,
+    metavar="0.5m",
+    help="Lowest height of the tip in the base frame.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the rows that are offered.")
 @click.option("--picture", type=OutputPath(), metavar="PLAN.png", help="Draw certainty against readings, and where.")
-@json_option
 def command(
     arm_path: Path,
     output: Path,
@@ -73,11 +74,8 @@ def command(
     between: str | None,
     payloads: str | None,
     covariates: tuple[str, ...],
-    sigma: str | None,
-    floor: str | None,
-    seed: int,
     picture: Path | None,
-    json_path: Path | None,
+    **given: Any,
 ) -> None:
     """The rows to measure next, in the order to drive them, and what they will tell.
 
@@ -86,40 +84,27 @@ def command(
     """
     if picture is not None:
         check_ending(picture)  # before minutes of work
-    arm = _declared(arm_path)
+    if arm_path.suffix != ".toml":
+        raise InputError(f"{arm_path}: plan needs an arm.toml, whose [prior] says what is not known")
+    arm = load_arm(arm_path)
     asked = {
         "after": None if after_path is None else read_measurements(after_path, arm),
         "along": None if along_path is None else read_trajectory(along_path, arm),
-        "between": None if between is None else _pair(between),
+        "between": None if between is None else tuple(part.strip() for part in between.split(",")),
         "payloads": None if payloads is None else [name.strip() for name in payloads.split(",")],
         "covariates": _levels(covariates),
-        "sigma": None if sigma is None else parse_quantity(sigma, "length"),
-        "floor": -np.inf if floor is None else parse_quantity(floor, "length"),
     }
+    if between is not None and (len(asked["between"]) != 2 or not all(asked["between"])):
+        raise InputError(f"--between: {between!r} is not of the form E1,E2, such as backlash:A2,friction_windup:A2")
     with progress("planning") as tick:
-        found = plan(arm, rows, seed=seed, progress=tick, **asked)
+        found = plan(arm, rows, progress=tick, **asked, **given)
     write_plan(found, output)
     if picture is not None:
         draw_plan(found, picture)
     print_plan(found)
     show_flags(found.flags)
-    write_json(json_path, as_json(found))
-    console().print(f"Written to {' and '.join(str(path) for path in (output, picture) if path)}.")
-
-
-def _declared(path: Path) -> Arm:
-    from armflex.files.arm_file import load_arm
-
-    if path.suffix != ".toml":
-        raise InputError(f"{path}: plan needs an arm.toml, whose [prior] says what is not known")
-    return load_arm(path)
-
-
-def _pair(text: str) -> tuple[str, str]:
-    names = tuple(part.strip() for part in text.split(","))
-    if len(names) != 2 or not all(names):
-        raise InputError(f"--between: {text!r} is not of the form E1,E2, such as backlash:A2,friction_windup:A2")
-    return names
+    options.write_json(as_json(found))
+    say(f"Written to {' and '.join(str(path) for path in (output, picture) if path)}.")
 
 
 def _levels(texts: tuple[str, ...]) -> dict[str, list[float]]:
@@ -138,44 +123,32 @@ def _levels(texts: tuple[str, ...]) -> dict[str, list[float]]:
 
 def print_plan(found: Plan) -> None:
     """Print what will be reached, against poses at random, which parameters gain most, and what cannot be told."""
-    out, goal = console(), found.goal
     count, stops = len(found.worth), len(found.rows)
     before, after = (found.figure(value) for value in found.reached[[0, -1]])
     run_ups = f", and {stops - count} stops to come from the right side" if stops > count else ""
-    out.print(f"{count} rows to read{run_ups}; noise {number(float(found.reach.sigma.max()) * 1e3, 2)} mm")
-    out.print(f"{goal.title}: now {before}, after the rows {after}; {_at_random(found)}")
+    say(f"{count} rows to read{run_ups}; noise {number(float(found.reach.sigma.max()) * 1e3, 2)} mm")
+    if found.random_rows is None:
+        reached = found.figure(found.random.mean(axis=0)[-1])
+        at_random = f"{found.random.shape[1] - 1} poses at random reach {reached}"
+    else:
+        at_random = f"as much as {found.random_rows} poses at random"
+    say(f"{found.goal.title}: now {before}, after the rows {after}; {at_random}")
     left = sum(found.offered.dropped.values())
     if left:
         reasons = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in found.offered.dropped.items())
-        out.print(f"Of {left + len(found.offered.rows)} rows offered {left} were left out: {reasons}.")
+        say(f"Of {left + len(found.offered.rows)} rows offered {left} were left out: {reasons}.")
     for rival in found.rivals:
-        out.print(f"{rival.name} {_sizes(rival)}, {rival.source}")
-    rows = [[p["name"], number(p["before"], 3), number(p["after"], 3), p["unit"]] for p in _gaining(found)]
+        named = zip(rival.suspect.labels, rival.size, rival.suspect.units, strict=True)
+        sizes = ", ".join(f"{label} {value:.3g} {unit}" for label, value, unit in named if value)
+        say(f"{rival.name} {sizes}, {rival.source}")
+    places = (Kind.INSTRUMENT, Kind.SESSION)  # where the instrument stands is no gain
+    others = {one.label for one in found.model.parameters if one.group.kind in places}
+    gaining = [one for one in _parameters(found) if one["name"] not in others and not found.rivals]
+    gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:MOST_LINES]
+    rows = [[p["name"], number(p["before"], 3), number(p["after"], 3), p["unit"]] for p in gaining]
     if rows:
         print_table("Expected to become more certain, most first", ["parameter", "± now", "± after", "unit"], rows)
-    for line in found.advice:
-        out.print(line)
-
-
-def _at_random(found: Plan) -> str:
-    if found.random_rows is None:
-        most = found.random.shape[1] - 1
-        reached = found.figure(found.random.mean(axis=0)[-1])
-        return f"{most} poses at random reach {reached}"
-    return f"as much as {found.random_rows} poses at random"
-
-
-def _sizes(rival: Any) -> str:
-    named = zip(rival.suspect.labels, rival.size, rival.suspect.units, strict=True)
-    return ", ".join(f"{label} {value:.3g} {unit}" for label, value, unit in named if value)
-
-
-def _gaining(found: Plan) -> list[dict[str, Any]]:
-    """Return the parameters that gain most, but for the instrument's place."""
-    places = (Kind.INSTRUMENT, Kind.SESSION)
-    others = {one.label for one in found.model.parameters if one.group.kind in places}
-    known = [one for one in _parameters(found) if one["name"] not in others]
-    return sorted(known, key=lambda p: p["after"] / p["before"])[:MOST_LINES] if not found.rivals else []
+    say(*found.advice)
 
 
 def _parameters(found: Plan) -> list[dict[str, Any]]:
@@ -193,45 +166,50 @@ def _parameters(found: Plan) -> list[dict[str, Any]]:
 
 def as_json(found: Plan) -> dict[str, Any]:
     """Return a plan for programs, SI; what was reached is as the terminal shows it."""
-    rows, read = found.rows, iter(found.worth.tolist())
+    goal, rows, read = found.goal, found.rows, iter(found.worth.tolist())
+    worth = [next(read) if measured else None for measured in rows.measured]
     return {
         "format": "armflex-plan-1",
         "rows": len(found.worth),
-        "stops": [_stop(rows, i, next(read) if rows.measured[i] else None) for i in range(len(rows))],
+        "stops": [
+            {
+                "pose": rows.pose[i],
+                "read": worth[i] is not None,
+                "payload": rows.payload[i],
+                "q": dict(zip(rows.joint_names, rows.q[i].tolist(), strict=True)),
+                "worth": worth[i],
+            }
+            for i in range(len(rows))
+        ],
         "sigma_m": found.reach.sigma.tolist(),
-        "goal": found.goal.title,
-        "expected": _expected(found),
+        "goal": goal.title,
+        "expected": {
+            "reached": goal.shown(found.reached).tolist(),
+            "random": goal.shown(found.random.mean(axis=0)).tolist(),
+            "everything": float(goal.shown(found.everything)),
+            "random_rows": found.random_rows,
+        },
         "parameters": _parameters(found),
-        "separation_sigmas": float(found.goal.shown(found.reached[-1])) if found.rivals else None,
-        "between": [_rival(rival) for rival in found.rivals],
-        "not_told": [_untold(blind) for blind in found.blind],
+        "separation_sigmas": float(goal.shown(found.reached[-1])) if found.rivals else None,
+        "between": [
+            {
+                "name": rival.name,
+                "size": dict(zip(rival.suspect.labels, rival.size.tolist(), strict=True)),
+                "source": rival.source,
+            }
+            for rival in found.rivals
+        ],
+        "not_told": [
+            {
+                "parameter": blind.name,
+                "moves_mm": blind.moves * 1e3,
+                "trades_against": list(blind.partners),
+                "instead": blind.instead,
+            }
+            for blind in found.blind
+        ],
         "advice": list(found.advice),
         "left_out": dict(found.offered.dropped),
         "motion": {"ordered": found.way[0], "as_chosen": found.way[1]},
         "flags": [str(flag) for flag in found.flags],
     }
-
-
-def _expected(found: Plan) -> dict[str, Any]:
-    goal = found.goal
-    return {
-        "reached": goal.shown(found.reached).tolist(),
-        "random": goal.shown(found.random.mean(axis=0)).tolist(),
-        "everything": float(goal.shown(found.everything)),
-        "random_rows": found.random_rows,
-    }
-
-
-def _rival(rival: Rival) -> dict[str, Any]:
-    size = dict(zip(rival.suspect.labels, rival.size.tolist(), strict=True))
-    return {"name": rival.name, "size": size, "source": rival.source}
-
-
-def _untold(blind: Blind) -> dict[str, Any]:
-    moves = {"moves_mm": blind.moves * 1e3, "trades_against": list(blind.partners)}
-    return {"parameter": blind.name, **moves, "instead": blind.instead}
-
-
-def _stop(rows: Any, i: int, worth: float | None) -> dict[str, Any]:
-    q = dict(zip(rows.joint_names, rows.q[i].tolist(), strict=True))
-    return {"pose": rows.pose[i], "read": worth is not None, "payload": rows.payload[i], "q": q, "worth": worth}

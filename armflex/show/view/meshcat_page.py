@@ -23,8 +23,7 @@ from meshcat.commands import SetAnimation, SetObject, SetProperty, SetTransform
 from meshcat.path import Path as ScenePath
 
 from armflex.printable import printable
-
-from .scene import (
+from armflex.show.view.scene_3d import (
     Camera,
     LegendRow,
     Marker,

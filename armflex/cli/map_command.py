@@ -9,20 +9,9 @@ import click
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.cli.options import (
-    Choice,
-    Command,
-    OutputPath,
-    PathArgument,
-    arm_argument,
-    covariates_option,
-    json_option,
-    progress,
-    show_flags,
-    was_interrupted,
-    write_json,
-)
-from armflex.cli.tables import complain, console, number, print_table
+from armflex.cli import options
+from armflex.cli.main import was_interrupted
+from armflex.cli.terminal import complain, number, print_table, progress, say, show_flags
 from armflex.conventions import Array, parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
@@ -33,46 +22,46 @@ from armflex.tasks.workspace.map_file import SUFFIXES
 from armflex.tasks.workspace.workspace_map import CHUNK, VERDICTS
 
 DRAWS = "Arms drawn from what is known of this one, asked as well: a voxel is ok only where all are."
+STORE = "Keep finished chunks: the same command goes on there."
+Output = options.OutputPath
 
 
-@click.command(cls=Command)
-@arm_argument
-@click.option("-o", "--output", required=True, type=OutputPath(), help="MAP.safetensors with everything, or MAP.csv.")
+@click.command(cls=options.Command)
+@options.arm
+@click.option("-o", "--output", required=True, type=Output(), help="MAP.safetensors with everything, or MAP.csv.")
 @click.option("--rows", type=int, default=1 << 16, show_default=True, help="Configurations within the joint limits.")
 @click.option("--payload", "payloads", default="none", show_default=True, metavar="A,B", help="Carried in turn.")
 @click.option("--tolerance", metavar="5mm", help="Largest displacement of the tip, with unit, for the verdicts.")
 @click.option("--voxel", metavar="200mm", help="Edge of a voxel, with unit; a round one is chosen otherwise.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the configurations.")
 @click.option("--jobs", type=int, default=1, show_default=True, help="Processes; -1 for one on each core.")
-@click.option("--store", type=PathArgument, metavar="DIR", help="Keep finished chunks: the same command goes on there.")
+@click.option("--store", type=options.InputPath, metavar="DIR", help=STORE)
 @click.option("--chunk", type=int, default=CHUNK, show_default=True, help="Configurations in a chunk, a power of two.")
-@click.option("--picture", type=OutputPath(), metavar="MAP.png", help="Draw the map.")
-@click.option("--page", type=OutputPath(), metavar="MAP.html", help="Write a page in which the map can be turned.")
-@click.option("--method", type=Choice(METHODS), default="exact", show_default=True)
+@click.option("--picture", type=Output(), metavar="MAP.png", help="Draw the map.")
+@click.option("--page", type=Output(), metavar="MAP.html", help="Write a page in which the map can be turned.")
+@click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
 @click.option("--uncertainty/--no-uncertainty", default=True, show_default=True, help="Of the worst in every voxel.")
 @click.option("--draws", type=int, default=0, show_default=True, help=DRAWS)
 @click.option("--strict", is_flag=True, help="Refuse loads beyond those that a trained law has seen.")
-@covariates_option
-@json_option
+@options.covariates
 def command(
     arm: Arm,
     output: Path,
     payloads: str,
     tolerance: str | None,
     voxel: str | None,
-    store: Path | None,
     picture: Path | None,
     page: Path | None,
-    covariates: dict[str, float],
-    json_path: Path | None,
     **settings: Any,
 ) -> int:
     """The tip's largest displacement in every voxel of the workspace, its uncertainty, and the margin left.
 
     Configurations that have no equilibrium are counted by reason; with --tolerance they fail.
     """
+    # Before hours of work: a file that could not be written after them. Inputs end otherwise.
     for path, endings in ((output, SUFFIXES), (picture, PICTURES), (page, (".html",))):
-        _check_ending(path, endings)
+        if path is not None and path.suffix not in endings:
+            raise InputError(f"{path}: expected a name that ends in {' or '.join(endings)}")
     limit, edge = (None if text is None else parse_quantity(text, "length") for text in (tolerance, voxel))
     names = [name.strip() for name in payloads.split(",")]
     if limit is not None and limit <= 0.0:
@@ -81,67 +70,54 @@ def command(
         raise InputError("--jobs is 0: expected a number of processes, or -1")
     try:
         with progress("mapping") as tick:
-            found = map_workspace(arm, names, voxel=edge, store=store, covariates=covariates, progress=tick, **settings)
+            found = map_workspace(arm, names, voxel=edge, progress=tick, **settings)
     except BaseException as error:
-        if store is not None and was_interrupted(error):
-            complain(f"finished chunks are kept in {store}: the same command goes on from there")
+        if settings["store"] is not None and was_interrupted(error):
+            complain(f"finished chunks are kept in {settings['store']}: the same command goes on from there")
         raise
     write_map(found, output, limit)
     if picture is not None:
         draw_map(arm, found, picture, limit)
     if page is not None:
-        map_page(arm, found, page, limit, covariates)
+        map_page(arm, found, page, limit, settings["covariates"])
     print_map(found, limit)
     show_flags(found.flags)
-    write_json(json_path, as_json(found, limit))
+    options.write_json(as_json(found, limit))
     return 0 if limit is None or (found.verdicts(limit) == "ok").all() else 1
-
-
-def _check_ending(path: Path | None, endings: tuple[str, ...]) -> None:
-    """Raise `InputError` before hours of work where a file could not be written after them; inputs end otherwise."""
-    if path is not None and path.suffix not in endings:
-        raise InputError(f"{path}: expected a name that ends in {' or '.join(endings)}")
 
 
 def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
     """Print what was asked, what was refused, and where the tip moves most."""
     asked = f"{found.rows} configurations, payload {', '.join(found.payloads)}"
     asked += f", {found.draws} draws of the arm" if found.draws else ""
-    console().print(f"base {found.base}, tip {found.tip}; {asked}; {len(found)} voxels of {found.voxel:g} m", "")
+    say(f"base {found.base}, tip {found.tip}; {asked}; {len(found)} voxels of {found.voxel:g} m", "")
     counts = found.refused.sum(axis=0)
     for reason, count in zip(found.reasons, counts, strict=True):
         if count:
-            console().print(f"{count} of {found.answered.sum() + counts.sum()} refused: {reason.replace('_', ' ')}")
+            say(f"{count} of {found.answered.sum() + counts.sum()} refused: {reason.replace('_', ' ')}")
     if tolerance is not None:
-        title = f"Voxels against {tolerance * 1e3:g} mm"
-        print_table(title, ["verdict", "voxels", "share"], _verdict_rows(found, tolerance))
-    if found.answered.any():
-        _print_worst(found, tolerance)
-
-
-def _verdict_rows(found: WorkspaceMap, tolerance: float) -> list[list[str]]:
-    verdicts = found.verdicts(tolerance)
-    counts = [(name, int((verdicts == name).sum())) for name in VERDICTS]
-    return [[name, str(count), f"{count / len(found):.1%}"] for name, count in counts]
-
-
-def _print_worst(found: WorkspaceMap, tolerance: float | None) -> None:
+        shares = [
+            [name, str(count), f"{count / len(found):.1%}"] for name, count in _verdicts(found, tolerance).items()
+        ]
+        print_table(f"Voxels against {tolerance * 1e3:g} mm", ["verdict", "voxels", "share"], shares)
+    if not found.answered.any():
+        return
     here = found.worst_voxel
     sigma = "" if found.sigma is None else f" ± {number(found.sigma[here] * 1e3, 2)}"
     left = "" if tolerance is None else f", {number((tolerance - found.worst[here]) * 1e3, 3)} mm to the tolerance"
     place = ", ".join(f"{x:.3g}" for x in found.centres[here])
-    console().print(f"The tip moves most, {number(found.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
+    say(f"The tip moves most, {number(found.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
     q = " ".join(f"{joint}={x:.4f}" for joint, x in zip(found.joints, found.worst_q[here], strict=True))
-    console().print(f"  {q}, payload {found.payloads[found.worst_payload[here]]}")
+    say(f"  {q}, payload {found.payloads[found.worst_payload[here]]}")
     if found.worst_of_draws is not None:
         most = found.worst_of_draws[here]
-        said = f"{number(most * 1e3)} mm" if np.isfinite(most) else "one has no answer"
-        console().print(f"  the worst of {found.draws} draws there: {said}")
+        most_said = f"{number(most * 1e3)} mm" if np.isfinite(most) else "one has no answer"
+        say(f"  the worst of {found.draws} draws there: {most_said}")
 
 
 def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
     """Return the summary of a map for programs, SI."""
-    some = bool(found.answered.any())
+    here = found.worst_voxel if found.answered.any() else None
     summary = {
         "format": "armflex-map-1",
         "base": found.base,
@@ -155,27 +131,29 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
         "voxels": len(found),
         "answered": int(found.answered.sum()),
         "refused": dict(zip(found.reasons, found.refused.sum(axis=0).tolist(), strict=True)),
-        "mean_m": float(np.nansum(found.mean * found.answered) / found.answered.sum()) if some else None,
-        "worst": _worst_json(found) if some else None,
+        "mean_m": None if here is None else float(np.nansum(found.mean * found.answered) / found.answered.sum()),
+        "worst": None
+        if here is None
+        else {
+            "displacement_m": float(found.worst[here]),
+            "sigma_m": _finite(found.sigma, here),
+            "centre": found.centres[here].tolist(),
+            "q": found.worst_q[here].tolist(),
+            "payload": found.payloads[found.worst_payload[here]],
+            "worst_of_draws_m": _finite(found.worst_of_draws, here),
+        },
         "worst_of_draws_m": _finite(found.worst_of_draws),
         "flags": [str(flag) for flag in found.flags],
     }
     if tolerance is not None:
-        verdicts = found.verdicts(tolerance)
-        summary |= {"tolerance_m": tolerance, "verdicts": {name: int((verdicts == name).sum()) for name in VERDICTS}}
+        summary |= {"tolerance_m": tolerance, "verdicts": _verdicts(found, tolerance)}
     return summary
 
 
-def _worst_json(found: WorkspaceMap) -> dict[str, Any]:
-    here = found.worst_voxel
-    return {
-        "displacement_m": float(found.worst[here]),
-        "sigma_m": _finite(found.sigma, here),
-        "centre": found.centres[here].tolist(),
-        "q": found.worst_q[here].tolist(),
-        "payload": found.payloads[found.worst_payload[here]],
-        "worst_of_draws_m": _finite(found.worst_of_draws, here),
-    }
+def _verdicts(found: WorkspaceMap, tolerance: float) -> dict[str, int]:
+    """Return how many voxels have each verdict."""
+    verdicts = found.verdicts(tolerance)
+    return {name: int((verdicts == name).sum()) for name in VERDICTS}
 
 
 def _finite(values: Array | None, here: int | slice = slice(None)) -> float | None:

@@ -1,0 +1,110 @@
+"""armflex compensate: joint positions that cancel the sag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.cli import options
+from armflex.cli.terminal import no_via_points, number, print_table, progress, say, show_flags
+from armflex.tasks.compensate import Compensation, compensate
+from armflex.trajectory import read_trajectory, write_trajectory
+
+MOST_ROWS = 40
+"""Of a table on a screen."""
+
+
+@click.command(cls=options.Command)
+@options.arm
+@click.argument("trajectory_path", metavar="TRAJ.csv", type=options.InputPath)
+@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Compensated trajectory to write.")
+@click.option("--match", type=options.Choice(["position", "pose"]), default="position", show_default=True)
+@click.option("--between", type=options.Quantity("length"), metavar="0.1mm",
+              help="Insert rows until the error halfway between rows is below this.")  # fmt: skip
+@click.option("--best-effort", is_flag=True, help="Write the best feasible rows where others cannot be reached.")
+@options.covariates
+def command(
+    arm: Arm,
+    trajectory_path: Path,
+    output: Path,
+    match: str,
+    between: float | None,
+    best_effort: bool,
+    covariates: dict[str, float],
+) -> int:
+    """Put the loaded, deflected tip where the rigid arm would have been, and say what remains.
+
+    Nothing is written where a row cannot be reached, unless --best-effort is given.
+    """
+    trajectory = read_trajectory(trajectory_path, arm)
+    with progress("compensating") as tick:
+        asked = {"best_effort": True, "between": between, "covariates": covariates}
+        found = compensate(arm, trajectory, match, progress=tick, **asked)
+    say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
+    print_compensation(found)
+    show_flags(found.flags)
+    as_they_are, arrays = ("time", "via", "reached", "smallest", "reason"), ("before", "after", "change")
+    options.write_json(
+        {
+            "format": "armflex-compensate-1",
+            "ok": found.ok,
+            "match": found.match,
+            "between_m": found.between_m,
+            "rows": [
+                {name: getattr(row, name) for name in as_they_are}
+                | {name: getattr(row, name).tolist() for name in arrays}
+                | {"sigma_min": row.sigma_min}
+                for row in found.rows
+            ],
+            "flags": [str(flag) for flag in found.flags],
+            "base": arm.robot.base,
+            "tip": arm.robot.tip,
+        }
+    )
+    if found.ok or best_effort:
+        write_trajectory(found.trajectory, output)
+        say(f"Written to {output}.")
+    else:
+        say("Nothing is written; --best-effort writes the feasible rows.")
+    return 0 if found.ok else 1
+
+
+def print_compensation(found: Compensation) -> None:
+    """Print the via-points before and after, what was not reached, and the worst of the path.
+
+    Where the path names no via-points, its first and last row and the one where most remains stand for it.
+    """
+    before, after = (
+        np.linalg.norm([getattr(row, name)[:3] for row in found.rows], axis=1) for name in ("before", "after")
+    )
+    worst = found.rows[int(np.argmax(after))]
+    stand_in = []
+    if not any(row.via for row in found.rows):
+        say(no_via_points("its first and last row, that where most remains, and what is not reached"))
+        stand_in = [found.rows[0], worst, found.rows[-1]]
+    shown = [
+        [
+            row.via or "-",
+            f"{row.time:g}",
+            number(float(shift_before) * 1e3),
+            number(float(shift_after) * 1e3, 2),
+            *(number(float(np.linalg.norm(error[3:])) * 1e3, 3) for error in (row.before, row.after)),
+            number(float(np.abs(row.change).max()), 3),
+            "reached" if row.reached else row.reason,
+        ]
+        for row, shift_before, shift_after in zip(found.rows, before, after, strict=True)
+        if row.via or not row.reached or any(row is one for one in stand_in)
+    ]
+    columns = ["row", "time s", "before mm", "remains mm", "before mrad", "remains mrad", "most rad or m", "result"]
+    print_table(f"Tip error, matching {found.match}", columns, shown[:MOST_ROWS])
+    if hidden := shown[MOST_ROWS:]:
+        missed = sum(row[-1] != "reached" for row in hidden)
+        say(f"... and {len(hidden)} more via-points and rows not reached, {missed} of them not reached.")
+    reached = sum(row.reached for row in found.rows)
+    largest = f"largest error {number(before.max() * 1e3)} mm before, {number(after.max() * 1e3, 2)} mm after"
+    say(f"{reached} of {len(found.rows)} rows reached; {largest}.")
+    if found.between_m is not None:
+        say(f"Halfway between rows of one payload up to {number(found.between_m * 1e3, 3)} mm remain.")

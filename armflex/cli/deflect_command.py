@@ -1,0 +1,107 @@
+"""armflex deflect: one configuration, everything about it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.cli import options
+from armflex.cli.terminal import number, print_table, say, show_flags
+from armflex.conventions import Array
+from armflex.estimate.tip_uncertainty import total_covariance
+from armflex.laws.effects.remember import settled
+from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.equilibrium import METHODS
+from armflex.mechanics.loads import Wrench
+from armflex.tasks.check import overload
+from armflex.trajectory import check_approaches
+
+
+@click.command(cls=options.Command)
+@options.arm
+@click.option("--q", "positions", default="", metavar="A1=0.3,A4=-10deg",
+              help="Joint positions; others are 0, or in the middle of limits that 0 is outside of.")  # fmt: skip
+@click.option("--payload", default="none", show_default=True, help="Name of a payload in ARM.")
+@click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ", help="Dead load in base axes, with unit.")
+@click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
+@click.option("--strict", is_flag=True, help="Refuse loads beyond those that a trained law has seen.")
+@click.option("--allow-large", is_flag=True, help="Go on where a flexure turns by more than 0.1 rad.")
+@options.covariates
+def command(
+    arm: Arm, positions: str, payload: str, forces: tuple[str, ...], covariates: dict[str, float], **how: Any
+) -> None:
+    """Loads at every joint, local deflections, and the end-effector's displacement.
+
+    A temperature that an effect of the arm lags behind is taken as settled.
+    """
+    check_approaches(covariates, arm.joint_names)
+    wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(options.parse_force, forces)]
+    q = options.parse_positions(positions, arm)
+    found = arm.deflection(q, payload, covariates=settled(arm, covariates), wrenches=wrenches, **how)
+    covariance, doubts = total_covariance(found)
+    print_deflection(arm, found, covariance)
+    flags = (*found.flags, *overload(arm, found), *doubts)
+    show_flags(flags)
+    loads = ("joint_loads", "wrenches", "twists", "contributions", "corrected", "remainder", "displacement")
+    options.write_json(
+        {
+            "format": "armflex-deflect-1",
+            "payload": payload,
+            "base": found.names.base,
+            "tip": found.names.tip,
+            "method": found.method,
+            "joint_names": list(found.names.joints),
+            "flexure_names": list(found.names.flexures),
+            "q": found.q.tolist(),
+            **{name: getattr(found, name).tolist() for name in loads},
+            "covariance": None if covariance is None else covariance.tolist(),
+            "compliance": found.compliance.tolist(),
+            "pose": found.pose.homogeneous.tolist(),
+            "rigid_pose": found.rigid_pose.homogeneous.tolist(),
+            "flags": [str(flag) for flag in flags],
+        }
+    )
+
+
+def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> None:
+    """Print the loads, the local deflections and the tip's displacement with its (6, 6) covariance."""
+    names = found.names
+    say(f"base {names.base}, tip {names.tip}, payload {found.payload.mass:g} kg, {found.method}", "")
+    joints = zip(arm.robot.moving, found.q, found.joint_loads, arm.drive_shares(found), strict=True)
+    print_table(
+        "Load at every joint, on the structure, in its child frame",
+        ["joint", "q", "fx kN", "fy kN", "fz kN", "mx kNm", "my kNm", "mz kNm", "drive / limit"],
+        [
+            [joint.name, number(q), *(number(x / 1e3) for x in load), "-" if np.isinf(joint.effort) else f"{share:.0%}"]
+            for joint, q, load, share in joints
+        ],
+    )
+    if not names.flexures:
+        say("No flexure is declared: the arm is rigid and its tip does not move.")
+        return
+    shift, left = (float(np.linalg.norm(motion[:3])) for motion in (found.displacement, found.remainder))
+    rows = [
+        [name, *(number(x * 1e3) for x in twist), number(share * 1e3)]
+        for name, twist, share in zip(names.flexures, found.twists, found.shares(), strict=True)
+    ]
+    if found.corrected.any():
+        along = found.displacement[:3] / (shift or 1.0)
+        rows.append(["calibrated geometry", *["-"] * 6, number(float(found.corrected[:3] @ along) * 1e3)])
+    print_table(
+        "Local deflection of every flexure, and its share of the tip's displacement",
+        ["flexure", "dx mm", "dy mm", "dz mm", "rx mrad", "ry mrad", "rz mrad", "share mm"],
+        rows,
+    )
+    sigmas = ["none"] * 6 if covariance is None else [number(x * 1e3, 2) for x in np.sqrt(np.diag(covariance))]
+    components = zip(("x", "y", "z", "rx", "ry", "rz"), found.displacement, sigmas, strict=True)
+    print_table(
+        "Tip: flexed minus rigid, base axes",
+        ["", "displacement", "std. uncertainty", "unit"],
+        [[name, number(x * 1e3, 6), sigma, "mrad" if "r" in name else "mm"] for name, x, sigma in components],
+    )
+    say(
+        f"The tip moves {number(shift * 1e3)} mm; the shares are first order and miss {number(left * 1e3, 2)} mm of it."
+    )

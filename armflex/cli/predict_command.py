@@ -1,0 +1,27 @@
+"""armflex predict: where the tip will be, for every row of a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from armflex.arm import Arm
+from armflex.cli import options
+from armflex.cli.terminal import progress, say, show_flags
+from armflex.tasks.predict import predict_file
+
+
+@click.command(cls=options.Command)
+@options.arm
+@click.argument("rows_path", metavar="ROWS.csv", type=options.InputPath)
+@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Table to write.")
+@options.covariates
+def command(arm: Arm, rows_path: Path, output: Path, covariates: dict[str, float]) -> None:
+    """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
+    with progress("predicting") as tick:
+        rows, flags = predict_file(arm, rows_path, output, tick, covariates)
+    show_flags(flags)
+    summary = {"format": "armflex-predict-1", "rows": rows, "base": arm.robot.base, "tip": arm.robot.tip}
+    options.write_json(summary | {"flags": [str(flag) for flag in flags]})
+    say(f"{rows} rows written to {output} (base {arm.robot.base}, tip {arm.robot.tip}).")

@@ -1,0 +1,162 @@
+"""armflex train: a joint's table into a law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from click.core import ParameterSource
+
+from armflex.bench.fit_linear import STRUCTURES
+from armflex.bench.learners import CONCERNS, MODELS, SAMPLERS, Options, affordable_starts, rivals
+from armflex.bench.training import CHOICE, TrainResult, train
+from armflex.cli import options
+from armflex.cli.terminal import complain, number, print_table, progress, say, show_flags
+from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
+from armflex.errors import InputError
+from armflex.laws.declared import read_assembly
+from armflex.laws.law_file import save_law
+from armflex.measured.joint_data import read_joint_data
+
+
+def learning_options(command: Callable) -> Callable:
+    """Add what models are learned with, each option saying which models it concerns."""
+    whole, chosen = click.IntRange, options.Choice
+    for name, kind, default, text in reversed(
+        [
+            ("structure", chosen(STRUCTURES), "full", "Of the compliance"),
+            ("features", str, "radial,magnitude", "What deflections are linear in beside the load; found looks for it"),
+            ("neurons", whole(1, 200), 20, "In the hidden layer"),
+            ("starts", whole(1, 100), 10, "Trainings, of which the best is kept"),
+            ("prior", chosen(("evidence", "none")), "evidence", "none trains plainly, as the paper does"),
+            ("sampler", chosen(SAMPLERS), None, "How a posterior is found"),
+            ("seed", whole(0), 0, "Of everything random"),
+            ("assembly", options.InputPath, None, "TOML with nodes, sub-joints and beams"),
+            ("module", str, None, "FILE.py:CLASS of your own torch.nn.Module, made without arguments; its code is run"),
+        ]
+    ):
+        given = {"type": kind, "default": default, "show_default": True}
+        concerned = f" ({', '.join(CONCERNS[name])})" if name in CONCERNS else ""
+        command = click.option(f"--{name}", help=f"{text}{concerned}.", **given)(command)
+    text = f"Take a chain that has not converged ({', '.join(CONCERNS['allow_unconverged'])})."
+    return click.option("--allow-unconverged", is_flag=True, help=text)(command)
+
+
+@click.command(cls=options.Command)
+@click.argument("data_path", metavar="JOINT.csv", type=options.InputPath)
+@click.option("--model", type=options.Choice(MODELS), default="linear", show_default=True)
+@learning_options
+@click.option("--read-as", multiple=True, metavar="mm=um", help="Take one unit of the header for another.")
+@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Law to write (.safetensors).")
+def command(
+    data_path: Path,
+    model: str,
+    structure: str,
+    features: str,
+    assembly: Path | None,
+    read_as: tuple[str, ...],
+    output: Path,
+    **others: Any,
+) -> None:
+    """Learn a joint deformation model, with its error on rows it has not seen.
+
+    JOINT.csv has loads fx fy fz [mx my mz] on the joint and deflections dx dy dz [rx ry rz], each column with its unit,
+    such as fx_kN and dx_mm.
+    """
+    context = click.get_current_context()
+    for option, models in CONCERNS.items():
+        given = context.get_parameter_source(option) is ParameterSource.COMMANDLINE
+        if given and model not in models:
+            name = option.replace("_", "-")
+            raise InputError(f"--{name} does not concern --model {model} (it does: {', '.join(models)})")
+    meant = [text.partition("=") for text in read_as]
+    for text, (_, equals, _) in zip(read_as, meant, strict=True):
+        if not equals:
+            raise InputError(f"--read-as: {text!r} is not of the form mm=um")
+    data = read_joint_data(data_path, {written.strip(): unit.strip() for written, _, unit in meant})
+    if output.suffix != ".safetensors":
+        raise InputError(f"{output}: a law is a .safetensors file; name it so")
+    built = read_assembly(assembly) if assembly else None
+    names = tuple(name.strip() for name in features.split(",") if name.strip())
+    how = Options(features=names, assembly=built, **others)
+    if model == "auto":
+        tried = "; ".join(rival.name for rival in rivals(how))
+        starts = f"from {affordable_starts(how, data.deflections.size)} of {how.starts} starts"
+        complain(
+            f"comparing on {len(data)} rows: {tried}, {starts}: as many as it has measured numbers for each neuron"
+        )
+    with progress("learning") as tick:
+        result = train(data, model, structure, how, tick)
+    print_training(result)
+    show_flags(result.flags)
+    save_law(result.trained, output)
+    options.write_json(as_json(result))
+    say(f'Written to {output}. In an arm.toml: model = "{result.trained.model}", file = "{output.name}"')
+
+
+def print_training(result: TrainResult) -> None:
+    """Print the error per deflection column, every model that was compared, and what was found."""
+    detail = result.parameters.get("chosen") or result.parameters.get("structure", "")
+    called = f"{result.trained.model}{f', {detail}' if detail else ''}"
+    columns = ["deflection", "unit", "training RMS", f"held-out RMS ({result.held_out})"]
+    rows = zip(TWIST_NAMES, result.units, result.train_rms, result.held_out_rms, strict=False)
+    cells = [[name, unit, number(train, 3), number(held, 3)] for name, unit, train, held in rows]
+    print_table(f"{called}, {result.rows} rows", columns, cells)
+    if len(result.compared) > 1:
+        timed = ["took s"] if result.seconds else []
+        cells = [
+            [name, *(number(value, 3) for value in rms), *(f"{result.seconds.get(name, 0.0):.2f}" for _ in timed)]
+            for name, rms in result.compared
+        ]
+        columns = ["model", *TWIST_NAMES[: len(result.units)], *timed]
+        print_table("Compared, held-out RMS on the same folds", columns, cells)
+        if timed:
+            say(
+                f"Choosing anew in every fold, for the held-out error, took {result.seconds[CHOICE]:.2f} s; "
+                "a network is left there as soon as it cannot be chosen any more."
+            )
+    if "compliance" in result.parameters:
+        compliance = np.array(result.parameters["compliance"])
+        print_table(
+            "Compliance (m/N, rad/Nm and mixed)",
+            ["", *(f"per {name}" for name in WRENCH_NAMES[: len(compliance)])],
+            [[name, *(f"{x:.4g}" for x in row)] for name, row in zip(TWIST_NAMES, compliance, strict=False)],
+        )
+    sampled = {name: value for name, value in asdict(result.diagnostics).items() if value is not None}
+    if sampled:
+        say("Sampler: " + ", ".join(f"{name} {number(value, 4)}" for name, value in sampled.items()))
+    if result.coverage_95 is not None:
+        say(f"{result.coverage_95:.0%} of held-out numbers lie inside their 95 % band.")
+
+
+def as_json(result: TrainResult) -> dict[str, Any]:
+    """Return a training for programs; errors in the file's own units."""
+    units = list(dict.fromkeys(result.units))
+    # Two diagnostics and the coverage always stand there; what else there is the sampler that ran adds.
+    sampled = asdict(result.diagnostics)
+    always = {name: sampled.pop(name) for name in ("rhat_max", "ess_min")} | {"coverage_95": result.coverage_95}
+    diagnostics = always | {name: value for name, value in sampled.items() if value is not None}
+    return {
+        "format": "armflex-train-1",
+        "model": result.trained.model,
+        "rows": result.rows,
+        "unit": units[0] if len(units) == 1 else units,
+        "train_rms": result.train_rms.tolist(),
+        "held_out_rms": result.held_out_rms.tolist(),
+        "held_out": result.held_out,
+        "parameters": dict(result.parameters),
+        "diagnostics": {name: _finite(value) for name, value in diagnostics.items()},
+        "compared": [{"model": name, "held_out_rms": [_finite(x) for x in rms]} for name, rms in result.compared],
+        "flags": [str(flag) for flag in result.flags],
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    """Return a number for JSON, null for one that is not finite: of a model that could not be fitted, a stuck chain."""
+    if value is None or isinstance(value, int):
+        return value
+    return float(value) if np.isfinite(value) else None

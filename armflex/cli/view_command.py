@@ -1,0 +1,56 @@
+"""armflex view: a page of the arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from armflex.arm import Arm
+from armflex.cli import options
+from armflex.cli.terminal import progress, say, show_flags
+from armflex.errors import InputError
+from armflex.show.view.arm_page import view
+from armflex.tasks.check import check
+from armflex.trajectory import read_trajectory
+
+
+@click.command(cls=options.Command)
+@options.arm
+@click.option("--traj", "trajectory_path", type=options.InputPath, metavar="TRAJ.csv", help="Animate this trajectory.")
+@click.option("--tolerance", type=options.Quantity("length"), metavar="5mm",
+              help="Colour the via-points by their verdict.")  # fmt: skip
+@click.option("--q", "positions", default="", metavar="A1=0.3", help="Joint positions where no trajectory is given.")
+@click.option("--payload", default="none", show_default=True, help="Carried at --q.")
+@click.option("--magnify", "magnification", type=float,
+              help="Factor on the deflections shown; a round one is chosen otherwise.")  # fmt: skip
+@click.option("--meshes", is_flag=True, help="Draw the URDF's mesh files where they lie beside it.")
+@click.option("-o", "--output", "path", required=True, type=options.OutputPath(), help="HTML page to write.")
+@options.covariates
+def command(
+    arm: Arm,
+    trajectory_path: Path | None,
+    tolerance: float | None,
+    positions: str,
+    payload: str,
+    **shown: Any,
+) -> None:
+    """One self-contained page, made without a display, opened by any browser."""
+    if trajectory_path is None and tolerance is not None:
+        raise InputError("--tolerance goes with --traj")
+    if trajectory_path is not None and (positions or payload != "none"):
+        raise InputError("--traj brings its own positions and payloads: leave --q and --payload out")
+    path, covariates = shown["path"], shown["covariates"]
+    if trajectory_path is None:
+        view(arm, options.parse_positions(positions, arm) if positions else None, payload, **shown)
+    else:
+        trajectory = read_trajectory(trajectory_path, arm)
+        report = None
+        if tolerance is not None:
+            with progress("checking") as tick:
+                report = check(arm, trajectory, tolerance, progress=tick, covariates=covariates)
+        view(arm, trajectory=trajectory, report=report, **shown)
+        show_flags(trajectory.with_constants(arm, covariates).derived_directions(arm))
+    options.write_json({"format": "armflex-view-1", "page": str(path), "base": arm.robot.base, "tip": arm.robot.tip})
+    say(f"Written to {path}; open it in a browser.")
