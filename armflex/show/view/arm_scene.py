@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.mechanics.deflection import Deflection
-from armflex.robot.elements import Link, Visual
 from armflex.robot.tree import joints_by_parent
 from armflex.show.view.meshes import read_mesh
 from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, scene_points
@@ -60,24 +59,18 @@ def arm_scene(
     factor = nice_magnification(arm, motion) if magnification is None else magnification
     shown = motion.frames[motion.worst]
     colors = contribution_colors(shown)
-    shapes = link_shapes(arm, meshes, _travels(arm, motion))
-    nodes = [
-        *_link_nodes(arm, motion, shapes, 0.0, None),
-        *_link_nodes(arm, motion, shapes, factor, colors),
-        *_flexure_nodes(arm, motion, factor, colors),
-        *_payload_nodes(arm, motion, factor),
-    ]
+    times = motion.times
     scene = Scene(
         title=arm.robot.urdf.name,
         subtitle=_subtitle(arm, shown, motion, factor),
-        nodes=tuple(nodes),
+        nodes=tuple(_nodes(arm, motion, factor, colors, meshes)),
         polylines=tuple(_paths(arm, motion, factor)),
         markers=tuple(_markers(arm, trajectory, report)),
         legend_title="Share of each flexure in the tip's displacement" if arm.flexures else "",
         legend=tuple(_legend(shown, colors, trajectory, report, factor)),
         notes=tuple(_notes(arm, shown, motion, factor)),
-        times=motion.times if len(motion.times) > 1 else None,
-        speed=_speed(motion.times),
+        times=times if len(times) > 1 else None,
+        speed=float(max(1.0, round((times[-1] - times[0]) / PLAY_SECONDS))),
     )
     return replace(scene, floor_z=float(scene_points(scene)[:, 2].min()) - 0.02 * arm.robot.reach)
 
@@ -91,63 +84,45 @@ def nice_magnification(arm: Arm, motion: Motion) -> float:
 
 def contribution_colors(found: Deflection) -> dict[str, str]:
     """Return a colour for each flexure by its share along the tip's displacement."""
-    shares = contribution_shares(found)
-    most = max((abs(share) for share in shares.values()), default=0.0) or 1.0
-    return {name: color_at(abs(share) / most) for name, share in shares.items()}
-
-
-def contribution_shares(found: Deflection) -> dict[str, float]:
-    """Return each flexure's shift of the tip along the tip's displacement [m]."""
-    return dict(zip(found.names.flexures, found.shares().tolist(), strict=True))
-
-
-def color_at(fraction: float) -> str:
-    """Return the scale's colour at a fraction from 0 to 1."""
+    shares = np.abs(found.shares())
+    fractions = shares / (shares.max(initial=0.0) or 1.0)
     stops = np.array([[int(stop[i : i + 2], 16) for i in (1, 3, 5)] for stop in SCALE], dtype=float)
-    channels = [np.interp(fraction, np.linspace(0.0, 1.0, len(SCALE)), stops[:, i]) for i in range(3)]
-    return "#" + "".join(f"{round(channel):02x}" for channel in channels)
+    channels = [np.interp(fractions, np.linspace(0.0, 1.0, len(SCALE)), stop) for stop in stops.T]
+    colors = ("#" + "".join(f"{round(channel):02x}" for channel in one) for one in zip(*channels, strict=True))
+    return dict(zip(found.names.flexures, colors, strict=True))
 
 
-def _travels(arm: Arm, motion: Motion) -> dict[str, Array]:
-    """Return, for each link behind a slide, the way back to where it slides out of, at its longest [m]."""
-    furthest = np.abs([frame.q for frame in motion.frames]).max(axis=0)
-    pairs = zip(arm.robot.moving, furthest, strict=True)
-    return {joint.child: -joint.axis * far for joint, far in pairs if joint.kind == "prismatic"}
-
-
-def link_shapes(arm: Arm, meshes: bool, travels: dict[str, Array]) -> dict[str, tuple[Shape, ...]]:
+def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> dict[str, tuple[Shape, ...]]:
     """Return what to draw for each link: its primitives, its meshes on request, else rods to its joints.
 
     A link that slides gets a rod back along its slide, too, so that the arm does not fall apart.
     """
-    drawn = {}
-    children = joints_by_parent(arm.robot.urdf)
-    thick = 0.025 * max(arm.robot.reach, 0.1)
+    drawn, children = {}, joints_by_parent(arm.robot.urdf)
+    radius = 0.025 * max(arm.robot.reach, 0.1)
+    furthest = np.abs([frame.q for frame in motion.frames]).max(axis=0)
+    slides = {
+        joint.child: -joint.axis * far
+        for joint, far in zip(arm.robot.moving, furthest, strict=True)
+        if joint.kind == "prismatic"
+    }
     for name, link in arm.robot.urdf.links.items():
-        shapes = [_shape(arm, visual, meshes) for visual in link.visuals]
-        kept = tuple(shape for shape in shapes if shape is not None)
-        ends = [*(joint.origin for joint in children[name]), *([travels[name]] if name in travels else [])]
-        drawn[name] = kept or tuple(_rods(link, ends, thick))
+        shapes = []
+        for visual in link.visuals:
+            size, color = np.array(visual.size), visual.color or STEEL
+            if visual.kind != "mesh" and size.min() > 0.0:
+                shapes.append(Shape(visual.kind, size, visual.pose, color))
+            elif visual.kind == "mesh" and meshes and (found := read_mesh(arm.robot.urdf.path, visual.mesh or "")):
+                shapes.append(Shape("mesh", size, visual.pose, color, data=found[0], data_format=found[1]))
+        if not shapes:
+            ends = [*(joint.origin for joint in children[name]), *([slides[name]] if name in slides else [])]
+            rods = [(end, float(np.linalg.norm(end))) for end in ends]
+            shapes = [
+                Shape("capsule", np.array([radius, length]), _along(end), STEEL)
+                for end, length in rods
+                if length > 2.0 * radius
+            ]
+        drawn[name] = tuple(shapes)
     return drawn
-
-
-def _shape(arm: Arm, visual: Visual, meshes: bool) -> Shape | None:
-    color = visual.color or STEEL
-    if visual.kind != "mesh" and min(visual.size) <= 0.0:
-        return None
-    if visual.kind != "mesh":
-        return Shape(visual.kind, np.array(visual.size), visual.pose, color)
-    found = read_mesh(arm.robot.urdf.path, visual.mesh or "") if meshes else None
-    if found is None:
-        return None
-    return Shape("mesh", np.array(visual.size), visual.pose, color, data=found[0], data_format=found[1])
-
-
-def _rods(link: Link, ends: list[Array], radius: float) -> Iterator[Shape]:
-    for end in ends:
-        length = float(np.linalg.norm(end))
-        if length > 2.0 * radius:
-            yield Shape("capsule", np.array([radius, length]), _along(end), STEEL)
 
 
 def _along(end: Array) -> Array:
@@ -162,34 +137,44 @@ def _along(end: Array) -> Array:
     return pose
 
 
-def _link_nodes(
-    arm: Arm, motion: Motion, shapes: dict[str, tuple[Shape, ...]], factor: float, colors: dict[str, str] | None
-) -> Iterator[Node]:
-    poses = [frame.link_poses(factor) for frame in motion.frames]
-    driven = _flexure_of_link(arm) if colors is not None else {}
-    for link in poses[0]:
-        if not shapes[link] or (colors is None and not _moves(arm, link)):
-            continue
-        color = colors.get(driven.get(link, "")) if colors is not None else GHOST
-        painted = tuple(_paint(shape, color, 1.0 if colors is not None else 0.22) for shape in shapes[link])
-        group = "rigid" if colors is None else "flexed"
-        yield _node(f"{group}/{_leaf(link)}", [pose[link] for pose in poses], painted, motion)
+def _nodes(arm: Arm, motion: Motion, factor: float, colors: dict[str, str], meshes: bool) -> Iterator[Node]:
+    """Yield the links of the rigid arm that move apart from it, the flexed arm, its flexures, and the payload."""
+    shapes = _link_shapes(arm, motion, meshes)
+    owner = _flexure_of_link(arm)
+    flexed = [frame.link_poses(factor) for frame in motion.frames]
 
+    def node(name: str, poses: list[Array], solids: Iterable[Shape]) -> Node:
+        return Node(name, poses[motion.worst], tuple(solids), np.array(poses) if len(poses) > 1 else None)
 
-def _leaf(name: str) -> str:
-    """Return a name without '/', which would make it a group of the viewer's."""
-    return name.replace("/", "\N{DIVISION SLASH}")
+    def leaf(name: str) -> str:  # without '/', which would make it a group of the viewer's
+        return name.replace("/", "\N{DIVISION SLASH}")
 
+    rigid = [frame.link_poses(0.0) for frame in motion.frames]
+    for link in rigid[0]:
+        if shapes[link] and owner.get(link):
+            ghost = (replace(shape, color=GHOST, opacity=0.22) for shape in shapes[link])
+            yield node(f"rigid/{leaf(link)}", [pose[link] for pose in rigid], ghost)
+    for link in flexed[0]:
+        if shapes[link]:
+            color = colors.get(owner.get(link, ""))
+            solids = (replace(shape, color=color or shape.color, opacity=1.0) for shape in shapes[link])
+            yield node(f"flexed/{leaf(link)}", [pose[link] for pose in flexed], solids)
+    child = {joint.name: joint.child for joint in arm.robot.chain}
+    for flexure in arm.flexures:
+        link = child[flexure.joint] if flexure.joint else arm.robot.base
+        ball = Shape("sphere", np.array([0.022 * max(arm.robot.reach, 0.1)]), color=colors[flexure.name])
+        yield node(f"flexure/{leaf(flexure.name)}", [pose[link] for pose in flexed], (ball,))
 
-def _paint(shape: Shape, color: str | None, opacity: float) -> Shape:
-    return Shape(
-        shape.kind, shape.size, shape.T_node_shape, color or shape.color, opacity, shape.data, shape.data_format
-    )
-
-
-def _node(name: str, poses: list[Array], shapes: tuple[Shape, ...], motion: Motion) -> Node:
-    moving = np.array(poses) if len(motion.frames) > 1 else None
-    return Node(name, poses[motion.worst], shapes, moving)
+    # The heaviest payload at its place; while it is not carried it stands where it is picked up or set down.
+    masses = [frame.payload.mass for frame in motion.frames]
+    heaviest = max((frame.payload for frame in motion.frames), key=lambda payload: payload.mass)
+    if heaviest.mass:
+        side = float(np.clip((heaviest.mass / 2500.0) ** (1.0 / 3.0), 0.02 * arm.robot.reach, 0.2 * arm.robot.reach))
+        place = np.eye(4)
+        place[:3, 3] = heaviest.com
+        carried = np.flatnonzero(masses)
+        tips = [flexed[i][arm.robot.tip] for i in np.clip(range(len(flexed)), carried[0], carried[-1])]
+        yield node("payload", tips, (Shape("box", np.full(3, side), place, LOAD),))
 
 
 def _flexure_of_link(arm: Arm) -> dict[str, str]:
@@ -203,37 +188,6 @@ def _flexure_of_link(arm: Arm) -> dict[str, str]:
         owner[link] = flexure
         stack.extend((joint.child, at_joint.get(joint.name, flexure)) for joint in children[link])
     return owner
-
-
-def _moves(arm: Arm, link: str) -> bool:
-    return bool(_flexure_of_link(arm).get(link))
-
-
-def _flexure_nodes(arm: Arm, motion: Motion, factor: float, colors: dict[str, str]) -> Iterator[Node]:
-    child = {joint.name: joint.child for joint in arm.robot.chain}
-    poses = [frame.link_poses(factor) for frame in motion.frames]
-    radius = 0.022 * max(arm.robot.reach, 0.1)
-    for flexure in arm.flexures:
-        link = child[flexure.joint] if flexure.joint else arm.robot.base
-        ball = Shape("sphere", np.array([radius]), color=colors[flexure.name])
-        yield _node(f"flexure/{_leaf(flexure.name)}", [pose[link] for pose in poses], (ball,), motion)
-
-
-def _payload_nodes(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:
-    """Yield the heaviest payload at its place, out of sight while it is not carried."""
-    carried = [frame.payload for frame in motion.frames]
-    heaviest = max(carried, key=lambda payload: payload.mass)
-    if not heaviest.mass:
-        return
-    side = float(np.clip((heaviest.mass / 2500.0) ** (1.0 / 3.0), 0.02 * arm.robot.reach, 0.2 * arm.robot.reach))
-    place = np.eye(4)
-    place[:3, 3] = heaviest.com
-    box = Shape("box", np.full(3, side), place, LOAD)
-    tips = [frame.link_poses(factor)[arm.robot.tip] for frame in motion.frames]
-    last = next(i for i in range(len(carried) - 1, -1, -1) if carried[i].mass)
-    first = next(i for i, payload in enumerate(carried) if payload.mass)
-    poses = [tips[min(max(i, first), last)] for i in range(len(tips))]
-    yield _node("payload", poses, (box,), motion)
 
 
 def _paths(arm: Arm, motion: Motion, factor: float) -> Iterator[Polyline]:
@@ -268,7 +222,7 @@ def _legend(
     report: CheckReport | None,
     factor: float,
 ) -> Iterator[LegendRow]:
-    for name, share in contribution_shares(shown).items():
+    for name, share in zip(shown.names.flexures, shown.shares(), strict=True):
         yield LegendRow(colors[name], name, f"{number(share * 1e3, 3)} mm")
     if colors:
         yield LegendRow(GHOST, "rigid arm", opacity=0.4)
@@ -307,9 +261,3 @@ def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterat
         yield f"{len(motion.frames)} of {motion.rows} rows are drawn; the figures are of the worst of all rows."
     if shown.covariance is not None:
         yield "± is one standard uncertainty."
-
-
-def _speed(times: Array) -> float:
-    if len(times) < 2:
-        return 1.0
-    return float(max(1.0, round((times[-1] - times[0]) / PLAY_SECONDS)))

@@ -11,7 +11,6 @@ import html
 import json
 from collections.abc import Iterator
 from importlib import resources
-from importlib.resources.abc import Traversable
 from io import BytesIO
 from string import Template
 
@@ -26,9 +25,6 @@ from armflex.printable import printable
 from armflex.show.view.scene_3d import (
     Camera,
     LegendRow,
-    Marker,
-    Node,
-    Polyline,
     Scene,
     Shape,
     frame_camera,
@@ -42,25 +38,67 @@ _CAMERA = ScenePath(("Cameras", "default", "rotated", "<object>"))
 _BACKGROUND_TOP, _BACKGROUND_BOTTOM = (0.97, 0.98, 0.99), (0.84, 0.87, 0.90)
 _TUBE_SIDES = 12
 _CIRCLE_SIDES = 48
+_Y_TO_Z = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+_LICENCES = ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
 _MESH_GEOMETRIES = {"stl": mg.StlMeshGeometry, "obj": mg.ObjMeshGeometry, "dae": mg.DaeMeshGeometry}
 
 
 def render_page(scene: Scene) -> str:
     """The page of `scene`, as HTML text. The same scene gives the same text, byte for byte."""
+    points = scene_points(scene)
+    floor = None
+    if scene.floor_z is not None:
+        low, high = points.min(axis=0), points.max(axis=0)
+        x, y = (low[:2] + high[:2]) / 2.0
+        floor = [float(x), float(y), float(scene.floor_z), float(np.linalg.norm(high - low))]
+        points = np.concatenate([points, points * [1.0, 1.0, 0.0] + [0.0, 0.0, scene.floor_z]])  # and their shadows
+    camera, times = scene.camera or frame_camera(points), frame_times(scene)
+    facts = {
+        "eye": camera.position.tolist(),
+        "target": camera.target.tolist(),
+        "viewDeg": list(camera.view_deg),
+        "labels": [[*marker.position.tolist(), marker.label] for marker in scene.markers if marker.label],
+        "floor": floor,
+        "start": float(times[0]) if len(times) else 0.0,
+        "speed": scene.speed,
+    }
+    legend = ""
+    if scene.legend:
+        rows = [
+            f"<tr><td>{_swatch(row)}</td><td>{_html(row.text)}</td><td>{_html(row.value)}</td></tr>"
+            for row in scene.legend
+        ]
+        heading = f"<h2>{_html(scene.legend_title)}</h2>" if scene.legend_title else ""
+        legend = f"{heading}<table>{''.join(rows)}</table>"
     viewer = resources.files("meshcat") / "viewer"
-    camera = scene.camera or frame_camera(_points_and_shadows(scene))
+    files = [viewer.joinpath(*name.split("/")) for name in _LICENCES]
+    licences = ["meshcat viewer", *(file.read_text("utf-8") for file in files if file.is_file())]
     commands = [base64.b64encode(umsgpack.packb(command)).decode() for command in _commands(scene, camera)]
     template = Template((resources.files(__package__) / "overlay.html").read_text(encoding="utf-8"))
     return template.substitute(
         title=_html(scene.title),
         subtitle=_html(scene.subtitle),
-        legend=_legend_html(scene),
+        legend=legend,
         notes="".join(f"<li>{_html(note)}</li>" for note in scene.notes),
-        licences=_script_safe(_licences(viewer)),
+        licences=_script_safe("\n\n".join(licences)),
         viewer=_script_safe((viewer / "dist" / "main.min.js").read_text(encoding="utf-8")),
-        facts=json.dumps(_page_facts(scene, camera)).replace("<", "\\u003c"),
+        facts=json.dumps(facts).replace("<", "\\u003c"),
         commands=json.dumps(commands),
     )
+
+
+def _html(text: str) -> str:
+    return html.escape(printable(text))
+
+
+def _swatch(row: LegendRow) -> str:
+    return "" if row.color is None else f'<i style="background:{row.color};opacity:{row.opacity}"></i>'
+
+
+def _script_safe(text: str) -> str:
+    # Inside a script element, "</script" ends it wherever it stands; the escaped slash means the same to
+    # JavaScript and JSON strings.
+    return text.replace("</script", "<\\/script")
 
 
 def tube_mesh(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -70,8 +108,18 @@ def tube_mesh(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray
     """
     moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-9
     axis = points[np.concatenate([[True], moved])]
-    sides, ups = _tube_frames(axis)
+    steps = np.diff(axis, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    tangents = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
+    back = np.linalg.norm(tangents, axis=1) < 1e-6  # Where the path turns right back on itself.
+    tangents[back] = np.concatenate([steps, steps[-1:]])[back]
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    sides, side = np.empty_like(axis), np.zeros(3)
+    for index, tangent in enumerate(tangents):
+        # Carry the side along instead of choosing it afresh at each point: the tube must not twist.
+        side = sides[index] = _across(tangent, side)
     angles = 2.0 * np.pi * np.arange(_TUBE_SIDES) / _TUBE_SIDES
+    ups = np.cross(tangents, sides)
     around = np.cos(angles)[:, None] * sides[:, None] + np.sin(angles)[:, None] * ups[:, None]
     rings = axis[:, None] + radius * around
     return np.concatenate([rings.reshape(-1, 3), axis[:1], axis[-1:]]), _lathe_faces(len(axis), _TUBE_SIDES)
@@ -88,22 +136,6 @@ def capsule_mesh(radius: float, length: float) -> tuple[np.ndarray, np.ndarray]:
     rings[..., 2] += (radius * np.sin(latitudes) + shift)[:, None]
     poles = (radius + length / 2.0) * np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
     return np.concatenate([rings.reshape(-1, 3), poles]), _lathe_faces(len(latitudes), _CIRCLE_SIDES)
-
-
-def _tube_frames(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    steps = np.diff(axis, axis=0)
-    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
-    tangents = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
-    back = np.linalg.norm(tangents, axis=1) < 1e-6  # Where the path turns right back on itself.
-    tangents[back] = np.concatenate([steps, steps[-1:]])[back]
-    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
-    sides = np.empty_like(axis)
-    side = np.zeros(3)
-    for index, tangent in enumerate(tangents):
-        # Carry the side along instead of choosing it afresh at each point: the tube must not twist.
-        side = _across(tangent, side)
-        sides[index] = side
-    return sides, np.cross(tangents, sides)
 
 
 def _across(tangent: np.ndarray, wish: np.ndarray) -> np.ndarray:
@@ -124,73 +156,75 @@ def _lathe_faces(rings: int, sides: int) -> np.ndarray:
 
 
 def _commands(scene: Scene, camera: Camera) -> Iterator[Command]:
-    yield from _stage_commands(scene, camera)
-    for node in scene.nodes:
-        yield from _node_commands(node)
-    for line in scene.polylines:
-        yield from _polyline_commands(line)
-    for marker in scene.markers:
-        yield from _marker_commands(marker)
-    if len(frame_times(scene)):
-        yield _animation_command(scene)
-
-
-def _stage_commands(scene: Scene, camera: Camera) -> Iterator[Command]:
-    background = ScenePath(("Background",))
+    background, grid = ScenePath(("Background",)), ScenePath(("Grid",))
     yield SetProperty("top_color", list(_BACKGROUND_TOP), background).lower()
     yield SetProperty("bottom_color", list(_BACKGROUND_BOTTOM), background).lower()
     yield SetProperty("visible", False, ScenePath(("Axes",))).lower()
-    yield from _floor_commands(scene, camera)
+    if scene.floor_z is None:
+        yield SetProperty("visible", False, grid).lower()
+    else:
+        # Whole metres: the lines of the grid, half a metre apart, then lie on round coordinates.
+        yield SetTransform(_translation(np.array([*np.round(camera.target[:2]), scene.floor_z])), grid).lower()
+        yield SetProperty("color", [1.0, 1.0, 1.0, 0.22], grid).lower()
     # The viewer's cameras live in a frame with y up, the scene in one with z up.
     x, y, z = camera.position.tolist()
     yield SetProperty("position", [x, z, -y], _CAMERA).lower()
     yield SetProperty("far", 1000.0, _CAMERA).lower()
-
-
-def _floor_commands(scene: Scene, camera: Camera) -> Iterator[Command]:
-    grid = ScenePath(("Grid",))
-    if scene.floor_z is None:
-        yield SetProperty("visible", False, grid).lower()
+    for node in scene.nodes:
+        path = _path("Nodes", node.name)
+        for number, shape in enumerate(node.shapes):
+            place = path.append(f"shape {number}")
+            yield from _shape_commands(shape, place)
+            yield SetTransform(shape.T_node_shape, place).lower()
+        yield SetTransform(node.pose if node.poses is None else node.poses[0], path).lower()
+    for line in scene.polylines:
+        mesh = mg.TriangularMeshGeometry(*tube_mesh(line.points, line.radius))
+        yield _object_command(mg.Mesh, mesh, _paint(line.color, line.opacity), _path("Paths", line.name))
+    for marker in scene.markers:
+        path = _path("Markers", marker.name)
+        yield _object_command(mg.Mesh, mg.Sphere(marker.radius), _paint(marker.color, 1.0), path)
+        yield SetTransform(_translation(marker.position), path).lower()
+    times = frame_times(scene)
+    if not len(times):
         return
-    # Whole metres: the lines of the grid, half a metre apart, then lie on round coordinates.
-    x, y = np.round(camera.target[:2])
-    yield SetTransform(_translation(np.array([x, y, scene.floor_z])), grid).lower()
-    yield SetProperty("color", [1.0, 1.0, 1.0, 0.22], grid).lower()
-
-
-def _node_commands(node: Node) -> Iterator[Command]:
-    path = _path("Nodes", node.name)
-    for number, shape in enumerate(node.shapes):
-        place = path.append(f"shape {number}")
-        yield from _shape_commands(shape, place)
-        yield SetTransform(shape.T_node_shape, place).lower()
-    yield SetTransform(node.pose if node.poses is None else node.poses[0], path).lower()
+    frames = ((times - times[0]) * scene.fps / scene.speed).tolist()
+    animation = Animation(default_framerate=scene.fps)
+    for node in scene.nodes:
+        if node.poses is not None:
+            tracks = {
+                name: AnimationTrack(name, kind, frames, [[float(x) for x in of(pose)] for pose in node.poses])
+                for name, kind, of in (
+                    ("position", "vector3", js_position),
+                    ("quaternion", "quaternion", js_quaternion),
+                )
+            }
+            animation.clips[_path("Nodes", node.name)] = AnimationClip(tracks, fps=scene.fps)
+    yield SetAnimation(animation, play=True, repetitions=float("inf")).lower()
 
 
 def _shape_commands(shape: Shape, place: ScenePath) -> Iterator[Command]:
-    solid = place.append("solid")
-    yield _object_command(mg.Mesh, _shape_geometry(shape), _paint(shape.color, shape.opacity), solid)
-    if shape.kind == "cylinder":
+    size, kind, solid = shape.size.tolist(), shape.kind, place.append("solid")
+    if kind == "box":
+        geometry = mg.Box(size)
+    elif kind == "sphere":
+        geometry = mg.Sphere(size[0])
+    elif kind == "cylinder":
+        geometry = mg.Cylinder(height=size[1], radius=size[0])
+    elif kind == "capsule":
+        geometry = mg.TriangularMeshGeometry(*capsule_mesh(*size))
+    else:
+        geometry = _MESH_GEOMETRIES[shape.data_format].from_stream(BytesIO(shape.data))
+    yield _object_command(mg.Mesh, geometry, _paint(shape.color, shape.opacity), solid)
+    if kind == "cylinder":
         yield SetTransform(_Y_TO_Z, solid).lower()  # A cylinder of the viewer stands along y.
-    if shape.kind == "mesh":
+    if kind == "mesh":
         yield SetTransform(np.diag([*shape.size, 1.0]), solid).lower()
-    if shape.kind in ("box", "cylinder"):
-        ink = mg.LineBasicMaterial(color=_shade(shape.color, 0.62), opacity=min(1.0, 0.25 + shape.opacity))
+    if kind in ("box", "cylinder"):
+        red, green, blue = (int(int(shape.color[i : i + 2], 16) * 0.62) for i in (1, 3, 5))
+        shade = (red << 16) + (green << 8) + blue
+        ink = mg.LineBasicMaterial(color=shade, opacity=min(1.0, 0.25 + shape.opacity))
         lines = mg.PointsGeometry(_edge_points(shape).T.astype(np.float32))
         yield _object_command(mg.LineSegments, lines, ink, place.append("edges"))
-
-
-def _shape_geometry(shape: Shape) -> mg.Geometry:
-    size = shape.size.tolist()
-    if shape.kind == "box":
-        return mg.Box(size)
-    if shape.kind == "sphere":
-        return mg.Sphere(size[0])
-    if shape.kind == "cylinder":
-        return mg.Cylinder(height=size[1], radius=size[0])
-    if shape.kind == "capsule":
-        return mg.TriangularMeshGeometry(*capsule_mesh(*size))
-    return _MESH_GEOMETRIES[shape.data_format].from_stream(BytesIO(shape.data))
 
 
 def _edge_points(shape: Shape) -> np.ndarray:
@@ -203,17 +237,6 @@ def _edge_points(shape: Shape) -> np.ndarray:
     rim = np.stack([radius * np.cos(angles), radius * np.sin(angles), np.zeros_like(angles)], axis=1)
     end = np.array([0.0, 0.0, length / 2.0])
     return np.concatenate([rim - end, rim + end])
-
-
-def _polyline_commands(line: Polyline) -> Iterator[Command]:
-    mesh = mg.TriangularMeshGeometry(*tube_mesh(line.points, line.radius))
-    yield _object_command(mg.Mesh, mesh, _paint(line.color, line.opacity), _path("Paths", line.name))
-
-
-def _marker_commands(marker: Marker) -> Iterator[Command]:
-    path = _path("Markers", marker.name)
-    yield _object_command(mg.Mesh, mg.Sphere(marker.radius), _paint(marker.color, 1.0), path)
-    yield SetTransform(_translation(marker.position), path).lower()
 
 
 def _object_command(kind: type[mg.Object], shape: mg.Geometry, material: mg.Material, path: ScenePath) -> Command:
@@ -234,80 +257,6 @@ def _paint(color: str, opacity: float) -> mg.Material:
     return mg.MeshPhongMaterial(color=int(color[1:], 16), opacity=opacity, side=0, shininess=0, **behind)
 
 
-def _animation_command(scene: Scene) -> Command:
-    times = frame_times(scene)
-    frames = ((times - times[0]) * scene.fps / scene.speed).tolist()
-    animation = Animation(default_framerate=scene.fps)
-    for node in scene.nodes:
-        if node.poses is not None:
-            position = [_floats(js_position(pose)) for pose in node.poses]
-            quaternion = [_floats(js_quaternion(pose)) for pose in node.poses]
-            tracks = {
-                "position": AnimationTrack("position", "vector3", frames, position),
-                "quaternion": AnimationTrack("quaternion", "quaternion", frames, quaternion),
-            }
-            animation.clips[_path("Nodes", node.name)] = AnimationClip(tracks, fps=scene.fps)
-    return SetAnimation(animation, play=True, repetitions=float("inf")).lower()
-
-
-def _page_facts(scene: Scene, camera: Camera) -> dict[str, object]:
-    times = frame_times(scene)
-    labels = [[*marker.position.tolist(), marker.label] for marker in scene.markers if marker.label]
-    return {
-        "eye": camera.position.tolist(),
-        "target": camera.target.tolist(),
-        "viewDeg": list(camera.view_deg),
-        "labels": labels,
-        "floor": None if scene.floor_z is None else _floor_spot(scene),
-        "start": float(times[0]) if len(times) else 0.0,
-        "speed": scene.speed,
-    }
-
-
-def _points_and_shadows(scene: Scene) -> np.ndarray:
-    points = scene_points(scene)
-    if scene.floor_z is None:
-        return points
-    return np.concatenate([points, points * [1.0, 1.0, 0.0] + [0.0, 0.0, scene.floor_z]])
-
-
-def _floor_spot(scene: Scene) -> list[float]:
-    points = scene_points(scene)
-    low, high = points.min(axis=0), points.max(axis=0)
-    x, y = (low[:2] + high[:2]) / 2.0
-    return [float(x), float(y), float(scene.floor_z), float(np.linalg.norm(high - low))]
-
-
-def _legend_html(scene: Scene) -> str:
-    if not scene.legend:
-        return ""
-    heading = f"<h2>{_html(scene.legend_title)}</h2>" if scene.legend_title else ""
-    return f"{heading}<table>{''.join(_legend_row_html(row) for row in scene.legend)}</table>"
-
-
-def _html(text: str) -> str:
-    return html.escape(printable(text))
-
-
-def _legend_row_html(row: LegendRow) -> str:
-    swatch = ""
-    if row.color is not None:
-        swatch = f'<i style="background:{row.color};opacity:{row.opacity}"></i>'
-    return f"<tr><td>{swatch}</td><td>{_html(row.text)}</td><td>{_html(row.value)}</td></tr>"
-
-
-def _licences(viewer: Traversable) -> str:
-    names = ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
-    files = [viewer.joinpath(*name.split("/")) for name in names]
-    return "\n\n".join(["meshcat viewer", *(file.read_text("utf-8") for file in files if file.is_file())])
-
-
-def _script_safe(text: str) -> str:
-    # Inside a script element, "</script" ends it wherever it stands; the escaped slash means the same to
-    # JavaScript and JSON strings.
-    return text.replace("</script", "<\\/script")
-
-
 def _path(group: str, name: str) -> ScenePath:
     return ScenePath((group, *(part for part in name.split("/") if part)))
 
@@ -316,15 +265,3 @@ def _translation(position: np.ndarray) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, 3] = position
     return pose
-
-
-def _floats(values: list[float]) -> list[float]:
-    return [float(value) for value in values]
-
-
-def _shade(color: str, factor: float) -> int:
-    red, green, blue = (int(int(color[i : i + 2], 16) * factor) for i in (1, 3, 5))
-    return (red << 16) + (green << 8) + blue
-
-
-_Y_TO_Z = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])

@@ -88,8 +88,7 @@ class Polyline:
 
     def __post_init__(self) -> None:
         _store(self, "points", (None, 3))
-        _check_paint(self.color, self.opacity)
-        _check_radius(self.radius)
+        _check_paint(self.color, self.opacity, self.radius)
         if len(self.points) == 0 or not np.any(self.points != self.points[0]):
             raise ValueError(f"polyline {self.name!r} needs at least two distinct points")
 
@@ -109,8 +108,7 @@ class Marker:
 
     def __post_init__(self) -> None:
         _store(self, "position", (3,))
-        _check_paint(self.color, 1.0)
-        _check_radius(self.radius)
+        _check_paint(self.color, radius=self.radius)
 
 
 @dataclass(frozen=True)
@@ -183,12 +181,22 @@ class Scene:
         if not self.speed > 0.0:
             raise ValueError(f"speed must be positive, got {self.speed}")
         for items in (self.nodes, self.polylines, self.markers):
-            _check_names([item.name.strip("/") for item in items])
+            names = [item.name.strip("/") for item in items]
+            taken = set(names)
+            if len(taken) < len(names):
+                raise ValueError(f"names must be unique, got {sorted(n for n in taken if names.count(n) > 1)} twice")
+            groups = {name[:end] for name in names for end, letter in enumerate(name) if letter == "/"}
+            for group in sorted(groups & taken):
+                raise ValueError(f"{group!r} cannot be both an item and a group")
         if self.times is not None:
             _store(self, "times", (None,))
             if len(self.times) == 0 or np.any(np.diff(self.times) <= 0.0):
                 raise ValueError("times must hold at least one time and increase strictly")
-        _check_frame_counts(self)
+        counts = {len(node.poses) for node in self.nodes if node.poses is not None}
+        if counts and self.times is not None:
+            counts.add(len(self.times))
+        if len(counts) > 1 or 0 in counts:
+            raise ValueError(f"animated nodes, and times, need one number of frames, got {sorted(counts)}")
 
 
 def frame_times(scene: Scene) -> np.ndarray:
@@ -217,11 +225,25 @@ def frame_camera(
     points = np.atleast_2d(np.asarray(points, dtype=float))
     if points.size == 0 or points.shape[1] != 3 or not np.all(np.isfinite(points)):
         raise ValueError("points must be finite, of shape (N, 3) with N >= 1")
-    azimuth = _three_quarter_azimuth(points) if azimuth_deg is None else np.radians(azimuth_deg)
-    axes = _view_axes(azimuth, np.radians(elevation_deg))
+    if azimuth_deg is None:
+        longest = np.linalg.eigh(np.cov(points[:, :2].T, bias=True))[1][:, 1]
+        # An eigenvector has no sign: take the one nearest to x, so that the view does not flip between two runs.
+        longest = -longest if longest[0] < 0.0 else longest
+        azimuth = float(np.arctan2(longest[1], longest[0]) - np.radians(65.0))
+    else:
+        azimuth = np.radians(azimuth_deg)
+    elevation = np.radians(elevation_deg)
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    back = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+    axes = np.array([right, np.cross(back, right), back])
     seen = points @ axes.T
     tangents = np.tan(np.radians(fov_deg) / 2.0) * np.array([aspect, 1.0]) / margin
-    eye = _nearest_eye(seen, tangents)
+    # A point is inside a side of the field when  +-(x - eye_x) <= tangent * (eye_z - z): the tightest points
+    # of two opposite sides give at once the eye between them and how far back it must stand.
+    leaning = seen[:, 2:] * tangents
+    high, low = np.max(seen[:, :2] + leaning, axis=0), np.max(leaning - seen[:, :2], axis=0)
+    away = max(np.max((high + low) / (2.0 * tangents)), np.max(seen[:, 2]) + 0.5)
+    eye = np.array([*((high - low) / 2.0), away])
     depth = eye[2] - seen[:, 2]
     spans = margin * np.max(np.abs(seen[:, :2] - eye[:2]) / depth[:, None], axis=0)
     horizontal, vertical = (float(np.clip(np.degrees(2.0 * np.arctan(span)), 1.0, 160.0)) for span in spans)
@@ -236,51 +258,21 @@ def scene_points(scene: Scene) -> np.ndarray:
     for node in scene.nodes:
         poses = node.pose[None] if node.poses is None else node.poses
         for shape in node.shapes:
-            local = _homogeneous(_corners(_half_extents(shape))) @ shape.T_node_shape.T
-            clouds.append((poses @ local.T).transpose(0, 2, 1)[..., :3].reshape(-1, 3))
+            if shape.kind == "box":
+                half = shape.size / 2.0
+            elif shape.kind == "mesh":
+                half = np.zeros(3)  # the extent of a mesh file is unknown before it is parsed
+            else:
+                radius, long = shape.size[0], shape.size[-1]
+                length = {"sphere": 2.0 * radius, "cylinder": long, "capsule": long + 2.0 * radius}[shape.kind]
+                half = np.array([radius, radius, length / 2.0])
+            corners = np.hstack([_corners(half), np.ones((8, 1))]) @ shape.T_node_shape.T
+            clouds.append((poses @ corners.T).transpose(0, 2, 1)[..., :3].reshape(-1, 3))
     return np.concatenate(clouds) if clouds else np.zeros((1, 3))
-
-
-def _three_quarter_azimuth(points: np.ndarray) -> float:
-    spread = np.cov(points[:, :2].T, bias=True)
-    longest = np.linalg.eigh(spread)[1][:, 1]
-    # An eigenvector has no sign: take the one nearest to x, so that the view does not flip between two runs.
-    if longest[0] < 0.0:
-        longest = -longest
-    return float(np.arctan2(longest[1], longest[0]) - np.radians(65.0))
-
-
-def _view_axes(azimuth: float, elevation: float) -> np.ndarray:
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    back = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
-    return np.array([right, np.cross(back, right), back])
-
-
-def _nearest_eye(seen: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-    # A point is inside a side of the field when  +-(x - eye_x) <= tangent * (eye_z - z): the tightest points
-    # of two opposite sides give at once the eye between them and how far back it must stand.
-    leaning = seen[:, 2:] * tangents
-    high, low = np.max(seen[:, :2] + leaning, axis=0), np.max(leaning - seen[:, :2], axis=0)
-    back = max(np.max((high + low) / (2.0 * tangents)), np.max(seen[:, 2]) + 0.5)
-    return np.array([*((high - low) / 2.0), back])
-
-
-def _half_extents(shape: Shape) -> np.ndarray:
-    if shape.kind == "box":
-        return shape.size / 2.0
-    if shape.kind == "mesh":
-        return np.zeros(3)  # The extent of a mesh file is unknown before it is parsed.
-    radius = shape.size[0]
-    length = {"sphere": 2.0 * radius, "cylinder": shape.size[-1], "capsule": shape.size[-1] + 2.0 * radius}
-    return np.array([radius, radius, length[shape.kind] / 2.0])
 
 
 def _corners(half: np.ndarray) -> np.ndarray:
     return np.array(np.meshgrid(*np.array([-half, half]).T)).reshape(3, -1).T
-
-
-def _homogeneous(points: np.ndarray) -> np.ndarray:
-    return np.hstack([points, np.ones((len(points), 1))])
 
 
 def _store(owner: object, name: str, shape: tuple[int | None, ...]) -> None:
@@ -293,32 +285,10 @@ def _store(owner: object, name: str, shape: tuple[int | None, ...]) -> None:
     object.__setattr__(owner, name, array)
 
 
-def _check_paint(color: str, opacity: float) -> None:
+def _check_paint(color: str, opacity: float = 1.0, radius: float = 1.0) -> None:
     if not _COLOR.fullmatch(color):
         raise ValueError(f"a colour is written #rrggbb, got {color!r}")
     if not 0.0 <= opacity <= 1.0:
         raise ValueError(f"opacity must lie between 0 and 1, got {opacity}")
-
-
-def _check_radius(radius: float) -> None:
     if not 0.0 < radius < np.inf:
         raise ValueError(f"radius must be positive, got {radius}")
-
-
-def _check_names(names: list[str]) -> None:
-    taken = set(names)
-    if len(taken) < len(names):
-        raise ValueError(f"names must be unique, got {sorted(n for n in taken if names.count(n) > 1)} twice")
-    for name in names:
-        parts = name.split("/")
-        for end in range(1, len(parts)):
-            if "/".join(parts[:end]) in taken:
-                raise ValueError(f"{'/'.join(parts[:end])!r} cannot be both an item and a group")
-
-
-def _check_frame_counts(scene: Scene) -> None:
-    counts = {len(node.poses) for node in scene.nodes if node.poses is not None}
-    if counts and scene.times is not None:
-        counts.add(len(scene.times))
-    if len(counts) > 1 or 0 in counts:
-        raise ValueError(f"animated nodes, and times, need one number of frames, got {sorted(counts)}")
