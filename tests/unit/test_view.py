@@ -18,7 +18,7 @@ from support.small_arms import ROBOTS, joint, link, robot, write
 from armflex import Arm, InputError, Trajectory, check, load_arm, view
 from armflex.errors import FileError, UrdfError
 from armflex.show.view import meshes
-from armflex.show.view.arm_page import _motion as motion_of
+from armflex.show.view.arm_page import motion_along as motion_of
 from armflex.show.view.arm_scene import (
     FLEXED_PATH,
     MAX_FRAMES,

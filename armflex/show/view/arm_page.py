@@ -56,27 +56,24 @@ def view(
     if magnification is not None and not 0.0 < magnification <= LARGEST_MAGNIFICATION:
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
     known = covariates or {}
-    if trajectory is not None:
+    if trajectory is None:
+        here = arm.position() if q is None else q
+        motion = Motion(np.zeros(1), (arm.deflection(here, payload, covariates=settled(arm, known)),), 0, 1)
+    else:
         trajectory = trajectory.with_constants(arm, known).prepared(arm)
-    motion = _motion(arm, trajectory) if trajectory is not None else _still(arm, q, payload, known)
+        motion = motion_along(arm, trajectory)
     page = render_page(arm_scene(arm, motion, trajectory, report, magnification, meshes))
     return write_whole(Path(path), page.encode())
 
 
-def _still(arm: Arm, q: ArrayLike | None, payload: str | Payload | None, known: Mapping[str, float]) -> Motion:
-    here = arm.position() if q is None else q
-    return Motion(np.zeros(1), (arm.deflection(here, payload, covariates=settled(arm, known)),), 0, 1)
-
-
-def _motion(arm: Arm, trajectory: Trajectory) -> Motion:
+def motion_along(arm: Arm, trajectory: Trajectory) -> Motion:
     """Return every row, or every second, third ... of a long trajectory, its via-points and worst row kept."""
+
+    def frame(i: int) -> Deflection:  # asked twice rather than kept: thousands of rows are many megabytes
+        return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.asked(i))
+
     rows = range(len(trajectory))
-    sizes = [float(np.linalg.norm(_frame(arm, trajectory, i).displacement[:3])) for i in rows]
-    stride, worst = -(-len(rows) // MAX_FRAMES), int(np.argmax(sizes))
+    worst = int(np.argmax([float(np.linalg.norm(frame(i).displacement[:3])) for i in rows]))
+    stride = -(-len(rows) // MAX_FRAMES)
     kept = [i for i in rows if i % stride == 0 or trajectory.via[i] or i in (worst, len(rows) - 1)]
-    frames = tuple(_frame(arm, trajectory, i) for i in kept)
-    return Motion(trajectory.time[kept], frames, kept.index(worst), len(rows))
-
-
-def _frame(arm: Arm, trajectory: Trajectory, i: int) -> Deflection:
-    return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.asked(i))
+    return Motion(trajectory.time[kept], tuple(frame(i) for i in kept), kept.index(worst), len(rows))

@@ -91,7 +91,13 @@ def draw_laws(arm: Arm, path: str | Path, points: Mapping[str, Points] | None = 
     path, known = Path(path), dict(points or {})
     check_ending(path)
     lines = _lines(arm)
-    _check(known, list(dict.fromkeys(one.name for line in lines for one in line)))
+    names = list(dict.fromkeys(one.name for line in lines for one in line))
+    for name, pair in known.items():
+        if name not in names:
+            raise UnknownNameError("learned flexure", name, names)
+        for what, values in zip(("loads", "twists"), pair, strict=True):
+            if np.ndim(values) != 2 or np.shape(values)[1] != 6 or len(values) != len(pair[0]):
+                raise ShapeError(f"{what} of {name}", "(M, 6)", np.shape(values))
     with picture(path, 10.8, 2.5 * len(lines) + 0.5, dpi=110.0) as figure:
         places = figure.subplots(len(lines), 3, squeeze=False)
         for panels, line in zip(places, lines, strict=True):
@@ -112,35 +118,25 @@ def _lines(arm: Arm) -> list[list[Slice]]:
     row = Row(np.where(np.isfinite(middle), middle, 0.0), {name: i for i, name in enumerate(arm.joint_names)})
     lines = []
     for flexure in arm.flexures:
-        if isinstance(law := flexure.law, LearnedLaw):
-            giving = law.seen.twist_scale > 0.0
-            lines += [
-                [_slice(flexure.name, law, row, axis) for axis in axes if giving[axis]]
-                for axes in (range(3, 6), range(3))
-                if giving[list(axes)].any()
-            ]
+        if not isinstance(law := flexure.law, LearnedLaw):
+            continue
+        for axes in (range(3, 6), range(3)):
+            giving = [axis for axis in axes if law.seen.twist_scale[axis] > 0.0]
+            every = [[Slice(flexure.name, law, row, axis, load) for load in range(6)] for axis in giving]
+            if giving:
+                lines.append(
+                    [max(one, key=lambda along: float(np.ptp(along.twist(along.loads(0.0))))) for one in every]
+                )
     if not lines:
         raise InputError("no law of this arm was learned: put learn = true at a flexure, then calibrate")
     return lines
 
 
-def _slice(name: str, law: LearnedLaw, row: Row, axis: int) -> Slice:
-    every = [Slice(name, law, row, axis, component) for component in range(6)]
-    return max(every, key=lambda one: float(np.ptp(one.twist(one.loads(beyond=0.0)))))
-
-
-def _check(points: Mapping[str, Points], names: list[str]) -> None:
-    for name, pair in points.items():
-        if name not in names:
-            raise UnknownNameError("learned flexure", name, names)
-        for what, values in zip(("loads", "twists"), pair, strict=True):
-            if np.ndim(values) != 2 or np.shape(values)[1] != 6 or len(values) != len(pair[0]):
-                raise ShapeError(f"{what} of {name}", "(M, 6)", np.shape(values))
-
-
 def _draw(axes: Axes, one: Slice, points: Points | None) -> None:
     unit, scale = "mm" if one.axis < 3 else "mrad", 1e3
-    loads, (kind, per) = one.loads(), _load_unit(one)
+    loads, kind, per = one.loads(), "N" if one.component < 3 else "Nm", 1.0
+    if np.abs(one.law.seen.loads[:, one.component]).max() >= 5e3:  # in thousands where loads are large
+        kind, per = f"k{kind}", 1e-3
     x, y, band = per * loads[:, one.component], scale * one.twist(loads), one.band(loads)
     if points is not None:
         given, twists = (np.asarray(values, float) for values in points)
@@ -158,9 +154,3 @@ def _draw(axes: Axes, one: Slice, points: Points | None) -> None:
     axes.set_ylabel(f"{TWIST_NAMES[one.axis]} [{unit}]")
     axes.set_title(one.name, loc="left", fontsize=10)
     axes.grid(alpha=0.3)
-
-
-def _load_unit(one: Slice) -> tuple[str, float]:
-    """Return the unit of a component and its factor from SI, thousands where loads are large."""
-    own = "N" if one.component < 3 else "Nm"
-    return (f"k{own}", 1e-3) if np.abs(one.law.seen.loads[:, one.component]).max() >= 5e3 else (own, 1.0)

@@ -14,7 +14,7 @@ from armflex.conventions import number
 from armflex.errors import InputError
 from armflex.laws.effects.remember import settled
 from armflex.show.view.arm_scene import SCALE, VERDICTS, Motion, arm_scene
-from armflex.show.view.scene_3d import LegendRow, Node, Scene, Shape, frame_camera
+from armflex.show.view.scene_3d import LegendRow, Node, Shape, frame_camera
 from armflex.storage.whole_file import write_whole
 from armflex.tasks.workspace.workspace_map import WorkspaceMap
 
@@ -54,59 +54,49 @@ def map_page(
     payload, known = found.payloads[found.worst_payload[here]], settled(arm, covariates or {})
     shown = arm.deflection(found.worst_q[here], payload, covariates=known)
     scene = arm_scene(arm, Motion(np.zeros(1), (shown,), 0), magnification=1.0)
-    return write_whole(Path(path), render_page(_with_voxels(scene, found, tolerance)).encode())
-
-
-def _with_voxels(scene: Scene, found: WorkspaceMap, tolerance: float | None) -> Scene:
-    points = (found.centres[:, None] + found.voxel * CORNERS).reshape(-1, 3)
-    camera = frame_camera(points)
+    corners = (found.centres[:, None] + found.voxel * CORNERS).reshape(-1, 3)
+    camera = frame_camera(corners)
     towards = (camera.position - camera.target)[:2]
     behind = (found.centres[:, :2] - camera.target[:2]) @ towards <= 0.0
-    groups = _by_verdict(found, tolerance) if tolerance is not None else _by_size(found)
+    groups = _groups(found, tolerance)
     nodes = [
-        Node(f"voxels/{row.text}", np.eye(4), (_cubes(found, some & behind, row.color),))
-        for row, some in groups
+        Node(f"voxels/{text}", np.eye(4), (_cubes(found, some & behind, color),))
+        for color, text, some in groups
         if (some & behind).any()
     ]
-    return replace(
+    scene = replace(
         scene,
         subtitle=f"{found.rows:,} configurations, payload {', '.join(found.payloads)}, voxels of {found.voxel:g} m",
         nodes=(*scene.nodes, *nodes),
         legend_title="Largest displacement of the tip, voxels",
-        legend=tuple(row for row, _ in groups),
+        legend=tuple(LegendRow(color, text, str(some.sum())) for color, text, some in groups),
         notes=(
             f"Base {found.base}, tip {found.tip}. The arm stands where its tip moves most.",
             "Half of the voxels are left out, so that the arm is seen; the legend counts all.",
         ),
         camera=camera,
-        floor_z=float(points[:, 2].min()),
+        floor_z=float(corners[:, 2].min()),
     )
+    return write_whole(Path(path), render_page(scene).encode())
 
 
-def _by_verdict(found: WorkspaceMap, tolerance: float) -> list[tuple[LegendRow, np.ndarray]]:
-    verdicts = found.verdicts(tolerance)
-    groups = [(name, color, verdicts == name) for name, color in VERDICTS.items()]
-    return [_group(color, f"{name} at {tolerance * 1e3:g} mm", some) for name, color, some in groups]
-
-
-def _by_size(found: WorkspaceMap) -> list[tuple[LegendRow, np.ndarray]]:
-    """Return five equal steps of displacement, and the voxels without any."""
+def _groups(found: WorkspaceMap, tolerance: float | None) -> list[tuple[str, str, np.ndarray]]:
+    """Return colour, text and voxels of each verdict; of five equal steps of displacement where none is asked for."""
+    if tolerance is not None:
+        verdicts = found.verdicts(tolerance)
+        return [(color, f"{name} at {tolerance * 1e3:g} mm", verdicts == name) for name, color in VERDICTS.items()]
     edges = np.linspace(0.0, np.nanmax(found.worst), len(SCALE) + 1)
     answered = found.answered > 0
     step = np.where(answered, np.searchsorted(edges[1:-1], found.worst), -1)
     texts = [f"{number(low * 1e3, 3)} to {number(high * 1e3, 3)} mm" for low, high in pairwise(edges)]
-    groups = [_group(color, text, step == i) for i, (color, text) in enumerate(zip(SCALE, texts, strict=True))]
-    return groups if answered.all() else [*groups, _group(VERDICTS["fail"], "refused", ~answered)]
+    groups = [(color, text, step == i) for i, (color, text) in enumerate(zip(SCALE, texts, strict=True))]
+    return groups if answered.all() else [*groups, (VERDICTS["fail"], "refused", ~answered)]
 
 
-def _group(color: str, text: str, some: np.ndarray) -> tuple[LegendRow, np.ndarray]:
-    return LegendRow(color, text, str(some.sum())), some
-
-
-def _cubes(found: WorkspaceMap, some: np.ndarray, color: str | None) -> Shape:
+def _cubes(found: WorkspaceMap, some: np.ndarray, color: str) -> Shape:
     """Return a cube in each of some voxels, as one mesh in the text of a Wavefront OBJ."""
     corners = (found.centres[some][:, None] + FILLED * found.voxel * CORNERS).reshape(-1, 3)
     sides = (8 * np.arange(some.sum())[:, None, None] + np.array(SIDES)).reshape(-1, 4)
     lines = [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in corners.tolist()]
     lines += [f"f {a} {b} {c} {d}" for a, b, c, d in sides.tolist()]
-    return Shape("mesh", np.ones(3), color=color or VERDICTS["fail"], data="\n".join(lines).encode(), data_format="obj")
+    return Shape("mesh", np.ones(3), color=color, data="\n".join(lines).encode(), data_format="obj")
