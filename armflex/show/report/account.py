@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.errors import Place
-from armflex.estimate.identify import Parameter, parameters
+from armflex.estimate.identify import parameters
 from armflex.parameters import Kind
 from armflex.show.report import effect_figures, figures, summary
 from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
@@ -16,7 +15,7 @@ from armflex.show.report.numbers import measure, millimetres, short
 from armflex.show.report.words import Words, called, labelled, site_words, units_of, words
 from armflex.trace.localise import localise
 from armflex.trace.projection import project
-from armflex.trace.result import Found, Trace
+from armflex.trace.result import Trace
 from armflex.version import __version__
 
 SHOWN = 20
@@ -105,18 +104,27 @@ def account(trace: Trace) -> Account:
 
 
 def _parameters(trace: Trace) -> ParameterAccount:
-    before, after = (_with_prior(parameters(fit)) for fit in (trace.before, trace.state.fit))
+    """Return those whose prior says how far they may move."""
+    own = (Kind.EFFECT, Kind.UNEXPLAINED)
+    before, after = (
+        [one for one in parameters(fit) if np.isfinite(one.prior) and one.kind not in own]
+        for fit in (trace.before, trace.state.fit)
+    )
+    nothing = "nothing in particular: the readings do not depend on it"
     return ParameterAccount(
         figures.pulls(before, after, bool(trace.found)) if after else "",
-        tuple(_parameter(one) for one in after if one.surprising),
-        tuple((one.name, _partners(one)) for one in after if not one.determined),
+        tuple(
+            (
+                one.name,
+                measure(one.value, one.std, one.unit),
+                measure(one.prior, None, one.unit),
+                f"{abs(one.pull):.1f}",
+            )
+            for one in after
+            if one.surprising
+        ),
+        tuple((one.name, ", ".join(one.trades_against) or nothing) for one in after if not one.determined),
     )
-
-
-def _with_prior(found: Sequence[Parameter]) -> list[Parameter]:
-    """Return declared parameters whose prior says how far they may move."""
-    own = (Kind.EFFECT, Kind.UNEXPLAINED)
-    return [one for one in found if np.isfinite(one.prior) and one.kind not in own]
 
 
 def _cards(trace: Trace, accurate: Accuracy) -> Table:
@@ -135,24 +143,23 @@ def _cards(trace: Trace, accurate: Accuracy) -> Table:
 
 def _campaign(trace: Trace) -> Table:
     measurements = trace.state.measurements
-    source = measurements.places[0].file.name if measurements.places else ""
     left_out = len(trace.outliers) - trace.told("counted less")
-    doubted = f"{len(trace.outliers)}, {left_out} of them left out of the fit; no error here is over them"
+    columns = (measurements.pose_number.tolist(), measurements.payload, measurements.session)
     return (
         ("Arm", f"{trace.arm.robot.urdf.name}, {trace.arm.robot.base} to {trace.arm.robot.tip}"),
-        ("Campaign", source),
+        ("Campaign", measurements.places[0].file.name if measurements.places else ""),
         ("SHA-256 of the campaign", measurements.sha256),
         ("Readings used", f"{len(trace.rows)} of {len(measurements)} rows driven"),
-        ("Readings not believed", doubted),
-        ("Poses, payloads, sessions", _counts(trace)),
+        (
+            "Readings not believed",
+            f"{len(trace.outliers)}, {left_out} of them left out of the fit; no error here is over them",
+        ),
+        (
+            "Poses, payloads, sessions",
+            ", ".join(str(len({column[row] for row in trace.rows})) for column in columns),
+        ),
         ("Made with", f"armflex {__version__}"),
     )
-
-
-def _counts(trace: Trace) -> str:
-    measurements, rows = trace.state.measurements, trace.rows
-    columns = (measurements.pose_number.tolist(), measurements.payload, measurements.session)
-    return ", ".join(str(len({column[row] for row in rows})) for column in columns)
 
 
 def _numbers(trace: Trace, accurate: Accuracy) -> Table:
@@ -177,43 +184,28 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
 
 def _effect(trace: Trace, index: int) -> EffectAccount:
     found, number = trace.found[index], trace.numbers[index]
+    heading, proof, units = called(found.effect, number), found.proof, units_of(found.effect)
+    std = {name: one for name, one in found.std.items() if np.isfinite(one)}
+    said = {name: "" if name in std else "not determined" for name in found.std}
+    held_out = [("Poses held out", millimetres(proof.before), millimetres(proof.after))]
+    if proof.sessions_before is not None:
+        sessions = (millimetres(proof.sessions_before), millimetres(proof.sessions_after))
+        held_out.append(("Whole sessions held out", *sessions))
     return EffectAccount(
-        heading=summary.where_effect(found, number),
+        heading=heading[0].upper() + heading[1:],
         name=labelled(found.effect, number),
         words=words(found.effect.law.name),
-        values=_values(found),
+        values=tuple(
+            (name, measure(value, std.get(name), units[name]), said.get(name, "chosen, not fitted"))
+            for name, value in found.effect.named.items()
+        ),
         sure=summary.sure(found),
-        proof=_proof(found),
+        proof=tuple(held_out),
         equivalent=tuple((called(effect), labelled(effect), short(less)) for effect, less in found.equivalent),
         against=effect_figures.against_suspect(trace, index),
         ranking=effect_figures.ranking(found, index + 1),
         posterior=effect_figures.posterior(trace, index),
     )
-
-
-def _values(found: Found) -> Table:
-    units, std = units_of(found.effect), {name: one for name, one in found.std.items() if np.isfinite(one)}
-    said = {name: "" if name in std else "not determined" for name in found.std}
-    return tuple(
-        (name, measure(value, std.get(name), units[name]), said.get(name, "chosen, not fitted"))
-        for name, value in found.effect.named.items()
-    )
-
-
-def _proof(found: Found) -> Table:
-    proof = found.proof
-    poses = ("Poses held out", millimetres(proof.before), millimetres(proof.after))
-    if proof.sessions_before is None:
-        return (poses,)
-    return poses, ("Whole sessions held out", millimetres(proof.sessions_before), millimetres(proof.sessions_after))
-
-
-def _parameter(one: Parameter) -> tuple[str, ...]:
-    return one.name, measure(one.value, one.std, one.unit), measure(one.prior, None, one.unit), f"{abs(one.pull):.1f}"
-
-
-def _partners(one: Parameter) -> str:
-    return ", ".join(one.trades_against) or "nothing in particular: the readings do not depend on it"
 
 
 def _hidden(trace: Trace) -> Table:
@@ -230,17 +222,13 @@ def _hidden(trace: Trace) -> Table:
 
 
 def _outliers(trace: Trace) -> Table:
-    measurements = trace.state.measurements
+    places, poses = trace.state.measurements.places, trace.state.measurements.pose
     return tuple(
         (
-            _row(measurements.places, one.row),
-            measurements.pose[one.row],
+            f"{places[one.row].file.name}:{places[one.row].line}" if places else f"row {one.row}",
+            poses[one.row],
             millimetres(one.error_m),
             one.kind,
         )
         for one in trace.outliers[:SHOWN]
     )
-
-
-def _row(places: Sequence[Place], row: int) -> str:
-    return f"{places[row].file.name}:{places[row].line}" if places else f"row {row}"

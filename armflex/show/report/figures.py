@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from itertools import product
 
 import numpy as np
 
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import TWIST_NAMES
 from armflex.estimate.identify import SURPRISING, Parameter
-from armflex.show.report.accuracy import Accuracy, Errors
+from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.svg import AFTER, BEFORE, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import words
 from armflex.trace.localise import NOTICED, RandomTwist
 from armflex.trace.result import Smallest, Trace
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 LONG = 0.09
 """Length of a long residual arrow as a share of the workspace."""
@@ -30,86 +27,86 @@ def workspace(trace: Trace) -> str:
 
     Where nothing was found there is no before: the views stand side by side.
     """
-    points, before, after = _in_base(trace)
-    span = max(float(np.ptp(points, axis=0).max()), 1e-3)
-    size = float(np.quantile(np.linalg.norm(before, axis=1), 0.95)) or 1e-3
-    scale, views = LONG * span / size, _views(trace, points)
-    times = [(", before", before, BEFORE), (", after", after, AFTER)] if trace.found else [("", after, AFTER)]
-    figure, axes = canvas(10.0, 7.6, 2, 2) if trace.found else canvas(10.0, 4.0, 1, 2)
-    panels = iter(axes)
-    for title, pair in views:
-        row = [(next(panels), when, arrows, colour) for when, arrows, colour in times]
-        for panel, when, arrows, colour in row:
-            _arrows(panel, points[:, pair], scale * arrows[:, pair], colour)
-            _arm(panel, trace, pair)
-            panel.set(title=title + when, xlabel=f"{'xyz'[pair[0]]} [m]", ylabel=f"{'xyz'[pair[1]]} [m]")
-        _share_limits([panel for panel, *_ in row])
-    _key(axes[0], scale, size)
-    return inline(figure, "Residual arrows in the workspace")
-
-
-def _in_base(trace: Trace) -> tuple[Array, Array, Array]:
-    """Return target positions and residuals before and after of the believed rows, base axes [m]."""
     fit = trace.state.fit
     kept, tip = trace.believed, fit.view.line.tip
-    points = tip[:, :3, 3] + tip[:, :3, :3] @ fit.setup.instrument.target
-    turned = [
-        residual[:, one.view.positions] @ one.setup.instrument.pose.rotation
+    points = (tip[:, :3, 3] + tip[:, :3, :3] @ fit.setup.instrument.target)[kept]
+    before, after = (
+        (residual[:, one.view.positions] @ one.setup.instrument.pose.rotation)[kept]
         for one, residual in ((trace.before, trace.before.view.residual), (fit, trace.residual))
-    ]
-    return points[kept], turned[0][kept], turned[1][kept]
-
-
-def _views(trace: Trace, points: Array) -> list[tuple[str, list[int]]]:
-    """Return title and axes of a side view and a top view, up against gravity."""
+    )
+    span = max(float(np.ptp(points, axis=0).max()), 1e-3)
+    size = float(np.quantile(np.linalg.norm(before, axis=1), 0.95)) or 1e-3
+    scale = LONG * span / size
     gravity = trace.arm.robot.gravity
     up = int(np.abs(gravity).argmax()) if np.any(gravity) else 2
     level = [axis for axis in range(3) if axis != up]
     wide = max(level, key=lambda axis: float(np.ptp(points[:, axis])))
-    return [("From the side", [wide, up]), ("From above", level)]
+    chain = np.vstack([fit.view.line.links[0, :, :3, 3], tip[0, :3, 3]])
+    times = [(", before", before, BEFORE), (", after", after, AFTER)] if trace.found else [("", after, AFTER)]
+    figure, axes = canvas(10.0, 7.6, 2, 2) if trace.found else canvas(10.0, 4.0, 1, 2)
+    panels = iter(axes)
+    for title, pair in (("From the side", [wide, up]), ("From above", level)):
+        row = [(next(panels), when, arrows, colour) for when, arrows, colour in times]
+        for panel, when, arrows, colour in row:
+            x, y = points[:, pair].T
+            panel.scatter(x, y, s=3, color=MUTED, alpha=0.5, linewidths=0)
+            shape = {"scale_units": "xy", "scale": 1.0, "width": 0.0032, "headwidth": 3.6}
+            panel.quiver(x, y, *(scale * arrows[:, pair]).T, angles="xy", color=colour, **shape)
+            grid(panel)
+            # The arm, faintly, in the first measured pose, for orientation.
+            panel.plot(*chain[:, pair].T, "-o", color=MUTED, alpha=0.45, linewidth=2.2, markersize=3.5, zorder=0.5)
+            panel.set(title=title + when, xlabel=f"{'xyz'[pair[0]]} [m]", ylabel=f"{'xyz'[pair[1]]} [m]")
+        both = np.array([[*panel.dataLim.intervalx, *panel.dataLim.intervaly] for panel, *_ in row])
+        low, high = both[:, [0, 2]].min(axis=0), both[:, [1, 3]].max(axis=0)
+        room = 0.06 * (high - low).max()
+        for panel, *_ in row:
+            panel.set_aspect("equal", adjustable="box")
+            panel.set_xlim(low[0] - room, high[0] + room)
+            panel.set_ylim(low[1] - 2.5 * room, high[1] + room)  # below: room for the scale
 
-
-def _arrows(panel: Axes, points: Array, arrows: Array, colour: str) -> None:
-    panel.scatter(*points.T, s=3, color=MUTED, alpha=0.5, linewidths=0)
-    panel.quiver(
-        *points.T, *arrows.T, angles="xy", scale_units="xy", scale=1.0, color=colour, width=0.0032, headwidth=3.6
-    )
-    grid(panel)
-
-
-def _arm(panel: Axes, trace: Trace, pair: list[int]) -> None:
-    """Draw the arm faintly in the first measured pose, for orientation."""
-    line = trace.state.fit.view.line
-    chain = np.vstack([line.links[0, :, :3, 3], line.tip[0, :3, 3]])[:, pair]
-    panel.plot(*chain.T, "-o", color=MUTED, alpha=0.45, linewidth=2.2, markersize=3.5, zorder=0.5)
-
-
-def _share_limits(axes: Sequence[Axes]) -> None:
-    both = np.array([[*panel.dataLim.intervalx, *panel.dataLim.intervaly] for panel in axes])
-    low, high = both[:, [0, 2]].min(axis=0), both[:, [1, 3]].max(axis=0)
-    room = 0.06 * (high - low).max()
-    for panel in axes:
-        panel.set_aspect("equal", adjustable="box")
-        panel.set_xlim(low[0] - room, high[0] + room)
-        panel.set_ylim(low[1] - 2.5 * room, high[1] + room)  # below: room for the scale
-
-
-def _key(panel: Axes, scale: float, size: float) -> None:
+    # The scale: a bar of 1, 2 or 5 times a power of ten of error.
     power = 10.0 ** np.floor(np.log10(size))
     length = float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= size))
-    low, high = panel.get_xlim(), panel.get_ylim()
-    x, y = low[0] + 0.03 * np.ptp(low), high[0] + 0.04 * np.ptp(high)
-    panel.plot([x, x + scale * length], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
+    across, upwards = axes[0].get_xlim(), axes[0].get_ylim()
+    x, y = across[0] + 0.03 * np.ptp(across), upwards[0] + 0.04 * np.ptp(upwards)
+    axes[0].plot([x, x + scale * length], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
     text = f"{1e3 * length:g} mm of error, drawn × {scale:.0f}"
-    panel.text(x, y + 0.02 * np.ptp(high), text, fontsize=8.5, color=INK)
+    axes[0].text(x, y + 0.02 * np.ptp(upwards), text, fontsize=8.5, color=INK)
+    return inline(figure, "Residual arrows in the workspace")
 
 
 def by_session_and_pose(accurate: Accuracy, both: bool) -> str:
     """Return held-out errors by session and by pose: before and after, or after alone."""
     figure, (left, right) = canvas(10.0, 3.3, 1, 2, gridspec_kw={"width_ratios": [1, 2.6]}, sharey=True)
-    _sessions(left, accurate, both)
-    _poses(right, accurate, both)
+    sessions = accurate.by(accurate.sessions)
+    place = np.arange(len(sessions))
+    for side, which, colour in ((-0.2, 1, BEFORE), (0.2, 2, AFTER)) if both else ((0.0, 2, AFTER),):
+        heights, stds = (1e3 * np.array([getattr(one[which], name) for one in sessions]) for name in ("rms", "std"))
+        left.bar(place + side, heights, 0.36, color=colour)
+        left.errorbar(place + side, heights, stds, fmt="none", ecolor=INK, elinewidth=0.9)
+    left.set_title("By session")
+    step = max(1, len(sessions) // 12)
+    slanted = max(len(name) for name, *_ in sessions) > 5
+    labels = [cut(name, 12) for name, *_ in sessions[::step]]
+    left.set_xticks(place[::step], labels, rotation=40 if slanted else 0, ha="right" if slanted else "center")
     left.set_ylabel("RMS error, poses held out [mm]")
+
+    poses = sorted(accurate.by(accurate.poses), key=lambda pose: -pose[1].rms)
+    place = np.arange(len(poses))
+    before, after = (1e3 * np.array([pose[which].rms for pose in poses]) for which in (1, 2))
+    if both:
+        right.vlines(place, before, after, color=RULE, linewidth=1.0, zorder=1)
+        right.scatter(place, before, s=11, color=BEFORE, linewidths=0, label="before")
+    right.scatter(place, after, s=11, color=AFTER, linewidths=0, label="after" if both else "calibrated")
+    right.plot([], [], color=INK, linewidth=1.0, linestyle=DASHED, label="stated noise")
+    right.set_title("By pose, the worst before first" if both else "By pose, the worst first")
+    if len(poses) <= MANY_POSES and all(len(name) <= 8 for name, *_ in poses):
+        step = max(1, len(poses) // 24)
+        right.set_xticks(place[::step], [name for name, *_ in poses[::step]], rotation=90, fontsize=6.5)
+    else:
+        right.set_xticks([])
+        right.set_xlabel(f"{len(poses)} poses")
+
     for panel in (left, right):
         panel.axhline(1e3 * accurate.stated, color=INK, linewidth=1.0, linestyle=DASHED)
         grid(panel, "y")
@@ -118,70 +115,30 @@ def by_session_and_pose(accurate: Accuracy, both: bool) -> str:
     return inline(figure, "Errors by session and by pose")
 
 
-def _sessions(panel: Axes, accurate: Accuracy, both: bool) -> None:
-    groups = accurate.by(accurate.sessions)
-    place = np.arange(len(groups))
-    for side, which, colour in ((-0.2, 1, BEFORE), (0.2, 2, AFTER)) if both else ((0.0, 2, AFTER),):
-        errors: list[Errors] = [group[which] for group in groups]
-        heights, stds = (1e3 * np.array([getattr(one, name) for one in errors]) for name in ("rms", "std"))
-        panel.bar(place + side, heights, 0.36, color=colour)
-        panel.errorbar(place + side, heights, stds, fmt="none", ecolor=INK, elinewidth=0.9)
-    panel.set_title("By session")
-    step = max(1, len(groups) // 12)
-    slanted = max(len(group[0]) for group in groups) > 5
-    labels = [cut(group[0], 12) for group in groups[::step]]
-    panel.set_xticks(place[::step], labels, rotation=40 if slanted else 0, ha="right" if slanted else "center")
-
-
-def _poses(panel: Axes, accurate: Accuracy, both: bool) -> None:
-    groups = sorted(accurate.by(accurate.poses), key=lambda group: -group[1].rms)
-    place = np.arange(len(groups))
-    before, after = (1e3 * np.array([group[which].rms for group in groups]) for which in (1, 2))
-    if both:
-        panel.vlines(place, before, after, color=RULE, linewidth=1.0, zorder=1)
-        panel.scatter(place, before, s=11, color=BEFORE, linewidths=0, label="before")
-    panel.scatter(place, after, s=11, color=AFTER, linewidths=0, label="after" if both else "calibrated")
-    panel.plot([], [], color=INK, linewidth=1.0, linestyle=DASHED, label="stated noise")
-    panel.set_title("By pose, the worst before first" if both else "By pose, the worst first")
-    if len(groups) <= MANY_POSES and all(len(group[0]) <= 8 for group in groups):
-        step = max(1, len(groups) // 24)
-        panel.set_xticks(place[::step], [group[0] for group in groups[::step]], rotation=90, fontsize=6.5)
-    else:
-        panel.set_xticks([])
-        panel.set_xlabel(f"{len(groups)} poses")
-
-
 def heat(trace: Trace, left: Sequence[RandomTwist]) -> str:
     """Return where a random twist would explain the residual, by site and axis: before and after, or once."""
+    from matplotlib.patches import Rectangle
+
     sites = trace.state.scene.sites
     most = max([NOTICED, *(place.ratio for place in trace.places)])
     pairs = [("Before", trace.places), ("After", left)] if trace.found else [("", trace.places)]
     figure, axes = canvas(10.0 if trace.found else 6.0, 2.9, 1, len(pairs))
     for panel, (title, places) in zip(axes, pairs, strict=True):
-        _squares(panel, sites, {(place.site, place.axis): place.ratio for place in places}, most)
-        panel.set_title(title)
-    return inline(figure, "Where the unexplained variance points")
-
-
-def _squares(panel: Axes, sites: Sequence[str], ratios: dict[tuple[str, str], float], most: float) -> None:
-    from matplotlib.patches import Rectangle
-
-    for column, site in enumerate(sites):
-        for row, axis in enumerate(TWIST_NAMES):
+        ratios = {(place.site, place.axis): place.ratio for place in places}
+        for (column, site), (row, axis) in product(enumerate(sites), enumerate(TWIST_NAMES)):
             ratio = ratios.get((site, axis), 0.0)
-            strength = float(np.clip(ratio / most, 0.0, 1.0))
-            panel.add_patch(Rectangle((column - 0.47, row - 0.47), 0.94, 0.94, color=RULE, alpha=0.35, linewidth=0))
-            panel.add_patch(
-                Rectangle((column - 0.47, row - 0.47), 0.94, 0.94, color=BEFORE, alpha=strength, linewidth=0)
-            )
+            strength, corner = float(np.clip(ratio / most, 0.0, 1.0)), (column - 0.47, row - 0.47)
+            for colour, alpha in ((RULE, 0.35), (BEFORE, strength)):
+                panel.add_patch(Rectangle(corner, 0.94, 0.94, color=colour, alpha=alpha, linewidth=0))
             if ratio >= NOTICED:
                 ink = PAPER if strength > 0.6 else INK
                 panel.text(column, row, f"{ratio:.0f}", ha="center", va="center", fontsize=6.8, color=ink)
-    panel.set(xlim=(-0.6, len(sites) - 0.4), ylim=(5.6, -0.6))
-    panel.set_xticks(range(len(sites)), [cut(site, 14) for site in sites], rotation=60, ha="right", fontsize=7)
-    panel.set_yticks(range(6), TWIST_NAMES)
-    panel.tick_params(length=0)
-    panel.spines[:].set_visible(False)
+        panel.set(xlim=(-0.6, len(sites) - 0.4), ylim=(5.6, -0.6), title=title)
+        panel.set_xticks(range(len(sites)), [cut(site, 14) for site in sites], rotation=60, ha="right", fontsize=7)
+        panel.set_yticks(range(6), TWIST_NAMES)
+        panel.tick_params(length=0)
+        panel.spines[:].set_visible(False)
+    return inline(figure, "Where the unexplained variance points")
 
 
 def pulls(before: Sequence[Parameter], after: Sequence[Parameter], both: bool, most: int = 12) -> str:

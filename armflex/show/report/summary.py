@@ -12,7 +12,6 @@ from armflex.trace.result import Found, Trace, Unexplained
 MOST_VALUES = 2
 """Values of an effect that the first sentence has room for."""
 
-
 MOST_NAMED = 2
 """Effects that it has room for with their values; of more, the first two are named."""
 
@@ -26,27 +25,19 @@ def headline(trace: Trace) -> str:
     if not trace.found and trace.withdrawn:
         return "Nothing that was tried predicts poses not used better than the calibrated arm."
     if trace.found:
-        parts = [called(one.effect, number) + _values(one) for one, number in pairs]
+        parts = []
+        for one, number in pairs:
+            effect, units = one.effect, units_of(one.effect)
+            names = [effect.law.amplitudes[i].name for i in effect.spot.terms]
+            values = [f"{name} {measure(effect.named[name], one.std[name], units[name])}" for name in names]
+            few = f": {joined(values)}" if len(values) <= MOST_VALUES else ""
+            parts.append(called(effect, number) + few)
         return f"The arm lacked {'; and '.join(parts)}."
-    if trace.unexplained:
-        return f"Something moves this arm that no recorded column explains{_where(trace.unexplained)}."
+    if left := trace.unexplained:
+        size = "" if left.std is None else f", {measure(left.std, None, left.unit or '')}"
+        where = "" if left.site is None else f"; it acts at {site_words(left.site)} ({left.axis}){size}"
+        return f"Something moves this arm that no recorded column explains{where}."
     return "Nothing is missing that this campaign could show."
-
-
-def _where(left: Unexplained) -> str:
-    if left.site is None:
-        return ""
-    size = "" if left.std is None else f", {measure(left.std, None, left.unit or '')}"
-    return f"; it acts at {site_words(left.site)} ({left.axis}){size}"
-
-
-def _values(found: Found) -> str:
-    """Return ': gap 1.003 ± 0.013 mrad', the amplitudes where they are few enough to read."""
-    effect, units = found.effect, units_of(found.effect)
-    names = [effect.law.amplitudes[i].name for i in effect.spot.terms]
-    if len(names) > MOST_VALUES:
-        return ""
-    return ": " + joined([f"{name} {measure(effect.named[name], found.std[name], units[name])}" for name in names])
 
 
 def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
@@ -59,8 +50,15 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
 
 def further(trace: Trace, accurate: Accuracy) -> list[str]:
     """Return what has to be said beside the result: what is not told apart, what is left, what would have shown."""
-    pairs = zip(trace.found, trace.numbers, strict=True)
-    said = [_not_told(one, number) for one, number in pairs if one.equivalent]
+    said = []
+    for one, number in zip(trace.found, trace.numbers, strict=True):
+        own = called(one.effect)
+        rivals = [rival for rival in dict.fromkeys(called(effect) for effect, _ in one.equivalent) if rival != own]
+        if rivals:
+            shown = [*rivals[:3], f"{len(rivals) - 3} more"] if len(rivals) > 3 else rivals
+            said.append(f"These data do not tell {called(one.effect, number)} from {joined(shown)}.")
+        elif one.equivalent:
+            said.append(f"These data do not settle which terms of {words(one.effect.law.name).title} act.")
     said += [
         f"Adding {words(one.effect.law.name).title} hardly lowers the error; it is believed because fitted "
         "parameters no longer strain against what was known of them."
@@ -81,18 +79,14 @@ def further(trace: Trace, accurate: Accuracy) -> list[str]:
     elif not 0.8 < trace.noise < 1.2:
         said.append(f"The readings scatter {short(trace.noise)} times as much as their stated noise.")
     if not trace.found and trace.smallest:
-        said.append(would_show(trace))
+        least = min(trace.smallest, key=lambda one: one.least)
+        best, worst = (float(np.median([getattr(one, name) for one in trace.smallest])) for name in ("least", "most"))
+        said.append(
+            f"The smallest effect that this campaign would have shown: {words(least.effect).title} from "
+            f"{millimetres(least.least)} RMS at the target. Half of the {len(trace.smallest)} laws would have shown "
+            f"from {millimetres(best)} where they show best, from {millimetres(worst)} where they show worst."
+        )
     return said
-
-
-def _not_told(found: Found, number: int) -> str:
-    rivals = list(dict.fromkeys(called(effect) for effect, _ in found.equivalent))
-    own = called(found.effect)
-    others = [rival for rival in rivals if rival != own]
-    if not others:
-        return f"These data do not settle which terms of {words(found.effect.law.name).title} act."
-    shown = [*others[:3], f"{len(others) - 3} more"] if len(others) > 3 else others
-    return f"These data do not tell {called(found.effect, number)} from {joined(shown)}."
 
 
 def left(unexplained: Unexplained) -> str:
@@ -107,18 +101,6 @@ def left(unexplained: Unexplained) -> str:
         places = [f"{site_words(place.site)} ({place.axis})" for place in unexplained.equivalent[:4]]
         text += f". As likely places: {joined(places)}"
     return text + "."
-
-
-def would_show(trace: Trace) -> str:
-    """Return how small an effect this campaign would have shown."""
-    least = min(trace.smallest, key=lambda one: one.least)
-    usual = float(np.median([one.least for one in trace.smallest]))
-    most = float(np.median([one.most for one in trace.smallest]))
-    return (
-        f"The smallest effect that this campaign would have shown: {words(least.effect).title} from "
-        f"{millimetres(least.least)} RMS at the target. Half of the {len(trace.smallest)} laws would have shown from "
-        f"{millimetres(usual)} where they show best, from {millimetres(most)} where they show worst."
-    )
 
 
 def sure(found: Found) -> str:
@@ -139,9 +121,3 @@ def sure(found: Found) -> str:
             "poses are predicted better."
         )
     return " ".join(parts)
-
-
-def where_effect(found: Found, number: int) -> str:
-    """Return the heading of an effect: its law and its place, and its number where the arm has another such."""
-    text = called(found.effect, number)
-    return text[0].upper() + text[1:]
