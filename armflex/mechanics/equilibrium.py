@@ -240,6 +240,7 @@ def tangent_of(found: Equilibrium) -> Array:
     return np.eye(len(places)) + compliance @ geometric @ mechanics.exponential_jacobian(found.rigid, found.motion)
 
 
+@RUNS_AWAY
 def check_small(twists: Array, names: tuple[str, ...]) -> None:
     """Raise `SmallDisplacementError` where a flexure turned by more than `MAX_ROTATION`."""
     turns = np.linalg.norm(twists.reshape(-1, 6)[:, 3:], axis=1)
