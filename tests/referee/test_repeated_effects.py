@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support import three_joint_plant
 from support.effect_arms import quietly
 from support.measurement_rows import written
-from support.plant import Plant, Push, Rows, State, apply, pose, turn
-from support.three_joint_plant import ARM, SIGMA, URDF
+from support.plant import Push, State
+from support.three_joint_plant import ARM, SIGMA
 
 from armflex import Arm, Reading, Tracker, calibrate, draw_arms, plan, predict, read_measurements, trace
 from armflex.certainty import Certainty
@@ -38,21 +38,11 @@ def gear(state: State, push: Push) -> None:
 
 def measured(folder: Path, seed: int, count: int) -> Path:
     """Write a campaign of the machine that has all four, as read from one place; return its table."""
-    rng = np.random.default_rng(seed)
-    (folder / "r.urdf").write_text(URDF)
-    (folder / "arm.toml").write_text(ARM)
-    plant = Plant.read(folder / "arm.toml")
+    rng, plant = np.random.default_rng(seed), three_joint_plant.declared(folder)
     plant.offset = {"J2": 4e-4, "J3": -7e-4}
     q = rng.uniform(-1.0, 1.0, (count, 3)) * [2.5, 2.4, 2.0]
-    rows = Rows.plain(q, np.zeros(count), np.zeros((count, 3)))
-    station = pose(np.array([2.0, -1.0, 0.3]), turn(np.array([0.0, 0.0, 0.7])))
-    seen = apply(station, plant.points(plant.relax(rows, [gear]))) + rng.normal(0.0, SIGMA, (count, 3))
-    path = folder / f"m{seed}.csv"
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["q_J1", "q_J2", "q_J3", "x", "y", "z", "sigma"])
-        writer.writerows([*map(repr, map(float, row)), SIGMA] for row in np.hstack([q, seen]))
-    return path
+    read = three_joint_plant.seen(plant, q, gear) + rng.normal(0.0, SIGMA, (count, 3))
+    return three_joint_plant.write_campaign(folder / f"m{seed}.csv", q, read)
 
 
 @pytest.fixture(scope="module")

@@ -87,6 +87,7 @@ def test_cause_is_the_largest_share(tarm: Arm, tarm_path: Trajectory, heavy: Arm
     assert len(causes) > 1
 
 
+@pytest.mark.slow
 def test_worst_comes_first_and_the_whole_path_decides(tarm: Arm, tarm_path: Trajectory) -> None:
     report = check(tarm, tarm_path, 0.1)
     order = [(-RANK[point.verdict], point.margin_m) for point in report.via_points]
@@ -109,6 +110,7 @@ def quick(arm: Arm, q: np.ndarray, payload: str) -> tuple[float, float, float, f
     return tuple(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tarm", "heavy"])
 def test_finer_sampling_changes_no_verdict(name: str, request: pytest.FixtureRequest) -> None:
     """Against 48 samples of every stretch, at tolerances near and far from where verdicts change."""
@@ -356,6 +358,7 @@ def test_one_bad_row_does_not_hide_the_others(tarm, tarm_path):
     assert any("'A2'" in reason for reason in reasons) and any("'A3'" in reason for reason in reasons)
 
 
+@pytest.mark.slow
 def test_a_drive_beyond_its_limit_is_flagged(tarm, tarm_path):
     heavier = replace(tarm, payloads=dict(tarm.payloads, p600=Payload(2500.0, np.zeros(3))))
     flags = {flag.code: flag.text for flag in check(heavier, tarm_path, 1.0).flags}

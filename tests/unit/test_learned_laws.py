@@ -240,6 +240,7 @@ def test_what_nobody_declared_is_learned(six, learned, tmp_path):
     assert after < 1.2 * noise
 
 
+@pytest.mark.slow
 def test_the_true_laws_are_within_their_bands(six, learned):
     _, found = learned
     state, names = six.state(), list(found.arm.joint_names)
@@ -253,6 +254,7 @@ def test_the_true_laws_are_within_their_bands(six, learned):
         assert std.mean() < 0.5 * np.abs(six.twist(joint, loads)[:, axis]).mean()
 
 
+@pytest.mark.slow
 def test_what_was_learned_is_written_and_read(six, learned, tmp_path):
     folder, found = learned
     again = load_arm(write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml"))

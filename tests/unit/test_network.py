@@ -193,6 +193,7 @@ def test_only_a_single_network_has_a_laplace_covariance() -> None:
         network_from_tensors(tensors)
 
 
+@pytest.mark.slow
 def test_a_torch_module_as_a_law() -> None:
     torch = pytest.importorskip("torch")
     from armflex.laws.joint.torch_law import TorchLaw
