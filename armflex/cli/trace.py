@@ -28,14 +28,14 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import complain, console, number, print_table, stream
-from armflex.errors import FileError, InputError
-from armflex.estimate.effect_block import numbered
+from armflex.errors import FileError, InputError, enough_memory
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.remember import derived_directions
 from armflex.laws.effects.spot import LINK
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
+from armflex.parameters import numbered
 from armflex.trace import trace
 from armflex.trace.result import write_traced
 
@@ -85,7 +85,7 @@ def command(
     measurements = read_measurements(measurements_path, arm, points=points)
     finished: list[Trace] = []
     try:
-        with telling() as (say, progress):
+        with enough_memory(f"{len(measurements)} rows"), telling() as (say, progress):
 
             def account(found: Trace) -> None:
                 say("writing what was accepted so far" if found.unfinished else "writing")

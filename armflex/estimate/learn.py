@@ -15,7 +15,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, Flag
-from armflex.estimate.blocks import Block
+from armflex.estimate.block import Block
 from armflex.estimate.fit import Effort, Fit, fit
 from armflex.estimate.law_block import LawBlock, learned_laws, with_laws
 from armflex.estimate.view import Progress
@@ -144,12 +144,11 @@ def rescaled(block: LawBlock, values: Array, variance: Array) -> LawBlock:
 
 
 def _rescaled(law: LearnedLaw, values: Array, variance: Array) -> LearnedLaw:
-    scales, start = [], 0
-    for group, expected in zip(law.groups, law.expected, strict=True):
-        own = slice(start, start := start + len(group.labels))
-        std = group.std
-        scales.append(_scale(expected.std, std, values[own], variance[own]) if group.found else std)
-    return replace(law, scales=tuple(scales))
+    pairs = [
+        (group, std, values[group.places], variance[group.places])
+        for group, std in zip(law.groups, law.scales, strict=True)
+    ]
+    return law.rescaled(_scale(group.std, std, own, known) if group.sized else std for group, std, own, known in pairs)
 
 
 def _scale(expected: float, std: float, values: Array, variance: Array) -> float:

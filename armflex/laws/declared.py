@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,6 @@ from armflex.errors import LawError, ModelFileError, UnknownNameError
 from armflex.laws.joint.at_node import AtNode
 from armflex.laws.joint.beam import Beam, Section, stiffness
 from armflex.laws.joint.linear import read_linear
-from armflex.laws.joint.position_dependent import read_position_dependent
 from armflex.laws.joint.structural import StructuralLaw, SubJoint
 from armflex.laws.law import Law, Ranges
 from armflex.laws.law_file import FORMS, load_law
@@ -38,11 +38,11 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
         law = _read_file(table, model)
     elif model in LAWS:
         law = LAWS[model](table, joint, ranges)
-    elif table.flag("learn"):
+    elif table.flag("learn") and not FORMS[model].runs_code:
         law = read_linear(table, joint, ranges)  # what the correction is learned about
     else:
-        text = f"a {model} law is learned: give the 'file' that `armflex train` wrote, or learn = true and a compliance"
-        raise table.fail("model", text)
+        other = "" if FORMS[model].runs_code else ", or learn = true and a compliance"
+        raise table.fail("model", f"a {model} law is learned: give the 'file' that `armflex train` wrote{other}")
     if table.has("node"):
         return AtNode(law, table.numbers("node", (3,)))
     return law
@@ -139,9 +139,16 @@ def _read_beam(table: Declaration, nodes: Mapping[str, Array]) -> Beam:
     return beam
 
 
+DECLARED = (
+    "linear",
+    "position_dependent",
+    "hardening",
+)
+"""Laws by numbers: a file of `joint/` each, with a function `read_NAME` and an `EXAMPLE` of what it reads; a new law is
+one more file and a line here."""
+
 LAWS: dict[str, Callable[[Declaration, str, Ranges], Law]] = {
-    "linear": read_linear,
-    "position_dependent": read_position_dependent,
+    **{name: getattr(import_module(f"armflex.laws.joint.{name}"), f"read_{name}") for name in DECLARED},
     "structural": read_structural,
 }
 """`model` in arm.toml -> how its law is read."""

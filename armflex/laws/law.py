@@ -238,7 +238,7 @@ class Law(ABC):
     @property
     def uncertain(self) -> bool:
         """Whether anything of the law is known to be not known."""
-        return self.values_covariance is not None
+        return self.values_covariance is not None and bool(self.values_covariance.any())
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return what is doubtful about the answer to a (6,) wrench: loads beyond those trained on."""

@@ -40,12 +40,12 @@ DECLARED: dict[str, tuple[Law, Learning]] = {
     "structural": (structure(), Learning("structural")),
     "position_dependent": (
         PositionDependentLaw("B", np.array([compliance(), 0.2 * compliance()])),
-        Learning("position_dependent", reach=(0.2, 1.5)),
+        Learning("position_dependent", travel={"B": (-1.3, 1.7)}),
     ),
     "at a node": (AtNode(LinearLaw(compliance()), np.array([0.1, 0.0, 0.2])), Learning("linear")),
     "of a position, at a node": (
         AtNode(PositionDependentLaw("B", np.array([compliance(), 0.2 * compliance()])), np.array([0.1, 0.0, 0.2])),
-        Learning("position_dependent", reach=(0.2, 1.5)),
+        Learning("position_dependent", travel={"B": (-1.3, 1.7)}),
     ),
     "about a node": (AtNode(LinearLaw(compliance()), np.array([0.1, 0.0, 0.2])), Learning("polynomial")),
 }

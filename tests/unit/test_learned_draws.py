@@ -9,8 +9,6 @@ import pytest
 from support.learned_laws import DECLARED, ROW, SIZE, moved
 from support.small_arms import central_difference
 
-from armflex.laws import LinearLaw
-
 
 @pytest.mark.parametrize("name", DECLARED)
 def test_a_step_of_the_values_is_one_of_the_twist(name):
@@ -43,4 +41,4 @@ def test_draws_spread_as_the_covariance_says(name):
     expected = np.sqrt(np.diag(replace(law, reach=None).covariance(wrench, row)))
     # A standard deviation from 1000 draws is right to a root of 2000, at 4 of them.
     np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=4.0 / np.sqrt(2000))
-    assert isinstance(law.draw(rng).parts[0], LinearLaw)
+    assert law.draw(rng).parts[0].constant is not None

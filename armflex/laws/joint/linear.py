@@ -9,6 +9,7 @@ import numpy as np
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, LawError
+from armflex.laws.joint.log_compliance import LOOSE, LogCompliance
 from armflex.laws.law import Law, Ranges, Row, block_diagonal, embed
 from armflex.laws.parameter import Parameter
 
@@ -16,6 +17,15 @@ SYMMETRY = 1e-9
 
 SOFTEST = (1e-5, 1e-3)
 """m/N and rad/Nm beyond which a single joint of steel is not believed; a hint at a wrong unit, no more."""
+
+EXAMPLE = """
+model = "linear"
+compliance = [1e-8, 2e-8, 1e-8, 1e-6, 2e-6, 1e-6]  # of dx dy dz [m/N], rx ry rz [rad/Nm]; or 6 x 6
+relative_std = 0.05  # of every entry; optional
+"""
+
+FIRMEST = 1e-3
+"""Relative standard deviation below which no fit to a bench is taken to know a joint as it is in the arm."""
 
 UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
 """Entries of a symmetric matrix."""
@@ -125,6 +135,16 @@ class LinearLaw(Law):
         """Return the axes that give, of a fitted compliance, too: it is one all the same."""
         return self.gives(row)
 
+    def learned(self, travel: Ranges) -> Law | None:
+        """Return the compliance by factors and couplings about this one, as uncertain as declared or fitted."""
+        axes, std = tuple(np.flatnonzero(np.diag(self.compliance) > 0.0).tolist()), self.relative_std or LOOSE
+        if not np.allclose(self.compliance, self.compliance.T, rtol=1e-9, atol=0.0):
+            return None
+        if self.fit is not None:
+            known = np.sqrt([self.fit.row_covariance[axis, axis, axis] for axis in axes])
+            std = tuple(np.clip(known / np.diag(self.compliance)[list(axes)], FIRMEST, LOOSE).tolist())
+        return LogCompliance(self, axes, std, np.zeros(len(axes) * (len(axes) + 1) // 2))
+
     def scaled(self, factor: Array) -> LinearLaw:
         """Return the law of S C S; readings scatter as before."""
         square, fit = np.outer(factor, factor), self.fit
@@ -191,12 +211,17 @@ def declared_matrix(table: Declaration, key: str) -> Array:
 
 def read_linear(table: Declaration, joint: str, ranges: Ranges) -> LinearLaw:
     """Return the linear law that an arm.toml declares: `compliance`, and optionally `relative_std`."""
+    return LinearLaw(read_compliance(table), declared_std(table))
+
+
+def read_compliance(table: Declaration) -> Array:
+    """Return the (6, 6) `compliance` of a table; raise `ArmFileError` where no structure gives so."""
     compliance = declared_matrix(table, "compliance")
     try:
         check_compliance(compliance)
     except LawError as error:
         raise table.fail("compliance", str(error)) from None
-    return LinearLaw(compliance, declared_std(table))
+    return compliance
 
 
 def declared_std(table: Declaration) -> float:

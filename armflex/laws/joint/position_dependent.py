@@ -13,8 +13,19 @@ from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import LawError, did_you_mean
 from armflex.laws.joint.linear import SYMMETRIC, check_compliance, declared_matrix, declared_std, entries
+from armflex.laws.joint.log_compliance import LOOSE, NOWHERE, LogCompliance
 from armflex.laws.law import NOTHING, Law, Ranges, Row, block_norms
 from armflex.laws.parameter import Parameter
+
+EXAMPLE = """
+model = "position_dependent"
+compliance = [1e-8, 2e-8, 1e-8, 1e-6, 2e-6, 1e-6]
+compliance_q1 = [1e-10, 0.0, 0.0, 1e-7, 1e-7, 0.0]  # per rad or m of the joint's position; _q2, _q3 of its powers
+relative_std = 0.05
+"""
+
+DEGREE = 2
+"""Of the polynomial in the position that the law is learned as."""
 
 COEFFICIENTS = ("compliance", "compliance_q1", "compliance_q2", "compliance_q3")
 
@@ -94,6 +105,14 @@ class PositionDependentLaw(Law):
     def gives(self, row: Row) -> tuple[int, ...]:
         """Return the axes that give anywhere."""
         return tuple(np.flatnonzero(np.diag(np.abs(self.coefficients).sum(axis=0)) > 0.0).tolist())
+
+    def learned(self, travel: Ranges) -> LogCompliance:
+        """Return the compliance by factors and couplings that are polynomials in the position, over its travel."""
+        low, high = travel[self.joint]
+        axes, reach = self.gives(NOWHERE), max(0.5 * (high - low), 1e-6)
+        start = np.zeros((DEGREE + 1) * len(axes) * (len(axes) + 1) // 2)
+        std = self.relative_std or LOOSE
+        return LogCompliance(self, axes, std, start, self.joint, 0.5 * (low + high), reach, DEGREE)
 
     def scaled(self, factor: Array) -> PositionDependentLaw:
         """Return the law of S C(q) S."""

@@ -22,8 +22,25 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, Flag, LawError, UnknownNameError
 from armflex.laws.joint.beam import Beam, stiffness
-from armflex.laws.law import Composed, Law, Row, unturned
+from armflex.laws.joint.log_compliance import LOOSE
+from armflex.laws.joint.scaled import ScaledLaw
+from armflex.laws.joint.stepped import SteppedLaw
+from armflex.laws.law import Composed, Law, Ranges, Row, unturned
 from armflex.laws.parameter import Parameter
+
+EXAMPLE = """
+model = "structural"
+tip = "tip"
+nodes = { near = [0.0, 0.0, 0.0], far = [0.3, 0.0, 0.0], tip = [0.4, 0.05, 0.0] }
+subjoint = [
+    { at = "near", compliance = [1e-8, 2e-8, 1e-8, 1e-6, 2e-6, 1e-6], relative_std = 0.05 },
+    { at = "far", holds = ["dy", "dz"], compliance = [0.0, 1e-7, 2e-7, 0.0, 0.0, 0.0], relative_std = 0.05 },
+]
+beam = [
+    { between = ["near", "far"], E = 2.1e11, G = 8e10, A = 1e-3, Iy = 2e-7, Iz = 3e-7, J = 4e-7 },
+    { between = ["far", "tip"], E = 2.1e11, G = 8e10, A = 1e-3, Iy = 2e-7, Iz = 3e-7, J = 4e-7 },
+]
+"""
 
 MAX_ITERATIONS = 50
 TOLERANCE = 1e-12
@@ -184,6 +201,20 @@ class StructuralLaw(Composed):
             gain[:, own] = self._seen @ inverse[: self._size, start : start + len(own)]
             gains.append(gain)
         return gains
+
+    def learned(self, travel: Ranges) -> StructuralLaw | None:
+        """Return the structure with a factor on every axis that a sub-joint gives and holds, where all are linear."""
+        if self.constant is None:
+            return None
+        laws = []
+        for sub, (_, held) in zip(self.subjoints, self.held, strict=True):
+            axes = tuple(int(axis) for axis in held if sub.law.constant[axis, axis] > 0.0)
+            laws.append(ScaledLaw(sub.law, np.zeros(6), axes, sub.law.relative_std or LOOSE))
+        return self.with_laws(laws)
+
+    def moved(self, step: Array) -> Law:
+        """Return the structure a step away to first order: what sub-joints do against each other cancels in that."""
+        return SteppedLaw(self, step)
 
     @cached_property
     def trained(self) -> bool:

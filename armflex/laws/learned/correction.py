@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.law import Law, Row, WithoutParameters
-from armflex.laws.learned.compliance_part import root_of
-from armflex.laws.learned.part import Part
+from armflex.laws.joint.log_compliance import root_of
+from armflex.laws.law import Law, Row
 from armflex.laws.learned.window import STEEPEST, Window
+from armflex.laws.parameter import Parameter
 
 TAKEN = 0.25
 """Of the compliance that a correction may take where it fades."""
@@ -23,35 +23,51 @@ CLIMBS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Correction(WithoutParameters):
-    """The correction of a learned law alone: as it was learned at loads that were seen, further out carried on.
+class Correction(Law):
+    """A law where it counts: as it is at loads that were seen, further out carried on.
 
     It fades with the energy that a load puts into the joint, over a few times the most that was seen where it is small
     beside the law that is corrected, more slowly where it is large.
     """
 
-    part: Part
-    point: Array
+    law: Law
     window: Window
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the law."""
+        return self.law.parameters
+
+    @property
+    def values(self) -> Array:
+        """Those of the law."""
+        return self.law.values
+
+    def at(self, values: Array) -> Correction:
+        """Return the correction at other values."""
+        return Correction(self.law.at(values), self.window)
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the twist."""
         window = self.window
         if window.sees(wrench):
-            return self.part.twist(self.point, wrench, row)
-        return window.weight(wrench)[..., None] * self.part.twist(self.point, window.drawn_in(wrench), row)
+            return self.law.twist(wrench, row)
+        return window.weight(wrench)[..., None] * self.law.twist(window.drawn_in(wrench), row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
         window = self.window
         if window.sees(wrench):
-            return self.part.tangent(self.point, wrench, row)
+            return self.law.tangent(wrench, row)
         within = window.drawn_in(wrench)
-        carried = self.part.tangent(self.point, within, row) @ window.drawing_in(wrench)
-        twist = self.part.twist(self.point, within, row)
-        return (
-            window.weight(wrench)[..., None, None] * carried + twist[..., :, None] * window.slope(wrench)[..., None, :]
-        )
+        carried = self.law.tangent(within, row) @ window.drawing_in(wrench)
+        along = self.law.twist(within, row)[..., :, None] * window.slope(wrench)[..., None, :]
+        return window.weight(wrench)[..., None, None] * carried + along
+
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return the derivative by the values."""
+        by_law = self.law.by_values(self.window.drawn_in(wrench), row)
+        return by_law * self.window.weight(wrench)[..., None, None]
 
 
 def fading(base: Law, correction: Correction, wrenches: Array, row: Row) -> tuple[float, Array | None]:
@@ -87,12 +103,12 @@ def fading(base: Law, correction: Correction, wrenches: Array, row: Row) -> tupl
 
 def _largest(correction: Correction, inverse: Array, wrenches: Array, row: Row) -> float:
     """Return the largest |R^-1 c| as far out as a correction is carried: in many directions, each followed uphill."""
-    window, part, values = correction.window, correction.part, correction.point
+    window, law = correction.window, correction.law
     spread = np.linalg.pinv(window.precision, rcond=1e-15)
     loads, largest = window.furthest(window.directions(wrenches)), 0.0
     for _ in range(CLIMBS):
-        twists = part.twist(values, loads, row) @ inverse.T
+        twists = law.twist(loads, row) @ inverse.T
         largest = max(largest, float(np.linalg.norm(twists, axis=1).max()))
-        uphill = np.einsum("na,nai->ni", twists, inverse @ part.tangent(values, loads, row))
+        uphill = np.einsum("na,nai->ni", twists, inverse @ law.tangent(loads, row))
         loads = window.furthest(uphill @ spread)
     return largest

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.laws.joint.linear import LinearLaw
-from armflex.laws.law import Law, Row, WithoutParameters, beyond
+from armflex.laws.joint.stepped import SteppedLaw
+from armflex.laws.law import Law, Row, beyond
 from armflex.laws.learned.correction import Correction, fading
-from armflex.laws.learned.linearised import Linearised, moved
-from armflex.laws.learned.part import Group, Part
 from armflex.laws.learned.seen import Seen
 from armflex.laws.learned.window import Window
 from armflex.laws.parameter import Parameter
@@ -23,27 +23,34 @@ SLACK = 0.02
 """Of the range of a load, by which it may be beyond those seen: a campaign's loads are those of the arm as it bends."""
 
 
+class Group(NamedTuple):
+    """Parameters of one size beforehand: their places among the law's, and the size; `sized` where the data tell it."""
+
+    places: slice
+    std: float
+    sized: bool
+
+
 @dataclass(frozen=True, eq=False)
 class LearnedLaw(Law):
-    """The sum of parts at values of their parameters.
+    """The declared law with the parameters that it lets learn, and a correction that counts at the loads seen.
 
     Attributes:
         declared: The law that it is learned about.
-        plain: The part that holds under every load.
-        correction: The part that counts within the window alone, None for none.
+        free: The same with parameters; values are steps from its own. None where it has none to learn.
+        form: The correction as it is where it counts fully, with parameters; None for none.
         seen: The loads that it was learned under.
-        values: (k,) values of both parts' parameters, the plain one's first.
+        values: (k,) values of both, those of `free` first.
         scales: Prior standard deviation of every group of parameters.
         spread: (k, k) covariance of the values, None where nobody says.
         reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
         faded: Reach, see `Window`, from which on a correction is nothing; infinite while it is being learned.
         energy: (6, 6) matrix of the reach, None where distance is the reach.
-        about: (6, 6) covariance of the declared law's scatter about what its parameters say, None for none.
     """
 
     declared: Law
-    plain: Part
-    correction: Part | None
+    free: Law | None
+    form: Law | None
     seen: Seen
     values: Array
     scales: tuple[float, ...]
@@ -51,7 +58,6 @@ class LearnedLaw(Law):
     reach: Array | None = None
     faded: float = np.inf
     energy: Array | None = None
-    about: Array | None = None
 
     @cached_property
     def window(self) -> Window:
@@ -59,43 +65,73 @@ class LearnedLaw(Law):
         return self.seen.window(self.faded, self.energy)
 
     @cached_property
-    def groups(self) -> tuple[Group, ...]:
-        """The parameters of both parts, with the scale that each group has now."""
-        return tuple(replace(group, std=std) for group, std in zip(self.expected, self.scales, strict=True))
+    def expected(self) -> tuple[Parameter, ...]:
+        """The parameters of both, as uncertain as they were expected beforehand."""
+        return tuple(one for law in (self.free, self.form) if law is not None for one in law.parameters)
 
     @cached_property
-    def expected(self) -> tuple[Group, ...]:
-        """The same with the scale that was expected beforehand."""
-        return (*self.plain.groups, *(self.correction.groups if self.correction else ()))
+    def groups(self) -> tuple[Group, ...]:
+        """Those of one group and size, in order, as expected beforehand."""
+        found, start = [], 0
+        for (_, std, sized), own in groupby(self.expected, key=lambda one: (one.group, one.prior, one.sized)):
+            end = start + len(list(own))
+            found.append(Group(slice(start, end), std, sized))
+            start = end
+        return tuple(found)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The same with the scale that every group has now."""
+        return tuple(replace(one, prior=float(std)) for one, std in zip(self.expected, self.prior, strict=True))
 
     @property
     def labels(self) -> tuple[str, ...]:
         """One name per parameter."""
-        return tuple(label for group in self.groups for label in group.labels)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Without dimension, as they are expected now."""
-        return tuple(Parameter(name, "1", std) for name, std in zip(self.labels, self.prior.tolist(), strict=True))
+        return tuple(one.name for one in self.expected)
 
     @property
     def prior(self) -> Array:
         """(k,) prior standard deviations about zero."""
-        return _stds(self.groups)
+        return np.repeat(self.scales, [group.places.stop - group.places.start for group in self.groups])
 
     @property
     def expected_std(self) -> Array:
         """(k,) the same as expected beforehand."""
-        return _stds(self.expected)
+        return np.array([one.prior for one in self.expected])
 
     @property
     def start(self) -> Array:
         """(k,) values where learning starts: the law as declared."""
-        return np.concatenate([self.plain.start, self.correction.start if self.correction else np.zeros(0)])
+        return np.concatenate([np.zeros(self._count), np.zeros(0) if self.form is None else self.form.values])
+
+    @cached_property
+    def plain(self) -> Law:
+        """What holds under every load, at its values."""
+        return self.declared if self.free is None else self.free.at(self.free.values + self.values[: self._count])
+
+    @cached_property
+    def correction(self) -> Correction | None:
+        """What counts within the window alone, at its values."""
+        return None if self.form is None else Correction(self.form.at(self.values[self._count :]), self.window)
+
+    @property
+    def _count(self) -> int:
+        """How many of the values are those of `free`."""
+        return 0 if self.free is None else len(self.free.values)
+
+    @property
+    def parts(self) -> tuple[Law, ...]:
+        """The plain law's parts, and the correction."""
+        return (*self.plain.parts, *(() if self.correction is None else (self.correction,)))
+
+    @property
+    def constant(self) -> Array | None:
+        """The plain law's where there is no correction."""
+        return self.plain.constant if self.form is None else None
 
     def correcting(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) twist that the correction adds."""
-        return self._corrected.twist(wrench, row) if self.correction else np.zeros_like(wrench)
+        return np.zeros_like(wrench) if self.correction is None else self.correction.twist(wrench, row)
 
     def std(self, spread: Array, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) standard deviation of the twist for a (k, k) covariance of the values."""
@@ -106,30 +142,31 @@ class LearnedLaw(Law):
         """Return the law at other values."""
         return replace(self, values=values, spread=None)
 
+    def rescaled(self, scales: Iterable[float]) -> LearnedLaw:
+        """Return the law with other prior standard deviations of its groups."""
+        return replace(self, scales=tuple(scales))
+
     def without_correction(self) -> LearnedLaw:
         """Return the plain part alone."""
-        plain, count = self._split[0], len(self.plain.groups)
-        return replace(self, correction=None, values=plain, scales=self.scales[:count], spread=None, reach=None)
+        count = sum(group.places.stop <= self._count for group in self.groups)
+        values, scales = self.values[: self._count], self.scales[:count]
+        return replace(self, form=None, values=values, scales=scales, spread=None, reach=None)
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the twist."""
-        twist = self._base.twist(wrench, row)
-        return twist if self.correction is None else twist + self.correcting(wrench, row)
+        twist = self.plain.twist(wrench, row)
+        return twist if self.form is None else twist + self.correcting(wrench, row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
-        tangent = np.broadcast_to(self._base.tangent(wrench, row), (*wrench.shape[:-1], 6, 6))
-        return tangent if self.correction is None else tangent + self._corrected.tangent(wrench, row)
+        tangent = np.broadcast_to(self.plain.tangent(wrench, row), (*wrench.shape[:-1], 6, 6))
+        return tangent if self.correction is None else tangent + self.correction.tangent(wrench, row)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, k) derivative of the twist by the values."""
-        plain, own = self._split
-        by_plain = self.plain.by_values(plain, wrench, row)
-        if self.correction is None:
-            return by_plain
-        window = self.window
-        by_own = self.correction.by_values(own, window.drawn_in(wrench), row) * window.weight(wrench)[..., None, None]
-        return np.concatenate([np.broadcast_to(by_plain, (*by_own.shape[:-1], by_plain.shape[-1])), by_own], axis=-1)
+        laws = (None if self.free is None else self.plain, self.correction)
+        found = [law.by_values(wrench, row) for law in laws if law is not None]
+        return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
 
     @property
     def values_covariance(self) -> Array | None:
@@ -141,7 +178,7 @@ class LearnedLaw(Law):
 
         Beyond the loads seen a correction may be as large as it was among them, and grow with the load.
         """
-        found = self.about
+        found = self.declared.scatter(wrench, row)
         if self.reach is not None:
             std = self.window.unknown(wrench)[..., None] * self.reach
             unknown = std[..., None] ** 2 * np.eye(6)
@@ -154,58 +191,26 @@ class LearnedLaw(Law):
 
     def settled(self, spread: Array, wrenches: Array, row: Row) -> LearnedLaw:
         """Return the law with the (k, k) covariance of its values, fitted where its loads were (M, 6) wrenches."""
-        loads = np.array([wrenches.min(axis=0), wrenches.max(axis=0)])
+        seen = replace(self.seen, loads=np.array([wrenches.min(axis=0), wrenches.max(axis=0)]))
         if self.correction is None:
-            return replace(self, spread=spread, seen=replace(self.seen, loads=loads))
-        sizes = self.correction.twist(self._split[1], wrenches, row)
-        by, start = self.correction.by_values(self._split[1], wrenches, row), len(self.plain.start)
-        doubt = np.einsum("nak,kl,nal->na", by, spread[start:, start:], by, optimize=True)
+            return replace(self, spread=spread, seen=seen)
+        form, own = self.correction.law, spread[self._count :, self._count :]
+        sizes, by = form.twist(wrenches, row), form.by_values(wrenches, row)
+        doubt = np.einsum("nak,kl,nal->na", by, own, by, optimize=True)
+        faded, energy = fading(self.plain, self.correction, wrenches, row)
         reach = np.sqrt((sizes**2 + doubt).max(axis=0))
-        faded, energy = fading(self._base, self._corrected, wrenches, row)
-        found = {"reach": reach, "faded": faded, "energy": energy}
-        return replace(self, spread=spread, seen=replace(self.seen, loads=loads), **found)
+        return replace(self, spread=spread, seen=seen, reach=reach, faded=faded, energy=energy)
 
     def moved(self, step: Array) -> LearnedLaw:
-        """Return the law whose twist is that of a (k,) step of its values away, to first order in the values."""
-        (values, own), count = self._split, len(self.plain.start)
-        plain, values = moved(self.plain, values, step[:count])
-        correction = None if self.correction is None else Linearised(self.correction, own)
-        there = np.concatenate([values, own + step[count:]])
-        return replace(self, plain=plain, correction=correction, values=there, spread=None)
+        """Return the law whose twist is that of a (k,) step of its values away, to first order; it has no parameters.
 
-    @property
-    def parts(self) -> tuple[Law, ...]:
-        """The plain part as a law that solvers know, and the correction."""
-        if self._known is None:
-            return (self,)
-        return (self._known,) if self.correction is None else (self._known, self._corrected)
-
-    @cached_property
-    def _known(self) -> Law | None:
-        """The plain part as a law that solvers know."""
-        return self.plain.law(self._split[0])
-
-    @cached_property
-    def _base(self) -> Law:
-        """The plain part as a law."""
-        return self._known or Plain(self.plain, self._split[0])
-
-    @cached_property
-    def constant(self) -> Array | None:
-        """(6, 6) compliance where the law is nothing else, None where it is."""
-        known = self.parts
-        return known[0].compliance if len(known) == 1 and isinstance(known[0], LinearLaw) else None
-
-    @cached_property
-    def _corrected(self) -> Correction:
-        assert self.correction is not None
-        return Correction(self.correction, self._split[1], self.window)
-
-    @cached_property
-    def _split(self) -> tuple[Array, Array]:
-        """Values of the plain part and of the correction."""
-        count = len(self.plain.start)
-        return self.values[:count], self.values[count:]
+        Values are logarithms and weights: far from where they were fitted a law bends in them, and what they do against
+        each other no longer cancels.
+        """
+        count = self._count
+        plain = self.plain if self.free is None else self.plain.moved(step[:count])
+        form = None if self.correction is None else SteppedLaw(self.correction.law, step[count:])
+        return replace(self, declared=plain, free=None, form=form, values=np.zeros(0), scales=(), spread=None)
 
     @property
     def trained_on(self) -> Array:
@@ -216,24 +221,3 @@ class LearnedLaw(Law):
         """Return a flag for every component of the load beyond those seen, by more than anybody knows them."""
         low, high = self.window.loads
         return beyond(np.array([low, high]) + SLACK * (high - low) * np.array([[-1.0], [1.0]]), wrench)
-
-
-def _stds(groups: Sequence[Group]) -> Array:
-    """Return the (k,) standard deviations of the parameters of groups."""
-    return np.concatenate([np.zeros(0), *(np.full(len(group.labels), group.std) for group in groups)])
-
-
-@dataclass(frozen=True, eq=False)
-class Plain(WithoutParameters):
-    """A part at values of its parameters."""
-
-    part: Part
-    point: Array
-
-    def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the part's twist."""
-        return self.part.twist(self.point, wrench, row)
-
-    def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the part's tangent."""
-        return self.part.tangent(self.point, wrench, row)

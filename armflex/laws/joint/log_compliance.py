@@ -6,38 +6,32 @@ coupling of axes. T may be a polynomial in a joint's position: a mast is softer 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.laws.joint.linear import LinearLaw
-from armflex.laws.joint.position_dependent import PositionDependentLaw
-from armflex.laws.law import Law, Row
-from armflex.laws.learned.part import Group
+from armflex.laws.joint.stepped import SteppedLaw
+from armflex.laws.law import LEAST, NOTHING, Law, Row
+from armflex.laws.parameter import Parameter, Transform
 
 LOOSE = 0.5
 """Prior standard deviation of a factor's logarithm where nothing was declared."""
-
-LEAST = 0.1
-"""What a step leaves at least of what an axis gave: a compliance stays one."""
-
-NOWHERE = Row(np.zeros(0), {})
-"""For laws that are the same everywhere."""
 
 COUPLED, BENT = 0.05, 0.3
 """Where the search for the size of couplings and of what depends on position starts."""
 
 
 @dataclass(frozen=True, eq=False)
-class CompliancePart:
-    """A compliance of parameters.
+class LogCompliance(Law):
+    """A compliance by the entries of T, zero being the declared one.
 
     Attributes:
         declared: The law with the compliance C0, constant or of joint positions; axes that are rigid there stay so.
         axes: Those that give.
         std: Prior standard deviation of each axis' factor's logarithm, one for all where they are alike.
+        values: Entries of T, those of the lowest power of the position first; the diagonal before the others.
         joint: The joint whose position counts, None where none does.
         middle, reach: Middle and half of the joint's travel [rad or m].
         degree: Of the polynomial in the position, 0 for none.
@@ -45,47 +39,58 @@ class CompliancePart:
 
     declared: Law
     axes: tuple[int, ...]
-    std: float | tuple[float, ...] = LOOSE
+    std: float | tuple[float, ...]
+    values: Array
     joint: str | None = None
     middle: float = 0.0
     reach: float = 1.0
     degree: int = 0
 
     @property
-    def groups(self) -> tuple[Group, ...]:
+    def parameters(self) -> tuple[Parameter, ...]:
         """Factors and couplings; then the same for every power of the position."""
         names = ["/".join(dict.fromkeys((TWIST_NAMES[i], TWIST_NAMES[j]))) for i, j in self._entries]
-        own, count = tuple(names), len(self.axes)
-        groups = [*self._factors(own[:count]), Group("couplings", own[count:], COUPLED, True)]
-        powers = [tuple(f"{name}@{power}" for name in names) for power in range(1, self.degree + 1)]
-        return tuple(group for group in groups if group.labels) + tuple(
-            Group(f"position {power}", labels, BENT, True) for power, labels in enumerate(powers, 1)
-        )
+        alike, count = isinstance(self.std, float), len(self.axes)
+        stds = (self.std,) * count if isinstance(self.std, float) else self.std
+        own = [
+            Parameter(name, "1", std, Transform.LOG, "factors" if alike else f"factor {name}")
+            for name, std in zip(names[:count], stds, strict=True)
+        ]
+        own += [Parameter(name, "1", COUPLED, group="couplings", sized=True) for name in names[count:]]
+        for power in range(1, self.degree + 1):
+            own += [Parameter(f"{name}@{power}", "1", BENT, group=f"position {power}", sized=True) for name in names]
+        return tuple(own)
 
-    def _factors(self, names: tuple[str, ...]) -> list[Group]:
-        if isinstance(self.std, float):
-            return [Group("factors", names, self.std, False)]
-        return [Group(f"factor {name}", (name,), std, False) for name, std in zip(names, self.std, strict=True)]
+    def at(self, values: Array) -> LogCompliance:
+        """Return the law at other entries."""
+        return replace(self, values=values)
 
-    @property
-    def start(self) -> Array:
-        """Zero: the declared compliance."""
-        return np.zeros(len(self._entries) * (self.degree + 1))
-
-    def twist(self, values: Array, wrench: Array, row: Row) -> Array:
+    def twist(self, wrench: Array, row: Row) -> Array:
         """Return C w."""
-        return (self.tangent(values, wrench, row) @ wrench[..., None])[..., 0]
+        return (self.tangent(wrench, row) @ wrench[..., None])[..., 0]
 
-    def tangent(self, values: Array, wrench: Array, row: Row) -> Array:
+    def tangent(self, wrench: Array, row: Row) -> Array:
         """Return C."""
-        size, vectors = self._eigen(values, row)
-        own = self._slim(row) @ vectors
-        compliance = (own * np.exp(size)[..., None, :]) @ np.swapaxes(own, -1, -2)
-        return np.broadcast_to(compliance, (*wrench.shape[:-1], 6, 6))
+        return np.broadcast_to(self.compliance(row), (*wrench.shape[:-1], 6, 6))
 
-    def by_values(self, values: Array, wrench: Array, row: Row) -> Array:
+    def compliance(self, row: Row) -> Array:
+        """Return the (..., 6, 6) compliance where the row's joints are."""
+        size, vectors = self._eigen(row)
+        own = self._slim(row) @ vectors
+        return (own * np.exp(size)[..., None, :]) @ np.swapaxes(own, -1, -2)
+
+    @cached_property
+    def constant(self) -> Array | None:
+        """C where no position counts."""
+        return None if self.degree or self._same is None else self.compliance(NOWHERE)
+
+    def affine(self, row: Row) -> tuple[Array, Array]:
+        """Return no twist and C."""
+        return NOTHING, self.compliance(row) if self.constant is None else self.constant
+
+    def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the derivative, exp's being known where T is diagonal (Daleckii and Krein)."""
-        size, vectors = self._eigen(values, row)
+        size, vectors = self._eigen(row)
         own, turned = self._slim(row) @ vectors, vectors[..., None, :, :]
         units = np.swapaxes(turned, -1, -2) @ self._units @ turned
         load = (np.swapaxes(own, -1, -2) @ wrench[..., None])[..., 0]
@@ -93,12 +98,20 @@ class CompliancePart:
         by_entry = own @ np.swapaxes(change, -1, -2)
         return np.concatenate([by_entry * power for power in self._powers(row, 2)], axis=-1)
 
-    def stepped(self, values: Array, step: Array) -> Array:
-        """Return values whose compliance is that of a step away to first order, softened or stiffened to a point.
+    def scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return the declared law's."""
+        return self.declared.scatter(wrench, row)
 
-        No direction is left with less than `LEAST` of what it gave. For a compliance that no position counts in.
+    def moved(self, step: Array) -> Law:
+        """Return the law whose twist is that of a step away, to first order in the entries.
+
+        They are logarithms: far from where they were fitted a law bends in them, and what they do against each other no
+        longer cancels. Where no position counts the compliance itself takes the step, softened or stiffened to a point:
+        no direction is left with less than `LEAST` of what it gave.
         """
-        size, vectors = np.linalg.eigh(np.tensordot(values, self._units, axes=1))
+        if self.degree:
+            return SteppedLaw(self, step)
+        size, vectors = np.linalg.eigh(np.tensordot(self.values, self._units, axes=1))
         half = np.exp(0.5 * size)
         change = _divided(size) * (vectors.T @ np.tensordot(step, self._units, axes=1) @ vectors)
         grown, turned = np.linalg.eigh(change / np.outer(half, half))
@@ -106,26 +119,18 @@ class CompliancePart:
         told, axes = np.linalg.eigh(factor * np.maximum(1.0 + grown, LEAST) @ factor.T)
         logarithm = (axes * np.log(told)) @ axes.T
         places = {axis: place for place, axis in enumerate(self.axes)}
-        return np.array([logarithm[places[i], places[j]] for i, j in self._entries])
-
-    def law(self, values: Array) -> Law | None:
-        """Return a linear law where no position counts."""
-        if self.degree or self._constant is None:
-            return None
-        return LinearLaw(self.tangent(values, np.zeros(6), NOWHERE).copy())
+        return self.at(np.array([logarithm[places[i], places[j]] for i, j in self._entries]))
 
     def _slim(self, row: Row) -> Array:
         """Return the (..., 6, n) columns of R that act."""
-        if self._constant is not None:
-            return self._constant
+        if self._same is not None:
+            return self._same
         return root_of(self.declared.tangent(np.zeros(6), row))[..., self.axes]
 
     @cached_property
-    def _constant(self) -> Array | None:
-        """(6, n) columns of R where the declared compliance is one."""
-        if isinstance(self.declared, PositionDependentLaw):
-            return None
-        return root_of(self.declared.tangent(np.zeros(6), NOWHERE))[:, self.axes]
+    def _same(self) -> Array | None:
+        """(6, n) columns of R where the declared compliance is the same everywhere."""
+        return None if self.declared.constant is None else root_of(self.declared.constant)[:, self.axes]
 
     @cached_property
     def _entries(self) -> list[tuple[int, int]]:
@@ -141,9 +146,9 @@ class CompliancePart:
             unit[i, j] = unit[j, i] = 1.0
         return units[:, self.axes][:, :, self.axes]
 
-    def _eigen(self, values: Array, row: Row) -> tuple[Array, Array]:
+    def _eigen(self, row: Row) -> tuple[Array, Array]:
         """Return eigenvalues (..., n) and vectors (..., n, n) of T."""
-        entries = values.reshape(self.degree + 1, -1)
+        entries = self.values.reshape(self.degree + 1, -1)
         total = sum(power * part for power, part in zip(self._powers(row, 1), entries, strict=True))
         return np.linalg.eigh(np.tensordot(total, self._units, axes=1))
 
@@ -154,6 +159,9 @@ class CompliancePart:
         position = (np.asarray(row.position(self.joint)) - self.middle) / self.reach
         position = position.reshape(*position.shape, *(1,) * further)
         return [position**power for power in range(self.degree + 1)]
+
+
+NOWHERE = Row(np.zeros(0), {})
 
 
 def root_of(compliance: Array) -> Array:
