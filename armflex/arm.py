@@ -35,6 +35,20 @@ from armflex.mechanics.loads import NO_PAYLOAD, Payload, Wrench
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.query import Prepared
 from armflex.mechanics.structure import Names
+from armflex.parameters import (
+    FRAME,
+    MOUNTED,
+    TARGET,
+    ArmParameter,
+    Kind,
+    named,
+    numbers_of,
+    of_compliance,
+    of_effect,
+    of_law,
+    of_motions,
+    of_offsets,
+)
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot, Site
@@ -149,6 +163,25 @@ class Arm:
     def stack(self) -> LawStack:
         """All laws as one map."""
         return LawStack(self.flexure_names, tuple(flexure.law for flexure in self.modelled))
+
+    def named(self, labels: Sequence[str]) -> tuple[ArmParameter, ...]:
+        """Return the parameters of the arm and its instrument that labels name; see `armflex.parameters.named`.
+
+        In files from before effects of one name were numbered, those of the second go by the name of the first.
+        """
+        sessions = self.instrument.sessions if self.instrument else ()
+        known = [*FRAME, *of_motions(Kind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
+        known += of_motions(Kind.GEOMETRY, self.joint_names)
+        for flexure in self.flexures:
+            known += of_compliance(flexure.name)
+            if flexure.learned:
+                known += of_law(flexure.name, flexure.learned)
+        pairs = [(parameter, parameter.label) for parameter in known]
+        for effect, number in zip(self.effects, numbers_of(self.effects), strict=True):
+            own, first = of_effect(effect, number), of_effect(effect, 1)
+            pairs += [(parameter, parameter.label) for parameter in own]
+            pairs += [(parameter, old.label) for parameter, old in zip(own, first, strict=True) if number > 1]
+        return named(labels, pairs)
 
     @cached_property
     def weight(self) -> float:

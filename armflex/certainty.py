@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import InputError
+from armflex.parameters import ArmParameter, Group
 
 CANCELLED = 1e-5
 """Share of what parameters do one by one that is left of it where they cancel each other."""
@@ -20,7 +21,7 @@ class Certainty:
     """Covariance of everything that a fit moved, effects included.
 
     Attributes:
-        labels: Block and parameter of each, as the fit named them, in its order.
+        parameters: What was moved, in the fit's order.
         covariance: (P, P) posterior covariance in their units, of what is determined; inner parameters of effects by
             the logarithm.
         unexplained: Site, axis and standard deviation [m or rad] of a random twist that nobody can predict, None where
@@ -33,16 +34,26 @@ class Certainty:
         InputError: Two parameters have the same label.
     """
 
-    labels: tuple[str, ...]
+    parameters: tuple[ArmParameter, ...]
     covariance: Array
     unexplained: tuple[str, str, float] | None = None
     directions: Array | None = None
     misfit: float = 0.0
 
     def __post_init__(self) -> None:
-        if len(set(self.labels)) < len(self.labels):
+        if len(set(self.labels)) < len(self.labels):  # a file could not tell them apart
             twice = next(label for label in self.labels if self.labels.count(label) > 1)
             raise InputError(f"two parameters are both named {twice!r}: rename a flexure or a node of its assembly")
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """What files and reports call each parameter."""
+        return tuple(parameter.label for parameter in self.parameters)
+
+    @cached_property
+    def groups(self) -> frozenset[Group]:
+        """What anything is known of."""
+        return frozenset(parameter.group for parameter in self.parameters)
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
@@ -59,9 +70,31 @@ class Certainty:
         size = (np.abs(columns) @ np.abs(self.directions.T)).max(axis=1, keepdims=True)
         return (np.abs(columns @ self.directions.T) > CANCELLED * size).any(axis=-1)
 
-    def among(self, labels: Sequence[str]) -> Array | None:
-        """Return the (k, k) covariance of the parameters of k whole labels, None where it is not known of each."""
-        if not set(labels) <= set(self.labels):
-            return None
-        own = [self.labels.index(label) for label in labels]
-        return self.covariance[np.ix_(own, own)]
+    def among(self, parameters: Sequence[ArmParameter]) -> Array | None:
+        """Return the (k, k) covariance of k parameters, None where it is not known of each."""
+        places = {parameter: i for i, parameter in enumerate(self.parameters)}
+        own = [places.get(parameter, -1) for parameter in parameters]
+        return None if -1 in own else self.covariance[np.ix_(own, own)]
+
+    def part(self, places: Sequence[int]) -> Certainty:
+        """Return what is known of the parameters at some places, in this order."""
+        parameters = tuple(self.parameters[i] for i in places)
+        directions = None if self.directions is None else self.directions[:, places]
+        if directions is not None:
+            directions = directions[directions.any(axis=1)]
+            directions = directions if len(directions) else None
+        return Certainty(parameters, self.covariance[np.ix_(places, places)], self.unexplained, directions, self.misfit)
+
+    def beside(self, other: Certainty) -> Certainty:
+        """Return what is known of the parameters of both, as independent; what has no cause is as the other has it."""
+        count, more = len(self.parameters), len(other.parameters)
+        covariance = np.zeros((count + more,) * 2)
+        covariance[:count, :count], covariance[count:, count:] = self.covariance, other.covariance
+        padded = [
+            np.pad(part.directions, ((0, 0), around))
+            for part, around in ((self, (0, more)), (other, (count, 0)))
+            if part.directions is not None
+        ]
+        directions = np.vstack(padded) if padded else None
+        unexplained = other.unexplained or self.unexplained
+        return Certainty((*self.parameters, *other.parameters), covariance, unexplained, directions, other.misfit)

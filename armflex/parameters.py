@@ -1,24 +1,190 @@
-"""What of an arm can be uncertain, as files and reports name it: block and parameter, 'compliance A4 ry'."""
+"""What of an arm can be uncertain: parameters that are told apart as objects, not by what they are called.
+
+A label such as 'compliance A4 ry' is made where a file or a report is written. Where a file is read it is looked up
+among those of the arm, see `named`; no label is taken apart.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+
 from armflex.conventions import TWIST_NAMES
 from armflex.flexure import Flexure
+from armflex.laws.effects.law import Act, Effect
 from armflex.laws.learned import LearnedLaw
-
-INSTRUMENT, SESSIONS, MOUNTING = "instrument", "session_frame", "mounting"
-FRAMES = (INSTRUMENT, SESSIONS, MOUNTING)
-"""Blocks of one campaign alone: frames that nothing says will be the same in the next."""
-
-COMPLIANCE, LAW, EFFECT = "compliance", "law", "effect"
-
-BLOCKS = (INSTRUMENT, SESSIONS, MOUNTING, "tool", "joint_offset", "geometry", COMPLIANCE, LAW, EFFECT)
-"""What the name of every fitted parameter begins with."""
+from armflex.robot import Robot
 
 
-def law_labels(flexure: Flexure) -> tuple[str, ...]:
-    """Return how the parameters of a flexure's law are named in a `Certainty`; names may hold blanks themselves."""
-    law = flexure.law
-    if isinstance(law, LearnedLaw):
-        return tuple(f"{LAW} {flexure.name} {label}" for label in law.labels)
-    return tuple(f"{COMPLIANCE} {flexure.name} {axis}" for axis in TWIST_NAMES)
+class Kind(StrEnum):
+    """What parameters are of, by what their labels begin with."""
+
+    INSTRUMENT = "instrument"
+    SESSION = "session_frame"
+    MOUNTING = "mounting"
+    TOOL = "tool"
+    OFFSET = "joint_offset"
+    GEOMETRY = "geometry"
+    COMPLIANCE = "compliance"
+    LAW = "law"
+    EFFECT = "effect"
+    UNEXPLAINED = "unexplained"
+
+
+FRAMES = (Kind.INSTRUMENT, Kind.SESSION, Kind.MOUNTING)
+"""Those of one campaign alone: frames that nothing says will be the same in the next."""
+
+SEEN = (*FRAMES, Kind.TOOL)
+"""Those that change what is read, not where the tip is."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """What changes as a whole: a frame, a joint's zero, a flexure's law, an effect.
+
+    Attributes:
+        kind: What it is.
+        of: Session, joint, flexure, or an effect's name and number; None where there is only one.
+        moves: Whether it moves the tip, rather than what is read of it.
+    """
+
+    kind: Kind
+    of: str | None = None
+    moves: bool = field(default=True, compare=False)
+
+    @property
+    def name(self) -> str:
+        """As a report has it: 'compliance A4', 'effect gear_harmonic A2 rz #2', 'tool'."""
+        return str(self.kind) if self.of is None else f"{self.kind} {self.of}"
+
+    @property
+    def block(self) -> str:
+        """Name of what a report has in one: all of a kind, but every effect by itself."""
+        return self.name if self.kind in (Kind.EFFECT, Kind.UNEXPLAINED) else str(self.kind)
+
+
+@dataclass(frozen=True)
+class ArmParameter:
+    """One number of an arm, or of the instrument that looks at it, that a fit may move.
+
+    Attributes:
+        group: What it is of.
+        name: Which number of it: an axis, a law's or an effect's parameter; None where there is only one.
+        unit: Of what a fit moves: '1' of a logarithm.
+    """
+
+    group: Group
+    name: str | None = None
+    unit: str = field(default="1", compare=False)
+
+    @cached_property
+    def label(self) -> str:
+        """What files and reports call it: 'compliance A4 ry'."""
+        return self.group.name if self.name is None else f"{self.group.name} {self.name}"
+
+    @property
+    def rest(self) -> str:
+        """Its label without the block's name: 'A4 ry'."""
+        return self.label.removeprefix(f"{self.group.block} ")
+
+
+def of_motions(
+    kind: Kind, names: Iterable[str | None] = (None,), axes: Sequence[str] = TWIST_NAMES
+) -> tuple[ArmParameter, ...]:
+    """Return the axes of a small motion [m, rad] of every thing of a kind."""
+    groups = (Group(kind, name, kind not in SEEN) for name in names)
+    return tuple(ArmParameter(group, axis, "m" if axis[0] == "d" else "rad") for group in groups for axis in axes)
+
+
+FRAME = of_motions(Kind.INSTRUMENT)
+"""Shift and rotation vector of the instrument's frame."""
+
+TARGET = of_motions(Kind.TOOL, axes=TWIST_NAMES[:3])
+"""The measured point in the tip frame."""
+
+MOUNTED = of_motions(Kind.MOUNTING, axes=TWIST_NAMES[3:])
+"""How the target is turned on the tool."""
+
+
+def of_offsets(robot: Robot) -> tuple[ArmParameter, ...]:
+    """Return the constant error of every joint's position."""
+    joints = ((joint.name, "m" if joint.kind == "prismatic" else "rad") for joint in robot.moving)
+    return tuple(ArmParameter(Group(Kind.OFFSET, name), unit=unit) for name, unit in joints)
+
+
+def of_compliance(flexure: str, axes: Sequence[int] = range(6)) -> tuple[ArmParameter, ...]:
+    """Return the logarithmic factors on some axes of a flexure's compliance."""
+    return tuple(ArmParameter(Group(Kind.COMPLIANCE, flexure), TWIST_NAMES[axis]) for axis in axes)
+
+
+def of_law(flexure: str, law: LearnedLaw) -> tuple[ArmParameter, ...]:
+    """Return the parameters of a flexure's law that was learned."""
+    return tuple(ArmParameter(Group(Kind.LAW, flexure), label) for label in law.labels)
+
+
+def fitted_group(flexure: Flexure) -> Group:
+    """Return what a fit of a flexure's law finds anything of."""
+    return Group(Kind.LAW if flexure.learned else Kind.COMPLIANCE, flexure.name)
+
+
+def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
+    """Return the parameters of an effect: acting amplitudes, then all inner ones, positive ones as logarithms.
+
+    `number` is which of its name it is in an arm, see `numbers_of`.
+    """
+    moves = effect.law.act not in (Act.FRAME, Act.SCALE)
+    group, law = Group(Kind.EFFECT, f"{effect.name}{numbered(number)}", moves), effect.law
+    units = dict(zip(effect.named, effect.units, strict=True))
+    amplitudes = tuple(
+        ArmParameter(group, one.name, units[one.name]) for one in (law.amplitudes[i] for i in effect.spot.terms)
+    )
+    return amplitudes + tuple(
+        ArmParameter(group, one.name, "1" if one.positive else units.get(one.name, one.unit)) for one in law.inner
+    )
+
+
+def numbers_of(effects: Sequence[Effect]) -> tuple[int, ...]:
+    """Return for each of an arm's effects which of its name (law, site and axis) it is, in their order, from 1 on.
+
+    A joint may have several harmonics, and a name tells them apart by nothing else.
+    """
+    met: Counter[str] = Counter()
+    numbers = []
+    for effect in effects:
+        met[effect.name] += 1
+        numbers.append(met[effect.name])
+    return tuple(numbers)
+
+
+def numbered(number: int) -> str:
+    """Return how a number ends an effect's name: ' #2', and nothing for the first."""
+    return f" #{number}" if number > 1 else ""
+
+
+def named(labels: Iterable[str], known: Sequence[tuple[ArmParameter, str]]) -> tuple[ArmParameter, ...]:
+    """Return the parameters that labels name; one that is not known stays what it is called, of no arm's part.
+
+    Args:
+        labels: As files have them.
+        known: Parameters with what they may be called. Where several go by one name the label means one of the group
+            that was named last, else the first that was not named yet.
+    """
+    called: dict[str, list[ArmParameter]] = {}
+    for parameter, label in known:
+        called.setdefault(label, []).append(parameter)
+    found: list[ArmParameter] = []
+    for label in labels:
+        some = called.get(label, [])
+        if len(some) > 1:
+            last = found[-1].group if found else None
+            some = [one for one in some if one.group == last] or [one for one in some if one not in found]
+        found.append(some[0] if some else _foreign(label))
+    return tuple(found)
+
+
+def _foreign(label: str) -> ArmParameter:
+    kind = next(kind for kind in Kind if label.startswith(f"{kind} "))
+    return ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))

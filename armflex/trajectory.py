@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,17 @@ from armflex.rows.rows import APPROACH, last_motion
 
 SHORTEST = 1e-9
 """No controller's rows follow each other sooner [s]; speeds over less may be beyond all numbers."""
+
+
+class Points(NamedTuple):
+    """Points of a path in any order: (M,) time [s], (M, nq) positions, payloads, motion and further columns."""
+
+    time: Array
+    q: Array
+    payload: Sequence[str]
+    v: Array | None
+    a: Array | None
+    covariates: Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +92,26 @@ class Trajectory:
             ("",) * count,
             None if self.v is None else between(self.v),
             None if self.a is None else between(self.a),
+            {name: known(name, values) for name, values in self.covariates.items()},
+        )
+
+    def between(self, segments: Array, fractions: Array) -> Points:
+        """Return the points at (M,) fractions of the way from (M,) rows to the next, each with its row's payload."""
+
+        def part(values: Array) -> Array:
+            steps, there = fractions.reshape(-1, *[1] * (values.ndim - 1)), values[segments + 1]
+            # At its end a stretch is at the next row to the last digit.
+            return np.where(steps == 1.0, there, values[segments] + steps * (there - values[segments]))
+
+        def known(name: str, values: Array) -> Array:
+            return values[segments + 1] if name.startswith(APPROACH) else part(values)
+
+        return Points(
+            part(self.time),
+            part(self.q),
+            [self.payload[i] for i in segments.tolist()],
+            None if self.v is None else part(self.v),
+            None if self.a is None else part(self.a),
             {name: known(name, values) for name, values in self.covariates.items()},
         )
 

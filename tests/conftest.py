@@ -24,6 +24,7 @@ def pytest_configure(config: pytest.Config) -> None:
         subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1], check=True)
 
 
+@pytest.hookimpl(trylast=True)  # after fixtures have ended
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
     """Give back what a file's tests have freed: the heap of a worker, in pieces, would grow to gigabytes."""
     if nextitem is None or nextitem.path == item.path or not sys.platform.startswith("linux"):

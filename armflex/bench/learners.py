@@ -11,6 +11,7 @@ from armflex.bench.fitted import Fitted, Learner
 from armflex.bench.model_choice import Rival
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError
+from armflex.laws.joint.module_source import module_source
 from armflex.laws.joint.structural import StructuralLaw
 
 FOUND = "found"
@@ -34,6 +35,8 @@ class Options:
         seed: Of everything random.
         allow_unconverged: Take a chain that has not converged, and say so, rather than refuse it.
         assembly: The structure whose sub-joints a structural model fits.
+        module: "FILE.py:CLASS" or "package.module:CLASS", whose class, called without arguments, makes the module of a
+            torch model. Its code is run.
 
     Raises:
         InputError: A number is not a whole one, or below the least that it may be.
@@ -48,6 +51,7 @@ class Options:
     seed: int = 0
     allow_unconverged: bool = False
     assembly: StructuralLaw | None = None
+    module: str | None = None
 
     def __post_init__(self) -> None:
         for name, least in (("neurons", 1), ("starts", 1), ("seed", 0)):
@@ -63,11 +67,12 @@ CONCERNS = {
     "structure": ("linear",),
     "features": ("polynomial",),
     "neurons": ("neural", "bayesian", "auto"),
-    "starts": ("neural", "auto"),
+    "starts": ("neural", "torch", "auto"),
     "prior": ("neural",),
     "sampler": ("linear", "bayesian"),
     "allow_unconverged": ("linear", "bayesian"),
     "assembly": ("structural",),
+    "module": ("torch",),
 }
 """Option -> the models that it concerns; one that is not here concerns all."""
 
@@ -149,6 +154,15 @@ def _bayesian(options: Options) -> Learner:
     )
 
 
+def _torch(options: Options) -> Learner:
+    from armflex.bench.fit_torch import fit_torch
+
+    if options.module is None:
+        raise InputError("a torch model needs its module: FILE.py:CLASS, or package.module:CLASS")
+    source = module_source(options.module)
+    return lambda loads, deflections, seed: fit_torch(loads, deflections, source, options.starts, seed)
+
+
 def _one_of(value: str, known: tuple[str, ...], model: str) -> None:
     if value not in known:
         raise UnknownNameError(f"option of a {model} model", value, known)
@@ -160,6 +174,7 @@ LEARNERS: dict[str, Callable[[Options], Learner]] = {
     "structural": _structural,
     "neural": _neural,
     "bayesian": _bayesian,
+    "torch": _torch,
 }
 """Model name -> its learner, given options."""
 

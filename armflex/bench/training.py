@@ -27,7 +27,10 @@ from armflex.version import __version__
 LEAVE_ONE_OUT_LIMIT = 500
 FOLDS = 10
 
-SLOW = ("neural", "bayesian", "structural")
+NETWORKS = ("neural", "bayesian", "torch")
+"""Models with weights, beside which those without are shown."""
+
+SLOW = (*NETWORKS, "structural")
 """Models that are held out by folds beyond a few rows: each fit takes a while."""
 
 FEW = 25
@@ -83,8 +86,9 @@ def train(
 
     Args:
         data: See `read_joint_data`.
-        model: "linear", "polynomial", "structural", "neural", "bayesian", or "auto": all compared, the plainest taken
-            that is within one standard error of the best.
+        model: "linear", "polynomial", "structural", "neural", "bayesian", "torch" (a module of your own, see
+            `Options.module`, whose code is run), or "auto": all compared, the plainest taken that is within one
+            standard error of the best.
         structure: Of a linear model: "full", "symmetric" or "diagonal".
         options: Everything else that models are learned with; see `Options`.
         progress: Called with (steps done, steps in all).
@@ -106,6 +110,9 @@ def train(
     fitted = learn(data.loads, data.deflections, options.seed)
     folds = _folds(data, model, options)
     held = hold_out(learn, data, folds, options.seed, _counting(progress, len(np.unique(folds))))
+    if model == "torch":  # its weights say nothing of what they leave open
+        fitted = replace(fitted, law=replace(fitted.law, noise=held.rms))
+        doubts = (*doubts, _runs(fitted))
     plain = _plainer(data, model, options)
     return _result(data, model, fitted, held, options, plain, doubts)
 
@@ -131,7 +138,7 @@ def _folds(data: JointData, model: str, options: Options) -> np.ndarray:
 
 def _plainer(data: JointData, model: str, options: Options) -> tuple[Compared, ...]:
     """Return how models without weights do beside a network, nothing beside other models."""
-    if model not in ("neural", "bayesian"):
+    if model not in NETWORKS:
         return ()
     return compare([rival for rival in rivals(options) if rival.model != "neural"], data, options.seed)
 
@@ -194,7 +201,7 @@ def _worth(model: str, held: HeldOut, others: Sequence[Compared], least: Array) 
     """Return a flag where a model without weights does as well as a network, by the mean of the columns' ratios."""
     plain = [one for one in others if one.model != "neural" and np.isfinite(one.squares).all()]
     networks = [one.rms for one in others if one.model == "neural"]
-    if model in ("neural", "bayesian"):
+    if model in NETWORKS:
         networks = [held.rms]
     if not plain or not networks or not np.isfinite(networks[0]).all():
         return ()
@@ -204,6 +211,12 @@ def _worth(model: str, held: HeldOut, others: Sequence[Compared], least: Array) 
         return ()
     text = f"a network is not worth its weights here: {ratio:.2f} times the held-out error of {best.name!r}"
     return (Flag("not_worth_its_weights", text),)
+
+
+def _runs(fitted: Fitted) -> Flag:
+    """Return what to know of a law that is code of the user's own."""
+    text = f"to load this law runs the Python code of {fitted.parameters['module']}, which must stay as and where it is"
+    return Flag("runs_code", f"{text}; take such laws from people you trust alone")
 
 
 def _provenance(data: JointData, options: Options, train_rms: Array, held_out_rms: Array, how: str) -> dict[str, Any]:

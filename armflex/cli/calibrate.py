@@ -30,7 +30,7 @@ from armflex.estimate.identify import Parameter
 from armflex.estimate.sample import sample_laws
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
-from armflex.parameters import LAW
+from armflex.parameters import Kind
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 
 SCATTERED = 1.5
@@ -95,7 +95,7 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     if chosen:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "the data say"]
         print_table("Parameters" if show_all else "Moved most, against their priors", columns, map(_cells, chosen))
-    blind = [p for p in found.undetermined if p.block != LAW]
+    blind = [p for p in found.undetermined if p.kind is not Kind.LAW]
     if blind:
         columns = ["not told from its prior", "can be exchanged for"]
         cells = [[p.name, ", ".join(p.trades_against) or "moves the readings too little"] for p in blind[:12]]
@@ -113,7 +113,7 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
 
 
 def _remarkable(found: Calibration) -> list[Parameter]:
-    known = [p for p in found.parameters if np.isfinite(p.prior) and p.block != LAW]
+    known = [p for p in found.parameters if np.isfinite(p.prior) and p.kind is not Kind.LAW]
     return sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
 
 

@@ -10,7 +10,7 @@ from armflex.estimate import Calibration
 from armflex.estimate.law_block import learned_laws
 from armflex.estimate.learned import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples
-from armflex.parameters import LAW
+from armflex.parameters import Kind
 
 
 def print_laws(found: Calibration, samples: LawSamples | None) -> None:
@@ -49,4 +49,4 @@ def _axes(found: Calibration, samples: LawSamples | None) -> tuple[LearnedAxis, 
 
 def _kept(found: Calibration) -> bool:
     """Return whether the laws stay as an earlier campaign taught them."""
-    return not any(p.block == LAW for p in found.parameters)
+    return not any(p.kind is Kind.LAW for p in found.parameters)

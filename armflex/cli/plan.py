@@ -22,6 +22,7 @@ from armflex.cli.tables import console, number, print_table
 from armflex.conventions import NUMBER, parse_quantity
 from armflex.errors import InputError
 from armflex.measured.measurements import read_measurements
+from armflex.parameters import Kind
 from armflex.picture import check_ending
 from armflex.plan import draw_plan, plan, write_plan
 from armflex.plan.advice import Blind
@@ -171,16 +172,21 @@ def _sizes(rival: Any) -> str:
 
 def _gaining(found: Plan) -> list[dict[str, Any]]:
     """Return the parameters that gain most, but for the instrument's place."""
-    known = [p for p in _parameters(found) if not p["name"].startswith(("instrument", "session_frame"))]
+    places = (Kind.INSTRUMENT, Kind.SESSION)
+    others = {one.label for one in found.model.parameters if one.group.kind in places}
+    known = [one for one in _parameters(found) if one["name"] not in others]
     return sorted(known, key=lambda p: p["after"] / p["before"])[:MOST_LINES] if not found.rivals else []
 
 
 def _parameters(found: Plan) -> list[dict[str, Any]]:
     blind = {one.name for one in found.blind}
-    values = zip(found.model.names, found.model.units, found.std_before, found.std_after, strict=True)
+    values = zip(found.model.parameters, found.std_before, found.std_after, strict=True)
     return [
-        {"name": name, "unit": unit, "before": float(before), "after": float(after), "told_by_tip": name not in blind}
-        for name, unit, before, after in values
+        {
+            **{"name": one.label, "unit": one.unit, "before": float(before), "after": float(after)},
+            "told_by_tip": one.label not in blind,
+        }
+        for one, before, after in values
         if before > 0.0
     ]
 

@@ -29,13 +29,13 @@ from armflex.cli.options import (
 )
 from armflex.cli.tables import complain, console, number, print_table, stream
 from armflex.errors import FileError, InputError
-from armflex.estimate.effect_block import numbered
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.remember import derived_directions
 from armflex.laws.effects.spot import LINK
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
+from armflex.parameters import numbered
 from armflex.trace import trace
 from armflex.trace.result import write_traced
 

@@ -36,6 +36,7 @@ def learning_options(command: Callable) -> Callable:
             ("sampler", chosen(SAMPLERS), None, "How a posterior is found"),
             ("seed", whole(0), 0, "Of everything random"),
             ("assembly", PathArgument, None, "TOML with nodes, sub-joints and beams"),
+            ("module", str, None, "FILE.py:CLASS of your own torch.nn.Module, made without arguments; its code is run"),
         ]
     ):
         given = {"type": kind, "default": default, "show_default": True}

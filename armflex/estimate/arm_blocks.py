@@ -3,34 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import Array
+from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws.joint.scaled import scaled
+from armflex.parameters import ArmParameter, Kind, of_compliance, of_motions, of_offsets
+from armflex.robot import Robot
 from armflex.setup import Setup
 
 
 @dataclass(frozen=True)
-class OffsetBlock:
+class OffsetBlock(Block):
     """A constant error of every joint's position."""
 
-    joints: tuple[str, ...]
+    robot: Robot
     std: float
-    units: tuple[str, ...]
-    name: str = "joint_offset"
-    logarithmic: bool = False
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """The joints."""
-        return self.joints
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
+        """The joints'."""
+        return of_offsets(self.robot)
 
     @property
     def prior(self) -> Array:
         """As declared."""
-        return np.full(len(self.joints), self.std)
+        return np.full(len(self.parameters), self.std)
 
     def columns(self, view: View) -> Array:
         """Return the joints' columns, loads redistributing."""
@@ -39,29 +40,22 @@ class OffsetBlock:
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with the joints offset."""
         corrections = setup.arm.corrections
-        pairs = zip(self.joints, values.tolist(), strict=True)
+        pairs = zip(self.robot.joint_names, values.tolist(), strict=True)
         offsets = {joint: corrections.joint_offset.get(joint, 0.0) + value for joint, value in pairs}
         return replace(setup, arm=replace(setup.arm, corrections=replace(corrections, joint_offset=offsets)))
 
 
 @dataclass(frozen=True)
-class GeometryBlock:
+class GeometryBlock(Block):
     """A constant twist of every joint's origin frame, in its own axes."""
 
     joints: tuple[str, ...]
     std: float
-    name: str = "geometry"
-    logarithmic: bool = False
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Joint and component."""
-        return tuple(f"{joint} {axis}" for joint in self.joints for axis in TWIST_NAMES)
-
-    @property
-    def units(self) -> tuple[str, ...]:
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
         """Shift and rotation of each frame."""
-        return (("m",) * 3 + ("rad",) * 3) * len(self.joints)
+        return of_motions(Kind.GEOMETRY, self.joints)
 
     @property
     def prior(self) -> Array:
@@ -82,30 +76,24 @@ class GeometryBlock:
 
 
 @dataclass(frozen=True)
-class ComplianceBlock:
+class ComplianceBlock(Block):
     """Logarithmic factors on the declared compliance of every axis: C becomes S C S with S = exp(values / 2)."""
 
     flexures: tuple[str, ...]
     axes: tuple[tuple[int, ...], ...]
     std: float
-    name: str = "compliance"
-    logarithmic: bool = True
+    logarithmic = True
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Flexure and axis."""
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
+        """Those axes of every flexure."""
         pairs = zip(self.flexures, self.axes, strict=True)
-        return tuple(f"{name} {TWIST_NAMES[axis]}" for name, axes in pairs for axis in axes)
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Relative."""
-        return ("1",) * len(self.labels)
+        return tuple(one for name, axes in pairs for one in of_compliance(name, axes))
 
     @property
     def prior(self) -> Array:
         """As declared."""
-        return np.full(len(self.labels), self.std)
+        return np.full(len(self.parameters), self.std)
 
     def columns(self, view: View) -> Array:
         """Return half of (E C + C E) w for every axis, through the laws' answer."""

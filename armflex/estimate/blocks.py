@@ -7,56 +7,16 @@ effect that was added becomes one, too (`effect_block`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
-from armflex.arm import Arm
-from armflex.conventions import Array
 from armflex.estimate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
+from armflex.estimate.block import Block
 from armflex.estimate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
-from armflex.estimate.view import View
 from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
 from armflex.readings import Orientation
 from armflex.setup import Setup
-
-
-class Block(Protocol):
-    """Parameters that belong together."""
-
-    @property
-    def name(self) -> str:
-        """Which part of the model it is."""
-        ...
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """One name per parameter."""
-        ...
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """One unit per parameter."""
-        ...
-
-    @property
-    def prior(self) -> Array:
-        """(k,) standard deviations about zero; infinite where nothing is known."""
-        ...
-
-    @property
-    def logarithmic(self) -> bool:
-        """Whether a parameter is the logarithm of a factor: its column then changes as fast as what it stands for."""
-        ...
-
-    def columns(self, view: View) -> Array:
-        """Return (M, d, k) changes of the readings per parameter at the view's setup."""
-        ...
-
-    def apply(self, setup: Setup, values: Array) -> Setup:
-        """Return the setup with (k,) values added to the declared one."""
-        ...
 
 
 def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ...]:
@@ -73,17 +33,12 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     if measurements.readings.of(Orientation):
         blocks.append(MountingBlock(setup.instrument.mounting))
     if prior.joint_offset:
-        blocks.append(OffsetBlock(arm.joint_names, prior.joint_offset, joint_units(arm)))
+        blocks.append(OffsetBlock(arm.robot, prior.joint_offset))
     if prior.geometry:
         blocks.append(GeometryBlock(arm.joint_names, prior.geometry))
     if prior.compliance:
         blocks += _compliance_block(setup, prior.compliance)
     return tuple(blocks)
-
-
-def joint_units(arm: Arm) -> tuple[str, ...]:
-    """Return the unit of every joint's position."""
-    return tuple("m" if joint.kind == "prismatic" else "rad" for joint in arm.robot.moving)
 
 
 def _compliance_block(setup: Setup, std: float) -> Sequence[Block]:
@@ -98,6 +53,6 @@ def places_of(block: Block, blocks: Sequence[Block]) -> np.ndarray:
     start = 0
     for other in blocks:
         if other is block:
-            return np.arange(start, start + len(other.labels))
-        start += len(other.labels)
+            return np.arange(start, start + len(other.parameters))
+        start += len(other.parameters)
     raise KeyError(block.name)

@@ -18,7 +18,7 @@ from armflex.estimate.calibrate import FEWEST_ROWS, calibrate, loads_seen
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
 from armflex.parallel import in_order
-from armflex.parameters import INSTRUMENT
+from armflex.parameters import Kind
 from armflex.storage.array_file import Layout
 from armflex.storage.digest import digest
 from armflex.storage.kept import Form, Kept, open_kept
@@ -158,5 +158,5 @@ def _fitted(
     chosen = np.random.default_rng(seed).integers(len(poses), size=len(poses))
     with naming(f"resampled campaign {number}"):
         found = calibrate(arm, measurements, rows=np.concatenate([poses[i] for i in chosen]), seen=seen)
-    kept = [parameter for parameter in found.parameters if parameter.block != INSTRUMENT]
+    kept = [parameter for parameter in found.parameters if parameter.kind is not Kind.INSTRUMENT]
     return tuple(parameter.name for parameter in kept), np.array([parameter.value for parameter in kept])

@@ -12,7 +12,8 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, Place, UnsupportedError, listing
-from armflex.estimate.blocks import Block, declared_blocks
+from armflex.estimate.block import Block
+from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.enough import check_readings
 from armflex.estimate.fit import Fit, fit
 from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
@@ -31,7 +32,7 @@ from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
-from armflex.parameters import FRAMES, INSTRUMENT
+from armflex.parameters import FRAMES, Kind
 from armflex.readings.instrument import Instrument, fit_frame, fit_mounting
 from armflex.setup import Setup
 
@@ -172,7 +173,7 @@ def calibrate(
     """
     used, derived = _usable(arm, measurements, rows)
     declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
-    blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.name in FRAMES]
+    blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
     laws = None if keep else law_block(declared, placed.view, seen)
 
     begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS
@@ -220,7 +221,7 @@ def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:
 def _placed(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Setup, Fit]:
     """Return the first guess, and the rows with only the instrument's frame fitted."""
     declared = first_guess(arm, measurements, used)
-    frame = [block for block in declared_blocks(declared, measurements) if block.name == INSTRUMENT]
+    frame = [block for block in declared_blocks(declared, measurements) if block.kind is Kind.INSTRUMENT]
     if frame:
         return declared, fit(declared, frame, measurements, used)
     view = look(declared, measurements, used)

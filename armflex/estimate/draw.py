@@ -13,10 +13,8 @@ from armflex.arm import Arm
 from armflex.conventions import Array, covariate_array, real_array
 from armflex.covariance import root_of_covariance
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
-from armflex.estimate.blocks import Block
-from armflex.estimate.effect_block import EffectBlock
-from armflex.estimate.law_block import LawBlock, with_laws
-from armflex.estimate.spread import OF_THE_INSTRUMENT, applied_blocks, without_declared_doubt
+from armflex.estimate.block import Block
+from armflex.estimate.spread import blocks_of, without_declared_doubt
 from armflex.mechanics.deflection_batch import check_positions
 from armflex.mechanics.ensemble import draw_laws
 from armflex.mechanics.loads import Payload
@@ -24,9 +22,6 @@ from armflex.readings.instrument import Instrument
 from armflex.setup import Setup
 
 METHODS = ("exact", "first_order")
-
-LEAST = 0.1
-"""What a draw leaves at least of a compliance."""
 
 
 def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
@@ -52,7 +47,7 @@ def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     if arm.certainty is None:
         return tuple(_with_drawn_laws(certain, rng) for _ in range(draws))
     setup = Setup(certain, Instrument())
-    blocks = applied_blocks(arm.certainty, setup)
+    blocks = blocks_of(arm.certainty.parameters, setup)
     if blocks is None:
         raise UnsupportedError("the arm no longer has every fitted parameter (another preset?): it cannot be drawn")
     root = root_of_covariance(arm.certainty.covariance)
@@ -75,35 +70,12 @@ def _with_drawn_laws(arm: Arm, rng: np.random.Generator) -> Arm:
 
 
 def _stepped(setup: Setup, blocks: Sequence[Block], step: Array) -> Arm:
-    """Return the arm a (P,) step of its parameters away, to first order in how it bends.
-
-    Factors of compliances are drawn, not their logarithms: what several do against each other cancels in a straight
-    line alone, and no reading told the rest.
-    """
-    parts = np.split(step, np.cumsum([len(block.labels) for block in blocks])[:-1])
+    """Return the arm a (P,) step of its parameters away, to first order in how it bends."""
+    parts = np.split(step, np.cumsum([len(block.parameters) for block in blocks])[:-1])
     for block, own in zip(blocks, parts, strict=True):
-        if block.name.startswith(OF_THE_INSTRUMENT):
-            continue
-        if isinstance(block, EffectBlock):
-            setup = _with_effect(setup, block, block.start + own)
-        elif isinstance(block, LawBlock):
-            pairs = zip(block.flexures, block.laws, block.split(own), strict=True)
-            setup = replace(setup, arm=with_laws(setup.arm, {name: law.moved(part) for name, law, part in pairs}))
-        else:
-            setup = block.apply(setup, np.log(np.maximum(1.0 + own, LEAST)) if block.logarithmic else own)
+        if block.moves:
+            setup = block.stepped(setup, own)
     return setup.arm
-
-
-def _with_effect(setup: Setup, block: EffectBlock, values: Array) -> Setup:
-    """Return the setup with one of its effects at other values."""
-    if block.effect.law.memory:
-        values = np.append(values[: len(block.effect.spot.terms)], np.zeros(len(block.free)))
-    effect, kept = block.at(values), list(setup.arm.effects)
-    if effect.law.changes_model:  # it has changed the arm, to which what is more of it is added
-        more = np.subtract(effect.amplitudes, block.effect.amplitudes)
-        setup = setup.with_effect(replace(effect, values=(*more.tolist(), *effect.inner)))
-    kept[block.ordinal] = effect
-    return replace(setup, arm=replace(setup.arm, effects=tuple(kept)))
 
 
 def ensemble(

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.scene import Scene
+from armflex.parameters import ArmParameter, of_effect
 from armflex.setup import Setup
 
 LARGEST_MOTION = 0.1
@@ -25,7 +26,7 @@ STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class EffectBlock:
+class EffectBlock(Block):
     """Free values of one effect.
 
     Attributes:
@@ -42,28 +43,13 @@ class EffectBlock:
     scene: Scene | None
     ordinal: int
     prior: Array
-    logarithmic: bool = False
     number: int = 1
 
-    @property
-    def name(self) -> str:
-        """Law, site and axis, and its number where it is not the first such one: 'effect gear_harmonic A2 rz #2'."""
-        return f"effect {self.effect.name}{numbered(self.number)}"
-
-    @property
-    def labels(self) -> tuple[str, ...]:
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
         """Acting amplitudes, then free inner parameters."""
-        law = self.effect.law
-        return tuple(law.amplitudes[i].name for i in self.effect.spot.terms) + tuple(
-            law.inner[i].name for i in self.free
-        )
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Their units; '1' for a logarithm."""
-        named = dict(zip(self.effect.named, self.effect.units, strict=True))
-        logs = {self.effect.law.inner[i].name for i in self.free if self.effect.law.inner[i].positive}
-        return tuple("1" if label in logs else named[label] for label in self.labels)
+        every, terms = of_effect(self.effect, self.number), len(self.effect.spot.terms)
+        return (*every[:terms], *(every[terms + i] for i in self.free))
 
     @property
     def start(self) -> Array:
@@ -89,6 +75,22 @@ class EffectBlock:
         """Return the setup with the effect."""
         return setup.with_effect(self.at(values))
 
+    def of_rows(self, sessions: tuple[str, ...], scene: Scene | None) -> EffectBlock:
+        """Return the block with other rows as effects see them."""
+        return replace(self, scene=scene)
+
+    def stepped(self, setup: Setup, step: Array) -> Setup:
+        """Return the setup with the effect a step away, but for that by which it remembers: its state tells."""
+        law, values = self.effect.law, self.start + step
+        if law.memory:
+            values = np.append(values[: len(self.effect.spot.terms)], np.zeros(len(self.free)))
+        effect, kept = self.at(values), list(setup.arm.effects)
+        if law.changes_model:  # it has changed the arm, to which what is more of it is added
+            more = np.subtract(effect.amplitudes, self.effect.amplitudes)
+            setup = setup.with_effect(replace(effect, values=(*more.tolist(), *effect.inner)))
+        kept[self.ordinal] = effect
+        return replace(setup, arm=replace(setup.arm, effects=tuple(kept)))
+
     def std(self, values: Array, std: Array) -> dict[str, float]:
         """Return the standard uncertainty of each free value by name, logarithms turned back."""
         effect, found = self.at(values), {}
@@ -97,24 +99,6 @@ class EffectBlock:
             scale = abs(effect.named[label]) if inner is not None and inner.positive else 1.0
             found[label] = float(deviation) * scale
         return found
-
-
-def numbers_of(effects: Sequence[Effect]) -> tuple[int, ...]:
-    """Return for each of an arm's effects which of its name (law, site and axis) it is, in their order, from 1 on.
-
-    A joint may have several harmonics, and a name tells them apart by nothing else.
-    """
-    met: Counter[str] = Counter()
-    numbers = []
-    for effect in effects:
-        met[effect.name] += 1
-        numbers.append(met[effect.name])
-    return tuple(numbers)
-
-
-def numbered(number: int) -> str:
-    """Return how a number ends an effect's name: ' #2', and nothing for the first."""
-    return f" #{number}" if number > 1 else ""
 
 
 def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:

@@ -11,11 +11,13 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
-from armflex.estimate.blocks import Block, places_of
+from armflex.estimate.block import Block, parameters_of
+from armflex.estimate.blocks import places_of
 from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
 from armflex.estimate.view import Progress, View, look, position_rms
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
+from armflex.parameters import ArmParameter
 from armflex.setup import Setup
 
 SETTLED = 1e-3
@@ -92,7 +94,12 @@ class Fit:
     @cached_property
     def labels(self) -> tuple[tuple[str, str], ...]:
         """(block, label) of every parameter."""
-        return tuple((block.name, label) for block in self.blocks for label in block.labels)
+        return tuple((one.group.block, one.rest) for one in self.parameters)
+
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
+        """What was free, in its order."""
+        return parameters_of(self.blocks)
 
     @cached_property
     def prior(self) -> Array:
@@ -184,14 +191,14 @@ def moved(blocks: Sequence[Block], values: Array, step: Array) -> Array:
 
 def _logarithmic(blocks: Sequence[Block]) -> np.ndarray:
     """Return (P,) whether a value is the logarithm of a factor."""
-    return np.array([block.logarithmic for block in blocks for _ in block.labels], dtype=bool)
+    return np.array([block.logarithmic for block in blocks for _ in block.parameters], dtype=bool)
 
 
 def realise(declared: Setup, blocks: Sequence[Block], values: Array) -> Setup:
     """Return the declared setup with all (P,) values applied."""
     setup, start = declared, 0
     for block in blocks:
-        count = len(block.labels)
+        count = len(block.parameters)
         setup = block.apply(setup, values[start : start + count])
         start += count
     return setup

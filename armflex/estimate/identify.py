@@ -10,6 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import LinearGaussian
+from armflex.parameters import ArmParameter, Kind
 
 UNDETERMINED = 0.9
 """Posterior over prior standard deviation above which the data has said nothing about a parameter."""
@@ -29,7 +30,7 @@ class Parameter:
     """One fitted number.
 
     Attributes:
-        block, label, unit: Which it is; compliance is the logarithm of a factor.
+        which: Which it is; compliance is the logarithm of a factor.
         value, std: Deviation from the declared value and its posterior standard uncertainty, infinite where neither the
             data nor a prior determine it.
         prior: Its prior standard deviation, infinite where nothing was known.
@@ -37,9 +38,7 @@ class Parameter:
         trades_against: Parameters that it can be exchanged for without the readings noticing.
     """
 
-    block: str
-    label: str
-    unit: str
+    which: ArmParameter
     value: float
     std: float
     prior: float
@@ -47,9 +46,29 @@ class Parameter:
     trades_against: tuple[str, ...]
 
     @property
+    def kind(self) -> Kind:
+        """What it is of."""
+        return self.which.group.kind
+
+    @property
+    def block(self) -> str:
+        """Name of the block that it was fitted in."""
+        return self.which.group.block
+
+    @property
+    def label(self) -> str:
+        """What it is called there."""
+        return self.which.rest
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return self.which.unit
+
+    @property
     def name(self) -> str:
         """Block and label."""
-        return f"{self.block} {self.label}"
+        return self.which.label
 
     @property
     def pull(self) -> float:
@@ -65,20 +84,17 @@ class Parameter:
 def parameters(fit: Fit) -> tuple[Parameter, ...]:
     """Return every parameter of a fit with what is known about it."""
     std = fit.posterior.std
-    units = [unit for block in fit.blocks for unit in block.units]
     partners = _trades(fit)
     return tuple(
         Parameter(
-            block,
-            label,
-            units[i],
+            which,
             float(fit.values[i]),
             float(std[i]),
             float(fit.prior[i]),
             bool(std[i] < UNDETERMINED * fit.prior[i]),
             partners[i],
         )
-        for i, (block, label) in enumerate(fit.labels)
+        for i, which in enumerate(fit.parameters)
     )
 
 
@@ -87,7 +103,7 @@ def _trades(fit: Fit) -> list[tuple[str, ...]]:
 
     Its column, moved by one prior deviation, is fitted by the others within their priors.
     """
-    names = [f"{block} {label}" for block, label in fit.labels]
+    names = [parameter.label for parameter in fit.parameters]
     normal = fit.columns.T @ fit.columns
     known = LinearGaussian(normal + np.diag(fit.precision))
     told = fit.posterior.std < UNDETERMINED * fit.prior

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import Array
+from armflex.estimate.block import Block
 from armflex.estimate.view import View
-from armflex.parameters import MOUNTING
+from armflex.laws.effects.scene import Scene
+from armflex.parameters import FRAME, MOUNTED, TARGET, ArmParameter, Kind, of_motions
 from armflex.setup import Setup
 
 
 @dataclass(frozen=True)
-class FrameBlock:
+class FrameBlock(Block):
     """The instrument's pose about a first guess: shift and rotation vector in instrument axes, free."""
 
-    start: pin.SE3
+    guess: pin.SE3
     level: bool
-    name: str = "instrument"
-    logarithmic: bool = False
-    labels: tuple[str, ...] = TWIST_NAMES
-    units: tuple[str, ...] = ("m",) * 3 + ("rad",) * 3
+    parameters: tuple[ArmParameter, ...] = FRAME
 
     @property
     def prior(self) -> Array:
@@ -40,8 +40,8 @@ class FrameBlock:
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with the instrument moved (and, when level, gravity turned with it)."""
-        rotation = pin.exp3(values[3:]) @ self.start.rotation
-        pose = pin.SE3(rotation, pin.exp3(values[3:]) @ self.start.translation + values[:3])
+        rotation = pin.exp3(values[3:]) @ self.guess.rotation
+        pose = pin.SE3(rotation, pin.exp3(values[3:]) @ self.guess.translation + values[:3])
         moved = replace(setup, instrument=replace(setup.instrument, pose=pose))
         if not self.level:
             return moved
@@ -50,25 +50,18 @@ class FrameBlock:
 
 
 @dataclass(frozen=True)
-class SessionBlock:
+class SessionBlock(Block):
     """The instrument set up again: a small shift and rotation for every session."""
 
     sessions: tuple[str, ...]
     rows: tuple[str, ...]
     translation: float
     rotation: float
-    name: str = "session_frame"
-    logarithmic: bool = False
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Session and component."""
-        return tuple(f"{session} {axis}" for session in self.sessions for axis in TWIST_NAMES)
-
-    @property
-    def units(self) -> tuple[str, ...]:
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
         """Shift and rotation of each session."""
-        return (("m",) * 3 + ("rad",) * 3) * len(self.sessions)
+        return of_motions(Kind.SESSION, self.sessions)
 
     @property
     def prior(self) -> Array:
@@ -86,16 +79,17 @@ class SessionBlock:
         shifts = dict(zip(self.sessions, values.reshape(-1, 6), strict=True))
         return replace(setup, instrument=replace(setup.instrument, sessions=shifts))
 
+    def of_rows(self, sessions: tuple[str, ...], scene: Scene | None) -> SessionBlock:
+        """Return the block with the sessions of other rows."""
+        return replace(self, rows=sessions)
+
 
 @dataclass(frozen=True)
-class TargetBlock:
+class TargetBlock(Block):
     """The measured point in the tip frame."""
 
     std: float
-    name: str = "tool"
-    logarithmic: bool = False
-    labels: tuple[str, ...] = TWIST_NAMES[:3]
-    units: tuple[str, ...] = ("m",) * 3
+    parameters: tuple[ArmParameter, ...] = TARGET
 
     @property
     def prior(self) -> Array:
@@ -113,14 +107,11 @@ class TargetBlock:
 
 
 @dataclass(frozen=True)
-class MountingBlock:
+class MountingBlock(Block):
     """How the target is turned on the tool, where orientations are read: nobody mounts a target to a milliradian."""
 
-    start: Array
-    name: str = MOUNTING
-    logarithmic: bool = False
-    labels: tuple[str, ...] = TWIST_NAMES[3:]
-    units: tuple[str, ...] = ("rad",) * 3
+    guess: Array
+    parameters: tuple[ArmParameter, ...] = MOUNTED
 
     @property
     def prior(self) -> Array:
@@ -133,5 +124,5 @@ class MountingBlock:
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with the target turned about its first guess, in tip axes."""
-        turned = pin.log3(pin.exp3(values) @ pin.exp3(self.start))
+        turned = pin.log3(pin.exp3(values) @ pin.exp3(self.guess))
         return replace(setup, instrument=replace(setup.instrument, mounting=turned))

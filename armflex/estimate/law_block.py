@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
+from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.flexure import Flexure
 from armflex.laws import Law
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
-from armflex.parameters import LAW
+from armflex.parameters import ArmParameter, of_law
 from armflex.setup import Setup
 
 
 @dataclass(frozen=True, eq=False)
-class LawBlock:
+class LawBlock(Block):
     """Values of all learned laws.
 
     Attributes:
@@ -28,20 +30,13 @@ class LawBlock:
 
     flexures: tuple[str, ...]
     laws: tuple[LearnedLaw, ...]
-    name: str = LAW
-    logarithmic: bool = False
+    curved = True
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Flexure and parameter."""
-        return tuple(
-            f"{name} {label}" for name, law in zip(self.flexures, self.laws, strict=True) for label in law.labels
-        )
-
-    @property
-    def units(self) -> tuple[str, ...]:
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
         """Parts of what was declared."""
-        return ("1",) * len(self.labels)
+        pairs = zip(self.flexures, self.laws, strict=True)
+        return tuple(one for name, law in pairs for one in of_law(name, law))
 
     @property
     def prior(self) -> Array:
@@ -58,8 +53,8 @@ class LawBlock:
         names, columns = view.setup.arm.flexure_names, []
         for name in self.flexures:
             index = names.index(name)
-            law = view.setup.arm.flexures[index].law
-            assert isinstance(law, LearnedLaw)
+            law = view.setup.arm.flexures[index].learned
+            assert law is not None
             columns.append(
                 view.line.laws[:, :, index] @ law.by_values(view.line.flexure_wrenches[:, index], view.line.row)
             )
@@ -71,6 +66,11 @@ class LawBlock:
         laws = {name: law.at(own) for (name, own), law in zip(pairs, self.laws, strict=True)}
         return replace(setup, arm=with_laws(setup.arm, laws))
 
+    def stepped(self, setup: Setup, step: Array) -> Setup:
+        """Return the setup with every law a step away."""
+        pairs = zip(self.flexures, self.laws, self.split(step), strict=True)
+        return replace(setup, arm=with_laws(setup.arm, {name: law.moved(own) for name, law, own in pairs}))
+
     def split(self, values: Array) -> list[Array]:
         """Return every law's part of (k,) values."""
         return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
@@ -78,8 +78,7 @@ class LawBlock:
 
 def learned_laws(arm: Arm) -> dict[str, LearnedLaw]:
     """Return the learned laws of an arm by flexure."""
-    laws = {flexure.name: flexure.law for flexure in arm.flexures}
-    return {name: law for name, law in laws.items() if isinstance(law, LearnedLaw)}
+    return {flexure.name: flexure.learned for flexure in arm.flexures if flexure.learned}
 
 
 def with_laws(arm: Arm, laws: dict[str, LearnedLaw]) -> Arm:
@@ -107,7 +106,7 @@ def start_law(flexure: Flexure, seen: Seen) -> LearnedLaw:
 
 
 def _declared(flexure: Flexure) -> Law:
-    return flexure.law.declared if isinstance(flexure.law, LearnedLaw) else flexure.law
+    return flexure.learned.declared if flexure.learned else flexure.law
 
 
 def _seen(flexure: Flexure, index: int, rows: View) -> Seen:

@@ -15,7 +15,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, Flag
-from armflex.estimate.blocks import Block
+from armflex.estimate.block import Block
 from armflex.estimate.fit import Effort, Fit, fit
 from armflex.estimate.law_block import LawBlock, learned_laws, with_laws
 from armflex.estimate.view import Progress

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.blocks import Block
+from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.readings.chance import median_length, outlier_limit
 

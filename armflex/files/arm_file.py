@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from armflex.errors import (
     did_you_mean,
     listing,
 )
-from armflex.files.calibration_table import Campaign, calibration_table, read_calibration
+from armflex.files.calibration_table import Campaign, calibration_table, read_calibration, with_certainty
 from armflex.files.certainty_table import with_covariance
 from armflex.files.effect_file import read_effect
 from armflex.laws import Row, read_law
@@ -64,32 +64,45 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
         raise InputError(f"{path} names its own tip, to which its payloads are fixed; tip is for a bare URDF")
     if is_urdf and preset is not None:
         raise UnknownNameError("preset", preset, ())
-    arm = _bare(load_robot(path, tip, strict=strict)) if is_urdf else _read(read_toml(path), preset, strict)
+    if is_urdf:
+        robot = load_robot(path, tip, strict=strict)
+        arm = Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so nothing gives: the arm is rigid")))
+    else:
+        arm = _read(read_toml(path), preset, strict)
     warn(arm.flags)
     return arm
-
-
-def _bare(robot: Robot) -> Arm:
-    return Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so nothing gives: the arm is rigid")))
 
 
 def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     robot, rating, flags = _read_robot(root.sub("robot"), strict)
     payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
-    tables = _flexure_tables(root, preset)
+    tables, presets = root.subs("flexure"), root.subs("preset")
+    if preset is not None:
+        if preset not in presets:
+            raise UnknownNameError("preset", preset, presets)
+        tables |= presets[preset].subs("flexure")
+        presets[preset].finish()
     if len(tables) > MAX_LINKS:
         raise ArmFileError(root.place("flexure"), f"has {len(tables)} flexures, more than the {MAX_LINKS} allowed")
     flexures = tuple(_read_flexure(name, table, robot) for name, table in tables.items())
-    measurement = _read_measurement(root.sub("measurement")) if root.has("measurement") else Measurement()
+    measurement = Measurement()
+    if root.has("measurement"):
+        table = root.sub("measurement")
+        frame = table.choice("frame", ("base", "unknown"), "unknown")
+        measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
+        table.finish()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
-    effects = root.array_of("effect")
-    root.has("calibration")
+    effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
-    soft = [flag for flexure in flexures for flag in _soft(flexure, anywhere(robot))]
-    doubts = (*robot.flags, *flags, *soft, *_partly_certain(flexures, anywhere(robot)))
-    arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=doubts)
-    fitted = read_calibration(root.sub("calibration"), arm) if root.has("calibration") else _say_level(arm)
-    return _with_effects(fitted, effects)
+    doubts = [*robot.flags, *flags, *_softness(flexures, anywhere(robot))]
+    if measurement.gravity_in == "measurement" and not calibrated:
+        text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
+        doubts.append(Flag("gravity_in", f"gravity {text}"))
+    arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=tuple(doubts))
+    if not calibrated:
+        return _with_effects(arm, effects)
+    table = root.sub("calibration")
+    return with_certainty(table, _with_effects(read_calibration(table, arm), effects))
 
 
 def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
@@ -98,25 +111,6 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
     for table in tables:
         setup = setup.with_effect(read_effect(table, arm))
     return setup.arm if setup.instrument is start.instrument else replace(setup.arm, instrument=setup.instrument)
-
-
-def _say_level(arm: Arm) -> Arm:
-    """Return the arm with a flag where its gravity is known in a frame that is not placed yet."""
-    if arm.measurement.gravity_in == "base":
-        return arm
-    text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
-    return replace(arm, flags=(*arm.flags, Flag("gravity_in", f"gravity {text}")))
-
-
-def _flexure_tables(root: Declaration, preset: str | None) -> dict[str, Declaration]:
-    declared, presets = root.subs("flexure"), root.subs("preset")
-    if preset is None:
-        return declared
-    if preset not in presets:
-        raise UnknownNameError("preset", preset, presets)
-    changed = presets[preset].subs("flexure")
-    presets[preset].finish()
-    return declared | changed
 
 
 def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:
@@ -138,16 +132,12 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, 
             urdf, tip, None if base == "-" else base, gravity, strict=strict, allow_massless=massless, locked=locked
         )
     except UnknownNameError as error:
-        raise table.fail(_key_of(error, tip, base), str(error)) from None
+        raise table.fail({tip: "tip", base: "base"}.get(error.name, "locked"), str(error)) from None
     except UrdfError as error:
         if error.place.line or "cannot be read" not in error.problem:
             raise
         raise UrdfError(table.place("urdf"), f"[robot] urdf: {error}") from None  # the key that names no file
     return robot, rating, flags
-
-
-def _key_of(error: UnknownNameError, tip: str, base: str) -> str:
-    return {tip: "tip", base: "base"}.get(error.name, "locked")
 
 
 def _read_payload(name: str, table: Declaration) -> Payload:
@@ -159,7 +149,7 @@ def _read_payload(name: str, table: Declaration) -> Payload:
     try:
         return Payload(mass, com, inertia)
     except PayloadError as error:
-        raise table.fail("mass" if "mass" in str(error) else "inertia", str(error)) from None
+        raise table.fail("mass" if mass < 0.0 else "inertia", str(error)) from None
 
 
 def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
@@ -185,18 +175,6 @@ def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:
     }
 
 
-def _soft(flexure: Flexure, row: Row) -> list[Flag]:
-    flags = [flag for law in flexure.law.leaves for flag in softness(law.tangent(np.zeros(6), row))]
-    return [Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}") for flag in flags]
-
-
-def _read_measurement(table: Declaration) -> Measurement:
-    frame = table.choice("frame", ("base", "unknown"), "unknown")
-    gravity_in = table.choice("gravity_in", ("base", "measurement"), "base")
-    table.finish()
-    return Measurement(frame, gravity_in)
-
-
 def _read_prior(table: Declaration) -> Prior:
     values = {field.name: table.number(field.name, 0.0) for field in fields(Prior)}
     table.finish()
@@ -208,13 +186,15 @@ def _read_prior(table: Declaration) -> Prior:
     return Prior(**values)
 
 
-def _partly_certain(flexures: tuple[Flexure, ...], row: Row) -> list[Flag]:
-    """Return a flag where some flexures carry an uncertainty and others do not: the sum would look too sure."""
+def _softness(flexures: tuple[Flexure, ...], row: Row) -> Iterator[Flag]:
+    """Yield doubts about how the flexures give, and how well that is known."""
+    for flexure in flexures:
+        for flag in (flag for law in flexure.law.leaves for flag in softness(law.tangent(np.zeros(6), row))):
+            yield Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}")
     exact = [flexure.name for flexure in flexures if not flexure.law.uncertain and flexure.law.gives(row)]
-    if not exact or not any(flexure.law.uncertain for flexure in flexures):
-        return []
-    text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"
-    return [Flag("partly_certain", text)]
+    if exact and any(flexure.law.uncertain for flexure in flexures):  # the sum would look too sure
+        text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"
+        yield Flag("partly_certain", text)
 
 
 def write_arm(

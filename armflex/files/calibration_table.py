@@ -10,15 +10,13 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Flexure
-from armflex.certainty import Certainty
 from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean
 from armflex.files.certainty_table import certainty_table, read_certainty
 from armflex.files.law_table import law_table, read_learned
 from armflex.laws.joint.scaled import scaled
-from armflex.laws.learned import LearnedLaw
-from armflex.parameters import law_labels
+from armflex.parameters import of_law
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 
@@ -67,12 +65,12 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         "compliance": {name: values.tolist() for name, values in arm.factors.items()},
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
     }
-    laws = {one.name: law_table(one.law) for one in arm.flexures if isinstance(one.law, LearnedLaw)}
+    laws = {one.name: law_table(one.learned) for one in arm.flexures if one.learned}
     return table | ({"law": laws} if laws else {}) | certainty_table(arm.certainty)
 
 
 def read_calibration(table: Declaration, arm: Arm) -> Arm:
-    """Return an arm with its [calibration] table applied.
+    """Return an arm with its [calibration] table applied, but for how well that is known; see `with_certainty`.
 
     Raises:
         ArmFileError: A value is of the wrong shape, or names a joint or flexure that the arm does not have.
@@ -89,17 +87,14 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         {name: geometry.numbers(name, (6,)) for name in geometry.table},
     )
     _check_campaign(table)
-    certainty = read_certainty(table, arm)
     unfinished = [Flag("unfinished", f"{table.place()}: {UNFINISHED}")] if table.flag("unfinished") else []
-    table.finish()
     factors = {name: _factors(compliance, name) for name in compliance.table}
     fitted = replace(
         arm,
-        flexures=tuple(_learned(_scaled(flexure, factors), laws, certainty) for flexure in arm.flexures),
+        flexures=tuple(_learned(_scaled(flexure, factors), laws) for flexure in arm.flexures),
         corrections=corrections,
         factors=factors,
         instrument=instrument,
-        certainty=certainty,
         flags=(*arm.flags, *unfinished),
     )
     return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
@@ -152,13 +147,26 @@ def _scaled(flexure: Flexure, factors: Mapping[str, Array]) -> Flexure:
     return replace(flexure, law=scaled(flexure.law, np.exp(0.5 * factors[flexure.name])))
 
 
-def _learned(flexure: Flexure, laws: Declaration | None, certainty: Certainty | None) -> Flexure:
+def _learned(flexure: Flexure, laws: Declaration | None) -> Flexure:
     if laws is None or flexure.name not in laws.table:
         return flexure
-    found = read_learned(flexure, laws.sub(flexure.name), None)
+    return read_learned(flexure, laws.sub(flexure.name))
+
+
+def with_certainty(table: Declaration, arm: Arm) -> Arm:
+    """Return an arm, its effects in it, with how well its [calibration] table says that it is known.
+
+    Raises:
+        ArmFileError: No fit names parameters so, what is given is no covariance of them, or a key is unknown.
+    """
+    certainty = read_certainty(table, arm)
+    table.finish()
     if certainty is None:
-        return found
-    return replace(found, law=replace(found.law, spread=certainty.among(law_labels(found))))
+        return arm
+    learned = {one.name: one.learned for one in arm.flexures if one.learned}
+    laws = {name: replace(law, spread=certainty.among(of_law(name, law))) for name, law in learned.items()}
+    changed = [replace(one, law=laws[one.name]) if one.name in laws else one for one in arm.flexures]
+    return replace(arm, flexures=tuple(changed), certainty=certainty)
 
 
 def _level(arm: Arm) -> Arm:

@@ -20,12 +20,15 @@ from armflex.covariance import covariance_fault
 from armflex.declaration import Declaration
 from armflex.errors import FileError, did_you_mean, listing
 from armflex.laws.effects.spot import site_names
-from armflex.parameters import BLOCKS
+from armflex.parameters import Kind
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
 
 MOST_ROWS = 150
 """Parameters from which on their covariance stands in a file of its own: as text it would take seconds to read."""
+
+BLOCKS = tuple(kind.value for kind in Kind if kind is not Kind.UNEXPLAINED)
+"""What the name of every fitted parameter begins with."""
 
 LAYOUT = Layout(
     "the covariance of a calibrated arm",
@@ -74,16 +77,21 @@ def _rounded(values: Array) -> list[float]:
 
 
 def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
-    """Return the covariance of the fitted parameters; None where it is not given."""
+    """Return the covariance of the fitted parameters; None where it is not given.
+
+    Args:
+        table: [calibration].
+        arm: With everything that its file declares, effects and learned laws, too: parameters are looked up in it. One
+            that it has no more (another preset) is kept as what it is called.
+    """
     if not all([table.has("parameters"), table.has("covariance") or table.has("covariance_file")]):
         return None
     labels = table.texts("parameters")
     if len(set(labels)) < len(labels):
         raise table.fail("parameters", "a parameter is named twice")
     for label in labels:
-        block, _, parameter = label.partition(" ")
-        if block not in BLOCKS or not parameter:
-            hint = did_you_mean(block, BLOCKS)
+        if not any(label.startswith(f"{block} ") and label != f"{block} " for block in BLOCKS):
+            hint = did_you_mean(label.partition(" ")[0], BLOCKS)
             raise table.fail("parameters", f"{label!r} is no parameter of a fit{hint} (they begin: {listing(BLOCKS)})")
     key = "covariance_file" if table.has("covariance_file") else "covariance"
     covariance = _from_file(table, labels) if key == "covariance_file" else _from_rows(table, labels)
@@ -95,7 +103,7 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
     misfit = table.number("misfit_m", 0.0)
     if misfit < 0.0:
         raise table.fail("misfit_m", f"a standard deviation cannot be negative, got {misfit:g}")
-    return Certainty(labels, covariance, _unexplained(table, arm), directions, misfit)
+    return Certainty(arm.named(labels), covariance, _unexplained(table, arm), directions, misfit)
 
 
 def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:

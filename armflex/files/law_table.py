@@ -30,13 +30,12 @@ def law_table(law: LearnedLaw) -> dict[str, Any]:
     return found | ({} if law.energy is None else {"energy": law.energy.tolist()})
 
 
-def read_learned(flexure: Flexure, table: Declaration, covariance: Array | None) -> Flexure:
-    """Return a flexure with what was learned of its law.
+def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
+    """Return a flexure with what was learned of its law, but for how well that is known.
 
     Args:
         flexure: As declared, with `learn = true`.
         table: Its [calibration.law.NAME].
-        covariance: (k, k) of the values, None where it is not known.
 
     Raises:
         ArmFileError: The flexure is not learned any more, or is another than the one that was, or a number is none that
@@ -48,7 +47,7 @@ def read_learned(flexure: Flexure, table: Declaration, covariance: Array | None)
     values, scales = table.numbers("values", law.values.shape), _positive(table, "scales", (len(law.scales),))
     ending = _ending(table) if table.has("reach") else {}
     table.finish()
-    found = {"values": values, "scales": tuple(scales.tolist()), "spread": covariance, **ending}
+    found = {"values": values, "scales": tuple(scales.tolist()), **ending}
     return replace(flexure, law=replace(law, **found))
 
 

@@ -38,11 +38,11 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
         law = _read_file(table, model)
     elif model in LAWS:
         law = LAWS[model](table, joint, ranges)
-    elif table.flag("learn"):
+    elif table.flag("learn") and not FORMS[model].runs_code:
         law = read_linear(table, joint, ranges)  # what the correction is learned about
     else:
-        text = f"a {model} law is learned: give the 'file' that `armflex train` wrote, or learn = true and a compliance"
-        raise table.fail("model", text)
+        other = "" if FORMS[model].runs_code else ", or learn = true and a compliance"
+        raise table.fail("model", f"a {model} law is learned: give the 'file' that `armflex train` wrote{other}")
     if table.has("node"):
         return AtNode(law, table.numbers("node", (3,)))
     return law

@@ -1,6 +1,7 @@
 """A trained law in a file, see `storage.array_file`.
 
-Needs no torch to load. Arrays are SI; the units of the data they came from are kept in the metadata.
+Arrays are SI; the units of the data they came from are kept in the metadata. Only a law of the model "torch" needs
+torch to load: its file names a Python file of the user's own, and to load it runs that; see `joint.module_source`.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import LawError, ModelFileError, Place, UnknownNameError
-from armflex.laws.joint import network, polynomial, structural_file
+from armflex.errors import InputError, LawError, ModelFileError, Place, UnknownNameError
+from armflex.laws.joint import network, polynomial, structural_file, torch_law
 from armflex.laws.joint.linear import LinearFit, LinearLaw
 from armflex.laws.law import Law, check_ordered, embed
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
@@ -44,23 +45,30 @@ def save_law(trained: TrainedLaw, path: str | Path) -> Path:
     """
     if trained.model not in FORMS:
         raise UnknownNameError("model with a file form", trained.model, FORMS)
-    arrays = FORMS[trained.model].to_tensors(trained.law)
-    write_arrays(Path(path), LAYOUT, arrays, {"model": trained.model, "metadata": dict(trained.metadata)})
-    return Path(path)
+    form, path = FORMS[trained.model], Path(path)
+    metadata = {**trained.metadata, **form.said(trained.law, path.parent)}
+    write_arrays(path, LAYOUT, form.to_tensors(trained.law), {"model": trained.model, "metadata": metadata})
+    return path
 
 
 def load_law(path: str | Path) -> TrainedLaw:
-    """Read a trained law.
+    """Read a trained law. One of the model "torch" runs the Python code that its file names, see `joint.module_source`.
 
     Raises:
-        ModelFileError: Missing, too large, damaged, not a law of armflex, or of a model this version does not know.
+        ModelFileError: Missing, too large, damaged, not a law of armflex, or of a model this version does not know; or
+            the code of its module is missing, has changed since, or fails, or torch is not installed.
     """
-    about, arrays, _ = read_arrays(Path(path), LAYOUT)
+    path = Path(path)
+    about, arrays, _ = read_arrays(path, LAYOUT)
+    form, metadata = FORMS[about["model"]], about["metadata"]
     try:
-        return TrainedLaw(FORMS[about["model"]].from_tensors(arrays), about["model"], about["metadata"])
+        law = form.from_tensors(arrays, metadata, path.parent) if form.runs_code else form.from_tensors(arrays)
+        return TrainedLaw(law, about["model"], metadata)
     except LawError as error:
         problem = f"does not hold {LAYOUT.what}: {error}; {LAYOUT.anew}"
-        raise ModelFileError(Place(Path(path)), problem) from None
+        raise ModelFileError(Place(path), problem) from None
+    except InputError as error:  # of the code that it runs
+        raise ModelFileError(Place(path), str(error)) from None
 
 
 def _write_linear(law: LinearLaw) -> dict[str, Array]:
@@ -77,12 +85,18 @@ def _read_linear(tensors: Mapping[str, Array]) -> LinearLaw:
 
 
 class Form(NamedTuple):
-    """How the arrays of a model are written and read, and what they are declared to be."""
+    """How the arrays of a model are written and read, and what they are declared to be.
+
+    Where `runs_code`, the arrays depend on the file's metadata, `said` of a law and the file's folder adds to these,
+    and a law is read from arrays, metadata and folder.
+    """
 
     to_tensors: Callable[[Any], dict[str, Array]]
-    from_tensors: Callable[[Mapping[str, Array]], Law]
-    arrays: Mapping[str, Numbers]
+    from_tensors: Callable[..., Law]
+    arrays: Mapping[str, Numbers] | Callable[[Mapping[str, Any]], Mapping[str, Numbers]]
     sizes: Mapping[str, Collection[int]]
+    said: Callable[[Any, Path], dict[str, Any]] = lambda law, folder: {}
+    runs_code: bool = False
 
 
 LINEAR = {
@@ -104,13 +118,27 @@ FORMS = {
     ),
     "neural": _NETWORK,
     "bayesian": _NETWORK,
+    "torch": Form(
+        torch_law.to_tensors,
+        torch_law.torch_from_tensors,
+        torch_law.arrays_of,
+        torch_law.SIZES,
+        torch_law.said_of,
+        runs_code=True,
+    ),
 }
 """Model name -> its file form."""
+
+
+def _arrays(about: Mapping[str, Any]) -> Mapping[str, Numbers]:
+    declared = FORMS[about["model"]].arrays
+    return declared(about["metadata"]) if callable(declared) else declared
+
 
 LAYOUT = Layout(
     "a law of armflex",
     "armflex-law-1",
-    arrays=lambda about: FORMS[about["model"]].arrays,
+    arrays=_arrays,
     about={"model": Literal[tuple(FORMS)], "metadata": dict[str, Any]},
     sizes=lambda about: FORMS[about["model"]].sizes,
     anew="train it anew",

@@ -17,7 +17,17 @@ from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import SAG_BAND, LoadedArm
 from armflex.mechanics.loads import Payload, Wrench
 from armflex.mechanics.pinocchio_model import LoadCase
-from armflex.mechanics.rows import AT_ONCE, RowSolver, Solution, chunks, flexure_poses, rigid_tips, rotations
+from armflex.mechanics.rows import (
+    AT_ONCE,
+    Pushes,
+    RowSolver,
+    Solution,
+    chunks,
+    flexure_poses,
+    frame_loads,
+    rigid_tips,
+    rotations,
+)
 from armflex.mechanics.structure import Names, Structure
 from armflex.parallel import in_order
 
@@ -160,6 +170,21 @@ class DeflectionBatch:
             turns, origins, tip = poses[:, :-1, :3, :3], poses[:, :-1, :3, 3], poses[:, -1:, :3, 3]
             shift, turn = ((turns @ part[..., None])[..., 0] for part in np.split(self.twists[rows], 2, axis=2))
             found[rows] = np.concatenate([shift + np.cross(turn, tip - origins), turn], axis=2)
+        return found
+
+    @cached_property
+    def drive_loads(self) -> Array:
+        """(N, nq) load on every drive about or along its joint's axis [Nm or N]."""
+        moving, found = self.acting.arm.robot.moving, np.empty((len(self.q), len(self.acting.arm.robot.moving)))
+        axes = [np.concatenate([j.axis, np.zeros(3)][:: 1 if j.kind == "prismatic" else -1]) for j in moving]
+        for loaded, rows in self.acting.groups(len(self.q)) if self.acting.compiled else ():
+            pushes = Pushes(loaded, self.acting.wrenches, sited=True)
+            q, twists = np.ascontiguousarray(self.q[rows]), np.ascontiguousarray(self.twists[rows])
+            at = [loaded.sites.names.index(f"link:{joint.name}") for joint in moving]
+            links = frame_loads(loaded.sited_chain, pushes, q, twists, loaded.sites, at)
+            found[rows] = np.einsum("nja,ja->nj", links, np.array(axes))
+        for i in () if self.acting.compiled else range(len(self.q)):
+            found[i] = np.einsum("ja,ja->j", self.row(i).joint_loads, np.array(axes))
         return found
 
     @cached_property

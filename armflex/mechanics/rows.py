@@ -18,7 +18,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.mechanics.certificate import StabilityBound
-from armflex.mechanics.chain import Chain
+from armflex.mechanics.chain import Chain, Frames
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loads import Load
@@ -130,6 +130,18 @@ def frame_poses(
         np.empty((0, 6, 0)), np.empty((0, 6, 0, 6)), np.empty((0, 0, 6)), np.empty((0, 0, 6, 6)), np.empty((0, 6, 3)),
     )  # fmt: skip
     return found if count else found[:0]
+
+
+def frame_loads(chain: Chain, pushes: Pushes, q: Array, twists: Array, frames: Frames, some: Sequence[int]) -> Array:
+    """Return the (N, s, 6) load on all that a twist at some frames of a flexed arm moves, axes of the frames."""
+    places, numbers, count = frames.places[:, some], frames.numbers[some], len(q)
+    none, found = np.zeros((count, 6, twists.shape[1], 6)), np.empty((count, len(some), 6))
+    kernel().responses(
+        *chain.numbers, pushes.links, pushes.wrenches(q, twists), NO_CHANGES, q, twists, none, places, numbers,
+        np.empty((0, 0, 4, 4)), np.empty((0, 6, 0)), np.empty((0, 6, 0, 6)), found, np.empty((0, 0, 6, 6)),
+        np.empty((0, 6, 3)),
+    )  # fmt: skip
+    return found
 
 
 class RowSolver:

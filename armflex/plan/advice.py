@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.blocks import Block
+from armflex.estimate.block import Block
 from armflex.estimate.effect_block import EffectBlock
 from armflex.estimate.identify import UNDETERMINED, partners_of
 from armflex.laws.effects.catalogue import CATALOGUE
@@ -57,13 +57,13 @@ def blind_spots(model: Model, rows: Array, sigma: float) -> tuple[Blind, ...]:
     whole = model.known.with_rows(rows)
     left = model.std(whole) > UNDETERMINED * model.prior
     most = np.sqrt((rows**2).sum(axis=1)).max(axis=0)
-    asked = np.repeat([_is_asked(block) for block in model.blocks], [len(block.labels) for block in model.blocks])
+    asked = np.repeat([_is_asked(block) for block in model.blocks], [len(block.parameters) for block in model.blocks])
     return tuple(_blind(model, seen, whole, int(i), float(most[i] * sigma)) for i in np.flatnonzero(asked & left))
 
 
 def _is_asked(block: Block) -> bool:
     """Return whether a block is of the arm: neither where the instrument stands nor what is in question."""
-    return not block.name.startswith(FRAMES) and not isinstance(block, Suspect)
+    return block.kind not in FRAMES and not isinstance(block, Suspect)
 
 
 def _blind(model: Model, seen: Array, whole: LinearGaussian, place: int, moves: float) -> Blind:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,20 +12,20 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
-from armflex.estimate.arm_blocks import ComplianceBlock
-from armflex.estimate.blocks import Block, FrameBlock, SessionBlock, declared_blocks, places_of
-from armflex.estimate.effect_block import EffectBlock, effect_columns, numbers_of, shy_prior
+from armflex.estimate.block import Block, parameters_of
+from armflex.estimate.blocks import FrameBlock, declared_blocks, places_of
+from armflex.estimate.effect_block import EffectBlock, effect_columns, shy_prior
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
 from armflex.estimate.robust import whitened_columns
-from armflex.estimate.spread import OF_THE_INSTRUMENT, OTHER_PARAMETERS, labels_of, rebuilt_blocks, scene_of
+from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of, scene_of
 from armflex.estimate.view import View, look
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.scene import Scene
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.parameters import FRAMES, law_labels
+from armflex.parameters import FRAMES, ArmParameter, Group, Kind, numbers_of
 from armflex.plan.offer import Offer
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
@@ -116,20 +116,19 @@ class Model:
     prior: Array
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Block and label of every parameter."""
-        return tuple(f"{block.name} {label}" for block in self.blocks for label in block.labels)
+    def parameters(self) -> tuple[ArmParameter, ...]:
+        """What is free, in its order."""
+        return parameters_of(self.blocks)
 
     @cached_property
-    def units(self) -> tuple[str, ...]:
-        """Unit of every parameter."""
-        return tuple(unit for block in self.blocks for unit in block.units)
+    def names(self) -> tuple[str, ...]:
+        """Label of every parameter."""
+        return tuple(parameter.label for parameter in self.parameters)
 
     @cached_property
     def moving(self) -> np.ndarray:
         """(P,) whether a parameter moves the tip, rather than what is read of it."""
-        named = [not block.name.startswith(OF_THE_INSTRUMENT) for block in self.blocks for _ in block.labels]
-        return np.array(named, dtype=bool)
+        return np.array([parameter.group.moves for parameter in self.parameters], dtype=bool)
 
     def place(self, block: Block) -> np.ndarray:
         """Return the places of one block's parameters."""
@@ -158,14 +157,8 @@ def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
 
 def answers(blocks: Sequence[Block], view: View, rows: Rows, scene: Scene) -> Array:
     """Return (M, d, P) whitened changes of the readings of some rows per parameter of blocks made for others."""
-    here = [_here(block, rows, scene) for block in blocks]
+    here = [block.of_rows(rows.session, scene) for block in blocks]
     return whitened_columns(here, view, np.ones(len(view.rows))).reshape(*view.residual.shape, -1)
-
-
-def _here(block: Block, rows: Rows, scene: Scene) -> Block:
-    if isinstance(block, SessionBlock):
-        return replace(block, rows=rows.session)
-    return replace(block, scene=scene) if isinstance(block, EffectBlock) else block
 
 
 def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model:
@@ -229,17 +222,18 @@ def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
     Raises:
         InputError: The covariance is of other parameters, or of some of the laws that are learned.
     """
-    arm, asked, new = setup.arm, {suspect.ordinal for suspect in suspects}, _new_laws(setup.arm)
-    known = rebuilt_blocks(arm.certainty, offer.view, offer.rows)
-    if known is None:
+    arm, new = setup.arm, _new_laws(setup.arm)
+    asked = {suspect.parameters[0].group for suspect in suspects if suspect.ordinal != NOWHERE}
+    asked |= {Group(Kind.COMPLIANCE, name) for name in new}
+    parameters = arm.certainty.parameters
+    if blocks_of(parameters, setup) is None:
         raise InputError(OTHER_PARAMETERS.text)
     frame = [FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement")]
     frames = frame if arm.measurement.frame == "unknown" else []
-    arms = [block for block in known if block.name not in FRAMES]
-    kept = [_without(one, new) for one in arms if not (isinstance(one, EffectBlock) and one.ordinal in asked)]
-    kept = [block for block in kept if block.labels]
-    places = np.isin(labels_of(known), labels_of(kept))
-    covariance = arm.certainty.covariance[np.ix_(places, places)]
+    places = [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in asked]
+    known = arm.certainty.part(places)
+    kept = blocks_of(known.parameters, setup, scene=offer.scene)
+    covariance = known.covariance
     fresh = (*((LawBlock(tuple(new), tuple(new.values())),) if new else ()), *suspects)
     blocks = (*frames, *kept, *fresh)
     std = np.sqrt(np.diag(covariance))
@@ -252,9 +246,8 @@ def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
 
 def _new_laws(arm: Arm) -> dict[str, LearnedLaw]:
     """Return the learned laws by flexure that a calibrated arm's covariance says nothing of: all, or none."""
-    laws, fitted = learned_laws(arm), set(arm.certainty.labels)
-    known = {flexure.name for flexure in arm.flexures if not fitted.isdisjoint(law_labels(flexure))}
-    new = {name: law for name, law in laws.items() if name not in known}
+    laws, fitted = learned_laws(arm), arm.certainty.groups
+    new = {name: law for name, law in laws.items() if Group(Kind.LAW, name) not in fitted}
     if new and len(new) < len(laws):
         old = listing(laws.keys() - new.keys())
         text = f"{listing(new)} is to be learned, but the arm was calibrated with the learned laws of {old} alone"
@@ -262,16 +255,8 @@ def _new_laws(arm: Arm) -> dict[str, LearnedLaw]:
     return new
 
 
-def _without(block: Block, names: Container[str]) -> Block:
-    """Return a block without the compliances of some flexures."""
-    if not isinstance(block, ComplianceBlock):
-        return block
-    pairs = [pair for pair in zip(block.flexures, block.axes, strict=True) if pair[0] not in names]
-    return replace(block, flexures=tuple(name for name, _ in pairs), axes=tuple(axes for _, axes in pairs))
-
-
 def _told(block: Block, arm: Arm) -> Array:
     """Return the standard deviations of a block's parameters before anything was measured."""
-    if isinstance(block, LawBlock):
+    if block.kind is Kind.LAW:
         return block.prior
-    return np.full(len(block.labels), getattr(arm.prior, block.name, 0.0) or np.inf)
+    return np.full(len(block.parameters), getattr(arm.prior, block.kind, 0.0) or np.inf)

@@ -15,7 +15,7 @@ from armflex.estimate.view import look
 from armflex.laws.effects.law import Effect
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.parameters import SESSIONS
+from armflex.parameters import Kind
 from armflex.plan.advice import blind_spots
 from armflex.plan.choose import exchanged, greedy, path
 from armflex.plan.drive import driven
@@ -194,7 +194,7 @@ def _doubts(model: Model, reach: Reach, every: Array, rows: Array, seed: int) ->
     """
     chosen = np.random.default_rng(seed).choice(len(every), len(rows), False)
     states, measured = {"known now": model.known}, every
-    every = every * np.array([not name.startswith(SESSIONS) for name in model.names])
+    every = every * np.array([one.group.kind is not Kind.SESSION for one in model.parameters])
     if _doubt(reach, every, model.known).min() > UNKNOWN:
         states = {f"after {len(rows)} readings at random": model.known.with_rows(measured[chosen])}
     states[f"after {len(rows)} planned readings"] = model.known.with_rows(rows)

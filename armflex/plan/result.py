@@ -10,8 +10,8 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.estimate.effect_block import numbered
 from armflex.linear_gaussian import LinearGaussian
+from armflex.parameters import numbered
 from armflex.plan.advice import Blind, in_words, instead
 from armflex.plan.information import Foreseen, Goal
 from armflex.plan.model import Model

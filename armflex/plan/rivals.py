@@ -15,7 +15,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError, UnsupportedError
-from armflex.estimate.effect_block import EffectBlock, numbered, numbers_of, shy_prior
+from armflex.estimate.effect_block import EffectBlock, shy_prior
 from armflex.estimate.fit import ROUGH, Fit, fit
 from armflex.files.effect_file import TEMPERATURE as USUAL_TEMPERATURE
 from armflex.files.effect_file import names_of, spots_on
@@ -23,6 +23,7 @@ from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.law import Effect, EffectLaw, Inner
 from armflex.laws.effects.scene import MASS, TEMPERATURE, Scene
 from armflex.laws.effects.spot import Spot
+from armflex.parameters import numbered, numbers_of
 from armflex.plan.model import NOWHERE, Before, Suspect, answers, free_inner
 from armflex.plan.offer import Offer
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.errors import Flag, InputError, JointLimitError, SmallDisplacementError, naming
+from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming
 from armflex.estimate.spread import without_declared_doubt
 from armflex.estimate.tip_uncertainty import AT_REST, length_sigma, tip_covariance
 from armflex.mechanics.deflection import Deflection
-from armflex.trajectory import Trajectory
+from armflex.mechanics.deflection_batch import DeflectionBatch
+from armflex.trajectory import Points, Trajectory
 
 COVERAGE = 2.0
 """A margin inside this many standard uncertainties is neither ok nor fail."""
@@ -26,8 +28,8 @@ MOST_STEPS = 1024
 """Into which a stretch is cut at first: joints that move by more than 100 rad or m from one row to the next are not a
 path. A stretch is not halved beyond the steps that the shortest one may be halved into."""
 
-TOGETHER = 64
-"""Stretches that are judged together: what fitted parameters do is found for many samples at once."""
+TOGETHER = 512
+"""Rows and stretches that are judged together: memory does not grow with the samples."""
 
 CLOSEST = 1e-6
 """Fraction of the tolerance below which a peak between samples no longer counts."""
@@ -133,12 +135,15 @@ def check(
     trajectory = trajectory.with_constants(arm, covariates or {})
     derived, trajectory = trajectory.derived_directions(arm), trajectory.prepared(arm)
     _check_steps(arm, trajectory)
-    judge = _Judge(without_declared_doubt(arm), tolerance, angle, method)
-    rows = [sample.point for sample in judge.samples_of([trajectory])[0]]
+    judge = _Judge(without_declared_doubt(arm), trajectory, tolerance, angle, method)
+    rows: list[Point] = []
+    for first in range(0, len(trajectory), TOGETHER):
+        some = np.arange(first, min(first + TOGETHER, len(trajectory)))
+        found = judge.at(judge.rows(some), [judge.where(i) for i in some])
+        rows += [judge.point(found, i, trajectory.via[row]) for i, row in enumerate(some)]
     segments: list[Point] = []
     for first in range(0, len(trajectory) - 1, TOGETHER):
-        some = range(first, min(first + TOGETHER, len(trajectory) - 1))
-        segments += _worst_between(judge, trajectory, some)
+        segments += _worst_between(judge, np.arange(first, min(first + TOGETHER, len(trajectory) - 1)))
         if progress:
             progress(len(segments), len(trajectory) - 1)
     vias = sorted((row for row in rows if row.name), key=lambda point: point.badness)
@@ -149,105 +154,172 @@ def check(
     return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, judge.samples, flags, tuple(rows))
 
 
-@dataclass(frozen=True)
-class _Sample:
-    """A point with its (3,) scores: displacement, and the most and least that it may be, as fractions allowed."""
+WORST_LAST = ("fail", "uncertain", "ok")
 
-    point: Point
+
+class _Samples(NamedTuple):
+    """(M, ...) points held against the tolerance.
+
+    time: [s]. sizes: (M, 2) of the tip's shift [m] and turn [rad]. sigmas: (M, 2) of these, NaN where there is none.
+    verdict: (M,) place in `WORST_LAST`. cause: (M,) number of a flexure. scores: (M, 3) displacement, and the most and
+    least that it may be, as fractions allowed. badness: (M,) smaller where it is worse, among those of one verdict.
+    payload, reason: As of `Point`.
+    """
+
+    time: Array
+    sizes: Array
+    sigmas: Array
+    verdict: np.ndarray
+    cause: np.ndarray
     scores: Array
+    badness: Array
+    payload: np.ndarray
+    reason: np.ndarray
 
 
 class _Judge:
     """Evaluates points and collects what was met on the way."""
 
-    def __init__(self, arm: Arm, tolerance: float, angle: float | None, method: str) -> None:
-        self.arm, self.tolerance, self.angle, self.method = arm, tolerance, angle, method
+    def __init__(self, arm: Arm, trajectory: Trajectory, tolerance: float, angle: float | None, method: str) -> None:
+        self.arm, self.trajectory, self.method = arm, trajectory, method
+        self.tolerance, self.angle = tolerance, angle
         self.samples = 0
         self.flags: dict[str, Flag] = {}
 
-    def samples_at(self, trajectory: Trajectory, fractions: Mapping[int, Array]) -> dict[int, list[_Sample]]:
-        """Return the verdicts on stretches: at fractions (M,) of the way from each row to the next."""
-        found = self.samples_of([trajectory.at(segment, some) for segment, some in fractions.items()])
-        return dict(zip(fractions, found, strict=True))
+    def rows(self, some: np.ndarray) -> Points:
+        """Return some rows of the trajectory as points."""
+        t = self.trajectory
+        moved = (None if values is None else values[some] for values in (t.v, t.a))
+        known = {name: values[some] for name, values in t.covariates.items()}
+        return Points(t.time[some], t.q[some], [t.payload[i] for i in some.tolist()], *moved, known)
 
-    def samples_of(self, parts: Sequence[Trajectory]) -> list[list[_Sample]]:
-        """Return the verdicts on all rows of each part; errors are raised again with the row and its time."""
-        asked = [[self.named(part, i) for i in range(len(part))] for part in parts]
-        self.samples += sum(map(len, asked))
-        covariances = iter(self.covariances(parts, [one for some in asked for one in some]))
-        return [
-            [
-                self.judge(found, next(covariances), part.via[i], float(part.time[i]), part.payload[i], reason)
-                for i, (found, reason) in enumerate(some)
-            ]
-            for part, some in zip(parts, asked, strict=True)
-        ]
+    def where(self, i: int) -> str:
+        """Return what row i is called in an error."""
+        via = self.trajectory.via[i]
+        return f"row {i}" + (f" ({via})" if via else "") + f" at {self.trajectory.time[i]:g} s"
 
-    def named(self, trajectory: Trajectory, i: int) -> tuple[Deflection, str]:
-        """Return what `ask` does, and keep the doubts."""
-        time, via = float(trajectory.time[i]), trajectory.via[i]
-        with naming(f"row {i}" + (f" ({via})" if via else "") + f" at {time:g} s"):
-            found, reason = self.ask(trajectory, i)
-        for flag in (*found.flags, *overload(self.arm, found)):
-            said = flag if flag in self.arm.flags else Flag(flag.code, f"at {time:g} s: {flag.text}")
-            self.flags.setdefault(flag.code, said)
-        return found, reason
+    def between(self, segments: np.ndarray, fractions: Array) -> _Samples:
+        """Return the verdicts at (M,) fractions of the way from (M,) rows to the next.
 
-    def covariances(self, parts: Sequence[Trajectory], asked: Sequence[tuple[Deflection, str]]) -> list[Array | None]:
-        """Return the (6, 6) covariance of the displacement in every row of all parts, None where nobody states one."""
-        laws = [found.covariance for found, _ in asked]
-        fine = np.array([i for i, (_, reason) in enumerate(asked) if not reason], dtype=int)  # others fail anyhow
-        if self.arm.certainty is None or not len(fine):
-            return laws
-        columns = [{"time": part.time, **part.covariates} for part in parts]
-        known = {name: np.concatenate([one[name] for one in columns])[fine] for name in columns[0]}
-        q, payloads = (
-            np.concatenate([part.q for part in parts])[fine],
-            [name for part in parts for name in part.payload],
-        )
-        own = None if laws[fine[0]] is None else np.array([laws[i] for i in fine])
-        found, flags = tip_covariance(self.arm, q, [payloads[i] for i in fine], known, own)
-        moves = parts[0].v is not None or parts[0].a is not None
-        for flag in (*flags, *((AT_REST,) if moves else ())):
-            self.flags.setdefault(flag.code, flag)
-        of_row = dict(zip(fine.tolist(), () if found is None else found, strict=False))
-        return [of_row.get(i, own_one) for i, own_one in enumerate(laws)]
+        Many a point is met twice, as the end of a stretch and the beginning of another: it is asked about once.
+        """
+        points = self.trajectory.between(segments, fractions)
+        names = {name: float(i) for i, name in enumerate(dict.fromkeys(points.payload))}
+        parts = [points.time, points.q, [names[name] for name in points.payload], points.v, points.a]
+        parts += [*points.covariates.values()]
+        table = np.column_stack([part for part in parts if part is not None])
+        _, first, back = np.unique(table, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(first)  # as they come, so that a doubt is about the first of them
+        place, first = np.argsort(order)[back.ravel()], first[order]
+        moved = (None if values is None else values[first] for values in (points.v, points.a))
+        known = {name: values[first] for name, values in points.covariates.items()}
+        asked = Points(points.time[first], points.q[first], [points.payload[i] for i in first], *moved, known)
+        every, starts = np.arange(len(segments)), np.flatnonzero(np.diff(segments, prepend=-1))
+        number = (every - starts[np.searchsorted(starts, every, side="right") - 1])[first]
+        found = self.at(asked, [f"row {i} at {time:g} s" for i, time in zip(number, asked.time, strict=True)])
+        self.samples += len(segments) - len(first)
+        return _Samples(*(part[place] for part in found))
 
-    def ask(self, trajectory: Trajectory, i: int) -> tuple[Deflection, str]:
-        """Return row i's deflection and why it cannot be allowed, if so: one bad row must not hide the others."""
-        asked = {"method": self.method, **trajectory.asked(i)}
-        q, payload = trajectory.q[i], trajectory.payload[i]
+    def at(self, points: Points, names: Sequence[str]) -> _Samples:
+        """Return the verdicts at some points; errors are raised again with the point's name."""
+        self.samples += len(points.time)
+        known = {"time": points.time, **points.covariates}
+        asked = {"v": points.v, "a": points.a, "covariates": known, "method": self.method}
+        reason = np.full(len(points.time), "", dtype=object)
         try:
-            return self.arm.deflection(q, payload, **asked), ""
-        except (JointLimitError, SmallDisplacementError) as error:
-            found = self.arm.deflection(q, payload, enforce_limits=False, allow_large=True, **asked)
-            return found, str(error)
+            found = self.arm.deflection(points.q, points.payload, **asked)
+        except ArmflexError:  # one bad row must not hide the others
+            reason[:] = [self.trouble(points, i, name) for i, name in enumerate(names)]
+            found = self.arm.deflection(points.q, points.payload, enforce_limits=False, allow_large=True, **asked)
+        self.doubt(found, points.time)
+        return self.judge(found, self.covariance(found, points, known, reason == ""), points, reason)
 
-    def judge(
-        self, found: Deflection, covariance: Array | None, name: str, time: float, payload: str, reason: str
-    ) -> _Sample:
-        """Return the verdict on one configuration, whose displacement has a (6, 6) covariance."""
-        shift, turn = (float(np.linalg.norm(part)) for part in (found.displacement[:3], found.displacement[3:]))
-        sigmas = [_sigma(found.displacement, covariance, part) for part in (slice(0, 3), slice(3, 6))]
-        margin = self.tolerance - shift
-        margin_rad = None if self.angle is None else self.angle - turn
-        verdicts = [_verdict(margin, sigmas[0])]
-        if margin_rad is not None:
-            verdicts.append(_verdict(margin_rad, sigmas[1]))
-        verdict = next(word for word in ("fail", "uncertain", "ok") if word in verdicts or (reason and word == "fail"))
-        turns_worse = margin_rad is not None and margin_rad / self.angle < margin / self.tolerance
-        cause = blame(found, slice(3, 6) if turns_worse else slice(0, 3))
-        point = Point(name, time, shift, turn, sigmas[0], margin, margin_rad, verdict, cause, payload, reason)
-        scores = self.scores((shift, turn), sigmas)
-        return _Sample(point, np.maximum(scores, [0.0, 2.0, 2.0]) if reason else scores)
+    def trouble(self, points: Points, i: int, name: str) -> str:
+        """Return why a point cannot be allowed, '' where it can; raise where it has no answer at all."""
+        known = {key: values[i] for key, values in points.covariates.items()}
+        moved = {key: None if values is None else values[i] for key, values in (("v", points.v), ("a", points.a))}
+        asked = {"method": self.method, "covariates": {"time": points.time[i], **known}, **moved}
+        with naming(name):
+            try:
+                self.arm.deflection(points.q[i], points.payload[i], **asked)
+            except (JointLimitError, SmallDisplacementError) as error:
+                self.arm.deflection(points.q[i], points.payload[i], enforce_limits=False, allow_large=True, **asked)
+                return str(error)
+        return ""
 
-    def scores(self, sizes: tuple[float, float], sigmas: list[float | None]) -> Array:
-        """Return the (3,) scores of a shift and a turn with their uncertainties."""
-        limits = (self.tolerance,) if self.angle is None else (self.tolerance, self.angle)
-        doubts = [COVERAGE * (sigma or 0.0) for sigma in sigmas]
-        parts = list(zip(sizes, doubts, limits, strict=False))
-        most, least = (max((size + sign * doubt) / limit for size, doubt, limit in parts) for sign in (1.0, -1.0))
-        return np.array([sizes[0] / self.tolerance, most, least])
+    def doubt(self, found: DeflectionBatch, time: Array) -> None:
+        """Keep the doubts that were not met before."""
+        met = [*found.doubts, *((i, flag) for i, flags in found.unseen() for flag in flags)]
+        effort = np.array([joint.effort for joint in self.arm.robot.moving])
+        over = np.flatnonzero((np.abs(found.drive_loads) > effort).any(axis=1))[:1]
+        met += [(int(i), flag) for i in over for flag in overload(self.arm, found.row(int(i)))]
+        for i, flag in sorted(met, key=lambda pair: pair[0]):
+            said = flag if flag in self.arm.flags else Flag(flag.code, f"at {time[i]:g} s: {flag.text}")
+            self.flags.setdefault(flag.code, said)
+
+    def covariance(
+        self, found: DeflectionBatch, points: Points, known: Mapping[str, Array], fine: np.ndarray
+    ) -> Array | None:
+        """Return the (M, 6, 6) covariance of the displacement, None where nobody states one; others fail anyhow."""
+        laws = found.covariance
+        if self.arm.certainty is None or not fine.any():
+            return laws
+        some = np.flatnonzero(fine)
+        given = {name: values[some] for name, values in known.items()}
+        own = None if laws is None else laws[some]
+        told, flags = tip_covariance(self.arm, points.q[some], [points.payload[i] for i in some], given, own)
+        for flag in (*flags, *((AT_REST,) if points.v is not None or points.a is not None else ())):
+            self.flags.setdefault(flag.code, flag)
+        if told is None:
+            return laws
+        total = np.full((len(fine), 6, 6), np.nan) if laws is None else laws.copy()
+        total[some] = told
+        return total
+
+    def judge(self, found: DeflectionBatch, covariance: Array | None, points: Points, reason: np.ndarray) -> _Samples:
+        """Return the verdicts on points whose displacements have a (M, 6, 6) covariance."""
+        halves = (slice(0, 3), slice(3, 6))
+        sizes = np.stack([np.linalg.norm(found.displacement[:, half], axis=1) for half in halves], axis=1)
+        sigmas = np.full(sizes.shape, np.nan)
+        if covariance is not None:
+            each = [length_sigma(found.displacement[:, half], covariance[:, half, half]) for half in halves]
+            sigmas = np.stack(each, axis=1)
+        limits = np.array([self.tolerance] if self.angle is None else [self.tolerance, self.angle])
+        size, doubts = sizes[:, : len(limits)], COVERAGE * np.nan_to_num(sigmas[:, : len(limits)], posinf=np.inf)
+        margins = limits - size
+        verdicts = np.where(np.abs(margins) < doubts, 1, np.where(margins >= 0.0, 2, 0))
+        verdict = np.where(reason == "", verdicts.min(axis=1), 0)
+        most, least = ((size + sign * doubts) / limits for sign in (1.0, -1.0))
+        scores = np.stack([sizes[:, 0] / self.tolerance, most.max(axis=1), least.max(axis=1)], axis=1)
+        scores = np.where((reason == "")[:, None], scores, np.maximum(scores, [0.0, 2.0, 2.0]))
+        cause = np.zeros(len(sizes), dtype=int)
+        if self.arm.flexure_names:
+            turned = np.argmin(margins / limits, axis=1) == 1
+            along = np.where(turned[:, None], found.displacement[:, 3:], found.displacement[:, :3])
+            parts = found.contributions
+            parts = np.where(turned[:, None, None], parts[:, :, 3:], parts[:, :, :3])
+            cause = np.argmax((parts @ along[:, :, None])[:, :, 0], axis=1)
+        badness = (margins / (margins + size)).min(axis=1)
+        payload = np.array(points.payload, dtype=object)
+        return _Samples(points.time, sizes, sigmas, verdict, cause, scores, badness, payload, reason)
+
+    def point(self, found: _Samples, i: int, name: str = "") -> Point:
+        """Return one of some points by itself."""
+        (shift, turn), sigma = found.sizes[i].tolist(), float(found.sigmas[i, 0])
+        names = self.arm.flexure_names
+        return Point(
+            name,
+            float(found.time[i]),
+            shift,
+            turn,
+            None if np.isnan(sigma) else sigma,
+            self.tolerance - shift,
+            None if self.angle is None else self.angle - turn,
+            WORST_LAST[found.verdict[i]],
+            names[found.cause[i]] if names else None,
+            found.payload[i],
+            found.reason[i],
+        )
 
 
 def overload(arm: Arm, found: Deflection) -> tuple[Flag, ...]:
@@ -259,40 +331,34 @@ def overload(arm: Arm, found: Deflection) -> tuple[Flag, ...]:
     return (Flag("beyond_effort", f"drive of {arm.joint_names[worst]!r} carries {shares[worst]:.0%} of its limit"),)
 
 
-def _sigma(displacement: Array, covariance: Array | None, part: slice) -> float | None:
-    """Return the standard uncertainty of the length of the tip's shift (0:3) or turn (3:6)."""
-    if covariance is None:
-        return None
-    return float(length_sigma(displacement[None, part], covariance[None, part, part])[0])
-
-
-def _verdict(margin: float, sigma: float | None) -> str:
-    doubt = COVERAGE * (sigma or 0.0)
-    if abs(margin) < doubt:
-        return "uncertain"
-    return "ok" if margin >= 0.0 else "fail"
-
-
-def blame(found: Deflection, part: slice) -> str | None:
-    """Return the flexure that contributes most along the tip's shift (0:3) or turn (3:6), None for a rigid arm."""
-    if not found.names.flexures:
-        return None
-    return found.names.flexures[int(np.argmax(found.shares(part)))]
-
-
-def _worst_between(judge: _Judge, trajectory: Trajectory, segments: Sequence[int]) -> list[Point]:
+def _worst_between(judge: _Judge, segments: np.ndarray) -> list[Point]:
     """Return the worst point of each stretch from a row to the next, both (with its payload) included."""
-    samples = judge.samples_at(trajectory, {i: np.linspace(0.0, 1.0, _steps(trajectory, i) + 1) for i in segments})
-    for _ in range(MAX_HALVINGS):
-        open_ones = [i for i in segments if not _settled(np.array([sample.scores for sample in samples[i]]))]
-        open_ones = [i for i in open_ones if len(samples[i]) - 1 <= FEWEST_STEPS << (MAX_HALVINGS - 1)]
-        if not open_ones:
-            break
-        steps = {i: len(samples[i]) - 1 for i in open_ones}
-        halfway = judge.samples_at(trajectory, {i: (np.arange(count) + 0.5) / count for i, count in steps.items()})
-        for i, found in halfway.items():
-            samples[i] = [sample for pair in zip(samples[i], found, strict=False) for sample in pair] + samples[i][-1:]
-    return [min((sample.point for sample in samples[i]), key=lambda point: point.badness) for i in segments]
+    q, worst = judge.trajectory.q, {}
+    far = np.abs(q[segments + 1] - q[segments]).max(axis=1, initial=0.0)
+    steps = np.maximum(FEWEST_STEPS, np.ceil(far / LARGEST_STEP).astype(int))
+    for count in np.unique(steps):
+        own, here = segments[steps == count], int(count)
+        fractions = np.linspace(0.0, 1.0, here + 1)
+        found = judge.between(np.repeat(own, here + 1), np.tile(fractions, len(own)))
+        for halving in range(MAX_HALVINGS + 1):
+            scores = found.scores.reshape(len(own), here + 1, 3)
+            left = ~_settled(scores) if halving < MAX_HALVINGS and here <= FEWEST_STEPS << (MAX_HALVINGS - 1) else None
+            done = np.arange(len(own)) if left is None else np.flatnonzero(~left)
+            for j in done:
+                rows = slice(j * (here + 1), (j + 1) * (here + 1))
+                i = rows.start + int(np.lexsort((found.badness[rows], found.verdict[rows]))[0])
+                worst[int(own[j])] = judge.point(found, i)
+            if left is None or not left.any():
+                break
+            kept = np.flatnonzero(np.repeat(left, here + 1))
+            own = own[left]
+            halfway = judge.between(np.repeat(own, here), np.tile((np.arange(here) + 0.5) / here, len(own)))
+            at = np.empty((len(own), 2 * here + 1), dtype=int)  # in turn, as they come along the stretch
+            at[:, 0::2] = kept.reshape(len(own), here + 1)
+            at[:, 1::2] = len(found.time) + np.arange(len(own) * here).reshape(len(own), here)
+            pairs = zip(found, halfway, strict=True)
+            found, here = _Samples(*(np.concatenate(pair)[at.ravel()] for pair in pairs)), 2 * here
+    return [worst[int(segment)] for segment in segments]
 
 
 def _check_steps(arm: Arm, trajectory: Trajectory) -> None:
@@ -312,23 +378,18 @@ def _check_steps(arm: Arm, trajectory: Trajectory) -> None:
     raise InputError(f"{where}: {text} {MOST_STEPS * LARGEST_STEP:g} {unit}; {limits}: is the unit right?")
 
 
-def _steps(trajectory: Trajectory, segment: int) -> int:
-    """Return into how many steps a stretch is cut at first."""
-    far = np.abs(trajectory.q[segment + 1] - trajectory.q[segment]).max(initial=0.0)
-    return max(FEWEST_STEPS, int(np.ceil(far / LARGEST_STEP)))
-
-
-def _settled(scores: Array) -> bool:
-    """Return whether more samples than these (M, 3) scores would change neither verdict nor worst displacement."""
-    highest = scores.max(axis=0)
+def _settled(scores: Array) -> np.ndarray:
+    """Return (S,) whether more samples than these (S, M, 3) scores would change neither verdict nor worst shift."""
+    highest = scores.max(axis=1)
     hidden = _hidden_peak(scores) - highest
     same_verdict = (highest > 1.0) | (highest + hidden <= 1.0) | (hidden < CLOSEST)
-    return bool(same_verdict[1:].all() and hidden[0] <= 0.01 * max(highest[0], 1.0))
+    return same_verdict[:, 1:].all(axis=1) & (hidden[:, 0] <= 0.01 * np.maximum(highest[:, 0], 1.0))
 
 
 def _hidden_peak(scores: Array) -> Array:
-    """Return (3,) how high the scores may get between (M, 3) evenly spaced samples, twice as curved as they look."""
-    bend = np.abs(np.diff(scores, n=2, axis=0))
-    bend = 2.0 * np.maximum(np.vstack([bend[:1], bend]), np.vstack([bend, bend[-1:]])) + 1e-300
-    rise = np.maximum(0.5 * bend - np.abs(np.diff(scores, axis=0)), 0.0) ** 2 / (2.0 * bend)
-    return (np.maximum(scores[1:], scores[:-1]) + rise).max(axis=0)
+    """Return (S, 3) how high the scores may get between (S, M, 3) even samples, twice as curved as they look."""
+    bend = np.abs(np.diff(scores, n=2, axis=1))
+    before, after = np.concatenate([bend[:, :1], bend], axis=1), np.concatenate([bend, bend[:, -1:]], axis=1)
+    bend = 2.0 * np.maximum(before, after) + 1e-300
+    rise = np.maximum(0.5 * bend - np.abs(np.diff(scores, axis=1)), 0.0) ** 2 / (2.0 * bend)
+    return (np.maximum(scores[:, 1:], scores[:, :-1]) + rise).max(axis=1)

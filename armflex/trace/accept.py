@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.blocks import Block
+from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import HeldOut, believed, held_out
 from armflex.linear_gaussian import LinearGaussian
+from armflex.parameters import Kind
 from armflex.trace.candidates import Sifted
 from armflex.trace.projection import evidence
 
@@ -53,11 +54,7 @@ def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[n
     folds = np.array([names.index(session) for session in sessions])
     frames = [
         np.array(
-            [
-                i
-                for i, (block, label) in enumerate(fit.labels)
-                if block == "session_frame" and label.rpartition(" ")[0] == name
-            ],
+            [i for i, one in enumerate(fit.parameters) if one.group.kind is Kind.SESSION and one.group.of == name],
             dtype=int,
         )
         for name in names

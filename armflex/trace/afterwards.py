@@ -8,6 +8,7 @@ from scipy.stats import f
 from armflex.conventions import TWIST_NAMES
 from armflex.estimate.view import position_rms
 from armflex.measured.repeats import repeats
+from armflex.parameters import ArmParameter
 from armflex.trace.candidates import Bank
 from armflex.trace.localise import NOTICED, RandomTwist
 from armflex.trace.result import Smallest, Unexplained, Unidentifiable, predictable_residual
@@ -46,18 +47,16 @@ def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
             continue
         if whole[index] > 0.0 and inside[index] > ALMOST * whole[index]:
             continue
-        column = bank.group(index)[:, 0] if whole[index] > 0.0 else None
-        found[key] = Unidentifiable(*key, _reason(column, projection.columns, sizes, state))
+        still = whole[index] <= 0.0
+        partner = None if still else _partner(bank.group(index)[:, 0], projection.columns, sizes, state)
+        found[key] = Unidentifiable(*key, partner)
     return tuple(found.values())
 
 
-def _reason(column: np.ndarray | None, columns: np.ndarray, sizes: np.ndarray, state: State) -> str:
-    if column is None:
-        return "does not move the target"
-    size = float(np.linalg.norm(column))
-    likeness = np.abs(columns.T @ column) / (np.maximum(sizes, 1e-300) * size)
-    block, label = state.fit.labels[int(likeness.argmax())]
-    return f"is taken over by fitted parameters, most by {block} {label}"
+def _partner(column: np.ndarray, columns: np.ndarray, sizes: np.ndarray, state: State) -> ArmParameter:
+    """Return the fitted parameter whose column is most like one."""
+    likeness = np.abs(columns.T @ column) / (np.maximum(sizes, 1e-300) * float(np.linalg.norm(column)))
+    return state.fit.parameters[int(likeness.argmax())]
 
 
 def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:

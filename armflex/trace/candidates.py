@@ -162,7 +162,7 @@ class Bank:
         """
         view, held = self.fit.view, 0
         shared: dict[tuple[str, tuple[str, ...], Values], Array] = {}
-        waiting: dict[tuple[Act, str, bytes], list[tuple[int, Array]]] = {}
+        waiting: dict[tuple[Act, bool, str, bytes], list[tuple[int, Array]]] = {}
         for index, candidate in enumerate(self.candidates):
             self.tell("screening candidates", index, len(self.candidates))
             law, spot, inner = candidate.law, candidate.spot, candidate.inner
@@ -178,12 +178,13 @@ class Bank:
             else:
                 found = law.features(spot, inner, view, self.scene)
             along = b"" if direction is None else direction.tobytes()
-            waiting.setdefault((law.act, spot.site, along), []).append((index, found))
-            held += found.size
+            waiting.setdefault((law.act, law.changes_model, spot.site, along), []).append((index, found))
+            # Sums round by where a bank is cut: a law that changes the model counts by its columns.
+            held += view.sigma.size * len(spot.terms) if law.changes_model else found.size
             if held > FLUSHED:
-                yield from (self._part(direction, some) for (_, _, direction), some in waiting.items())
+                yield from (self._part(along, some) for (*_, along), some in waiting.items())
                 waiting, held = {}, 0
-        yield from (self._part(direction, some) for (_, _, direction), some in waiting.items())
+        yield from (self._part(along, some) for (*_, along), some in waiting.items())
 
     def _part(self, direction: bytes, some: Sequence[tuple[int, Array]]) -> Part:
         """Return the columns of candidates at one site from what each of them brings, by its number."""

@@ -14,13 +14,12 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError
-from armflex.estimate.blocks import Block, SessionBlock
-from armflex.estimate.effect_block import EffectBlock, numbered
 from armflex.estimate.spread import scene_of
 from armflex.estimate.view import View, look
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.scene import Scene
 from armflex.linear_gaussian import LinearGaussian
+from armflex.parameters import numbered
 from armflex.plan.advice import instead
 from armflex.plan.information import Truth
 from armflex.readings import Position, unread
@@ -142,7 +141,7 @@ def _propose(state: State, index: int, rival: Effect, offer: Rows, view: View, s
     measured = np.hstack([*parts, effect[:, None]])
     precision = np.concatenate([fit.precision[places], np.zeros(len(rival.spot.terms) + 1)])
     known = LinearGaussian.of(measured, precision + RIDGE * (measured**2).sum(axis=0))
-    there = [_columns(other, view, scene, offer) for other in kept]
+    there = [other.of_rows(offer.session, scene).columns(view) for other in kept]
     there.append(view.effect_columns(rival, scene))
     there.append((view.effect_columns(own, scene) @ own.acting)[:, :, None])
     after = np.concatenate(there, axis=2)
@@ -150,15 +149,6 @@ def _propose(state: State, index: int, rival: Effect, offer: Rows, view: View, s
     sigmas = np.sqrt(truth.apart(known, after / view.sigma[:, :, None])[1])
     best = int(sigmas.argmax())
     return Proposal(rival, best, float(sigmas[best]), float(np.linalg.norm(after[best] @ truth.departure(known))))
-
-
-def _columns(block: Block, view: View, scene: Scene, offer: Rows) -> Array:
-    """Return a block's columns at the offered rows."""
-    if isinstance(block, SessionBlock):
-        block = replace(block, rows=offer.session)
-    if isinstance(block, EffectBlock):
-        block = replace(block, scene=scene)
-    return block.columns(view)
 
 
 def _in_words(own: Effect, number: int, proposal: Proposal, rival: Effect, offer: Rows) -> str:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
+from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws import Row
 from armflex.laws.effects.law import Amplitude, Effect, TwistLaw, Values, Words
 from armflex.laws.effects.spot import Here, Spot
+from armflex.parameters import ArmParameter, Group, Kind
 from armflex.rows.rows import POSE
 from armflex.setup import Setup
 from armflex.trace.localise import RandomTwist
@@ -20,7 +23,7 @@ RANDOM = "unexplained"
 
 
 @dataclass(frozen=True, eq=False)
-class PoseBlock:
+class PoseBlock(Block):
     """One twist for every pose.
 
     Attributes:
@@ -35,32 +38,22 @@ class PoseBlock:
     std: float
     groups: np.ndarray
     alike: tuple[RandomTwist, ...] = ()
-    logarithmic: bool = False
 
-    @property
-    def name(self) -> str:
-        """Where it acts."""
-        return f"unexplained {self.site} {self.axis}"
-
-    @property
-    def labels(self) -> tuple[str, ...]:
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
         """One per pose."""
-        return tuple(f"pose {i}" for i in range(int(self.groups.max()) + 1))
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Metres or radians."""
-        return ("m" if self.axis.startswith("d") else "rad",) * len(self.labels)
+        group, unit = Group(Kind.UNEXPLAINED, f"{self.site} {self.axis}"), "m" if self.axis.startswith("d") else "rad"
+        return tuple(ArmParameter(group, f"pose {i}", unit) for i in range(int(self.groups.max()) + 1))
 
     @property
     def prior(self) -> Array:
         """(k,) the size."""
-        return np.full(len(self.labels), self.std)
+        return np.full(len(self.parameters), self.std)
 
     def columns(self, view: View) -> Array:
         """Return (M, d, k): every pose moves its own rows."""
         answer = view.to_twist(self.site)[:, :, TWIST_NAMES.index(self.axis)]
-        own = self.groups[view.rows][:, None] == np.arange(len(self.labels))
+        own = self.groups[view.rows][:, None] == np.arange(len(self.parameters))
         return answer[:, :, None] * own[:, None, :]
 
     def apply(self, setup: Setup, values: Array) -> Setup:

@@ -12,17 +12,16 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.estimate.calibrate import Calibration, Outlier
-from armflex.estimate.effect_block import numbers_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import believed
 from armflex.estimate.learn import settled
-from armflex.estimate.spread import RANDOM, certainty_of
+from armflex.estimate.spread import certainty_of
 from armflex.estimate.view import look, position_rms
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects.law import Effect
-from armflex.parameters import EFFECT
+from armflex.parameters import ArmParameter, Kind, numbers_of
 from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
@@ -161,11 +160,23 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class Unidentifiable:
-    """An effect that this campaign could not have shown: law and site, and what takes its place."""
+    """An effect that this campaign could not have shown.
+
+    Attributes:
+        effect, site: Law and place.
+        partner: The fitted parameter that takes most of its place, None where it does not move what is read.
+    """
 
     effect: str
     site: str
-    reason: str
+    partner: ArmParameter | None
+
+    @property
+    def reason(self) -> str:
+        """Why, in words."""
+        if self.partner is None:
+            return "does not move the target"
+        return f"is taken over by fitted parameters, most by {self.partner.label}"
 
 
 @dataclass(frozen=True)
@@ -331,8 +342,8 @@ def _declared_part(fit: Fit) -> Arm:
     """Return the declared arm with the fitted values of declared blocks alone; effects are written by themselves."""
     setup, start = fit.declared, 0
     for block in fit.blocks:
-        count = len(block.labels)
-        if not block.name.startswith((f"{EFFECT} ", f"{RANDOM} ")):
+        count = len(block.parameters)
+        if block.kind not in (Kind.EFFECT, Kind.UNEXPLAINED):
             setup = block.apply(setup, fit.values[start : start + count])
         start += count
     return replace(settled(setup.arm, fit), instrument=setup.instrument, certainty=certainty_of(fit))

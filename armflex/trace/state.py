@@ -10,9 +10,9 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.estimate.blocks import Block
+from armflex.estimate.block import Block
 from armflex.estimate.calibrate import Calibration
-from armflex.estimate.effect_block import EffectBlock, numbers_of, shy_prior
+from armflex.estimate.effect_block import EffectBlock, shy_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.view import look
 from armflex.laws.effects.law import Effect
@@ -21,6 +21,7 @@ from armflex.laws.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
+from armflex.parameters import numbers_of
 from armflex.rows.rows import POSE
 from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, candidate_columns

@@ -9,12 +9,10 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.estimate.blocks import Block
-from armflex.parameters import COMPLIANCE, INSTRUMENT, LAW, MOUNTING
+from armflex.estimate.block import Block, parameters_of
+from armflex.parameters import Kind
 
-OFFSET, GEOMETRY, TOOL = "joint_offset", "geometry", "tool"
-
-SIZES = {COMPLIANCE: 0.2, OFFSET: 1e-3, GEOMETRY: 1e-4, TOOL: 1e-3, MOUNTING: 1e-3}
+SIZES = {Kind.COMPLIANCE: 0.2, Kind.OFFSET: 1e-3, Kind.GEOMETRY: 1e-4, Kind.TOOL: 1e-3, Kind.MOUNTING: 1e-3}
 """Expected size of a change where [prior] declares none."""
 
 BUMPED = np.repeat([1e-3, 1e-4], 3)
@@ -42,22 +40,15 @@ class Group:
 
 def groups_of(blocks: Sequence[Block], arm: Arm) -> tuple[Group, ...]:
     """Return the groups of all parameters, in the order of the blocks."""
-    names = [_name(block, label) for block in blocks for label in block.labels]
+    groups = [parameter.group for parameter in parameters_of(blocks)]
     sizes = np.concatenate([_sizes(block, arm) for block in blocks])
-    numbered = {name: np.flatnonzero([other == name for other in names]) for name in dict.fromkeys(names)}
-    return tuple(Group(name, places, sizes[places]) for name, places in numbered.items())
-
-
-def _name(block: Block, label: str) -> str:
-    part = label if block.name == OFFSET else label.rpartition(" ")[0]
-    return f"{block.name} {part}" if part else block.name
+    places = {group: np.flatnonzero([other == group for other in groups]) for group in dict.fromkeys(groups)}
+    return tuple(Group(group.name, own, sizes[own]) for group, own in places.items())
 
 
 def _sizes(block: Block, arm: Arm) -> Array:
-    if block.name == INSTRUMENT:
+    if block.kind is Kind.INSTRUMENT:
         return BUMPED
-    if block.name == LAW:
+    if block.kind is Kind.LAW:
         return block.prior
-    prior = arm.prior
-    declared = {COMPLIANCE: prior.compliance, OFFSET: prior.joint_offset, GEOMETRY: prior.geometry, TOOL: prior.tool}
-    return np.full(len(block.labels), declared.get(block.name) or SIZES[block.name])
+    return np.full(len(block.parameters), getattr(arm.prior, block.kind, 0.0) or SIZES[block.kind])

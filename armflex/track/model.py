@@ -10,13 +10,14 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.certainty import Certainty
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import Array
 from armflex.errors import InputError
-from armflex.estimate.blocks import Block, declared_blocks
+from armflex.estimate.block import Block, parameters_of
+from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.fit import realise
-from armflex.estimate.law_block import LawBlock, with_laws
-from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of, labels_of
-from armflex.parameters import EFFECT, INSTRUMENT, SESSIONS
+from armflex.estimate.law_block import learned_laws, with_laws
+from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of
+from armflex.parameters import FRAME, Kind, of_law
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup
 from armflex.track.groups import Group, groups_of
@@ -60,7 +61,7 @@ class Model:
     @cached_property
     def labels(self) -> tuple[str, ...]:
         """Block and parameter of each."""
-        return labels_of(self.blocks)
+        return tuple(parameter.label for parameter in parameters_of(self.blocks))
 
     @cached_property
     def straight(self) -> Array:
@@ -70,7 +71,7 @@ class Model:
     @cached_property
     def logarithmic(self) -> np.ndarray:
         """(P,) whether a value is the logarithm of a factor: steps are of the factor, which the arm's sag follows."""
-        return np.array([block.logarithmic for block in self.blocks for _ in block.labels], dtype=bool)
+        return np.array([block.logarithmic for block in self.blocks for _ in block.parameters], dtype=bool)
 
     def at(self, point: Array, step: Array) -> Array:
         """Return the (P,) values a step away from a point."""
@@ -91,15 +92,11 @@ class Model:
 
     def arm(self, values: Array, covariance: Array) -> Arm:
         """Return the arm at (P,) values with their covariance."""
-        setup, start, laws, known = self.setup(values), 0, {}, self._known(covariance)
-        fitted = {flexure.name: flexure.law for flexure in setup.arm.flexures}
-        for block in self.blocks:
-            if isinstance(block, LawBlock):
-                places = block.split(np.arange(start, start + len(block.labels)))
-                for name, own in zip(block.flexures, places, strict=True):
-                    laws[name] = replace(fitted[name], spread=known.covariance[np.ix_(own, own)])
-            start += len(block.labels)
-        certainty = _beside(known, self.aside)
+        setup, known = self.setup(values), self._known(covariance)
+        learned = learned_laws(setup.arm).items()
+        spread = {name: known.among(of_law(name, law)) for name, law in learned}
+        laws = {name: replace(law, spread=spread[name]) for name, law in learned if spread[name] is not None}
+        certainty = known.beside(self.aside)
         return replace(with_laws(setup.arm, laws), instrument=setup.instrument, certainty=certainty)
 
     def _known(self, covariance: Array) -> Certainty:
@@ -108,9 +105,9 @@ class Model:
         left, turn = np.linalg.eigh(along @ covariance @ along.T)
         unknown = (turn.T @ self.wide)[left > UNTOLD]
         if not len(unknown):
-            return Certainty(self.labels, covariance)
+            return Certainty(parameters_of(self.blocks), covariance)
         others = np.eye(len(covariance)) - unknown.T @ np.linalg.pinv(unknown.T)
-        return Certainty(self.labels, others @ covariance @ others.T, directions=unknown)
+        return Certainty(parameters_of(self.blocks), others @ covariance @ others.T, directions=unknown)
 
 
 def model_of(arm: Arm) -> Model:
@@ -124,25 +121,30 @@ def model_of(arm: Arm) -> Model:
     setup = Setup(arm, replace(arm.instrument or Instrument(), sessions={}))
     kept, aside = _split(arm.certainty) if arm.certainty else (_declared(setup), Certainty((), np.zeros((0, 0))))
     restationing = np.repeat([arm.prior.session_translation, arm.prior.session_rotation], 3) ** 2
-    if restationing.any() and not any(label.startswith(f"{INSTRUMENT} ") for label in kept.labels):
-        frame = Certainty(tuple(f"{INSTRUMENT} {axis}" for axis in TWIST_NAMES), np.zeros((6, 6)))
-        kept = _beside(frame, kept)
-    blocks = blocks_of(kept.labels, setup, ())
-    if blocks is None or labels_of(blocks) != kept.labels:
+    if restationing.any() and FRAME[0].group not in kept.groups:
+        kept = Certainty(FRAME, np.zeros((6, 6))).beside(kept)
+    blocks = blocks_of(kept.parameters, setup)
+    if blocks is None:
         raise InputError(OTHER_PARAMETERS.text)
-    starts = [block.start if isinstance(block, LawBlock) else np.zeros(len(block.labels)) for block in blocks]
-    if not starts:
+    if not blocks:
         raise InputError("nothing may move: the arm was not calibrated, and [prior] frees nothing")
-    of_frame = [block.name == INSTRUMENT for block in blocks]
-    added = [restationing if own else np.zeros(len(block.labels)) for block, own in zip(blocks, of_frame, strict=True)]
+    added = [restationing if block.kind is Kind.INSTRUMENT else np.zeros(len(block.parameters)) for block in blocks]
     wide = _wide(kept, groups_of(blocks, arm))
     known = kept.covariance + wide.T @ wide
-    return Model(setup, tuple(blocks), np.concatenate(starts), known, np.concatenate(added), aside, wide)
+    return Model(
+        setup,
+        tuple(blocks),
+        np.concatenate([block.start for block in blocks]),
+        known,
+        np.concatenate(added),
+        aside,
+        wide,
+    )
 
 
 def _wide(certainty: Certainty, groups: Sequence[Group]) -> Array:
     """Return the (k, P) undetermined directions, as long as nobody would expect."""
-    sizes = np.ones(len(certainty.labels))
+    sizes = np.ones(len(certainty.parameters))
     for group in groups:
         sizes[group.places] = group.sizes
     none = np.zeros((0, len(sizes)))
@@ -152,9 +154,9 @@ def _wide(certainty: Certainty, groups: Sequence[Group]) -> Array:
 
 def _straight(block: Block) -> Array:
     """Return the (k,) steps of a block's parameters over which readings change as they do at first."""
-    if block.name == INSTRUMENT:
+    if block.kind is Kind.INSTRUMENT:
         return np.repeat([np.inf, TURNED], 3)
-    return np.full(len(block.labels), CURVED if block.logarithmic or isinstance(block, LawBlock) else np.inf)
+    return np.full(len(block.parameters), CURVED if block.curved else np.inf)
 
 
 def _declared(setup: Setup) -> Certainty:
@@ -167,37 +169,13 @@ def _declared(setup: Setup) -> Certainty:
         raise InputError(f"flexure {learned[0]!r} is to be learned: calibrate the arm before it is tracked")
     middle = np.clip(np.zeros(len(arm.joint_names)), arm.robot.lower, arm.robot.upper)
     blocks = declared_blocks(setup, as_row(Reading(middle, np.zeros(3), 1.0), arm))
-    return Certainty(labels_of(blocks), np.diag(np.concatenate([np.zeros(0), *(one.prior for one in blocks)]) ** 2))
+    return Certainty(parameters_of(blocks), np.diag(np.concatenate([np.zeros(0), *(one.prior for one in blocks)]) ** 2))
 
 
 def _split(certainty: Certainty) -> tuple[Certainty, Certainty]:
     """Return what is tracked, without the frames of sessions that are over, and what is not: effects."""
-    kinds = [label.split(" ", 1)[0] for label in certainty.labels]
-    kept = [i for i, kind in enumerate(kinds) if kind not in (EFFECT, SESSIONS)]
-    aside = [i for i, kind in enumerate(kinds) if kind == EFFECT]
-    parts = [_part(certainty, places) for places in (kept, aside)]
-    return parts[0], replace(parts[1], unexplained=certainty.unexplained)
-
-
-def _part(certainty: Certainty, places: Sequence[int]) -> Certainty:
-    """Return what is known of some of the parameters."""
-    labels, covariance = tuple(certainty.labels[i] for i in places), certainty.covariance[np.ix_(places, places)]
-    if certainty.directions is None:
-        return Certainty(labels, covariance)
-    directions = certainty.directions[:, places]
-    directions = directions[directions.any(axis=1)]
-    return Certainty(labels, covariance, directions=directions if len(directions) else None)
-
-
-def _beside(one: Certainty, other: Certainty) -> Certainty:
-    """Return both, as independent."""
-    count, size = len(one.labels), len(one.labels) + len(other.labels)
-    covariance = np.zeros((size, size))
-    covariance[:count, :count], covariance[count:, count:] = one.covariance, other.covariance
-    padded = [
-        np.pad(part.directions, ((0, 0), beside))
-        for part, beside in ((one, (0, size - count)), (other, (count, 0)))
-        if part.directions is not None
-    ]
-    directions = np.vstack(padded) if padded else None
-    return Certainty((*one.labels, *other.labels), covariance, other.unexplained, directions)
+    told = replace(certainty, misfit=0.0)
+    kinds = [parameter.group.kind for parameter in told.parameters]
+    kept = [i for i, kind in enumerate(kinds) if kind not in (Kind.EFFECT, Kind.SESSION)]
+    aside = [i for i, kind in enumerate(kinds) if kind is Kind.EFFECT]
+    return told.part(kept), told.part(aside)

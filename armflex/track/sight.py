@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES
-from armflex.estimate.blocks import Block
+from armflex.estimate.block import Block
 from armflex.estimate.view import look, untold_shifts
 from armflex.laws.effects.remember import derived_directions
 from armflex.readings import Position

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.parameters import COMPLIANCE
+from armflex.parameters import Kind
 from armflex.readings import Position
 from armflex.readings.chance import outlier_limit
 from armflex.track.estimate import Estimate, Seen, recentred
@@ -86,7 +86,7 @@ class Change:
 
     def _said(self, label: str, size: float, std: float) -> str:
         part, unit = label.removeprefix(self.name).strip(), ""
-        if label.startswith(f"{COMPLIANCE} "):
+        if self.name.startswith(f"{Kind.COMPLIANCE} "):
             size, std, unit = 100.0 * np.expm1(size), 100.0 * np.exp(size) * std, " %"
         return f"{part} {size:+.3g} ± {std:.2g}{unit}".strip()
 

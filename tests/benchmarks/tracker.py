@@ -45,8 +45,8 @@ def tracked(boom: Boom, blocks: Sequence[str], compliances: Sequence[str], learn
     fixed |= {f"joint_offset {joint}": 1e-3 for joint in boom.arm.joint_names}
     fixed |= {f"compliance {name} {axis}": 0.1 for name in compliances for axis in TWIST_NAMES}
     std = {label: value for label, value in fixed.items() if label.split(" ")[0] in blocks} | free
-    known = Certainty(tuple(std), np.diag(np.square(list(std.values()))))
-    return replace(boom.arm, flexures=tuple(flexures), certainty=known, instrument=Instrument())
+    arm = replace(boom.arm, flexures=tuple(flexures), instrument=Instrument())
+    return replace(arm, certainty=Certainty(arm.named(tuple(std)), np.diag(np.square(list(std.values())))))
 
 
 def arms(boom: Boom) -> list[Arm]:

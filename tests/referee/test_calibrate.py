@@ -233,7 +233,7 @@ def test_draws_of_a_fitted_arm_spread_as_its_whole_covariance_says(found):
     for wrong in ({"draws": -1}, {"draws": 2.5}, {"draws": 1, "seed": -1}, {"draws": "x"}):
         with pytest.raises(InputError, match="expected a whole number, 0 or more"):
             ensemble(arm, q, "p200", **wrong)
-    lost = dataclasses.replace(arm, certainty=Certainty(("compliance J9 rx",), np.eye(1)))
+    lost = dataclasses.replace(arm, certainty=Certainty(arm.named(("compliance J9 rx",)), np.eye(1)))
     with pytest.raises(UnsupportedError, match="no longer has every fitted parameter"):
         draw_arms(lost, 1)
 

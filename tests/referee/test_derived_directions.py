@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from support.command_line import Run, fine, strict_json
 from support.effect_arms import quietly
-from support.plant import Array, Plant, Push, Rows, State, apply, pose, turn
-from support.three_joint_plant import ARM, SIGMA, URDF
+from support.plant import Array, Push, State
+from support.three_joint_plant import SIGMA, declared, seen, write_campaign
 
 from armflex import (
     Arm,
@@ -56,28 +56,13 @@ def driven(seed: int) -> tuple[Array, Array]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the arm and two campaigns, and the first one again with the direction that J2 came from."""
     folder = tmp_path_factory.mktemp("play")
-    (folder / "r.urdf").write_text(URDF)
-    (folder / "arm.toml").write_text(ARM)
-    plant = Plant.read(folder / "arm.toml")
-    station = pose(np.array([2.0, -1.0, 0.3]), turn(np.array([0.0, 0.0, 0.7])))
+    plant = declared(folder)
     for seed in (1, 2):
         q, came = driven(seed)
-        rows = Rows.plain(q, np.zeros(COUNT), np.zeros((COUNT, 3)))
-        rows.approach = came
-        noise = np.random.default_rng(seed + 10).normal(0.0, SIGMA, (COUNT, 3))
-        seen = apply(station, plant.points(plant.relax(rows, [play]))) + noise
-        columns = {f"q_J{i + 1}": q[:, i] for i in range(3)} | {axis: seen[:, i] for i, axis in enumerate("xyz")}
-        written(folder / f"m{seed}.csv", columns)
-        written(folder / f"told{seed}.csv", columns | {"approach_J2": came[:, 1]})
+        read = seen(plant, q, play, came) + np.random.default_rng(seed + 10).normal(0.0, SIGMA, (COUNT, 3))
+        write_campaign(folder / f"m{seed}.csv", q, read)
+        write_campaign(folder / f"told{seed}.csv", q, read, approach_J2=came[:, 1])
     return folder
-
-
-def written(path: Path, columns: dict[str, Array]) -> Path:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([*columns, "sigma"])
-        writer.writerows([*map(repr, map(float, row)), SIGMA] for row in zip(*columns.values(), strict=True))
-    return path
 
 
 @pytest.fixture(scope="module")

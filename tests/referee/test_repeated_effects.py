@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support import three_joint_plant
 from support.effect_arms import quietly
 from support.measurement_rows import written
-from support.plant import Plant, Push, Rows, State, apply, pose, turn
-from support.three_joint_plant import ARM, SIGMA, URDF
+from support.plant import Push, State
+from support.three_joint_plant import ARM, SIGMA
 
 from armflex import Arm, Reading, Tracker, calibrate, draw_arms, plan, predict, read_measurements, trace
 from armflex.certainty import Certainty
@@ -38,21 +38,11 @@ def gear(state: State, push: Push) -> None:
 
 def measured(folder: Path, seed: int, count: int) -> Path:
     """Write a campaign of the machine that has all four, as read from one place; return its table."""
-    rng = np.random.default_rng(seed)
-    (folder / "r.urdf").write_text(URDF)
-    (folder / "arm.toml").write_text(ARM)
-    plant = Plant.read(folder / "arm.toml")
+    rng, plant = np.random.default_rng(seed), three_joint_plant.declared(folder)
     plant.offset = {"J2": 4e-4, "J3": -7e-4}
     q = rng.uniform(-1.0, 1.0, (count, 3)) * [2.5, 2.4, 2.0]
-    rows = Rows.plain(q, np.zeros(count), np.zeros((count, 3)))
-    station = pose(np.array([2.0, -1.0, 0.3]), turn(np.array([0.0, 0.0, 0.7])))
-    seen = apply(station, plant.points(plant.relax(rows, [gear]))) + rng.normal(0.0, SIGMA, (count, 3))
-    path = folder / f"m{seed}.csv"
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["q_J1", "q_J2", "q_J3", "x", "y", "z", "sigma"])
-        writer.writerows([*map(repr, map(float, row)), SIGMA] for row in np.hstack([q, seen]))
-    return path
+    read = three_joint_plant.seen(plant, q, gear) + rng.normal(0.0, SIGMA, (count, 3))
+    return three_joint_plant.write_campaign(folder / f"m{seed}.csv", q, read)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +76,7 @@ def alone(arm: Arm, label: str, std: float) -> Arm:
     """Return the arm with everything known but one parameter."""
     known = np.array([std**2 * (one == label) for one in arm.certainty.labels])
     assert known.any()
-    return replace(arm, certainty=Certainty(arm.certainty.labels, np.diag(known)))
+    return replace(arm, certainty=Certainty(arm.certainty.parameters, np.diag(known)))
 
 
 def test_every_harmonic_is_found_under_its_own_name(found: Trace) -> None:
@@ -195,8 +185,9 @@ def test_a_tracker_leaves_the_harmonics_as_they_are(again: Arm, rows: Path) -> N
     known, before = tracker.arm.certainty, again.certainty
     own = [i for i, label in enumerate(before.labels) if label.startswith("effect ")]
     labels = [before.labels[i] for i in own]
-    assert [label for label in known.labels if label.startswith("effect ")] == labels and len(labels) == 11
-    np.testing.assert_array_equal(known.among(labels), before.among(labels))
+    there = [i for i, label in enumerate(known.labels) if label.startswith("effect ")]
+    assert [known.labels[i] for i in there] == labels and len(labels) == 11
+    np.testing.assert_array_equal(known.part(there).covariance, before.part(own).covariance)
     assert "no_certainty" not in [flag.code for flag in predict(tracker.arm, read).flags]
 
 
@@ -215,7 +206,7 @@ def test_a_file_that_named_disjoint_terms_alike_is_still_read(folder: Path) -> N
     path.write_text(ARM + "".join(f"\n[[effect]]\n{one}\n" for one in moves))
     arm = quietly(path)
     labels = ("effect tool_shift tool dx", "effect tool_shift tool dy")
-    known = replace(arm, certainty=Certainty(labels, np.diag([1e-10, 4e-10])), instrument=Instrument())
+    known = replace(arm, certainty=Certainty(arm.named(labels), np.diag([1e-10, 4e-10])), instrument=Instrument())
     rows = read_measurements(written(folder, [{"q_J1": 0.1, "q_J2": 0.2, "q_J3": 0.3, "time": 9.0}]), arm, True)
     sigma = predict(known, rows).sigma
     assert np.linalg.norm(sigma) == pytest.approx(np.sqrt(5e-10), rel=1e-6)

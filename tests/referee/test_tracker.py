@@ -57,7 +57,7 @@ def elsewhere(tarm: Arm) -> tuple[Arm, list[Reading]]:
     labels = [*(f"instrument {axis}" for axis in axes), *(f"tool {axis}" for axis in axes[:3])]
     labels += [f"joint_offset {joint}" for joint in tarm.joint_names]
     labels += [f"compliance {joint} {axis}" for joint in ("M1", "A4") for axis in axes]
-    arm = replace(tarm, instrument=instrument, certainty=Certainty(tuple(labels), 1e-6 * np.eye(len(labels))))
+    arm = replace(tarm, instrument=instrument, certainty=Certainty(tarm.named(labels), 1e-6 * np.eye(len(labels))))
     readings = [
         Reading(rng.uniform(arm.robot.lower, arm.robot.upper) * 0.5, rng.normal(0.0, 5.0, 3), SIGMA, "p300")
         for _ in range(8)

@@ -164,7 +164,7 @@ def with_open(arm: Arm, directions: np.ndarray) -> Arm:
     left = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     others = np.eye(len(arm.certainty.labels)) - left.T @ left
     covariance = others @ arm.certainty.covariance @ others.T
-    return replace(arm, certainty=Certainty(arm.certainty.labels, covariance, directions=directions))
+    return replace(arm, certainty=Certainty(arm.certainty.parameters, covariance, directions=directions))
 
 
 def test_directions_that_a_calibration_left_open_are_unknown(known, machine):
@@ -186,7 +186,7 @@ def test_an_instrument_that_stands_nobody_knows_where(known, machine):
     count, axes = len(known.certainty.labels), ("dx", "dy", "dz", "rx", "ry", "rz")
     labels = (*(f"instrument {axis}" for axis in axes), *known.certainty.labels)
     covariance = np.pad(known.certainty.covariance, ((6, 0), (6, 0)))
-    open_frame = Certainty(labels, covariance, directions=np.eye(6, count + 6))
+    open_frame = Certainty(known.named(labels), covariance, directions=np.eye(6, count + 6))
     tracker = Tracker(replace(known, certainty=open_frame))
     stands = pin.SE3(pin.exp3(np.array([0.01, -0.02, 0.05])), np.array([0.3, -0.4, 0.1]))
     readings = [replace(one, position=stands.act(one.position)) for one in machine.readings(11, 60)]
@@ -204,7 +204,7 @@ def test_directions_of_which_no_reading_tells_stay_open(known, machine):
     count = len(certainty.labels)
     labels = (*certainty.labels[:3], *(f"mounting {axis}" for axis in axes), *certainty.labels[3:])
     covariance = np.insert(np.insert(certainty.covariance, [3] * 3, 0.0, axis=0), [3] * 3, 0.0, axis=1)
-    arm = replace(known, certainty=Certainty(labels, covariance, directions=np.eye(count + 3)[3:6]))
+    arm = replace(known, certainty=Certainty(known.named(labels), covariance, directions=np.eye(count + 3)[3:6]))
     tracker, plain = followed(Tracker(arm), machine.readings(9, 40)), followed(Tracker(known), machine.readings(9, 40))
     assert tracker.arm.certainty.undetermined == tuple(f"mounting {axis}" for axis in axes)
     assert (tracker.std[3:6] > 1.0).all()

@@ -1,7 +1,14 @@
-"""An arm of three joints that a test's own plant reads."""
+"""An arm of three joints, what stands there instead, and campaigns of it read from one place."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from support.campaign_files import numbers, write_columns
+from support.plant import Array, Plant, Push, Rows, State, apply, pose, turn
 from support.small_arms import joint, link, robot
 
 URDF = robot(
@@ -33,3 +40,26 @@ joint_offset = 1e-3
 compliance = 0.2
 """
 SIGMA = 5e-5
+STATION = pose(np.array([2.0, -1.0, 0.3]), turn(np.array([0.0, 0.0, 0.7])))
+
+
+def declared(folder: Path) -> Plant:
+    """Write the arm, and return the plant that is what it says."""
+    (folder / "r.urdf").write_text(URDF)
+    (folder / "arm.toml").write_text(ARM)
+    return Plant.read(folder / "arm.toml")
+
+
+def seen(plant: Plant, q: Array, act: Callable[[State, Push], None], approach: Array | None = None) -> Array:
+    """Return where the instrument reads the plant's target without noise, (N, 3), with an effect at work."""
+    rows = Rows.plain(q, np.zeros(len(q)), np.zeros((len(q), 3)))
+    if approach is not None:
+        rows.approach = approach
+    return apply(STATION, plant.points(plant.relax(rows, [act])))
+
+
+def write_campaign(path: Path, q: Array, read: Array, **more: Array) -> Path:
+    """Write joint positions, readings with their `SIGMA`, and further columns."""
+    columns = {f"q_J{i + 1}": q[:, i] for i in range(3)} | {axis: read[:, i] for i, axis in enumerate("xyz")} | more
+    write_columns(path, {name: numbers(values) for name, values in columns.items()} | {"sigma": [SIGMA] * len(q)})
+    return path

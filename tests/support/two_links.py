@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
+import pytest
+
+from armflex.errors import UrdfError
+from armflex.robot import load_robot
 from support.small_arms import write
 
 GOOD = """<?xml version="1.0"?>
@@ -87,20 +92,50 @@ gravity_in = "base"
 joint_offset = 1e-3
 compliance = 0.2
 """
+Q = [0.2, -0.3]
+MASS = '<mass value="20"/>'
+INERTIA = '<inertia ixx="0.2" ixy="0.001" ixz="0.002" iyy="1.7" iyz="0.003" izz="1.75"/>'
+ELBOW_LIMIT = '<limit lower="-2" upper="2.1" effort="400" velocity="0.8"/>'
+ELBOW_AXIS = '<axis xyz="0 0 1"/>'
+ELBOW_ORIGIN = '<origin xyz="1.0 0 0"/>'
+ELBOW = '<joint name="elbow" type="revolute">'
+UPPER_INERTIAL = '<inertial>\n      <origin xyz="0.5 0 0'
+FORE = '<link name="fore">'
 
 
-def declared(folder: Path, *edits: tuple[str, str]) -> Path:
-    """Write the good arm.toml, with texts replaced, beside its URDF."""
-    text = ARM
+def edited(text: str, *edits: tuple[str, str]) -> str:
+    """Return a text with texts in it replaced, each of which must occur once."""
     for old, new in edits:
         assert text.count(old) == 1, old
         text = text.replace(old, new)
+    return text
+
+
+def changed(*edits: tuple[str, str]) -> str:
+    """Return the good URDF, edited."""
+    return edited(GOOD, *edits)
+
+
+def declared(folder: Path, *edits: tuple[str, str]) -> Path:
+    """Write the good arm.toml, edited, beside its URDF."""
     write(folder, GOOD)
-    return write(folder, text, "arm.toml")
+    return write(folder, edited(ARM, *edits), "arm.toml")
 
 
-def codes(flags) -> list[str]:
-    return [flag.code for flag in flags]
+def codes(loaded: object) -> list[str]:
+    """Return the codes of the flags of whatever has some."""
+    return [flag.code for flag in loaded.flags]
 
 
-Q = [0.2, -0.3]
+def assert_refused(path, words: tuple[str, ...], line: int | None = None, **options: object) -> None:
+    """Assert a `UrdfError` that names the file, the line where there is one, and all the words."""
+    started = time.monotonic()
+    with pytest.raises(UrdfError) as caught:
+        load_robot(path, **options)
+    assert time.monotonic() - started < 5.0
+    message = str(caught.value)
+    assert message.startswith(f"{path}:{line}: " if line else f"{path}"), message
+    assert not line or caught.value.place.line == line
+    for word in words:
+        assert word in message
+    assert len(message) < 2000

@@ -100,6 +100,7 @@ def test_drive_shares_by_hand(tarm):
     assert tarm.drive_shares(found)[0] == pytest.approx(abs(found.joint_loads[0, 2]) / 150e3)
 
 
+@pytest.mark.slow
 def test_many_payloads_from_many_threads(tarm):
     masses = np.linspace(1.0, 600.0, 150)
     expected = [tarm.deflection(Q, Payload(mass, np.zeros(3))).displacement for mass in masses]

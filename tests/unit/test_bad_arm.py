@@ -206,7 +206,7 @@ def test_row08_massless_links_in_an_arm_file(tmp_path):
     start = GOOD.index("<inertial>", GOOD.index('<link name="fore">'))
     write(tmp_path, GOOD[:start] + GOOD[GOOD.index("</inertial>", start) + len("</inertial>") :])
     with pytest.warns(ArmflexWarning, match="massless"):
-        assert codes(load_arm(path).flags) == ["massless"]
+        assert codes(load_arm(path)) == ["massless"]
 
 
 @pytest.mark.parametrize(
@@ -217,7 +217,7 @@ def test_row08_massless_links_in_an_arm_file(tmp_path):
 def test_a_compliance_softer_than_steel_is_flagged(tmp_path, compliance):
     with pytest.warns(ArmflexWarning, match="flexure 'S'.*stiffness, or"):
         loaded = load_arm(declared(tmp_path, (DIAGONAL, f"compliance = {compliance}")))
-    assert codes(loaded.flags) == ["soft"]
+    assert codes(loaded) == ["soft"]
 
 
 def test_row32_zero_compliance_is_rigid(tmp_path):
@@ -235,7 +235,7 @@ def test_a_moving_payload_without_inertia_is_flagged(tarm):
 
 def test_flexures_without_an_uncertainty_beside_others_are_flagged(tmp_path):
     with pytest.warns(ArmflexWarning, match="taken as exactly known: E"):
-        assert codes(load_arm(declared(tmp_path, ("relative_std = 0.2\n", ""))).flags) == ["partly_certain"]
+        assert codes(load_arm(declared(tmp_path, ("relative_std = 0.2\n", "")))) == ["partly_certain"]
     none = (("relative_std = 0.2\n", ""), ("relative_std = 0.1\n", ""))
     rigid = (("relative_std = 0.1\n", ""), (DIAGONAL, "compliance = [0, 0, 0, 0, 0, 0]"))
     for edits in (none, rigid):

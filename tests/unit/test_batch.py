@@ -330,6 +330,7 @@ def test_each_draw_is_the_arm_with_those_laws(method):
         np.testing.assert_allclose(displacements, one.displacement, rtol=0, atol=NEAR)
 
 
+@pytest.mark.slow
 def test_draws_spread_as_the_covariance_says():
     arm, q = bundled("tarm_like"), positions(bundled("tarm_like"), 1)[0]
     found = ensemble(arm, q, "p600", draws=4000)

@@ -87,6 +87,7 @@ def test_cause_is_the_largest_share(tarm: Arm, tarm_path: Trajectory, heavy: Arm
     assert len(causes) > 1
 
 
+@pytest.mark.slow
 def test_worst_comes_first_and_the_whole_path_decides(tarm: Arm, tarm_path: Trajectory) -> None:
     report = check(tarm, tarm_path, 0.1)
     order = [(-RANK[point.verdict], point.margin_m) for point in report.via_points]
@@ -109,6 +110,7 @@ def quick(arm: Arm, q: np.ndarray, payload: str) -> tuple[float, float, float, f
     return tuple(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tarm", "heavy"])
 def test_finer_sampling_changes_no_verdict(name: str, request: pytest.FixtureRequest) -> None:
     """Against 48 samples of every stretch, at tolerances near and far from where verdicts change."""
@@ -289,7 +291,7 @@ def test_what_a_fit_does_not_know_is_part_of_the_verdict(heavy: Arm, heavy_path:
     names, std, path = heavy.joint_names, 2e-4, some_rows(heavy_path, range(0, 3))
     labels = tuple(f"joint_offset {name}" for name in names)
     exact = replace(heavy, flexures=tuple(replace(f, law=replace(f.law, relative_std=0.0)) for f in heavy.flexures))
-    fitted = replace(exact, certainty=Certainty(labels, np.diag(np.full(6, std**2))))
+    fitted = replace(exact, certainty=Certainty(exact.named(labels), np.diag(np.full(6, std**2))))
     assert all(point.sigma_m is None for point in check(exact, path, 0.1).via_points)
     report = check(fitted, path, 0.1, 0.1)
     point, step = next(one for one in report.via_points if one.time == path.time[0]), 1e-5
@@ -312,7 +314,7 @@ def test_a_fit_s_and_the_laws_uncertainty_are_those_of_predict(heavy: Arm, heavy
     names = [[*heavy.joint_names], [f"{heavy.flexures[1].name} {axis}" for axis in ("rx", "ry")]]
     labels = tuple(f"{block} {name}" for block, some in zip(labels, names, strict=True) for name in some)
     root = np.random.default_rng(1).normal(size=(8, 8)) * np.array([[1e-4]] * 6 + [[0.1]] * 2)
-    arm = replace(heavy, certainty=Certainty(labels, root @ root.T))
+    arm = replace(heavy, certainty=Certainty(heavy.named(labels), root @ root.T))
     rows = some_rows(heavy_path, range(0, 5))
     found, _ = tip_covariance(
         without_declared_doubt(arm),
@@ -356,6 +358,7 @@ def test_one_bad_row_does_not_hide_the_others(tarm, tarm_path):
     assert any("'A2'" in reason for reason in reasons) and any("'A3'" in reason for reason in reasons)
 
 
+@pytest.mark.slow
 def test_a_drive_beyond_its_limit_is_flagged(tarm, tarm_path):
     heavier = replace(tarm, payloads=dict(tarm.payloads, p600=Payload(2500.0, np.zeros(3))))
     flags = {flag.code: flag.text for flag in check(heavier, tarm_path, 1.0).flags}

@@ -40,6 +40,7 @@ def bench(kind: str, seed: int, rows: int = 50) -> JointData:
     return JointData(loads, deflections, ("m",) * 3, np.ones(3), "0" * 64, Path("made.csv"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "names"),
     [

@@ -26,7 +26,6 @@ from armflex import (
     total_covariance,
     trace,
 )
-from armflex.certainty import Certainty
 from armflex.errors import ArmFileError, MissingCovariateError, UnsupportedError
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.effect_block import EffectBlock, shy_prior
@@ -397,7 +396,7 @@ def test_draws_of_a_traced_arm_spread_as_its_whole_covariance_says(traced: tuple
     """But for hysteresis, whose state the covariance takes to be another than it is told."""
     arm = quietly(traced[2])
     kept = [i for i, label in enumerate(arm.certainty.labels) if not label.startswith("effect hysteresis")]
-    known = Certainty(tuple(arm.certainty.labels[i] for i in kept), arm.certainty.covariance[np.ix_(kept, kept)])
+    known = arm.certainty.part(kept)
     arm = dataclasses.replace(arm, effects=arm.effects[1:], certainty=known)
     q, warm = arm.position(J2=0.3, J3=-0.5), settled(arm, {"temperature": 22.0})
     found = [one.deflection(q, "p120", covariates=warm).displacement for one in draw_arms(arm, 400, seed=2)]

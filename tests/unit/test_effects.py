@@ -10,10 +10,11 @@ from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from support.stage import ROWS, Stage, readings, some_effects
 
-from armflex import Arm
+from armflex import Arm, Trajectory
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.estimate.effect_block import EffectBlock, shy_prior
@@ -21,6 +22,8 @@ from armflex.estimate.view import look
 from armflex.laws.effects import Effect, Spot
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.guide import GUIDE
+from armflex.laws.effects.hysteresis import play
+from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.law import Act
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.tool_shift import ALWAYS
@@ -166,6 +169,53 @@ def test_one_row_and_many_rows_are_alike(name, stage):
         for i in range(ROWS):
             one = replace(row, q=row.q[i], covariates={key: values[i] for key, values in known.items()})
             np.testing.assert_allclose(law.basis(here, wrench[i], one, effect.inner), whole[i], rtol=1e-13)
+
+
+@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if law.act is Act.TWIST])
+def test_a_twist_in_an_arm_is_a_law_with_its_values(name, stage):
+    for effect in some_effects(EVERY[name], stage, 2):
+        setup = stage.with_effect(effect)
+        bound = BoundTwist(effect, stage.scene.here(effect.spot, setup.arm))
+        row = replace(stage.scene.row, covariates=known_rows(setup.arm, stage.rows))
+        wrench = stage.scene.wrenches[effect.spot.site]
+        again = bound.at(bound.values)
+        np.testing.assert_allclose(again.effect.values, effect.values, rtol=1e-14)
+        assert len(bound.parameters) == len(bound.values) and bound.draw(np.random.default_rng(0)) is bound
+        names = [parameter.name for parameter in bound.parameters]
+        assert names[: len(effect.spot.terms)] == [effect.law.amplitudes[i].name for i in effect.spot.terms]
+        assert set(names) <= set(effect.named)
+        by_values = bound.by_values(wrench, row)
+        assert by_values.shape == (ROWS, 6, len(names))
+        twist = bound.twist(wrench, row)
+        for k, value in enumerate(bound.values.tolist()):
+            step = np.zeros(len(names))
+            step[k] = 3e-5 * (1.0 if bound.parameters[k].unit == "1" else max(abs(value), 1e-9))
+            ends = [bound.at(bound.values + side * step).twist(wrench, row) for side in (1.0, -1.0)]
+            numeric = (ends[0] - ends[1]) / (2.0 * step[k])
+            allowed = 2e-3 * np.abs(numeric).max() + 1e-12 * np.abs(twist).max() / step[k]
+            np.testing.assert_allclose(by_values[..., k], numeric, rtol=0.0, atol=allowed, err_msg=names[k])
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_remembered_load_is_that_of_row_by_row(moving, stage):
+    """Play follows the load of each row as the arm carries it without the play, at rest and in motion."""
+    joint = stage.scene.joints[1]
+    effect = Effect(EVERY["hysteresis"], Spot(joint, "ry"), (1e-8, 50.0))
+    arm, rows = stage.setup.arm, stage.rows
+    rng = np.random.default_rng(4)
+    v, a = (rng.normal(size=rows.q.shape) if moving else None for _ in range(2))
+    path = Trajectory(rows.joint_names, np.arange(ROWS, dtype=float), rows.q, rows.payload, ("",) * ROWS, v, a)
+    state = known_rows(stage.with_effect(effect).arm, path)[effect.state]
+    loads = []
+    for i in range(ROWS):
+        found = arm.deflection(rows.q[i], rows.payload[i], **path.motion(i), enforce_limits=False)
+        load = pin.Force(found.joint_loads[1])
+        for site, twist in zip(arm.sites, found.twists, strict=True):
+            if site.joint == joint and not site.before:
+                load = pin.exp6(pin.Motion(twist)).actInv(load)
+        loads.append(load.vector[4])
+    np.testing.assert_allclose(state, play(np.array(loads), 50.0), rtol=1e-9, atol=1e-6)
+    assert np.abs(state).max() > 0.0
 
 
 @pytest.mark.parametrize("name", [name for name, law in EVERY.items() if hasattr(law, "pull")])

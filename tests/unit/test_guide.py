@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
+from support.measurement_rows import written
 from support.small_arms import joint, link, robot, write
 
 from armflex import Arm, calibrate, load_arm, read_measurements, trace
@@ -261,19 +261,16 @@ def campaign(folder: Path, seed: int, count: int = 150) -> Path:
     """Write a campaign of a column whose guides have play, read from a place of its own in two sessions."""
     rng = np.random.default_rng(seed)
     station, stands = turned("z", 0.7) @ turned("y", 0.1), np.array([3.0, -2.0, 1.0])
-    path = folder / "campaign.csv"
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(
-            ["pose", "session", "time", "payload", "q_lift", "q_turn", "q_shoulder", "q_elbow", *"xyz", "sigma"]
-        )
-        for i in range(count):
-            q = np.array([rng.choice(HEIGHTS), *rng.uniform((-2.8, -1.0, -1.5), (2.8, 0.8, 1.5))])
-            payload = rng.choice([0.0, 40.0])
-            seen = station @ target(q, payload) + stands + rng.normal(0.0, NOISE, 3)
-            name = "p40" if payload else "empty"
-            writer.writerow([f"p{i}", f"s{2 * i // count}", 60.0 * i, name, *q.tolist(), *seen.tolist(), NOISE])
-    return path
+    rows = []
+    for i in range(count):
+        q = np.array([rng.choice(HEIGHTS), *rng.uniform((-2.8, -1.0, -1.5), (2.8, 0.8, 1.5))])
+        payload = rng.choice([0.0, 40.0])
+        seen = station @ target(q, payload) + stands + rng.normal(0.0, NOISE, 3)
+        identity = {"pose": f"p{i}", "session": f"s{2 * i // count}", "time": 60.0 * i}
+        joints = dict(zip(("q_lift", "q_turn", "q_shoulder", "q_elbow"), q.tolist(), strict=True))
+        place = dict(zip("xyz", seen.tolist(), strict=True))
+        rows.append(identity | {"payload": "p40" if payload else "empty"} | joints | place | {"sigma": NOISE})
+    return written(folder, rows, "campaign.csv")
 
 
 def giving() -> str:

@@ -34,6 +34,7 @@ from armflex.laws import AtNode, LinearLaw, Row, StructuralLaw, SubJoint
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.law import beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
+from armflex.parameters import ArmParameter, Group, Kind
 
 
 @pytest.mark.parametrize("name", DECLARED)
@@ -239,6 +240,7 @@ def test_what_nobody_declared_is_learned(six, learned, tmp_path):
     assert after < 1.2 * noise
 
 
+@pytest.mark.slow
 def test_the_true_laws_are_within_their_bands(six, learned):
     _, found = learned
     state, names = six.state(), list(found.arm.joint_names)
@@ -252,6 +254,7 @@ def test_the_true_laws_are_within_their_bands(six, learned):
         assert std.mean() < 0.5 * np.abs(six.twist(joint, loads)[:, axis]).mean()
 
 
+@pytest.mark.slow
 def test_what_was_learned_is_written_and_read(six, learned, tmp_path):
     folder, found = learned
     again = load_arm(write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml"))
@@ -310,7 +313,8 @@ def test_laws_of_names_that_begin_alike_are_read_with_their_own_covariance(six, 
 
 def test_parameters_named_alike_are_refused():
     with pytest.raises(InputError, match="law A2 1@n 2@m:dx"):
-        Certainty(("tool dx", "law A2 1@n 2@m:dx", "law A2 1@n 2@m:dx"), np.eye(3))
+        names = (("A2", "1@n 2@m:dx"), ("A2 1@n", "2@m:dx"))
+        Certainty(tuple(ArmParameter(Group(Kind.LAW, flexure), name) for flexure, name in names), np.eye(2))
 
 
 @pytest.mark.slow

@@ -400,6 +400,7 @@ def crooked_robot(crooked):
 # (f) Uncertainty.
 
 
+@pytest.mark.slow
 def test_covariance_against_monte_carlo(crooked):
     """Every entry of every compliance off by its own 5 %, but that C_ij = C_ji."""
     std, draws, random = 0.05, 3000, np.random.default_rng(8)

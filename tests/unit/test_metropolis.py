@@ -78,6 +78,7 @@ def test_recursion_is_eq_13_put_right() -> None:
         np.testing.assert_allclose(running.covariance, expected, rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [1, 10])
 def test_normal_density(every: int) -> None:
     """Mean and covariance of a stretched, turned normal density, and the acceptance that its dimension allows."""
@@ -195,6 +196,7 @@ def test_gibbs_with_priors_alone() -> None:
     assert_mean(np.array([chain.variances for chain in chains]), np.full(2, 2.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("structure", ["diagonal", "full"])
 def test_compliance_by_chain_is_that_in_closed_form(structure: str) -> None:
     """Student's t: the mean is least squares, the variance that of least squares times f / (f - 2)."""

@@ -214,6 +214,7 @@ def test_calibrate_and_what_it_wrote(field: Path, tmp_path: Path) -> None:
     assert set(fitted.corrections.joint_offset) == set(JOINTS)
 
 
+@pytest.mark.slow
 def test_learned_laws_and_their_picture(field: Path, tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text((field / "arm.urdf").read_text())
     (tmp_path / "arm.toml").write_text(declared().replace('model = "linear"', 'model = "linear"\nlearn = true', 2))

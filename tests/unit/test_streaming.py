@@ -6,6 +6,7 @@ import csv
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,12 @@ from armflex.errors import ArmflexError, Place, TableError
 from armflex.estimate.calibrate import calibrate, write_calibrated
 from armflex.measured.measurements import read_measurements, stream_inputs
 from armflex.measured.table import Column, Table
+from armflex.mechanics.response import respond
 from armflex.rows.rows import last_motion
 from armflex.tasks import predict as task
+from armflex.tasks.compensate import _Solver
 from armflex.tasks.predict import predict, predict_file
+from armflex.trajectory import Trajectory, read_trajectory
 from tests.support.small_arms import ROBOTS
 
 DECLARED = ROBOTS / "tarm_like" / "measured.toml"
@@ -219,3 +223,79 @@ def test_a_process_that_is_killed_leaves_the_file_that_was_there(tmp_path: Path,
     command = [sys.executable, "-c", KILLED, str(calibrated), str(rows_of(tmp_path))]
     assert subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT).returncode == -9
     assert (tmp_path / "out.csv").read_text() == "before"
+
+
+@pytest.fixture(scope="module")
+def path() -> Trajectory:
+    """The bundled path, which goes beyond a limit once, and carries less from then on."""
+    found = read_trajectory(ROBOTS / "tarm_like" / "trajectory.csv", armflex.load_arm(DECLARED))
+    q = found.q[10:40].copy()
+    q[11, 1] = 3.9
+    payload = ("p600",) * 20 + ("empty",) * 10
+    return replace(found, time=found.time[10:40], q=q, via=found.via[10:40], payload=payload, places=())
+
+
+@pytest.mark.parametrize("together", [1, 7, 1000])
+def test_a_path_is_checked_in_pieces_as_at_once(
+    arm: armflex.Arm, path: Trajectory, monkeypatch: pytest.MonkeyPatch, together: int
+) -> None:
+    whole = armflex.check(arm, path, 0.045, 0.01)
+    monkeypatch.setattr("armflex.tasks.check.TOGETHER", together)
+    pieces = armflex.check(arm, path, 0.045, 0.01)
+    assert (pieces.ok, pieces.samples) == (whole.ok, whole.samples)
+    assert {flag.code for flag in pieces.flags} == {flag.code for flag in whole.flags}
+    for name in ("rows", "segments", "via_points", "path_worst"):
+        one, other = getattr(pieces, name), getattr(whole, name)
+        for mine, its in zip(*((x if isinstance(x, tuple) else (x,)) for x in (one, other)), strict=True):
+            close = {key: pytest.approx(v, 1e-9, 1e-13) if isinstance(v, float) else v for key, v in vars(its).items()}
+            assert vars(mine) == close
+    assert "outside" in whole.rows[11].reason and {point.verdict for point in whole.rows} >= {"ok", "fail"}
+
+
+def test_loads_on_the_drives_are_those_of_each_row(arm: armflex.Arm, path: Trajectory) -> None:
+    q = np.delete(path.q, 11, axis=0)
+    for motion in ({}, {"v": np.full_like(q, 0.1)}):
+        found = arm.deflection(q, "p600", **motion)
+        effort = np.array([joint.effort for joint in arm.robot.moving])
+        shares = [arm.drive_shares(found.row(i)) for i in range(len(q))]
+        np.testing.assert_allclose(np.abs(found.drive_loads) / effort, shares, rtol=1e-9, atol=1e-12)
+
+
+def test_the_response_has_the_change_with_the_joints_that_each_row_has(path: Trajectory) -> None:
+    """Also where a law depends on the positions: the telescope's does."""
+    tarm = armflex.load_arm(ROBOTS / "tarm_like" / "arm.toml")
+    line = respond(tarm, path.q, path.payload)
+    given = tarm.stack.change_with_position(line.flexure_wrenches.reshape(len(path), -1), line.row)
+    found = line.joints + line.laws.reshape(len(path), 6, -1) @ given
+    asked = {"enforce_limits": False}
+    alone = [tarm.deflection(q, name, **asked).total_jacobian for q, name in zip(path.q, path.payload, strict=True)]
+    np.testing.assert_allclose(found, alone, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("match", ["position", "pose"])
+def test_a_path_is_compensated_in_pieces_as_row_by_row(
+    path: Trajectory, monkeypatch: pytest.MonkeyPatch, match: str
+) -> None:
+    """The rows at once are those of the corrector, up to the length at which both stop; what it alone can do it does.
+
+    Two rows start at limits, where the smallest change is not that of the closed form.
+    """
+    tarm = armflex.load_arm(ROBOTS / "tarm_like" / "arm.toml")
+    q = path.q.copy()
+    q[11, 1], q[12, 1] = tarm.robot.upper[1] - 1e-4, tarm.robot.lower[1] + 1e-4
+    inside, solved = replace(path, q=q), []
+    row = _Solver.row
+    monkeypatch.setattr(_Solver, "row", lambda self, i, *rest: solved.append(i) or row(self, i, *rest))
+    found = []
+    for together in (1000, 7):
+        monkeypatch.setattr("armflex.tasks.compensate.TOGETHER", together)
+        found.append(armflex.compensate(tarm, inside, match, best_effort=True))
+    assert 0 < len(set(solved)) < 10
+    monkeypatch.setattr(_Solver, "together", lambda *_: {})
+    found.append(armflex.compensate(tarm, inside, match, best_effort=True))
+    for one in found[:2]:
+        np.testing.assert_allclose(one.trajectory.q, found[2].trajectory.q, rtol=0.0, atol=1e-7)
+        assert one.between_m == pytest.approx(found[2].between_m, 1e-6)
+        for mine, its in zip(one.rows, found[2].rows, strict=True):
+            assert all(getattr(mine, x) == getattr(its, x) for x in ("reached", "smallest", "reason", "via"))
+            np.testing.assert_allclose(mine.before, its.before, rtol=1e-9, atol=1e-12)

@@ -19,6 +19,7 @@ from armflex.estimate.fit import moved
 from armflex.laws.effects import CATALOGUE, Spot
 from armflex.laws.effects.remember import derived_directions
 from armflex.laws.joint.linear import SOFTEST
+from armflex.parameters import Kind, of_motions
 from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
 from armflex.trace.polish import Polished, polish
@@ -318,8 +319,8 @@ def test_a_factor_moves_in_a_straight_line_and_never_below_nothing(before):
 
 
 def test_a_session_whose_name_begins_with_another_has_its_own_frame():
-    labels = tuple(("session_frame", f"{name} {axis}") for name in ("a", "a b") for axis in TWIST_NAMES)
-    folds, frames = session_folds(SimpleNamespace(labels=labels), ["a b", "a", "a b"])
+    fit = SimpleNamespace(parameters=of_motions(Kind.SESSION, ("a", "a b")))
+    folds, frames = session_folds(fit, ["a b", "a", "a b"])
     assert folds.tolist() == [0, 1, 0]
     assert [frame.tolist() for frame in frames] == [list(range(6, 12)), list(range(6))]
 

@@ -110,7 +110,7 @@ def test_what_a_fit_left_uncertain_is_propagated(heavy: Arm) -> None:
     mix = np.random.default_rng(5).normal(size=(len(labels),) * 2)
     size = np.diag([1.0] * 6 + [3e-4] * len(names) + [0.2, 0.2])
     known = size @ (mix @ mix.T / len(labels)) @ size
-    arm = replace(heavy, certainty=Certainty(tuple(labels), known))
+    arm = replace(heavy, certainty=Certainty(heavy.named(labels), known))
     found = map_workspace(arm, rows=12, voxel=0.001)
     assert "no_certainty" not in [flag.code for flag in found.flags]
 
@@ -126,7 +126,7 @@ def test_what_a_fit_left_uncertain_is_propagated(heavy: Arm) -> None:
         along /= np.linalg.norm(along)
         np.testing.assert_allclose(sigma**2, along @ (columns @ known @ columns.T + laws) @ along, rtol=1e-4)
     assert map_workspace(arm, rows=12, uncertainty=False).sigma is None
-    other = replace(arm, certainty=Certainty(("compliance J9 rx",), np.eye(1)))
+    other = replace(arm, certainty=Certainty(arm.named(("compliance J9 rx",)), np.eye(1)))
     assert [flag.code for flag in map_workspace(other, rows=12).flags] == ["no_certainty"]
 
 

@@ -13,22 +13,89 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.flexure import Flexure
-from armflex.laws import Law, LinearLaw, PositionDependentLaw, Row
-from armflex.laws.effects.law import Act, Effect, LoadLaw, TwistLaw, Values
+from armflex.laws import Law, Row
+from armflex.laws.effects.law import Act, Effect, LoadLaw, TwistLaw, Values, full
 from armflex.laws.effects.spot import Here, link_of, resolve, same_site, site_of
-from armflex.laws.law import NOTHING, UNLOADED, Composed, Ranges, WithoutParameters, by_wrench
+from armflex.laws.law import NOTHING, STEP, UNLOADED, Composed, Ranges, anywhere, by_wrench
+from armflex.laws.parameter import Parameter, Transform
 from armflex.robot import Robot
+
+LOG = Transform.LOG
+LEAST = 1e-2
+"""Size that an inner parameter is taken to have at least where a numerical derivative needs a step."""
 
 UNITS = np.eye(6)
 UNITS.flags.writeable = False
 
 
 @dataclass(frozen=True)
-class BoundTwist(WithoutParameters):
-    """An effect's twist at its place on one arm."""
+class BoundTwist(Law):
+    """An effect's twist at its place on one arm.
+
+    Its parameters are the amplitudes that act, then what of its inner ones it changes smoothly with. How well they are
+    known goes by the calibration's covariance, so none has a prior here.
+    """
 
     effect: Effect
     here: Here
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Amplitudes, then inner parameters; positive ones of these by their logarithm."""
+        effect, units = self.effect, dict(zip(self.effect.named, self.effect.units, strict=True))
+        amplitudes = [effect.law.amplitudes[i].name for i in effect.spot.terms]
+        inner = [effect.law.inner[i] for i in self._free]
+        return (
+            *(Parameter(name, units[name], 0.0) for name in amplitudes),
+            *(
+                Parameter(one.name, "1", 0.0, LOG) if one.positive else Parameter(one.name, units[one.name], 0.0)
+                for one in inner
+            ),
+        )
+
+    @cached_property
+    def _free(self) -> tuple[int, ...]:
+        """Inner parameters among the values: not those that are switched off, nor those that a memory goes by."""
+        law, inner = self.effect.law, self.effect.inner
+        free = []
+        for i, (one, value) in enumerate(zip(law.inner, inner, strict=True)):
+            other = (*inner[:i], 2.0 * value + 1.0, *inner[i + 1 :])
+            told = law.memory is not None and law.memory.name(self.effect.spot, other) != self.effect.state
+            if one.smooth and not told and np.isfinite(value) and (value > 0.0 or not one.positive):
+                free.append(i)
+        return tuple(free)
+
+    @cached_property
+    def values(self) -> Array:
+        """(k,) values of the parameters."""
+        logs = [self.effect.law.inner[i].positive for i in self._free]
+        inner = [
+            float(np.log(self.effect.inner[i])) if log else self.effect.inner[i]
+            for i, log in zip(self._free, logs, strict=True)
+        ]
+        return np.concatenate([self.effect.acting, inner])
+
+    def at(self, values: Array) -> BoundTwist:
+        """Return the same effect at other (k,) values."""
+        spot, law, inner = self.effect.spot, self.effect.law, list(self.effect.inner)
+        amplitudes, rest = np.split(np.asarray(values, dtype=float), [len(spot.terms)])
+        for i, value in zip(self._free, rest.tolist(), strict=True):
+            inner[i] = float(np.exp(value)) if law.inner[i].positive else value
+        moved = full(amplitudes, spot, len(law.amplitudes)) + tuple(inner)
+        return replace(self, effect=replace(self.effect, values=moved))
+
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6, k) derivative by the values: exact for amplitudes, else by central differences."""
+        basis = self.law.basis(self.here, wrench, row, self.effect.inner)[..., list(self.effect.spot.terms), :]
+        columns = [np.broadcast_to(np.swapaxes(basis, -1, -2), (*wrench.shape, basis.shape[-2]))]
+        for place in range(basis.shape[-2], len(self.values)):
+            step = np.zeros(len(self.values))
+            step[place] = STEP * (
+                1.0 if self.parameters[place].transform is LOG else max(abs(self.values[place]), LEAST)
+            )
+            ends = [self.at(self.values + side * step).twist(wrench, row) for side in (1.0, -1.0)]
+            columns.append(((ends[0] - ends[1]) / (2.0 * step[place]))[..., None])
+        return np.concatenate(columns, axis=-1)
 
     @cached_property
     def law(self) -> TwistLaw:
@@ -70,7 +137,7 @@ class BoundTwist(WithoutParameters):
     def steepest(self, ranges: Ranges) -> Array | None:
         """Return zero where the effect does not depend on the load."""
         law, own = self.law, self.here.base_law
-        constant = not law.loaded and (own is None or isinstance(own, LinearLaw | PositionDependentLaw))
+        constant = not law.loaded and (own is None or own.affine(anywhere(self.here.robot)) is not None)
         return np.zeros((2, 2)) if constant else None
 
 

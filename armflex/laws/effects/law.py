@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
@@ -386,8 +386,7 @@ class TwistLaw(EffectLaw):
 
     def shapes(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return the (k, M) numbers, one per amplitude, of a law whose basis is `Along` one direction."""
-        assert isinstance(self.basis, Along)
-        return np.array(self.basis.shapes(*self._asked(spot, inner, view, scene)))
+        return np.array(cast(Along, self.basis).shapes(*self._asked(spot, inner, view, scene)))
 
     def _asked(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> tuple[Here, Array, Row, Values]:
         """Return what the basis is asked about some rows."""

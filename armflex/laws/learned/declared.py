@@ -19,6 +19,9 @@ CORRECTED = ("polynomial", "neural", "bayesian")
 NETWORKS = ("neural", "bayesian")
 """Those whose correction is a network."""
 
+TRAINED_ALONE = ("torch",)
+"""Models that stand in a file alone, and stay as they were trained; a correction about them is a network."""
+
 MOST_NEURONS = 64
 
 
@@ -27,7 +30,7 @@ class Learning:
     """What is to be learned of a flexure's law.
 
     Attributes:
-        model: Name of the law, a key of `LAWS` or of `CORRECTED`.
+        model: Name of the law, a key of `LAWS` or `FORMS`.
         neurons: Hidden neurons of a network.
         travel: Lowest and highest position of every joint [rad or m], where a law may depend on them.
     """
@@ -41,7 +44,7 @@ def read_learning(table: Declaration, model: str, law: Law, ranges: Ranges) -> L
     """Return what `learn = true` frees; `neurons` is a network's size."""
     if all(leaf.constant is not None and not leaf.constant.any() for leaf in law.leaves):
         raise table.fail("compliance", "is zero: there is nothing that could be learned about it, give a rough one")
-    if model not in CORRECTED and law.learned(ranges) is None:
+    if model not in (*CORRECTED, *TRAINED_ALONE) and law.learned(ranges) is None:
         text = "has no parameters to learn: its compliance is not symmetric, or a structure not linear"
         raise table.fail("model", f"{text}; learn a correction about it: {', '.join(CORRECTED)}")
     if table.has("neurons") and model not in NETWORKS:
@@ -60,7 +63,7 @@ def learned_law(law: Law, learning: Learning, seen: Seen) -> LearnedLaw:
     free, form = law.learned(learning.travel), None
     axes = tuple(np.flatnonzero(seen.twist_scale > 0.0).tolist())
     scales = (axes, axes, seen.load_scale, seen.twist_scale)
-    if learning.model in NETWORKS:
+    if learning.model in (*NETWORKS, *TRAINED_ALONE):
         form = NetworkCorrection.start(scales, learning.neurons)
     elif learning.model in CORRECTED:
         straight = free is None or set(TWIST_NAMES).isdisjoint(one.name for one in free.parameters)

@@ -9,6 +9,7 @@ import numpy as np
 
 from armflex.errors import Place
 from armflex.estimate.identify import Parameter, parameters
+from armflex.parameters import Kind
 from armflex.show.report import effect_figures, figures, summary
 from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short
@@ -114,8 +115,8 @@ def _parameters(trace: Trace) -> ParameterAccount:
 
 def _with_prior(found: Sequence[Parameter]) -> list[Parameter]:
     """Return declared parameters whose prior says how far they may move."""
-    own = ("effect ", "unexplained ")
-    return [one for one in found if np.isfinite(one.prior) and not one.block.startswith(own)]
+    own = (Kind.EFFECT, Kind.UNEXPLAINED)
+    return [one for one in found if np.isfinite(one.prior) and one.kind not in own]
 
 
 def _cards(trace: Trace, accurate: Accuracy) -> Table:
@@ -222,9 +223,9 @@ def _hidden(trace: Trace) -> Table:
     for one in trace.not_identifiable:
         if (one.effect, one.site) in added:
             continue  # hidden by itself
-        _, taken, partner = one.reason.partition("most by ")
         place = site_words(one.site)
-        rows.setdefault(one.effect, ([], []))[not taken].append(f"{place} ({partner})" if taken else place)
+        told = place if one.partner is None else f"{place} ({one.partner.label})"
+        rows.setdefault(one.effect, ([], []))[one.partner is None].append(told)
     return tuple((words(law).title, "; ".join(taken), ", ".join(still)) for law, (taken, still) in rows.items())
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from armflex.estimate.effect_block import numbered
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.law import Effect, Words
 from armflex.laws.effects.spot import BASE, LINK, TOOL, Spot
+from armflex.parameters import numbered
 
 SITES = {BASE: "the base", TOOL: "the tool", LINK + TOOL: "the last link"}
 

@@ -1,0 +1,141 @@
+"""A user's own `torch.nn.Module` trained on joint data, whatever is in it.
+
+Nothing is known of the weights, so none of them has a prior. What keeps a module from following the noise is that it
+ends early (Morgan and Bourlard 1990): every start is trained on three quarters of the rows by L-BFGS, the other quarter
+tells how long that helps, and the best start is then trained on all rows for as many steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.bench.fit_linear import seen_loads
+from armflex.bench.fitted import Fitted
+from armflex.bench.network_problem import scaled_problem
+from armflex.conventions import Array
+from armflex.errors import LawError
+from armflex.laws.joint.module_source import ModuleSource
+from armflex.laws.joint.torch_law import TorchLaw, as_answering, check_module, the_torch
+
+if TYPE_CHECKING:
+    import torch
+
+STEPS, ROUNDS = 10, 50
+"""Steps of L-BFGS between two looks at the rows left out, and most such rounds."""
+
+PATIENCE = 5
+"""Rounds without a better look after which a start ends."""
+
+LEFT_OUT = 0.25
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let torch use one thread: on matrices as small as a bench's, more of them only wait for each other."""
+    torch = the_torch()
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@_one_thread()
+def fit_torch(loads: Array, deflections: Array, source: ModuleSource, starts: int = 10, seed: int = 0) -> Fitted:
+    """Return a module trained on loads and deflections, from the best of some starts; runs the user's own code.
+
+    The law's noise is the scatter of the rows left out; `train` puts that of held-out rows in its place.
+
+    Args:
+        loads: (N, k) [N, Nm], k = 3 or 6.
+        deflections: (N, k) [m, rad].
+        source: Makes a module, whose random first weights follow torch's seed.
+        starts: Modules made.
+        seed: Of their weights, and of the rows left out.
+
+    Raises:
+        InputError: The loads do not span their components; the code fails; or what it makes is no law, see `TorchLaw`.
+    """
+    problem, scaling = scaled_problem(loads, deflections, neurons=1)
+    x, unloaded = problem.x, -scaling.input_mean / scaling.input_scale
+    y = deflections / scaling.output_scale
+    left = np.random.default_rng(seed).permutation(len(x)) < max(2, round(LEFT_OUT * len(x)))
+    found = []
+    for start in range(starts):
+        module = _made(source, seed, start, problem.size)
+        found.append((*_trained(module, unloaded, (x[~left], y[~left]), (x[left], y[left])), start))
+    loss, rounds, errors, start = min(found, key=lambda one: one[0])
+    if not np.isfinite(loss):
+        raise LawError(f"{source} gives no finite number while it is trained, from none of {starts} starts")
+    module = _made(source, seed, start, problem.size)
+    _trained(module, unloaded, (x, y), (x, y), rounds)
+    noise = np.sqrt((errors**2).mean(axis=0)) * scaling.output_scale
+    scales = {"load_mean": scaling.input_mean, "load_scale": scaling.input_scale, "twist_scale": scaling.output_scale}
+    law = TorchLaw(module, problem.size, noise=noise, seen=seen_loads(loads), source=source, **scales)
+    parameters = {
+        "module": str(source),
+        "sha256": source.sha256,
+        "weights": sum(weight.numel() for weight in module.parameters()),
+        "start": start,
+        "steps": rounds * STEPS,
+    }
+    return Fitted(law, parameters)
+
+
+def _made(source: ModuleSource, seed: int, start: int, size: int) -> torch.nn.Module:
+    """Return a module with the random weights of a start, as a law would ask it."""
+    import torch
+
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(int(np.random.SeedSequence([seed, start]).generate_state(1)[0]))
+        module = as_answering(source.made())
+    check_module(module, size)
+    if not any(weight.requires_grad for weight in module.parameters()):
+        raise LawError(f"{source} makes a module without weights: there is nothing to train")
+    return module
+
+
+def _trained(
+    module: torch.nn.Module,
+    unloaded: Array,
+    rows: tuple[Array, Array],
+    watched: tuple[Array, Array],
+    rounds: int | None = None,
+) -> tuple[float, int, Array]:
+    """Train a module in place; return the least loss on the watched rows, after how many rounds, and the errors then.
+
+    Args:
+        module: As `_made` returns it.
+        unloaded: (k,) what no load is in scaled units.
+        rows: (n, k) scaled loads and deflections trained on.
+        watched: The same of the rows looked at.
+        rounds: How many rounds exactly; None for as many as help.
+    """
+    import torch
+
+    zero, x, y, seen, wanted = (torch.from_numpy(np.ascontiguousarray(a)) for a in (unloaded[None], *rows, *watched))
+    weights = [weight for weight in module.parameters() if weight.requires_grad]
+    search = torch.optim.LBFGS(weights, max_iter=STEPS, line_search_fn="strong_wolfe", history_size=20)
+
+    def loss() -> torch.Tensor:
+        search.zero_grad()
+        value = (module(x) - module(zero) - y).square().mean()
+        value.backward()
+        return value
+
+    best: tuple[float, int, Array] = (np.inf, 0, np.full(watched[1].shape, np.inf))
+    for done in range(1, (rounds or ROUNDS) + 1):
+        search.step(loss)
+        with torch.no_grad():
+            errors = (module(seen) - module(zero) - wanted).numpy()
+        value = float((errors**2).mean())
+        if value < best[0]:
+            best = value, done, errors
+        if not np.isfinite(value) or (rounds is None and done - best[1] >= PATIENCE):
+            break
+    return best

@@ -1,0 +1,90 @@
+"""What a fit may move: parameters that belong together, with what was known of them and what they do."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.estimate.view import View
+from armflex.laws.effects.scene import Scene
+from armflex.parameters import ArmParameter, Kind
+from armflex.setup import Setup
+
+LEAST = 0.1
+"""What a draw leaves at least of a compliance."""
+
+
+class Block(ABC):
+    """Parameters that belong together."""
+
+    logarithmic: bool = False
+    """Whether a parameter is the logarithm of a factor: its column then changes as fast as what it stands for."""
+
+    parameters: tuple[ArmParameter, ...]
+    """What they are."""
+
+    prior: Array
+    """(k,) standard deviations about zero; infinite where nothing is known."""
+
+    @abstractmethod
+    def columns(self, view: View) -> Array:
+        """Return (M, d, k) changes of the readings per parameter at the view's setup."""
+
+    @abstractmethod
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with (k,) values added to the declared one."""
+
+    @property
+    def start(self) -> Array:
+        """(k,) values of the arm as it is."""
+        return np.zeros(len(self.parameters))
+
+    @property
+    def curved(self) -> bool:
+        """Whether readings change otherwise than in a straight line where a value moves by a tenth."""
+        return self.logarithmic
+
+    def of_rows(self, sessions: tuple[str, ...], scene: Scene | None) -> Block:
+        """Return the block as it is asked about other rows, by the session of each and as effects see them."""
+        return self
+
+    def stepped(self, setup: Setup, step: Array) -> Setup:
+        """Return the setup a (k,) step away, to first order in how the arm bends.
+
+        Factors of compliances are stepped, not their logarithms: what several do against each other cancels in a
+        straight line alone, and no reading told the rest.
+        """
+        return self.apply(setup, np.log(np.maximum(1.0 + step, LEAST)) if self.logarithmic else step)
+
+    @property
+    def kind(self) -> Kind:
+        """What the parameters are of."""
+        return self.parameters[0].group.kind
+
+    @property
+    def moves(self) -> bool:
+        """Whether they move the tip, rather than what is read of it."""
+        return self.parameters[0].group.moves
+
+    @property
+    def name(self) -> str:
+        """Which part of the model it is, for people."""
+        return self.parameters[0].group.block
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What each parameter is called in it."""
+        return tuple(parameter.rest for parameter in self.parameters)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """One unit per parameter."""
+        return tuple(parameter.unit for parameter in self.parameters)
+
+
+def parameters_of(blocks: Sequence[Block]) -> tuple[ArmParameter, ...]:
+    """Return the parameters of all blocks in their order."""
+    return tuple(parameter for block in blocks for parameter in block.parameters)
