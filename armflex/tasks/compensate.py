@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm
-from armflex.conventions import Array, as_pose, number
+from armflex.conventions import RESOLUTION, Array, as_pose, number
 from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.response import respond
@@ -27,8 +27,6 @@ from armflex.tasks.correction import (
     MAX_JUMPS,
     NEAR_SINGULAR,
     NO_EQUILIBRIUM,
-    SETTLED,
-    STUCK,
     TOLERANCE,
     Corrector,
     Point,
@@ -258,7 +256,8 @@ class _Solver:
         """Solve rows together from no change; return those that are reached by the smallest, by their numbers.
 
         Jumps as `Corrector.jump` makes them, of rows whose joints stay within their boxes and away from singular
-        positions: there they have a closed form. A row that is anything else is left to the corrector.
+        positions: there they have a closed form, and go on until they are rounding. All other rows are left to the
+        corrector.
         """
         t, found = self.trajectory, {}
         if t.v is not None or t.a is not None:
@@ -276,7 +275,7 @@ class _Solver:
                 fair = (left <= np.maximum(0.5 * left_before[open_ones], AIMED_AT)) | (last[open_ones] == np.inf)
                 aim, sigma, plain = self.aims(rows, here, error, jacobian)
                 length = np.abs(aim - here).max(axis=1)
-                done = plain & (length < np.where(left <= AIMED_AT, SETTLED, STUCK)) & (left <= TOLERANCE)
+                done = plain & (length < RESOLUTION) & (left <= TOLERANCE)
                 for k in np.flatnonzero(done):
                     i, j = int(rows[k]), int(open_ones[k])
                     own = (before[j], error[k], here[k], True, "", float(sigma[k]), True)

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import armflex
+from armflex.cli.main import main
 from armflex.errors import ArmflexError, Place, TableError
 from armflex.estimate.calibrate import calibrate, write_calibrated
 from armflex.measured.measurements import read_measurements, stream_inputs
@@ -299,3 +300,21 @@ def test_a_path_is_compensated_in_pieces_as_row_by_row(
         for mine, its in zip(one.rows, found[2].rows, strict=True):
             assert all(getattr(mine, x) == getattr(its, x) for x in ("reached", "smallest", "reason", "via"))
             np.testing.assert_allclose(mine.before, its.before, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("command", ["check", "compensate", "calibrate", "trace"])
+def test_no_command_ends_in_a_traceback_where_memory_runs_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, command: str
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    table = "trajectory.csv" if command in ("check", "compensate") else "campaign.csv"
+    options = ["--tolerance", "5mm"] if command == "check" else ["-o", str(tmp_path / "out")]
+    monkeypatch.setattr(f"armflex.cli.{command}.{command}", fail)
+    monkeypatch.setattr(sys, "argv", ["armflex", command, str(DECLARED), str(DECLARED.with_name(table)), *options])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    rows = 143 if "trajectory" in table else 460
+    assert ended.value.code == 1 and not (tmp_path / "out").exists()
+    assert f"error: {rows} rows: there is not enough memory for them" in " ".join(capsys.readouterr().err.split())
