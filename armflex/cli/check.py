@@ -22,6 +22,7 @@ from armflex.cli.options import (
 )
 from armflex.cli.tables import console, no_via_points, number, print_table
 from armflex.conventions import parse_quantity
+from armflex.errors import enough_memory
 from armflex.mechanics.equilibrium import METHODS
 from armflex.tasks.check import CheckReport, Point, check
 from armflex.trajectory import read_trajectory
@@ -47,7 +48,7 @@ def command(
     """Each via-point and the path between: displacement, margin, verdict, worst first."""
     trajectory = read_trajectory(trajectory_path, arm)
     limits = parse_quantity(tolerance, "length"), None if angle is None else parse_quantity(angle, "angle")
-    with progress("checking") as tick:
+    with enough_memory(f"{len(trajectory)} rows"), progress("checking") as tick:
         report = check(arm, trajectory, *limits, method=method, progress=tick, covariates=covariates)
     console().print(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
     print_check(report)

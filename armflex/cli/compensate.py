@@ -23,6 +23,7 @@ from armflex.cli.options import (
 )
 from armflex.cli.tables import console, no_via_points, number, print_table
 from armflex.conventions import parse_quantity
+from armflex.errors import enough_memory
 from armflex.tasks.compensate import CompensatedRow, Compensation, compensate
 from armflex.trajectory import read_trajectory, write_trajectory
 
@@ -55,7 +56,7 @@ def command(
     """
     trajectory = read_trajectory(trajectory_path, arm)
     gap = None if between is None else parse_quantity(between, "length")
-    with progress("compensating") as tick:
+    with enough_memory(f"{len(trajectory)} rows"), progress("compensating") as tick:
         asked = {"best_effort": True, "between": gap, "covariates": covariates}
         found = compensate(arm, trajectory, match, progress=tick, **asked)
     console().print(f"base {arm.robot.base}, tip {arm.robot.tip}", "")

@@ -28,7 +28,7 @@ from armflex.cli.options import (
     write_json,
 )
 from armflex.cli.tables import complain, console, number, print_table, stream
-from armflex.errors import FileError, InputError
+from armflex.errors import FileError, InputError, enough_memory
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.remember import derived_directions
@@ -85,7 +85,7 @@ def command(
     measurements = read_measurements(measurements_path, arm, points=points)
     finished: list[Trace] = []
     try:
-        with telling() as (say, progress):
+        with enough_memory(f"{len(measurements)} rows"), telling() as (say, progress):
 
             def account(found: Trace) -> None:
                 say("writing what was accepted so far" if found.unfinished else "writing")

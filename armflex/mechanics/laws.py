@@ -49,12 +49,12 @@ class LawStack:
         return total
 
     def change_with_position(self, wrenches: Array, row: Row) -> Array:
-        """Return the (6 n, nq) derivative of the twists with respect to the joint positions at given loads."""
-        change = np.zeros((len(wrenches), len(row.q)))
+        """Return the (..., 6 n, nq) derivative of the twists with respect to the joint positions at given loads."""
+        change = np.zeros((*wrenches.shape, row.q.shape[-1]))
         if self.changing:
-            for i, step in enumerate(1e-4 * np.eye(len(row.q))):
+            for i, step in enumerate(1e-4 * np.eye(row.q.shape[-1])):
                 ends = [self.twists(wrenches, replace(row, q=row.q + side * step)) for side in (1.0, -1.0)]
-                change[:, i] = (ends[0] - ends[1]) / 2e-4
+                change[..., i] = (ends[0] - ends[1]) / 2e-4
         return change
 
     def covariance(self, wrenches: Array, row: Row) -> Array | None:

@@ -112,7 +112,7 @@ def _lines(arm: Arm) -> list[list[Slice]]:
     row = Row(np.where(np.isfinite(middle), middle, 0.0), {name: i for i, name in enumerate(arm.joint_names)})
     lines = []
     for flexure in arm.flexures:
-        if isinstance(law := flexure.law, LearnedLaw):
+        if law := flexure.learned:
             giving = law.seen.twist_scale > 0.0
             lines += [
                 [_slice(flexure.name, law, row, axis) for axis in axes if giving[axis]]
