@@ -197,6 +197,7 @@ except OutOfMemoryError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux how much memory there is")
 def test_memory_does_not_grow_with_the_rows(tmp_path: Path, calibrated: Path) -> None:
     """What the same rows in one piece take is refused here, and leaves no file."""
@@ -219,6 +220,7 @@ task.predict_file(arm, sys.argv[2], "out.csv", lambda *_: os.kill(os.getpid(), s
 """
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_leaves_the_file_that_was_there(tmp_path: Path, calibrated: Path) -> None:
     (tmp_path / "out.csv").write_text("before")
     command = [sys.executable, "-c", KILLED, str(calibrated), str(rows_of(tmp_path))]
