@@ -53,6 +53,7 @@ def bench(assembly: StructuralLaw, seed: int, rows: int = 60) -> JointData:
     return JointData(loads, deflections, ("m",) * 3 + ("rad",) * 3, np.ones(6), "0" * 64, Path("made.csv"))
 
 
+@pytest.mark.slow
 def test_compliances_are_recovered_within_their_uncertainty(assembly: StructuralLaw) -> None:
     wanted = np.concatenate([np.diag(sub.law.compliance)[list(sub.holds)] for sub in truth(assembly).subjoints])
     pulls = []
@@ -65,6 +66,7 @@ def test_compliances_are_recovered_within_their_uncertainty(assembly: Structural
     assert 0.75 < spread < 1.3
 
 
+@pytest.mark.slow
 def test_what_is_predicted_is_near_the_truth_and_its_band_covers(assembly: StructuralLaw) -> None:
     data = bench(assembly, 3)
     result = train(data, "structural", options=Options(assembly=assembly))
