@@ -213,7 +213,8 @@ def _worth(model: str, held: HeldOut, others: Sequence[Compared], least: Array) 
 def _runs(fitted: Fitted) -> Flag:
     """Return what to know of a law that is code of the user's own."""
     text = f"to load this law runs the Python code of {fitted.parameters['module']}, which must stay as and where it is"
-    return Flag("runs_code", f"{text}; take such laws from people you trust alone")
+    text = f"{text}; take such laws from people you trust alone. A control loop takes about a millisecond for it"
+    return Flag("runs_code", text)
 
 
 def _provenance(data: JointData, options: Options, train_rms: Array, held_out_rms: Array, how: str) -> dict[str, Any]:

@@ -187,7 +187,7 @@ from armflex.tasks import predict as task
 arm = armflex.load_arm(sys.argv[1])
 task.predict_file(arm, sys.argv[2], "first.csv")  # what is compiled and loaded once
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
-resource.setrlimit(resource.RLIMIT_AS, (size + 130_000_000,) * 2)
+resource.setrlimit(resource.RLIMIT_AS, (size + 300_000_000,) * 2)
 task.predict_file(arm, sys.argv[3], "pieces.csv")
 task.TOGETHER = 10**9
 try:
@@ -197,15 +197,16 @@ except OutOfMemoryError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux how much memory there is")
 def test_memory_does_not_grow_with_the_rows(tmp_path: Path, calibrated: Path) -> None:
     """What the same rows in one piece take is refused here, and leaves no file."""
     (tmp_path / "few").mkdir()
-    few, many = rows_of(tmp_path / "few", 20), rows_of(tmp_path, 15_000)
+    few, many = rows_of(tmp_path / "few", 20), rows_of(tmp_path, 30_000)
     command = [sys.executable, "-c", SCARCE, str(calibrated), str(few), str(many)]
     found = subprocess.run(command, cwd=tmp_path, check=True, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
     assert found.stdout == "rows from 0 on: there is not enough memory for them\n"
-    assert len((tmp_path / "pieces.csv").read_text().splitlines()) == 15_001
+    assert len((tmp_path / "pieces.csv").read_text().splitlines()) == 30_001
     assert {one.name for one in tmp_path.iterdir()} == {"few", "rows.csv", "first.csv", "pieces.csv"}
 
 
@@ -219,6 +220,7 @@ task.predict_file(arm, sys.argv[2], "out.csv", lambda *_: os.kill(os.getpid(), s
 """
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_leaves_the_file_that_was_there(tmp_path: Path, calibrated: Path) -> None:
     (tmp_path / "out.csv").write_text("before")
     command = [sys.executable, "-c", KILLED, str(calibrated), str(rows_of(tmp_path))]
