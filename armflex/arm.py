@@ -41,7 +41,6 @@ from armflex.parameters import (
     TARGET,
     ArmParameter,
     Kind,
-    fitted_group,
     named,
     numbers_of,
     of_compliance,
@@ -175,8 +174,8 @@ class Arm:
         known += of_motions(Kind.GEOMETRY, self.joint_names)
         for flexure in self.flexures:
             known += of_compliance(flexure.name)
-            if fitted_group(flexure).kind is Kind.LAW:
-                known += of_law(flexure.name, flexure.law)
+            if flexure.learned:
+                known += of_law(flexure.name, flexure.learned)
         pairs = [(parameter, parameter.label) for parameter in known]
         for effect, number in zip(self.effects, numbers_of(self.effects), strict=True):
             own, first = of_effect(effect, number), of_effect(effect, 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from armflex.laws import Law
-from armflex.laws.learned import Learning
+from armflex.laws.learned import LearnedLaw, Learning
 from armflex.robot import Site
 
 
@@ -22,6 +22,11 @@ class Flexure:
     law: Law
     before: bool = False
     learn: Learning | None = None
+
+    @property
+    def learned(self) -> LearnedLaw | None:
+        """Its law, where that is one with parameters that a campaign taught or is to teach."""
+        return self.law if isinstance(self.law, LearnedLaw) else None
 
     @property
     def site(self) -> Site:

@@ -127,7 +127,7 @@ def of_law(flexure: str, law: LearnedLaw) -> tuple[ArmParameter, ...]:
 
 def fitted_group(flexure: Flexure) -> Group:
     """Return what a fit of a flexure's law finds anything of."""
-    return Group(Kind.LAW if isinstance(flexure.law, LearnedLaw) else Kind.COMPLIANCE, flexure.name)
+    return Group(Kind.LAW if flexure.learned else Kind.COMPLIANCE, flexure.name)
 
 
 def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:

@@ -50,11 +50,6 @@ class HeldOut:
         return float((np.abs(self.residual) <= BAND * self.std).mean())
 
 
-def single_folds(count: int) -> np.ndarray:
-    """Return (N,) folds of one row each."""
-    return np.arange(count)
-
-
 def random_folds(count: int, folds: int, seed: int) -> np.ndarray:
     """Return (N,) folds of nearly equal size, drawn by seed."""
     return np.random.default_rng(seed).permutation(count) % min(folds, count)

@@ -52,12 +52,14 @@ def fit_compliance(loads: Array, deflections: Array, structure: str = "full") ->
     if len(loads) <= loads.shape[1]:
         raise InputError(f"{len(loads)} rows of loads do not determine {loads.shape[1]} components")
     check_span(loads)
-    scatter = np.ones(loads.shape[1])
+    regressors, count, scatter = np.einsum("pik,nk->nip", basis, loads), len(basis), np.ones(loads.shape[1])
     for _ in range(ROUNDS if structure == "symmetric" else 1):  # rows share parameters: weigh them by their own scatter
-        before = scatter
-        theta, covariance, scatter = _solve(loads, deflections, basis, scatter)
+        before, weighted = scatter, regressors / scatter[:, None]
+        theta = least_squares(weighted.reshape(-1, count), (deflections / scatter).ravel())
+        scatter = scatter_of(deflections, deflections - regressors @ theta, count / loads.shape[1])
         if np.allclose(scatter, before, rtol=1e-9, atol=0.0):
             break
+    covariance = LinearGaussian.of((regressors / scatter[:, None]).reshape(-1, count), np.zeros(count)).covariance
     compliance = np.tensordot(theta, basis, axes=1)
     rows = np.einsum("pik,pq,qil->ikl", basis, covariance, basis)
     return FittedCompliance(compliance, rows, scatter)
@@ -66,6 +68,18 @@ def fit_compliance(loads: Array, deflections: Array, structure: str = "full") ->
 def seen_loads(loads: Array) -> Array:
     """Return the (2, k) smallest and largest of (N, k) loads: what a law remembers of its training."""
     return np.array([loads.min(axis=0), loads.max(axis=0)])
+
+
+def least_squares(regressors: Array, readings: Array) -> Array:
+    """Return the (F, ...) coefficients of (N, F) regressors that fit (N, ...) readings best."""
+    scale = np.maximum(np.linalg.norm(regressors, axis=0), 1e-300)
+    return (np.linalg.lstsq(regressors / scale, readings, rcond=None)[0].T / scale).T
+
+
+def scatter_of(deflections: Array, residual: Array, parameters: float) -> Array:
+    """Return the standard deviation of each column of (N, ...) residuals, of which so many parameters were fitted."""
+    freedom = max(len(residual) - parameters, 1.0)
+    return np.maximum(np.sqrt((residual**2).sum(axis=0) / freedom), least_scatter(deflections))
 
 
 def least_scatter(deflections: Array) -> float:
@@ -89,16 +103,3 @@ def basis_of(size: int, structure: str) -> Array:
         if structure == "symmetric":
             matrix[j, i] = 1.0
     return basis
-
-
-def _solve(loads: Array, deflections: Array, basis: Array, scatter: Array) -> tuple[Array, Array, Array]:
-    design = np.einsum("pik,nk->nip", basis, loads) / scatter[:, None]
-    flat, target = design.reshape(-1, len(basis)), (deflections / scatter).reshape(-1)
-    scale = np.linalg.norm(flat, axis=0)
-    theta = np.linalg.lstsq(flat / scale, target, rcond=None)[0] / scale
-    residual = deflections - loads @ np.tensordot(theta, basis, axes=1).T
-    freedom = len(loads) - len(basis) / loads.shape[1]
-    floor = least_scatter(deflections)
-    found = np.maximum(np.sqrt((residual**2).sum(axis=0) / max(freedom, 1.0)), floor)
-    weighted = np.einsum("pik,nk->nip", basis, loads) / found[:, None]
-    return theta, LinearGaussian.of(weighted.reshape(-1, len(basis)), np.zeros(len(basis))).covariance, found

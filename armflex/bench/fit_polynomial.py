@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armflex.bench.cross_validation import wrenches
-from armflex.bench.fit_linear import least_scatter, seen_loads
+from armflex.bench.fit_linear import least_squares, scatter_of, seen_loads
 from armflex.bench.fitted import Fitted, Learner
 from armflex.bench.span import check_determined
 from armflex.conventions import Array
@@ -48,23 +48,11 @@ def fit_polynomial(loads: Array, deflections: Array, features: str | Sequence[st
     """
     names = features_of(features, loads.shape[1])
     values = feature_values(wrenches(loads))[:, [FEATURES.index(name) for name in names]]
-    scale = np.maximum(np.linalg.norm(values, axis=0), 1e-300)
-    scaled = values / scale
-    _check_determined(scaled, names)
-    coefficients = np.linalg.lstsq(scaled, deflections, rcond=None)[0] / scale[:, None]
-    scatter = _scatter(deflections, deflections - values @ coefficients, len(names))
+    if len(values) <= len(names):
+        problem = f"{len(values)} rows of loads do not determine {len(names)} features"
+        raise IdentifiabilityError(problem, min(values.shape), np.inf, names)
+    check_determined(values, names, "loads do not tell the features of a polynomial apart")
+    coefficients = least_squares(values, deflections)
+    scatter = scatter_of(deflections, deflections - values @ coefficients, len(names))
     covariance = scatter[:, None, None] ** 2 * LinearGaussian.of(values, np.zeros(len(names))).covariance
     return PolynomialLaw(names, coefficients, covariance, scatter, seen_loads(loads))
-
-
-def _scatter(deflections: Array, residual: Array, count: int) -> Array:
-    found = np.sqrt((residual**2).sum(axis=0) / (len(residual) - count))
-    return np.maximum(found, least_scatter(deflections))
-
-
-def _check_determined(scaled: Array, names: Sequence[str]) -> None:
-    count = scaled.shape[1]
-    if len(scaled) <= count:
-        problem = f"{len(scaled)} rows of loads do not determine {count} features"
-        raise IdentifiabilityError(problem, min(len(scaled), count), np.inf, names)
-    check_determined(scaled, names, "loads do not tell the features of a polynomial apart")

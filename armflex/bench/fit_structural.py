@@ -19,7 +19,7 @@ from armflex.bench.fitted import Fitted
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import IdentifiabilityError, InputError
 from armflex.laws.joint.linear import LinearFit, LinearLaw
-from armflex.laws.joint.structural import StructuralLaw, SubJoint
+from armflex.laws.joint.structural import StructuralLaw
 
 WIDE = 3.0
 """Prior standard deviation of a factor's logarithm: a sub-joint within a factor of 400 of the declared one."""
@@ -48,7 +48,12 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
         raise InputError(f"{deflections.size} readings do not determine {len(free)} compliances of sub-joints")
     scatter = np.maximum(np.sqrt((deflections**2).mean(axis=0)), 1e-12)
     for _ in range(3):  # columns are weighed by their own scatter, which the fit before gives
-        solved = least_squares(_errors, np.zeros(len(free)), args=(loads, deflections, assembly, free, scatter))
+
+        def errors(logs: Array, scatter: Array = scatter) -> Array:
+            residual = (deflections - predicted(_with(assembly, free, logs), loads)) / scatter
+            return np.concatenate([residual.ravel(), logs / WIDE])
+
+        solved = least_squares(errors, np.zeros(len(free)))
         residual = deflections - predicted(_with(assembly, free, solved.x), loads)
         freedom = max(len(loads) - len(free) / deflections.shape[1], 1.0)
         scatter = np.maximum(np.sqrt((residual**2).sum(axis=0) / freedom), 1e-9 * scatter)
@@ -88,36 +93,18 @@ def _with(assembly: StructuralLaw, free: Sequence[tuple[int, int]], logs: Array)
     return replace(assembly, subjoints=tuple(subjoints))
 
 
-def _errors(
-    logs: Array,
-    loads: Array,
-    deflections: Array,
-    assembly: StructuralLaw,
-    free: Sequence[tuple[int, int]],
-    scatter: Array,
-) -> Array:
-    residual = (deflections - predicted(_with(assembly, free, logs), loads)) / scatter
-    return np.concatenate([residual.ravel(), logs / WIDE])
-
-
 def _certain(
     law: StructuralLaw, free: Sequence[tuple[int, int]], stds: Array, loads: Array, scatter: Array
 ) -> StructuralLaw:
     """Return the law with its sub-joints' uncertainty, the loads that they saw, and the scatter of the tip."""
     at_subjoints = [[load for _, load in law.shares(wrench, NOWHERE)] for wrench in wrenches(loads)]
+    relative = np.zeros((len(law.subjoints), 6))
+    for (i, axis), std in zip(free, stds, strict=True):
+        relative[i, axis] = std
     subjoints = []
     for i, sub in enumerate(law.subjoints):
-        seen = np.array([one[i] for one in at_subjoints])
-        relative = np.zeros(6)
-        for (_, axis), std in ((place, std) for place, std in zip(free, stds, strict=True) if place[0] == i):
-            relative[axis] = std
-        subjoints.append(_seen(sub, relative, seen_loads(seen)))
-    noise = np.concatenate([scatter, np.zeros(6 - len(scatter))])
-    return replace(law, subjoints=tuple(subjoints), noise=noise)
-
-
-def _seen(sub: SubJoint, relative: Array, loads: Array) -> SubJoint:
-    rows = np.zeros((6, 6, 6))
-    for axis in range(6):
-        rows[axis, axis, axis] = (relative[axis] * sub.law.compliance[axis, axis]) ** 2
-    return replace(sub, law=replace(sub.law, fit=LinearFit(rows, np.zeros(6), loads)))
+        rows, axes = np.zeros((6, 6, 6)), np.arange(6)
+        rows[axes, axes, axes] = (relative[i] * np.diag(sub.law.compliance)) ** 2
+        fit = LinearFit(rows, np.zeros(6), seen_loads(np.array([one[i] for one in at_subjoints])))
+        subjoints.append(replace(sub, law=replace(sub.law, fit=fit)))
+    return replace(law, subjoints=tuple(subjoints), noise=np.pad(scatter, (0, 6 - len(scatter))))

@@ -15,12 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.bench.cross_validation import wrenches
-from armflex.bench.fit_linear import least_scatter, seen_loads
+from armflex.bench.fit_linear import least_squares, scatter_of, seen_loads
 from armflex.bench.fitted import Fitted
 from armflex.bench.span import check_span
 from armflex.conventions import WRENCH_NAMES, Array
 from armflex.errors import InputError
 from armflex.laws.joint.polynomial import FEATURES, PolynomialLaw, feature_values, features_of
+from armflex.linear_gaussian import LinearGaussian
 
 FLIPS = 400
 CHANCE = 0.05
@@ -79,15 +80,12 @@ class Bench:
 
     def residual(self, terms: Sequence[str]) -> Array:
         """Return the (N, k) residual of a fit with some terms."""
-        left = np.empty_like(self.deflections)
-        for i in range(left.shape[1]):
-            left[:, i] = self.left(self.places(terms, i), i)
-        return left
+        return np.stack([self.left(self.places(terms, i), i) for i in range(self.deflections.shape[1])], axis=1)
 
     def left(self, places: Sequence[int], column: int) -> Array:
         """Return the (N,) residual of one deflection fitted with some features."""
         inside, target = self.features[:, places], self.deflections[:, column]
-        return target - inside @ np.linalg.lstsq(inside, target, rcond=None)[0]
+        return target - inside @ least_squares(inside, target)
 
     def evidence(self, terms: Sequence[str], candidate: str, residuals: Array) -> Array:
         """Return the (R,) evidence of a candidate beside some terms for (N, k, R) residuals."""
@@ -115,15 +113,6 @@ def fit_terms(loads: Array, deflections: Array, seed: int) -> Fitted:
         InputError: There are too few rows.
         IdentifiabilityError: The loads do not span the components: a deflection's own load must be there.
     """
-    bench = _bench(loads, deflections)
-    found: list[Term] = []
-    while (term := _next(bench, [term.name for term in found], np.random.default_rng(seed))) is not None:
-        found.append(term)
-    kept = _pruned(bench, [term.name for term in found])
-    return Fitted(_law(bench, kept), {"terms": [vars(term) for term in found], "kept": kept})
-
-
-def _bench(loads: Array, deflections: Array) -> Bench:
     size = loads.shape[1]
     if len(loads) < size + 4:
         raise InputError(f"{len(loads)} rows are too few to look for terms, expected {size + 4} or more")
@@ -131,7 +120,12 @@ def _bench(loads: Array, deflections: Array) -> Bench:
     names = features_of(("radial", "magnitude", "absolute", "quadratic"), size)
     values = feature_values(wrenches(loads))[:, [FEATURES.index(name) for name in names]]
     lengths = np.maximum(np.linalg.norm(values, axis=0), 1e-300)
-    return Bench(deflections, values / lengths, lengths, names, loads)
+    bench = Bench(deflections, values / lengths, lengths, names, loads)
+    found: list[Term] = []
+    while (term := _next(bench, [term.name for term in found], np.random.default_rng(seed))) is not None:
+        found.append(term)
+    kept = _pruned(bench, [term.name for term in found])
+    return Fitted(_law(bench, kept), {"terms": [vars(term) for term in found], "kept": kept})
 
 
 def _next(bench: Bench, terms: list[str], rng: np.random.Generator) -> Term | None:
@@ -184,7 +178,7 @@ def _earning(bench: Bench, column: int, places: list[int]) -> list[int]:
 
 
 def _law(bench: Bench, terms: Sequence[str]) -> PolynomialLaw:
-    count, size = bench.deflections.shape
+    size = bench.deflections.shape[1]
     columns = [_earning(bench, i, bench.places(terms, i)) for i in range(size)]
     used = sorted({place for places in columns for place in places})
     coefficients, covariance, scatter = np.zeros((len(used), size)), np.zeros((size, len(used), len(used))), []
@@ -192,10 +186,9 @@ def _law(bench: Bench, terms: Sequence[str]) -> PolynomialLaw:
         own = columns[i]
         places, scale = [used.index(place) for place in own], bench.lengths[own]
         inside = bench.features[:, own]
-        inverse = np.linalg.pinv(inside.T @ inside)
-        values = inverse @ (inside.T @ target)
-        left = float(np.sqrt(((target - inside @ values) ** 2).sum() / max(count - len(own), 1)))
-        scatter.append(max(left, least_scatter(target)))
+        values = least_squares(inside, target)
+        scatter.append(float(scatter_of(target, target - inside @ values, len(own))))
+        inverse = LinearGaussian.of(inside, np.zeros(len(own))).covariance
         coefficients[places, i] = values / scale
         covariance[i][np.ix_(places, places)] = scatter[-1] ** 2 * inverse / np.outer(scale, scale)
     names, seen = tuple(bench.names[i] for i in used), seen_loads(bench.loads)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.bench.cross_validation import HeldOut, hold_out, predicted, random_folds, single_folds
+from armflex.bench.cross_validation import HeldOut, hold_out, predicted, random_folds
 from armflex.bench.fitted import Fitted
 from armflex.bench.learners import MODELS, Options, learner, rivals
 from armflex.bench.model_choice import FOLDS as RIVAL_FOLDS
@@ -132,7 +132,7 @@ def _folds(data: JointData, model: str, options: Options) -> np.ndarray:
     if model in ("linear", "bayesian") and options.sampler in ("nuts", "metropolis"):
         return random_folds(len(data), CHAIN_FOLDS, options.seed)
     if len(data) <= (FEW if model in SLOW else LEAVE_ONE_OUT_LIMIT):
-        return single_folds(len(data))
+        return np.arange(len(data))
     return random_folds(len(data), FOLDS, options.seed)
 
 
@@ -167,7 +167,8 @@ def _result(
     others: Sequence[Compared],
     doubts: tuple[Flag, ...],
 ) -> TrainResult:
-    train_rms = _rms(data.deflections - predicted(fitted.law, data.loads)) / data.factors
+    errors = data.deflections - predicted(fitted.law, data.loads)
+    train_rms = np.sqrt((errors**2).mean(axis=0)) / data.factors
     held_out_rms = held.rms / data.factors
     compared = tuple((one.name, one.rms / data.factors) for one in others) or ((model, held_out_rms),)
     metadata = _provenance(data, options, train_rms, held_out_rms, held.how) | _sampled(fitted.diagnostics)
@@ -184,10 +185,6 @@ def _result(
         compared,
         (*doubts, *law_doubts(data, fitted), *_worth(model, held, others, negligible(data.deflections))),
     )
-
-
-def _rms(residual: Array) -> Array:
-    return np.sqrt((residual**2).mean(axis=0))
 
 
 def _sampled(diagnostics: Diagnostics) -> dict[str, Any]:
@@ -216,7 +213,8 @@ def _worth(model: str, held: HeldOut, others: Sequence[Compared], least: Array) 
 def _runs(fitted: Fitted) -> Flag:
     """Return what to know of a law that is code of the user's own."""
     text = f"to load this law runs the Python code of {fitted.parameters['module']}, which must stay as and where it is"
-    return Flag("runs_code", f"{text}; take such laws from people you trust alone")
+    text = f"{text}; take such laws from people you trust alone. A control loop takes about a millisecond for it"
+    return Flag("runs_code", text)
 
 
 def _provenance(data: JointData, options: Options, train_rms: Array, held_out_rms: Array, how: str) -> dict[str, Any]:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from armflex.bench.cross_validation import NOWHERE, wrenches
@@ -14,7 +11,7 @@ from armflex.errors import Flag, LawError, listing
 from armflex.laws.joint.linear import LinearLaw, softness
 from armflex.laws.law import Law
 from armflex.measured.joint_data import JointData
-from armflex.sampling.diagnostics import Diagnostics, shortcomings
+from armflex.sampling.diagnostics import shortcomings
 
 AGAINST = -0.5
 """Correlation of a deflection with its own load from which a sign is believed to be turned."""
@@ -35,29 +32,16 @@ def bench_doubts(data: JointData) -> tuple[Flag, ...]:
     if work.sum() < 0.0:
         text = f"loads do negative work on the deflections in {int((work < 0.0).sum())} of {len(data)} rows"
         raise LawError(f"{text}: expected the load ON the structure, not its reaction")
-    return (*_repeated(data), *_still(data), *_against(data))
-
-
-def _repeated(data: JointData) -> tuple[Flag, ...]:
+    flags = []
     first = np.unique(np.hstack([data.loads, data.deflections]), axis=0, return_index=True)[1]
     again = np.setdiff1d(np.arange(len(data)), first)
-    if not len(again):
-        return ()
-    text = f"{len(again)} rows repeat an earlier one to the last digit, first data row {again[0] + 1}; each counts"
-    return (Flag("duplicate_rows", f"{text}, and a row held out is known from its copy"),)
-
-
-def _still(data: JointData) -> tuple[Flag, ...]:
-    flags = []
+    if len(again):
+        text = f"{len(again)} rows repeat an earlier one to the last digit, first data row {again[0] + 1}; each counts"
+        flags.append(Flag("duplicate_rows", f"{text}, and a row held out is known from its copy"))
     for name, unit, factor, values in zip(TWIST_NAMES, data.units, data.factors, data.deflections.T, strict=False):
         if (values == values[0]).all():
             text = f"{name} is {values[0] / factor:g} {unit} on every row: a sensor that was not connected?"
             flags.append(Flag("constant_column", text))
-    return tuple(flags)
-
-
-def _against(data: JointData) -> tuple[Flag, ...]:
-    flags = []
     for load, twist, own, moved in zip(WRENCH_NAMES, TWIST_NAMES, data.loads.T, data.deflections.T, strict=False):
         length = float(np.linalg.norm(own) * np.linalg.norm(moved))
         along = float(own @ moved) / length if length else 0.0
@@ -75,7 +59,15 @@ def law_doubts(data: JointData, fitted: Fitted) -> tuple[Flag, ...]:
     if not slope[3:].any():
         text = "learned from forces and shifts alone: in an arm this joint does not turn under any load"
         flags = (*flags, Flag("does_not_turn", text))
-    return (*flags, *_asymmetry(fitted.law), *_undetermined(fitted.parameters), *_unconverged(fitted.diagnostics))
+    flags = (*flags, *_asymmetry(fitted.law))
+    free = [name for name, one in fitted.parameters.items() if isinstance(one, dict) and one.get("determined") is False]
+    if free:
+        text = f"the loads do not determine {listing(free)}: left about as declared"
+        flags = (*flags, Flag("not_identified", text))
+    if problems := shortcomings(fitted.diagnostics):
+        text = f"chains taken unconverged, as asked: {', '.join(problems)}"
+        flags = (*flags, Flag("not_converged", text))
+    return flags
 
 
 def _asymmetry(law: Law) -> tuple[Flag, ...]:
@@ -93,15 +85,3 @@ def _asymmetry(law: Law) -> tuple[Flag, ...]:
     one, other = (f"{TWIST_NAMES[a]} per {WRENCH_NAMES[b]} = {compliance[a, b]:.3g}" for a, b in ((i, j), (j, i)))
     text = f"{one} and {other} differ by {excess[i, j]:.1f} of their standard deviations; Betti has them equal"
     return (Flag("asymmetric", text),)
-
-
-def _undetermined(parameters: Mapping[str, Any]) -> tuple[Flag, ...]:
-    """Return a flag for the sub-joints' compliances of which nothing was learned."""
-    free = [name for name, one in parameters.items() if isinstance(one, dict) and one.get("determined") is False]
-    text = f"the loads do not determine {listing(free)}: left about as declared"
-    return (Flag("not_identified", text),) if free else ()
-
-
-def _unconverged(diagnostics: Diagnostics) -> tuple[Flag, ...]:
-    problems = shortcomings(diagnostics)
-    return (Flag("not_converged", f"chains taken unconverged, as asked: {', '.join(problems)}"),) if problems else ()

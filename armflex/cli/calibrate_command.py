@@ -13,7 +13,7 @@ import numpy as np
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, progress, say, show_flags
 from armflex.conventions import RESOLUTION
-from armflex.errors import InputError
+from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.identify import Parameter
@@ -55,7 +55,7 @@ def command(
     if sample and not any(flexure.learn for flexure in arm.flexures):
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = read_measurements(measurements_path, arm, points=points)
-    with progress("calibrating") as tick:
+    with enough_memory(f"{len(measurements)} rows"), progress("calibrating") as tick:
         found = calibrate(arm, measurements, progress=tick, keep=keep)
     samples = None
     if sample:

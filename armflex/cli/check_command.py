@@ -10,6 +10,7 @@ import click
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import no_via_points, number, print_table, progress, say, show_flags
+from armflex.errors import enough_memory
 from armflex.mechanics.equilibrium import METHODS
 from armflex.tasks.check import CheckReport, Point, check
 from armflex.trajectory import read_trajectory
@@ -29,7 +30,7 @@ def command(
 ) -> int:
     """Each via-point and the path between: displacement, margin, verdict, worst first."""
     trajectory = read_trajectory(trajectory_path, arm)
-    with progress("checking") as tick:
+    with enough_memory(f"{len(trajectory)} rows"), progress("checking") as tick:
         report = check(arm, trajectory, tolerance, angle, method=method, progress=tick, covariates=covariates)
     say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
     print_check(report)

@@ -10,6 +10,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import no_via_points, number, print_table, progress, say, show_flags
+from armflex.errors import enough_memory
 from armflex.tasks.compensate import Compensation, compensate
 from armflex.trajectory import read_trajectory, write_trajectory
 
@@ -40,7 +41,7 @@ def command(
     Nothing is written where a row cannot be reached, unless --best-effort is given.
     """
     trajectory = read_trajectory(trajectory_path, arm)
-    with progress("compensating") as tick:
+    with enough_memory(f"{len(trajectory)} rows"), progress("compensating") as tick:
         asked = {"best_effort": True, "between": between, "covariates": covariates}
         found = compensate(arm, trajectory, match, progress=tick, **asked)
     say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")

@@ -96,6 +96,8 @@ def main() -> None:
 
         if was_interrupted(error):
             _fail("interrupted", 130)
+        if isinstance(error, MemoryError):
+            _fail("there is not enough memory for this", 1)
         if isinstance(error, OSError):
             _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
         if not isinstance(error, ArmflexError):

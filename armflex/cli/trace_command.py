@@ -16,7 +16,7 @@ import numpy as np
 
 from armflex.cli import options
 from armflex.cli.terminal import complain, number, print_table, say, show_flags, stream, warn
-from armflex.errors import FileError, InputError
+from armflex.errors import FileError, InputError, enough_memory
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.law import Effect
 from armflex.laws.effects.remember import derived_directions
@@ -72,7 +72,7 @@ def command(
     measurements = read_measurements(measurements_path, arm, points=points)
     finished: list[Trace] = []
     try:
-        with telling() as (tell, progress):
+        with enough_memory(f"{len(measurements)} rows"), telling() as (tell, progress):
 
             def account(found: Trace) -> None:
                 tell("writing what was accepted so far" if found.unfinished else "writing")

@@ -9,6 +9,8 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.view import View
+from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.law import EffectLaw
 from armflex.laws.effects.scene import Scene
 from armflex.parameters import ArmParameter, Kind
 from armflex.setup import Setup
@@ -63,6 +65,11 @@ class Block(ABC):
     def kind(self) -> Kind:
         """What the parameters are of."""
         return self.parameters[0].group.kind
+
+    @property
+    def looks_like(self) -> EffectLaw | None:
+        """The law of the catalogue that an error of it would look like, None where there is none."""
+        return next((law for law in CATALOGUE.values() if self.kind in law.stands_for), None)
 
     @property
     def moves(self) -> bool:

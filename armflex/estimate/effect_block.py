@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.law import Effect, EffectLaw
 from armflex.laws.effects.scene import Scene
 from armflex.parameters import ArmParameter, of_effect
 from armflex.setup import Setup
@@ -75,6 +75,11 @@ class EffectBlock(Block):
         """Return the setup with the effect."""
         return setup.with_effect(self.at(values))
 
+    @property
+    def looks_like(self) -> EffectLaw:
+        """Its own law."""
+        return self.effect.law
+
     def of_rows(self, sessions: tuple[str, ...], scene: Scene | None) -> EffectBlock:
         """Return the block with other rows as effects see them."""
         return replace(self, scene=scene)
@@ -93,12 +98,10 @@ class EffectBlock(Block):
 
     def std(self, values: Array, std: Array) -> dict[str, float]:
         """Return the standard uncertainty of each free value by name, logarithms turned back."""
-        effect, found = self.at(values), {}
-        for label, deviation in zip(self.labels, std, strict=True):
-            inner = {inner.name: inner for inner in effect.law.inner}.get(label)
-            scale = abs(effect.named[label]) if inner is not None and inner.positive else 1.0
-            found[label] = float(deviation) * scale
-        return found
+        inner, law = self.at(values).inner, self.effect.law
+        scale = [abs(inner[i]) if law.inner[i].positive else 1.0 for i in self.free]
+        scales = [*(1.0 for _ in self.effect.spot.terms), *scale]
+        return {label: float(size) * unit for label, size, unit in zip(self.labels, std, scales, strict=True)}
 
 
 def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:

@@ -53,8 +53,8 @@ class LawBlock(Block):
         names, columns = view.setup.arm.flexure_names, []
         for name in self.flexures:
             index = names.index(name)
-            law = view.setup.arm.flexures[index].law
-            assert isinstance(law, LearnedLaw)
+            law = view.setup.arm.flexures[index].learned
+            assert law is not None
             columns.append(
                 view.line.laws[:, :, index] @ law.by_values(view.line.flexure_wrenches[:, index], view.line.row)
             )
@@ -78,8 +78,7 @@ class LawBlock(Block):
 
 def learned_laws(arm: Arm) -> dict[str, LearnedLaw]:
     """Return the learned laws of an arm by flexure."""
-    laws = {flexure.name: flexure.law for flexure in arm.flexures}
-    return {name: law for name, law in laws.items() if isinstance(law, LearnedLaw)}
+    return {flexure.name: flexure.learned for flexure in arm.flexures if flexure.learned}
 
 
 def with_laws(arm: Arm, laws: dict[str, LearnedLaw]) -> Arm:
@@ -107,7 +106,7 @@ def start_law(flexure: Flexure, seen: Seen) -> LearnedLaw:
 
 
 def _declared(flexure: Flexure) -> Law:
-    return flexure.law.declared if isinstance(flexure.law, LearnedLaw) else flexure.law
+    return flexure.learned.declared if flexure.learned else flexure.law
 
 
 def _seen(flexure: Flexure, index: int, rows: View) -> Seen:

@@ -16,7 +16,6 @@ from armflex.errors import Flag, did_you_mean
 from armflex.files.certainty_table import certainty_table, read_certainty
 from armflex.files.law_table import law_table, read_learned
 from armflex.laws.joint.scaled import scaled
-from armflex.laws.learned import LearnedLaw
 from armflex.parameters import of_law
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
@@ -66,7 +65,7 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         "compliance": {name: values.tolist() for name, values in arm.factors.items()},
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
     }
-    laws = {one.name: law_table(one.law) for one in arm.flexures if isinstance(one.law, LearnedLaw)}
+    laws = {one.name: law_table(one.learned) for one in arm.flexures if one.learned}
     return table | ({"law": laws} if laws else {}) | certainty_table(arm.certainty)
 
 
@@ -164,7 +163,7 @@ def with_certainty(table: Declaration, arm: Arm) -> Arm:
     table.finish()
     if certainty is None:
         return arm
-    learned = {one.name: one.law for one in arm.flexures if isinstance(one.law, LearnedLaw)}
+    learned = {one.name: one.learned for one in arm.flexures if one.learned}
     laws = {name: replace(law, spread=certainty.among(of_law(name, law))) for name, law in learned.items()}
     changed = [replace(one, law=laws[one.name]) if one.name in laws else one for one in arm.flexures]
     return replace(arm, flexures=tuple(changed), certainty=certainty)

@@ -15,6 +15,9 @@ from armflex.laws.law import NOTHING, UNLOADED
 
 Motion = Callable[[Array], Array]
 
+TAME = 1e60
+"""Largest compliance of laws whose twists need not be looked at [m/N, rad/(N m)]."""
+
 
 @dataclass(frozen=True)
 class LawStack:
@@ -49,12 +52,12 @@ class LawStack:
         return total
 
     def change_with_position(self, wrenches: Array, row: Row) -> Array:
-        """Return the (6 n, nq) derivative of the twists with respect to the joint positions at given loads."""
-        change = np.zeros((len(wrenches), len(row.q)))
+        """Return the (..., 6 n, nq) derivative of the twists with respect to the joint positions at given loads."""
+        change = np.zeros((*wrenches.shape, row.q.shape[-1]))
         if self.changing:
-            for i, step in enumerate(1e-4 * np.eye(len(row.q))):
+            for i, step in enumerate(1e-4 * np.eye(row.q.shape[-1])):
                 ends = [self.twists(wrenches, replace(row, q=row.q + side * step)) for side in (1.0, -1.0)]
-                change[:, i] = (ends[0] - ends[1]) / 2e-4
+                change[..., i] = (ends[0] - ends[1]) / 2e-4
         return change
 
     def covariance(self, wrenches: Array, row: Row) -> Array | None:
@@ -213,6 +216,7 @@ class PlacedLaws:
     Attributes:
         motion: (nv,) generalized torques to the (nv,) twists, among zeros, that the laws give at the row that is known.
         curved: Whether their tangents depend on the load there.
+        tame: Whether they are the same everywhere, and such that no weight can give twists whose squares overflow.
     """
 
     def __init__(self, stack: LawStack, places: np.ndarray, size: int) -> None:
@@ -232,6 +236,7 @@ class PlacedLaws:
         self._row: Row | None = None
         self._known: dict[int, Array] = {}
         self.changing, self.curved = bool(stack.changing), False
+        self.tame = not stack.changing and max(abs(matrix).max(initial=0.0), abs(gains).max(initial=0.0)) < TAME
 
     def know(self, row: Row) -> None:
         """Take in the row of the questions to come; needed where laws depend on more than the load."""

@@ -9,11 +9,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.block import Block
-from armflex.estimate.effect_block import EffectBlock
 from armflex.estimate.identify import UNDETERMINED, partners_of
-from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.compliance import COMPLIANCE
-from armflex.laws.effects.law import Effect, EffectLaw
+from armflex.laws.effects.law import Effect
 from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES
@@ -71,14 +69,9 @@ def _blind(model: Model, seen: Array, whole: LinearGaussian, place: int, moves: 
     faint = seen[place, place] < 1.0
     partners = () if faint else partners_of(seen, whole, place, model.names)
     block = next(block for block in model.blocks if place in model.place(block))
-    law = block.effect.law if isinstance(block, EffectBlock) else _as_effect(block)
+    law = block.looks_like
     instead = law.instead if law is not None and law.instead else ON_THE_LINK
-    return Blind(name, moves, partners, UNLOADED if faint and law is COMPLIANCE else instead)
-
-
-def _as_effect(block: Block) -> EffectLaw | None:
-    """Return the effect that an error of declared parameters would look like."""
-    return next((law for law in CATALOGUE.values() if block.name in law.stands_for), None)
+    return Blind(name, moves, partners, UNLOADED if faint and block.kind in COMPLIANCE.stands_for else instead)
 
 
 def in_words(blind: Sequence[Blind]) -> tuple[str, ...]:

@@ -6,19 +6,35 @@ inside the limits, with the Jacobian of the deflected arm. What cannot be reache
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm
-from armflex.conventions import Array, as_pose, number
+from armflex.conventions import RESOLUTION, Array, as_pose, number
 from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.response import respond
+from armflex.mechanics.rows import rigid_tips
 from armflex.tasks.compensate_doubts import doubts, too_fast, too_wide
-from armflex.tasks.correction import NEAR_SINGULAR, TOLERANCE, Corrector, Point
+from armflex.tasks.correction import (
+    AIMED_AT,
+    LEAST_DAMPING,
+    MAX_JUMPS,
+    NEAR_SINGULAR,
+    NO_EQUILIBRIUM,
+    TOLERANCE,
+    Corrector,
+    Point,
+)
 from armflex.trajectory import Trajectory
+
+TOGETHER = 1024
+"""Rows that are solved together."""
 
 MAX_INSERTIONS = 8
 MAX_HISTORIES = 6
@@ -164,11 +180,16 @@ def _solve_rows(
 def _solve_each(
     solver: _Solver, poses: list[pin.SE3], progress: Progress | None
 ) -> tuple[tuple[CompensatedRow, ...], Trajectory]:
+    """Return every row and the moved trajectory: many rows at once, one by one where that does not settle them."""
     rows: list[CompensatedRow] = []
-    for i, pose in enumerate(poses):
-        rows.append(solver.row(i, pose, rows[-1].change if rows else np.zeros_like(solver.scale)))
+    for first in range(0, len(poses), TOGETHER):
+        some = np.arange(first, min(first + TOGETHER, len(poses)))
+        known = solver.together(some, poses[some[0] : some[-1] + 1])
+        for i in some.tolist():
+            row = known.get(i) or solver.row(i, poses[i], rows[-1].change if rows else np.zeros_like(solver.scale))
+            rows.append(row)
         if progress:
-            progress(i + 1, len(poses))
+            progress(len(rows), len(poses))
     moved = np.array([solver.inside(i, row.change) for i, row in enumerate(rows)])
     return tuple(rows), replace(solver.trajectory, q=moved)
 
@@ -230,6 +251,68 @@ class _Solver:
     def ask(self, i: int, q: Array) -> Deflection:
         """Return the deflection of row i's load at joint positions q."""
         return self.arm.deflection(q, self.trajectory.payload[i], enforce_limits=False, **self.trajectory.asked(i))
+
+    def together(self, some: np.ndarray, targets: Sequence[pin.SE3]) -> dict[int, CompensatedRow]:
+        """Solve rows together from no change; return those that are reached by the smallest, by their numbers.
+
+        Jumps as `Corrector.jump` makes them, of rows whose joints stay within their boxes and away from singular
+        positions: there they have a closed form, and go on until they are rounding. All other rows are left to the
+        corrector.
+        """
+        t, found = self.trajectory, {}
+        if t.v is not None or t.a is not None:
+            return found
+        change, before = np.zeros((len(some), len(self.scale))), np.zeros((len(some), 6))
+        open_ones, last = np.arange(len(some)), np.full(len(some), np.inf)
+        size, left_before = self.size, np.full(len(some), np.inf)
+        with np.errstate(all="ignore"), contextlib.suppress(*NO_EQUILIBRIUM):
+            for jump in range(MAX_JUMPS + 1):
+                rows, here = some[open_ones], change[open_ones]
+                error, jacobian = self.linearised(rows, here, [targets[i] for i in open_ones])
+                if not jump:
+                    before = error
+                left = np.abs(error[:, :size]).max(axis=1)
+                fair = (left <= np.maximum(0.5 * left_before[open_ones], AIMED_AT)) | (last[open_ones] == np.inf)
+                aim, sigma, plain = self.aims(rows, here, error, jacobian)
+                length = np.abs(aim - here).max(axis=1)
+                done = plain & (length < RESOLUTION) & (left <= TOLERANCE)
+                for k in np.flatnonzero(done):
+                    i, j = int(rows[k]), int(open_ones[k])
+                    own = (before[j], error[k], here[k], True, "", float(sigma[k]), True)
+                    found[i] = CompensatedRow(float(t.time[i]), t.via[i], *own)
+                going = plain & fair & ~done
+                change[open_ones[going]], last[open_ones], left_before[open_ones] = aim[going], length, left
+                open_ones = open_ones[going]
+                if not len(open_ones):
+                    break
+        return found
+
+    def linearised(self, rows: np.ndarray, change: Array, targets: Sequence[pin.SE3]) -> tuple[Array, Array]:
+        """Return the (M, 6) error of rows after (M, nq) changes, and its matched Jacobian."""
+        t, arm = self.trajectory, self.arm
+        known = {"time": t.time[rows], **{name: values[rows] for name, values in t.covariates.items()}}
+        line = respond(arm, t.q[rows] + change, [t.payload[i] for i in rows.tolist()], known)
+        given = arm.stack.change_with_position(line.flexure_wrenches.reshape(len(rows), -1), line.row)
+        jacobian = line.joints + line.laws.reshape(len(rows), 6, -1) @ given
+        error = [_error(pin.SE3(pose), target) for pose, target in zip(line.tip, targets, strict=True)]
+        return np.array(error).reshape(-1, 6), jacobian[:, : self.size]
+
+    def aims(self, rows: np.ndarray, change: Array, error: Array, jacobian: Array) -> tuple[Array, Array, np.ndarray]:
+        """Return the smallest changes that solve the linearised rows, their least singular values, and where these are
+        those of `Corrector.aim`: nothing is near singular, and no joint meets its box."""
+        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
+        along = (np.swapaxes(left, 1, 2) @ -error[:, : self.size, None])[:, :, 0]
+        damped = along * values / (values**2 + LEAST_DAMPING**2)
+        there = change + (damped[:, None] @ right)[:, 0]
+        _, scaled, axes = np.linalg.svd(jacobian * self.scale, full_matrices=False)
+        short = self.scale * ((axes @ (there / self.scale)[:, :, None])[:, None, :, 0] @ axes)[:, 0]
+        q, robot = self.trajectory.q[rows], self.arm.robot
+        low = np.maximum(-LARGEST_CHANGE, robot.lower - q)
+        high = np.minimum(LARGEST_CHANGE, robot.upper - q)
+        inside = ((there >= low) & (there <= high) & (short >= low) & (short <= high)).all(axis=1)
+        inside &= ((low <= 0.0) & (high >= 0.0)).all(axis=1)
+        regular = (values[:, -1] >= NEAR_SINGULAR) & (scaled[:, -1] > 1e-12 * scaled[:, 0])
+        return short, values[:, -1], inside & regular
 
     def row(self, i: int, target: pin.SE3, start: Array) -> CompensatedRow:
         """Solve one row, starting from the previous row's change."""
@@ -310,12 +393,16 @@ def _error(pose: pin.SE3, target: pin.SE3) -> Array:
 def _gaps(arm: Arm, commanded: Trajectory, moved: Trajectory) -> Array:
     """Return the (N - 1,) tip error halfway between rows [m], 0 where the payload changes between them."""
     gaps, known = np.zeros(len(commanded) - 1), moved.prepared(arm)
-    for segment in range(len(gaps)):
-        if commanded.payload[segment] == commanded.payload[segment + 1]:
-            target = arm.rigid_pose(commanded.at(segment, np.array([0.5])).q[0])
-            middle = known.at(segment, np.array([0.5]))
-            pose = arm.deflection(middle.q[0], middle.payload[0], **middle.asked(0)).pose
-            gaps[segment] = np.linalg.norm(pose.translation - target.translation)
+    same = [one == other for one, other in pairwise(commanded.payload)]
+    rigid = arm.loaded(None)
+    every = np.flatnonzero(same)
+    for some in (every[first : first + TOGETHER] for first in range(0, len(every), TOGETHER)):
+        half = np.full(len(some), 0.5)
+        target = rigid_tips(rigid.nominal or rigid.chain, commanded.between(some, half).q)
+        middle = known.between(some, half)
+        asked = {"v": middle.v, "a": middle.a, "covariates": {"time": middle.time, **middle.covariates}}
+        found = arm.deflection(middle.q, middle.payload, **asked)
+        gaps[some] = np.linalg.norm(found.pose[:, :3, 3] - target[:, :3, 3], axis=1)
     return gaps
 
 

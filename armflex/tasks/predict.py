@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -81,8 +83,11 @@ def predict(
     doubts = _Doubts(arm)
     pieces = [rows] if remembers(arm) else (rows.levelled().some(some) for some in _together(len(rows)))
     found = []
+    certain = without_declared_doubt(arm)
     for piece in pieces:
-        found.append(_predicted(arm, _with_constants(arm, piece, covariates or {}), doubts))
+        one, batch, fitted = _predicted(arm, certain, _with_constants(arm, piece, covariates or {}))
+        doubts.add(one.rows, batch, fitted)
+        found.append(one)
         if progress:
             progress(doubts.rows, len(rows))
     parts = zip(*((one.position, one.rotation, one.sigma, one.displacement) for one in found), strict=True)
@@ -101,7 +106,8 @@ def predict_file(
 ) -> tuple[int, tuple[Flag, ...]]:
     """Write what `predict` says of the rows of a table, some thousand of them in memory at a time.
 
-    What an arm's effects remember depends on all the rows before: for an arm that has such, all are held in memory.
+    They are predicted in as many threads as this process may use cores: most of their time is compiled code. What an
+    arm's effects remember depends on all the rows before: for an arm that has such, all are held in memory.
 
     Args:
         arm, progress, covariates: As of `predict`.
@@ -116,16 +122,27 @@ def predict_file(
         OutOfMemoryError: Where memory runs out; the rows are named.
         ArmflexError: As `predict`.
     """
+    from joblib import cpu_count  # takes a tenth of a second
+
     doubts = _Doubts(arm)
     whole = remembers(arm)
     pieces = iter([read_measurements(path, arm, inputs_only=True)]) if whole else stream_inputs(path, arm, TOGETHER)
-    with writing_table(output) as write:
+    certain, threads = without_declared_doubt(arm), cpu_count()
+    waiting: deque[Future[tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]]] = deque()
+    with writing_table(output) as write, ThreadPoolExecutor(threads) as pool:
         while True:
             with enough_memory(f"rows from {doubts.rows} on"):
                 rows = next(pieces, None)
-                if rows is None:
+                if rows is not None:
+                    asked = _with_constants(arm, rows, covariates or {})
+                    waiting.append(pool.submit(_predicted, arm, certain, asked))
+                if rows is not None and len(waiting) <= threads:
+                    continue
+                if not waiting:
                     return doubts.rows, doubts.flags
-                write(_columns(_predicted(arm, _with_constants(arm, rows, covariates or {}), doubts)))
+                found, batch, fitted = waiting.popleft().result()
+                doubts.add(found.rows, batch, fitted)
+                write(_columns(found))
             if progress:
                 progress(doubts.rows, None)
 
@@ -134,13 +151,16 @@ def _together(count: int) -> Iterator[range]:
     return (range(start, min(start + TOGETHER, count)) for start in range(0, count, TOGETHER))
 
 
-def _predicted(arm: Arm, rows: Measurements, doubts: _Doubts) -> Prediction:
-    """Return what is predicted of some rows that follow those before; the doubts about them are added to `doubts`."""
+def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]:
+    """Return what is predicted of some rows, how the arm stands in them, and doubts about what was fitted.
+
+    `certain` is the arm `without_declared_doubt`.
+    """
     every = np.arange(len(rows))
     derived_directions(arm, rows, every)  # raises where one is needed that is not told
     with naming(Place(rows.places[0].file, 1) if rows.places else "rows"):
         known = known_rows(arm, rows)
-    certain, instrument = without_declared_doubt(arm), arm.instrument or Instrument()
+    instrument = arm.instrument or Instrument()
     try:
         found = certain.deflection(rows.q, rows.payload, covariates=known)
     except ArmflexError:
@@ -151,8 +171,7 @@ def _predicted(arm: Arm, rows: Measurements, doubts: _Doubts) -> Prediction:
         raise
     fitted, about = fitted_variance(arm, rows)
     untold = (untold_shifts(Setup(arm, instrument), rows, unread(len(rows), Position)) ** 2).sum(axis=0)
-    doubts.add(rows, found, about)
-    return Prediction(
+    predicted = Prediction(
         rows,
         instrument.readings(found.pose, rows.session),
         np.array([pin.log3(rotation) for rotation in instrument.rotations(found.pose, rows.session)]),
@@ -160,6 +179,7 @@ def _predicted(arm: Arm, rows: Measurements, doubts: _Doubts) -> Prediction:
         found.displacement,
         (),
     )
+    return predicted, found, about
 
 
 def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]) -> Measurements:

@@ -25,6 +25,8 @@ from armflex.estimate.view import look
 from armflex.laws import LinearLaw
 from armflex.laws.joint.linear import LinearFit
 
+pytestmark = pytest.mark.slow
+
 PRIOR = """joint_offset = 1e-3
 compliance = 0.2
 tool = 5e-3

@@ -182,6 +182,7 @@ def test_the_straight_arm_under_full_load(both):
     assert sag > (0.15 if arm.robot.urdf.name == "tarm_like" else 0.005)
 
 
+@pytest.mark.slow
 def test_compensated_via_points_are_where_the_rigid_arm_would_be(both):
     arm, referee = both
     path = read_trajectory(ROBOTS / arm.robot.urdf.name / "trajectory.csv", arm)

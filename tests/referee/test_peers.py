@@ -29,6 +29,7 @@ def rest(request, tmp_path_factory) -> tuple[Boom, Array]:
     return boom, boom.series.deflection(boom.q).pose.translation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", [peers.pinocchio_newton, peers.mujoco_fixed_point, peers.exudyn_static])
 def test_the_same_rest_as_the_peers(rest, solver):
     if solver is peers.exudyn_static:

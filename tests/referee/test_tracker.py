@@ -21,6 +21,7 @@ from armflex.track.model import Model, model_of
 from armflex.track.sight import Sight
 
 
+@pytest.mark.slow
 def test_same_as_least_squares_on_all_readings_together(known, machine):
     """By LAPACK's least squares on the stacked rows, prior included; to rounding."""
     model, readings = model_of(known), machine.readings(3, 150)
@@ -40,6 +41,7 @@ def test_same_as_least_squares_on_all_readings_together(known, machine):
     assert np.abs((tracker.covariance * np.outer(factor, factor) - spread) / np.outer(std, std)).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_columns_are_what_readings_change_by(known, machine):
     assert_derivatives(model_of(known), machine.readings(4, 3))
 
@@ -87,6 +89,7 @@ def test_close_to_the_batch_calibration(machine):
     assert tracker.std == pytest.approx(np.sqrt(np.diag(batch.fit.posterior.covariance)), rel=0.15)
 
 
+@pytest.mark.slow
 def test_values_are_within_their_uncertainties(machine):
     """Twenty machines drawn from [prior], 52 parameters each, 150 readings."""
     inside = []
@@ -151,11 +154,13 @@ def test_the_size_of_a_change_is_told_and_followed(known, machine):
     assert error(tracker.arm, machine, softer={"A4": 1.2}) < 1.15 * np.sqrt(3.0) * SIGMA
 
 
+@pytest.mark.slow
 def test_no_alarm_while_nothing_changes(known, machine):
     tracker = followed(Tracker(known), machine.readings(400, 2000))
     assert not tracker.changes and tracker.outliers < 10
 
 
+@pytest.mark.slow
 def test_lost_beams_are_survived(known, machine):
     """One reading in twenty is off by 5 mm to half a metre, sometimes two in a row."""
     rng, tracker = np.random.default_rng(5), Tracker(known)
@@ -168,6 +173,7 @@ def test_lost_beams_are_survived(known, machine):
     assert error(tracker.arm, machine) < 1.05 * np.sqrt(3.0) * SIGMA
 
 
+@pytest.mark.slow
 def test_drift_is_followed_at_its_declared_rate(known, machine):
     """A4 softens by 20 % over 300 readings: no change to a tracker that expects as much, one to another."""
     still, drifting = Tracker(known), Tracker(known, {"compliance A4": 0.01})
@@ -213,6 +219,7 @@ def test_an_orientation_counts_as_in_a_calibration(known, machine):
     assert np.abs((plain.values - turned.values) / plain.std).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_learned_law_is_tracked(machine, tmp_path):
     """A4's compliance was learned with its couplings; then it softens."""
     arm = in_base(tmp_path, "learn = true\n")

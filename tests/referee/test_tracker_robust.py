@@ -49,6 +49,7 @@ def test_a_reading_in_the_wrong_unit_is_left_out(known, machine):
         assert weights[2] == 0.0 and min(weights[:2] + weights[3:]) > 0.5 and not tracker.changes
 
 
+@pytest.mark.slow
 def test_readings_of_machines_far_from_what_was_declared(machine):
     """Wide priors: what bends more than it was declared is no reason to drop readings, which are looked at anew."""
     wide = replace(machine.arm, prior=replace(machine.arm.prior, compliance=0.6, joint_offset=5e-3))

@@ -57,6 +57,7 @@ def test_the_plainest_that_the_data_ask_for(kind: str, names: tuple[str, ...]) -
     assert "not_worth_its_weights" in {flag.code for flag in result.flags}
 
 
+@pytest.mark.slow
 def test_a_network_is_taken_where_nothing_plain_will_do() -> None:
     result = train(bench("wavy", 2, 160), "auto", options=Options(neurons=12, starts=2))
     assert result.trained.model == "neural"
@@ -97,6 +98,7 @@ def test_rivals_are_compared_on_the_same_rows() -> None:
     np.testing.assert_allclose(compared[2].rms, again.rms)
 
 
+@pytest.mark.slow
 def test_the_choice_is_made_anew_in_every_fold() -> None:
     held, count = assess([r for r in rivals(QUICK) if not r.name.startswith("network")], bench("radial", 5))
     assert sum(count.values()) == 10
@@ -124,6 +126,7 @@ def test_the_choice_sees_no_row_that_is_held_out() -> None:
         assert len(fits[-1]) == 40 - len(out)
 
 
+@pytest.mark.slow
 def test_auto_on_the_published_rows(armflex: Run, tmp_path: Path) -> None:
     asked = ["train", TABLE, "--model", "auto", "--neurons", "4", "--starts", "1", "-o", "a.safetensors"]
     fine(armflex(*asked, "--json", "a.json"))
@@ -137,6 +140,7 @@ def test_auto_on_the_published_rows(armflex: Run, tmp_path: Path) -> None:
     np.testing.assert_allclose(law.twist(wrench, NOWHERE)[:3], data.deflections[3], atol=5e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["polynomial", "neural", "bayesian"])
 def test_every_model_is_written_and_answers_in_an_arm(armflex: Run, tmp_path: Path, model: str) -> None:
     small = {"polynomial": [], "neural": ["--neurons", "3", "--starts", "1"], "bayesian": ["--neurons", "3"]}[model]
@@ -179,6 +183,7 @@ def test_a_network_of_auto_is_trained_in_proportion_to_the_rows() -> None:
     assert affordable_starts(replace(options, starts=2), 3000) == 2
 
 
+@pytest.mark.slow
 def test_auto_with_its_own_numbers_ends_and_says_what_took_how_long(armflex: Run, tmp_path: Path) -> None:
     began = time.process_time()
     seen: list[tuple[int, int]] = []

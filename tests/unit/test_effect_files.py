@@ -242,6 +242,7 @@ def held_out(test: Measurements, values: np.ndarray) -> np.ndarray:
     return values[test.measured]
 
 
+@pytest.mark.slow
 def test_the_stated_uncertainty_of_predictions_is_about_right(calm: tuple) -> None:
     _, found, few, test, clean = calm
     for calibration in (found, few):
@@ -252,12 +253,14 @@ def test_the_stated_uncertainty_of_predictions_is_about_right(calm: tuple) -> No
         assert (np.abs(deviation) < 2.0).mean() > 0.8
 
 
+@pytest.mark.slow
 def test_uncertainty_shrinks_with_more_data(calm: tuple) -> None:
     _, found, few, test, _ = calm
     all_rows, fifth = (held_out(test, predict(c.arm, test).sigma).mean() for c in (found, few))
     assert 1.4 < fifth / all_rows < 4.0
 
 
+@pytest.mark.slow
 def test_a_new_session_is_less_certain(calm: tuple) -> None:
     _, found, _, test, _ = calm
     new = dataclasses.replace(test, session=("another",) * len(test))
@@ -267,6 +270,7 @@ def test_a_new_session_is_less_certain(calm: tuple) -> None:
     assert "new_session" in [flag.code for flag in unknown.flags]
 
 
+@pytest.mark.slow
 def test_a_calibrated_file_keeps_the_uncertainty(calm: tuple, tmp_path: Path) -> None:
     file, found, _, test, _ = calm
     written = write_calibrated(file, found, tmp_path / "arm.toml")
@@ -275,6 +279,7 @@ def test_a_calibrated_file_keeps_the_uncertainty(calm: tuple, tmp_path: Path) ->
     np.testing.assert_allclose(again.sigma, there.sigma, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_file_without_covariance_says_that_sigma_leaves_it_out(calm: tuple, tmp_path: Path) -> None:
     file, found, _, test, _ = calm
     written = write_calibrated(file, found, tmp_path / "arm.toml")
@@ -340,6 +345,7 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> tuple:
     return file, found, write_traced(file, found, file.parent / "traced.toml"), test, clean
 
 
+@pytest.mark.slow
 def test_a_traced_arm_predicts_the_same_when_read_again(traced: tuple) -> None:
     file, found, written, test, _ = traced
     again = quietly(written)
@@ -351,6 +357,7 @@ def test_a_traced_arm_predicts_the_same_when_read_again(traced: tuple) -> None:
     assert file.read_text().splitlines()[0] in written.read_text()
 
 
+@pytest.mark.slow
 def test_every_effect_matters_to_what_is_predicted(traced: tuple) -> None:
     """Else the test above would not notice one that is lost, or applied twice."""
     found, test = traced[1], first(traced[3], 60)
@@ -363,6 +370,7 @@ def test_every_effect_matters_to_what_is_predicted(traced: tuple) -> None:
         assert np.abs(moved).max() > 1e-9, one.effect.name
 
 
+@pytest.mark.slow
 def test_what_was_traced_is_as_certain_as_it_says(traced: tuple) -> None:
     _, _, written, test, clean = traced
     there = predict(quietly(written), test)
@@ -370,6 +378,7 @@ def test_what_was_traced_is_as_certain_as_it_says(traced: tuple) -> None:
     assert 0.5 < np.sqrt((deviation**2).mean()) < 1.6
 
 
+@pytest.mark.slow
 def test_the_file_holds_values_and_uncertainties_of_all(traced: tuple) -> None:
     _, found, written, _, _ = traced
     text = tomlkit.parse(written.read_text())
@@ -381,6 +390,7 @@ def test_the_file_holds_values_and_uncertainties_of_all(traced: tuple) -> None:
     assert dict(first["std"]) == pytest.approx(dict(found.found[0].std))
 
 
+@pytest.mark.slow
 def test_draws_of_a_traced_arm_move_its_effects(traced: tuple) -> None:
     """All but those of the instrument."""
     arm = quietly(traced[2])
@@ -392,6 +402,7 @@ def test_draws_of_a_traced_arm_move_its_effects(traced: tuple) -> None:
         np.testing.assert_allclose(values.mean(axis=0)[~moves], np.array(effect.values)[~moves])
 
 
+@pytest.mark.slow
 def test_draws_of_a_traced_arm_spread_as_its_whole_covariance_says(traced: tuple) -> None:
     """But for hysteresis, whose state the covariance takes to be another than it is told."""
     arm = quietly(traced[2])
@@ -405,11 +416,13 @@ def test_draws_of_a_traced_arm_spread_as_its_whole_covariance_says(traced: tuple
     np.testing.assert_allclose(np.std(found, axis=0), np.sqrt(np.diag(expected)), rtol=4.0 / np.sqrt(800))
 
 
+@pytest.mark.slow
 def test_an_arm_whose_model_effects_changed_is_not_fitted_about_them(traced: tuple) -> None:
     with pytest.raises(UnsupportedError, match="effects that change the model itself cannot be fitted about"):
         trace(quietly(traced[2]), traced[3])
 
 
+@pytest.mark.slow
 def test_a_twist_that_nobody_can_predict_is_kept_as_uncertainty(calm: tuple, tmp_path: Path) -> None:
     file, found, _, test, _ = calm
     state = begin(found)
@@ -437,12 +450,14 @@ def test_an_arm_is_calibrated_about_effects_written_by_hand(tmp_path: Path) -> N
     assert np.sqrt((held_out(test, back.position - clean) ** 2).sum(axis=1).mean()) < 0.3 * found.noise_rms
 
 
+@pytest.mark.slow
 def test_what_cannot_be_fitted_about_is_said(folder: Path, calm: tuple) -> None:
     arm = arm_with(folder, 'name = "tracker_scale"\nsite = "base"\nparameters = { lambda = 40.0 }')
     with pytest.raises(UnsupportedError, match="cannot be fitted about: tracker_scale base"):
         calibrate(arm, calm[3])
 
 
+@pytest.mark.slow
 def test_rows_that_lack_a_column_are_named(folder: Path, calm: tuple) -> None:
     table = 'name = "thermal_softening"\nsite = "J2"\ncovariates = ["oil"]\nparameters = { beta = 1e-3 }'
     with pytest.raises(MissingCovariateError, match=r"test\.csv:1: effect 'thermal_softening J2' needs .* 'oil'"):

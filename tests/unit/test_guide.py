@@ -292,6 +292,7 @@ def test_the_column_sags_too_little_for_its_loads_to_change():
     assert 1e-3 < tilt(q, 40.0) < 3e-3
 
 
+@pytest.mark.slow
 def test_the_guide_is_found_where_it_is(traced):
     first = traced.found[0].effect
     assert (first.law.name, first.spot.site, first.spot.axis) == ("unnamed_guide", "lift", "ry")
@@ -299,11 +300,13 @@ def test_the_guide_is_found_where_it_is(traced):
     assert len(traced.found) == 1
 
 
+@pytest.mark.slow
 def test_held_out_errors_fall_to_the_noise(traced):
     assert traced.held_out_before > 3.0 * NOISE * np.sqrt(3.0)
     assert traced.held_out_after < 1.1 * NOISE * np.sqrt(3.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height", np.linspace(0.0, 2.0, 9).tolist())
 def test_the_traced_column_tilts_as_the_true_one(traced, height):
     """Between ahead and aside, because what is the same everywhere is the instrument's place."""
@@ -313,6 +316,7 @@ def test_the_traced_column_tilts_as_the_true_one(traced, height):
     assert found[0] - found[1] == pytest.approx(true[0] - true[1], rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("compliance", "times"), [("1e-8", 10.0), ("1e-7", 1.0), ("1e-7", 10.0)])
 def test_calibration_settles_where_the_model_is_far_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compliance: str, times: float

@@ -167,7 +167,7 @@ def test_draws_spread_as_the_covariance_says(law):
         expected = np.sqrt(np.diag(known) - law.noise**2)
     assert law.uncertain or "hidden" in vars(law) or not law.parameters
     # A standard deviation from 600 draws is right to a root of 1200, at 4 of them; logarithms bend by a twentieth.
-    rounding = 1e-3 * expected.max() + 1e-15 * np.abs(drawn).max()
+    rounding = 1e-3 * expected.max() + 1e-12 * np.abs(drawn).max()
     np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=4.0 / np.sqrt(1200) + 0.05, atol=rounding)
     assert not law.draw(rng).uncertain or "hidden" in vars(law)
 

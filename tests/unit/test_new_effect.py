@@ -55,6 +55,7 @@ def entered(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(catalogue, AXIS_WOBBLE.name, AXIS_WOBBLE)
 
 
+@pytest.mark.slow
 def test_it_is_searched_for_and_found(tmp_path: Path) -> None:
     truth = draw("none", 5, "six").write(tmp_path)
     arm = load_arm(truth.arm)

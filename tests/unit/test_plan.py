@@ -136,6 +136,7 @@ def told(six: Arm) -> Plan:
     return plan(six, 8, between=("backlash:J2", "friction_windup:J2"), sigma=SIGMA, payloads=("empty", "p120"))
 
 
+@pytest.mark.slow
 def test_a_calibration_with_the_rows_is_as_certain_as_was_promised(six: Arm, found: Plan, tmp_path: Path) -> None:
     """On a machine whose joints, tool and instrument are not those that were planned with."""
     machine = Machine.draw("six", 4)
@@ -150,6 +151,7 @@ def test_a_calibration_with_the_rows_is_as_certain_as_was_promised(six: Arm, fou
     assert all(before[name] == pytest.approx(prior[name]) for name in prior if np.isfinite(prior[name]))
 
 
+@pytest.mark.slow
 def test_half_as_many_readings_as_at_random() -> None:
     """The whole study is `python tests/studies/planned.py`."""
     came = planned.certainty_study("boom", 12, 1, (2.0,))
@@ -158,12 +160,14 @@ def test_half_as_many_readings_as_at_random() -> None:
     assert along[0.0].stated < along[2.0].stated
 
 
+@pytest.mark.slow
 def test_rivals_are_told_apart_with_a_third_of_the_readings() -> None:
     odds, at_chance = rival_study("six", ("encoder_scale:J2", "stiffening:J2:ry"), 12, 2)
     assert (odds > 9.0).all()
     assert odds.mean(axis=0).min() > at_chance.mean(axis=0).min()
 
 
+@pytest.mark.slow
 def test_every_row_can_be_driven(six: Arm, found: Plan, told: Plan, tmp_path: Path) -> None:
     for one in (found, told):
         rows = read_measurements(write_plan(one, tmp_path / "poses.csv"), six, inputs_only=True)
@@ -201,6 +205,7 @@ def test_the_tip_stays_above_the_floor(six: Arm) -> None:
         plan(six, 6, floor=9.0)
 
 
+@pytest.mark.slow
 def test_what_the_instrument_hides_is_said(six: Arm, found: Plan) -> None:
     """The first joint turns the arm as the instrument's frame does; in the base frame its offset shows."""
     blind = {one.name: one for one in found.blind}
@@ -211,6 +216,7 @@ def test_what_the_instrument_hides_is_said(six: Arm, found: Plan) -> None:
     assert "joint_offset J1" not in {one.name for one in seen.blind}
 
 
+@pytest.mark.slow
 def test_backlash_and_friction_are_told_only_where_the_load_differs(six: Arm, told: Plan) -> None:
     """Friction wind-up without its load is backlash: rows can only tell that it is more."""
     assert told.goal.shown(told.reached[-1]) > 3.0
@@ -328,6 +334,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Measurement
     return arm, read_measurements(few_rows(ROBOTS / "tarm_like" / "campaign.csv", path, 150), arm)
 
 
+@pytest.mark.slow
 def test_what_was_measured_counts(campaign) -> None:
     """After a campaign the plan starts from that campaign's certainty, and from the effect that it shows."""
     arm, measured = campaign
@@ -343,6 +350,7 @@ def test_what_was_measured_counts(campaign) -> None:
     assert apart.goal.shown(apart.reached[0]) > 3.0 and apart.reached[-1] > apart.reached[0]
 
 
+@pytest.mark.slow
 def test_a_calibrated_arm_is_planned_from_its_covariance(campaign) -> None:
     arm, measured = campaign
     fitted = calibrate(arm, measured).arm
@@ -354,6 +362,7 @@ def test_a_calibrated_arm_is_planned_from_its_covariance(campaign) -> None:
     assert not any(name.startswith("session_frame") for name in before)
 
 
+@pytest.mark.slow
 def test_laws_that_are_to_be_learned_are_among_what_is_planned_for(campaign) -> None:
     """Before a campaign as uncertain as they were declared, after one as their covariance has it."""
     arm, measured = campaign
@@ -371,6 +380,7 @@ def test_laws_that_are_to_be_learned_are_among_what_is_planned_for(campaign) -> 
         np.testing.assert_allclose([before[name] for name in stored], list(stored.values()), rtol=0.05)
 
 
+@pytest.mark.slow
 def test_laws_to_be_learned_since_a_calibration_are_planned_for(campaign) -> None:
     """As uncertain as they were declared without the campaign, as its rows leave them with it."""
     arm, measured = campaign
@@ -388,6 +398,7 @@ def test_laws_to_be_learned_since_a_calibration_are_planned_for(campaign) -> Non
     assert known["law A2 ry"] < 0.1 and known["law A2 dy"] == pytest.approx(0.5, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_covariance_of_some_of_the_learned_laws_is_refused(campaign) -> None:
     arm, measured = campaign
     fitted = calibrate(learning(arm, "A2"), measured).arm
@@ -418,6 +429,7 @@ def test_the_command_writes_rows_a_picture_and_json(armflex: Run, tmp_path: Path
     fine(armflex("predict", BOOM, "p.csv", "-o", "predicted.csv"))
 
 
+@pytest.mark.slow
 def test_predictions_of_an_instrument_without_a_place_have_no_figure(armflex: Run, tmp_path: Path) -> None:
     """One reading does not place it, twelve do."""
     heavy = ROBOTS / "heavy_six" / "arm.toml"
@@ -454,6 +466,7 @@ def test_bad_input_is_exit_code_2(armflex: Run, tmp_path: Path, given: list, tex
     assert not (tmp_path / "p.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_picture_ends_in_png_pdf_or_svg(found: Plan, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="png"):
         draw_plan(found, tmp_path / "p.bmp")

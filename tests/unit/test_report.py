@@ -25,6 +25,8 @@ from armflex.trace.result import Trace, Unexplained
 from armflex.trace.rounds import trace
 from armflex.trace.state import begin
 
+pytestmark = pytest.mark.slow
+
 EVIL = "<script>alert(1)</script>"
 SECTIONS = ("before-and-after", "where", "left", "parameters", "not-told", "next", "campaign")
 

@@ -15,12 +15,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import armflex
+from armflex.cli.main import main
 from armflex.errors import ArmflexError, Place, TableError
 from armflex.estimate.calibrate import calibrate, write_calibrated
 from armflex.measured.measurements import read_measurements, stream_inputs
 from armflex.measured.table import Column, Table
+from armflex.mechanics.response import respond
 from armflex.rows.rows import last_motion
 from armflex.tasks import predict as task
+from armflex.tasks.compensate import _Solver
 from armflex.tasks.predict import predict, predict_file
 from armflex.trajectory import Trajectory, read_trajectory
 from tests.support.small_arms import ROBOTS
@@ -184,7 +187,7 @@ from armflex.tasks import predict as task
 arm = armflex.load_arm(sys.argv[1])
 task.predict_file(arm, sys.argv[2], "first.csv")  # what is compiled and loaded once
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
-resource.setrlimit(resource.RLIMIT_AS, (size + 130_000_000,) * 2)
+resource.setrlimit(resource.RLIMIT_AS, (size + 300_000_000,) * 2)
 task.predict_file(arm, sys.argv[3], "pieces.csv")
 task.TOGETHER = 10**9
 try:
@@ -194,15 +197,16 @@ except OutOfMemoryError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux how much memory there is")
 def test_memory_does_not_grow_with_the_rows(tmp_path: Path, calibrated: Path) -> None:
     """What the same rows in one piece take is refused here, and leaves no file."""
     (tmp_path / "few").mkdir()
-    few, many = rows_of(tmp_path / "few", 20), rows_of(tmp_path, 15_000)
+    few, many = rows_of(tmp_path / "few", 20), rows_of(tmp_path, 30_000)
     command = [sys.executable, "-c", SCARCE, str(calibrated), str(few), str(many)]
     found = subprocess.run(command, cwd=tmp_path, check=True, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
     assert found.stdout == "rows from 0 on: there is not enough memory for them\n"
-    assert len((tmp_path / "pieces.csv").read_text().splitlines()) == 15_001
+    assert len((tmp_path / "pieces.csv").read_text().splitlines()) == 30_001
     assert {one.name for one in tmp_path.iterdir()} == {"few", "rows.csv", "first.csv", "pieces.csv"}
 
 
@@ -216,6 +220,7 @@ task.predict_file(arm, sys.argv[2], "out.csv", lambda *_: os.kill(os.getpid(), s
 """
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_leaves_the_file_that_was_there(tmp_path: Path, calibrated: Path) -> None:
     (tmp_path / "out.csv").write_text("before")
     command = [sys.executable, "-c", KILLED, str(calibrated), str(rows_of(tmp_path))]
@@ -257,3 +262,61 @@ def test_loads_on_the_drives_are_those_of_each_row(arm: armflex.Arm, path: Traje
         effort = np.array([joint.effort for joint in arm.robot.moving])
         shares = [arm.drive_shares(found.row(i)) for i in range(len(q))]
         np.testing.assert_allclose(np.abs(found.drive_loads) / effort, shares, rtol=1e-9, atol=1e-12)
+
+
+def test_the_response_has_the_change_with_the_joints_that_each_row_has(path: Trajectory) -> None:
+    """Also where a law depends on the positions: the telescope's does."""
+    tarm = armflex.load_arm(ROBOTS / "tarm_like" / "arm.toml")
+    line = respond(tarm, path.q, path.payload)
+    given = tarm.stack.change_with_position(line.flexure_wrenches.reshape(len(path), -1), line.row)
+    found = line.joints + line.laws.reshape(len(path), 6, -1) @ given
+    asked = {"enforce_limits": False}
+    alone = [tarm.deflection(q, name, **asked).total_jacobian for q, name in zip(path.q, path.payload, strict=True)]
+    np.testing.assert_allclose(found, alone, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("match", ["position", "pose"])
+def test_a_path_is_compensated_in_pieces_as_row_by_row(
+    path: Trajectory, monkeypatch: pytest.MonkeyPatch, match: str
+) -> None:
+    """The rows at once are those of the corrector, up to the length at which both stop; what it alone can do it does.
+
+    Two rows start at limits, where the smallest change is not that of the closed form.
+    """
+    tarm = armflex.load_arm(ROBOTS / "tarm_like" / "arm.toml")
+    q = path.q.copy()
+    q[11, 1], q[12, 1] = tarm.robot.upper[1] - 1e-4, tarm.robot.lower[1] + 1e-4
+    inside, solved = replace(path, q=q), []
+    row = _Solver.row
+    monkeypatch.setattr(_Solver, "row", lambda self, i, *rest: solved.append(i) or row(self, i, *rest))
+    found = []
+    for together in (1000, 7):
+        monkeypatch.setattr("armflex.tasks.compensate.TOGETHER", together)
+        found.append(armflex.compensate(tarm, inside, match, best_effort=True))
+    assert 0 < len(set(solved)) < 10
+    monkeypatch.setattr(_Solver, "together", lambda *_: {})
+    found.append(armflex.compensate(tarm, inside, match, best_effort=True))
+    for one in found[:2]:
+        np.testing.assert_allclose(one.trajectory.q, found[2].trajectory.q, rtol=0.0, atol=1e-7)
+        assert one.between_m == pytest.approx(found[2].between_m, 1e-6)
+        for mine, its in zip(one.rows, found[2].rows, strict=True):
+            assert all(getattr(mine, x) == getattr(its, x) for x in ("reached", "smallest", "reason", "via"))
+            np.testing.assert_allclose(mine.before, its.before, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("command", ["check", "compensate", "calibrate", "trace"])
+def test_no_command_ends_in_a_traceback_where_memory_runs_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, command: str
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    table = "trajectory.csv" if command in ("check", "compensate") else "campaign.csv"
+    options = ["--tolerance", "5mm"] if command == "check" else ["-o", str(tmp_path / "out")]
+    monkeypatch.setattr(f"armflex.cli.{command}.{command}", fail)
+    monkeypatch.setattr(sys, "argv", ["armflex", command, str(DECLARED), str(DECLARED.with_name(table)), *options])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    rows = 143 if "trajectory" in table else 460
+    assert ended.value.code == 1 and not (tmp_path / "out").exists()
+    assert f"error: {rows} rows: there is not enough memory for them" in " ".join(capsys.readouterr().err.split())

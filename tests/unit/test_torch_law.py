@@ -7,18 +7,24 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.bench import bench
+from support.bench import bench, write
+from support.command_line import Run, fine, strict_json
 
-from armflex import ArmflexError, InputError, load_arm, load_law, save_law, train
+from armflex import ArmflexError, InputError, Measurements, calibrate, load_arm, load_law, save_law, train
 from armflex.bench import fit_torch
 from armflex.bench.cross_validation import NOWHERE
 from armflex.bench.learners import Options
 from armflex.errors import LawError, ModelFileError, NotFiniteError
+from armflex.estimate.calibrate import write_calibrated
+from armflex.laws.joint.scaled import scaled
 from armflex.laws.law_file import TrainedLaw
+from armflex.readings import Position, Readings
+from armflex.rows import Rows
 from armflex.storage.digest import digest
 
 torch = pytest.importorskip("torch")
@@ -93,6 +99,7 @@ def source(folder: Path, text: str, name: str = "Own") -> Options:
     return Options(starts=1, module=f"{folder / 'own.py'}:{name}")
 
 
+@pytest.mark.slow
 def test_it_is_trained_and_held_out_as_a_network_is(folder: Path) -> None:
     result = train(DATA, "torch", options=Options(starts=1, module=f"{folder / 'code' / 'own.py'}:Own"))
     neural = train(DATA, "neural", options=Options(starts=1, neurons=2))
@@ -324,6 +331,18 @@ def test_without_torch_it_says_so_and_all_else_goes_on(folder: Path) -> None:
     assert "ModelFileError" in last and "own.safetensors: a module as a law needs torch: pip install" in last
 
 
+def test_on_the_command_line_it_says_what_it_runs(folder: Path, tmp_path: Path, armflex: Run) -> None:
+    table = write(tmp_path, "fx_N,fy_N,fz_N,dx_m,dy_m,dz_m", np.hstack([DATA.loads, DATA.deflections]))
+    given = "--module", f"{folder / 'code' / 'own.py'}:Own", "-o", tmp_path / "own.safetensors"
+    refused = fine(armflex("train", table, "--model", "linear", *given), code=2)
+    assert "--module does not concern --model linear (it does: torch)" in refused.stderr
+    said = fine(armflex("train", table, "--model", "torch", "--starts", "1", *given, "--json", tmp_path / "said.json"))
+    assert "runs the Python code of own.py:Own" in " ".join(said.stderr.split())
+    assert strict_json(tmp_path / "said.json")["parameters"]["module"] == "own.py:Own"
+    law = load_law(tmp_path / "own.safetensors")
+    assert law.model == "torch" and law.law.twist(WRENCH, NOWHERE).any()
+
+
 @pytest.mark.parametrize(
     ("module", "match"),
     [
@@ -387,3 +406,27 @@ def test_an_arm_names_the_line_of_a_law_whose_code_has_changed(copied: Path) -> 
     (copied / "code" / "own.py").write_text(OWN.replace("tanh", "sin"))
     with pytest.raises(ArmflexError, match=r"arm.toml:12: .*own.safetensors: .*own.py has changed since"):
         load_arm(path)
+
+
+def test_a_campaign_learns_a_correction_about_it(copied: Path) -> None:
+    """The module stays as it was trained; what the arm shows beside it is learned, written, and read again."""
+    path = in_an_arm(copied)
+    text = path.read_text().replace('model = "torch"', 'model = "torch"\nlearn = true')
+    path.write_text(text.replace("[flexure.J]", '[measurement]\nframe = "base"\n\n[flexure.J]'))
+    arm = load_arm(path)
+    law = arm.flexures[0].law
+    truth = replace(arm, flexures=(replace(arm.flexures[0], law=scaled(law, np.full(6, 1.2)), learn=None),))
+    q = np.linspace(-1.2, 1.2, 12)[:, None]
+    tips = np.array([truth.deflection(one, "p").pose.translation for one in q])
+    rows = Rows.of(arm.joint_names, q, ["p"] * len(q), {}, derived=("time",))
+    read = Readings(len(q), (Position(tips, np.full(tips.shape, 1e-6)),))
+    found = calibrate(arm, Measurements.of(rows, read))
+    pairs = list(zip(q, tips, strict=True))
+    before, after = (
+        max(np.linalg.norm(one.deflection(here, "p").pose.translation - tip) for here, tip in pairs)
+        for one in (arm, found.arm)
+    )
+    assert after < 0.1 * before
+    again = load_arm(write_calibrated(path, found, copied / "found.toml"))
+    displacement = found.arm.deflection(q[0], "p").displacement
+    np.testing.assert_allclose(again.deflection(q[0], "p").displacement, displacement, rtol=1e-6)

@@ -38,6 +38,8 @@ from armflex.trace.state import begin
 from armflex.trace.telling import Doing
 from armflex.version import __version__
 
+pytestmark = pytest.mark.slow
+
 search, second_thoughts = (importlib.import_module(f"armflex.trace.{name}") for name in ("rounds", "exchange"))
 """The modules: `armflex.trace` is the function where armflex is imported."""
 

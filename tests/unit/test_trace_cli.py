@@ -19,6 +19,8 @@ from armflex.estimate.spread import without_declared_doubt
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.trace.result import Unexplained
 
+pytestmark = pytest.mark.slow
+
 CONTRACT = {
     "format", "rows", "noise_rms_mm", "rms_mm", "held_out_rms_mm", "effects", "unexplained", "not_identifiable",
     "next_measurement",

@@ -175,7 +175,8 @@ def test_asymmetry_is_judged_by_the_noise() -> None:
 def test_subjoints_that_the_loads_do_not_determine(tmp_path: Path) -> None:
     forces = ASSEMBLY.split("[[beam]]")[0].replace("[nodes]", "components = 3\n[nodes]", 1)
     forces = forces.rsplit("[[subjoint]]", 1)[0] + BEAM.format("1") + BEAM.format("2")
-    for name, text in (("assembly.toml", ASSEMBLY), ("forces.toml", forces)):
+    whole = ASSEMBLY + BEAM.format("1") + BEAM.format("2")
+    for name, text in (("assembly.toml", whole), ("forces.toml", forces)):
         (tmp_path / name).write_text(text)
     assembly, only_forces = (read_assembly(tmp_path / name) for name in ("assembly.toml", "forces.toml"))
     data, _ = bench(6, 30, 1, 0.01)

@@ -45,6 +45,8 @@ from armflex.show.view.map_page import map_page
 from armflex.tasks.workspace import WorkspaceMap, draw_map
 from armflex.tasks.workspace.tally import Tally, cell_indices, cell_numbers, joined
 
+pytestmark = pytest.mark.slow
+
 Run = Callable[..., subprocess.CompletedProcess]
 TARM = ROBOTS / "tarm_like" / "arm.toml"
 PAYLOADS = ("none", "p600")
@@ -482,6 +484,7 @@ def fine(result: subprocess.CompletedProcess, code: int = 0) -> subprocess.Compl
     return result
 
 
+@pytest.mark.slow
 def test_the_command(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
     asked = ("map", TARM, "--rows", 64, "--payload", "none,p600", "--chunk", 16, "--seed", 5)
     found = map_workspace(tarm, PAYLOADS, rows=64, chunk=16, seed=5)
@@ -524,6 +527,7 @@ def test_the_command_refuses(armflex: Run, tmp_path: Path, options: tuple[str, .
     assert text in result.stderr and not list(tmp_path.glob("map.*"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal to a group of processes")
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_interrupted_and_resumed(armflex: Run, tmp_path: Path, tarm: Arm, jobs: int) -> None:
@@ -554,6 +558,7 @@ def test_interrupted_and_resumed(armflex: Run, tmp_path: Path, tarm: Arm, jobs: 
     assert same(read_map(tmp_path / "map.safetensors"), map_workspace(tarm, rows=600, chunk=2))
 
 
+@pytest.mark.slow
 def test_interrupted_while_a_chunk_is_written(tmp_path: Path) -> None:
     """What is raised in tidying up after Ctrl-C in the middle of a file is no failure of its own."""
     code = """

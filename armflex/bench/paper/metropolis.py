@@ -190,37 +190,32 @@ def _sample(
 ) -> Chain:
     start, adaptation = np.asarray(start, dtype=float), adaptation or Adaptation()
     burn_in = steps // 2 if burn_in is None else burn_in
-    _check(start, steps, burn_in)
-    rng = np.random.default_rng(seed)
-    walker = _Walker(terms, start, _start_covariance(adaptation, start.size))
-    draws = rng.standard_normal((steps, start.size))  # holds the proposals' normals until draws take their place
+    if start.ndim != 1 or start.size == 0:
+        raise ShapeError(f"start of a chain: expected (d,), got {start.shape}")
+    if not 0 <= burn_in <= steps - 2:
+        raise InputError(f"{steps} steps with a burn-in of {burn_in}: expected at least two steps to keep")
+    size, rng = start.size, np.random.default_rng(seed)
+    covariance = scale_of(size) * np.eye(size) if adaptation.covariance is None else adaptation.covariance
+    if covariance.shape != (size, size):
+        raise ShapeError(f"start covariance: expected {(size, size)}, got {covariance.shape}")
+    walker = _Walker(terms, start, covariance)
+    draws = rng.standard_normal((steps, size))  # holds the proposals' normals until draws take their place
     log_uniforms = np.log1p(-rng.random(steps))
-    weights = np.ones((steps, walker.found.size))
-    running = Running(1, start, np.zeros((start.size, start.size)))
+    weights = np.ones((steps, walker.found.size))  # of the terms, as each step's Gibbs draw leaves them
+    running = Running(1, start, np.zeros((size, size)))
     for first in range(0, steps, adaptation.every):
         block = slice(first, first + adaptation.every)
-        _advance(walker, redraw, rng, draws[block], log_uniforms[block], weights[block])
+        for row, log_uniform, weight in zip(draws[block], log_uniforms[block], weights[block], strict=True):
+            if redraw is not None:
+                weight[1:] = redraw(walker.found, rng)
+            walker.step(row, log_uniform, weight)
+            row[:] = walker.theta
         running = updated(running, draws[block], adaptation.epsilon)
         if running.count > adaptation.after:
             walker.factor = _factor(running.covariance)
     kept = draws[burn_in:]
-    return Chain(kept, _moves(kept), running.covariance, -0.5 / weights[burn_in:, 1:])
-
-
-def _advance(
-    walker: _Walker, redraw: Redraw, rng: np.random.Generator, rows: Array, log_uniforms: Array, weights: Array
-) -> None:
-    """Take a step for each row of normals, which the draw replaces; `weights` takes those of each step's Gibbs draw."""
-    for row, log_uniform, weight in zip(rows, log_uniforms, weights, strict=True):
-        if redraw is not None:
-            weight[1:] = redraw(walker.found, rng)
-        walker.step(row, log_uniform, weight)
-        row[:] = walker.theta
-
-
-def _moves(draws: Array) -> float:
-    """Return the share of steps that were accepted: a chain that stays repeats itself to the last digit."""
-    return float((draws[1:] != draws[:-1]).any(axis=1).mean())
+    moved = float((kept[1:] != kept[:-1]).any(axis=1).mean())  # a chain that stays repeats itself to the last digit
+    return Chain(kept, moved, running.covariance, -0.5 / weights[burn_in:, 1:])
 
 
 def _factor(covariance: Array) -> Array:
@@ -228,18 +223,3 @@ def _factor(covariance: Array) -> Array:
     if info:
         raise InputError("the covariance of the proposals is not positive definite: scale the parameters to order one")
     return factor
-
-
-def _start_covariance(adaptation: Adaptation, dimension: int) -> Array:
-    if adaptation.covariance is None:
-        return scale_of(dimension) * np.eye(dimension)
-    if adaptation.covariance.shape != (dimension, dimension):
-        raise ShapeError(f"start covariance: expected {(dimension, dimension)}, got {adaptation.covariance.shape}")
-    return adaptation.covariance
-
-
-def _check(start: Array, steps: int, burn_in: int) -> None:
-    if start.ndim != 1 or start.size == 0:
-        raise ShapeError(f"start of a chain: expected (d,), got {start.shape}")
-    if not 0 <= burn_in <= steps - 2:
-        raise InputError(f"{steps} steps with a burn-in of {burn_in}: expected at least two steps to keep")

@@ -198,8 +198,8 @@ def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
 
     An entry of a text column that effects depend on and these rows never have is 0 throughout.
     """
-    weights = {name: arm.payload(name).mass for name in dict.fromkeys(rows.payload)}
-    known = {**rows.known, MASS: np.array([weights[name] for name in rows.payload])}
+    weights = {id(one): arm.payload(one).mass for one in rows.payload}  # a name or a payload, which has arrays
+    known = {**rows.known, MASS: np.array([weights[id(one)] for one in rows.payload])}
     if isinstance(rows, Rows) and any(POSE in effect.spot.covariates for effect in arm.effects):
         known[POSE] = rows.pose_number.astype(float)
     texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}

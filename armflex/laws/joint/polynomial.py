@@ -29,10 +29,16 @@ _NORMS = {
 
 _PAIRS = [(i, j) for i in range(6) for j in range(i, 6)]
 
-FEATURES = (*WRENCH_NAMES, *_NORMS, *(f"{WRENCH_NAMES[i]}*{WRENCH_NAMES[j]}" for i, j in _PAIRS))
-"""Every feature: components, roots of squares, products. Files hold places in this tuple: append, never reorder."""
+FEATURES = (
+    *(*WRENCH_NAMES, *_NORMS, *(f"{WRENCH_NAMES[i]}*{WRENCH_NAMES[j]}" for i, j in _PAIRS)),
+    *(*(f"{name}|{name}|" for name in WRENCH_NAMES), *(f"{name}^3" for name in WRENCH_NAMES)),
+)
+"""Every feature: components, roots of squares, products, and two odd powers of each component.
 
-_MEMBERS = (*((i,) for i in range(6)), *_NORMS.values(), *_PAIRS)
+Files hold places in this tuple: append, never reorder.
+"""
+
+_MEMBERS = (*((i,) for i in range(6)), *_NORMS.values(), *_PAIRS, *((i,) for i in range(6)), *((i,) for i in range(6)))
 
 ARRAYS = {
     "features": Numbers(("features",), least=0.0, most=len(FEATURES) - 1.0),
@@ -77,14 +83,11 @@ class PolynomialLaw(Law):
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) twist."""
-        return feature_values(wrench)[..., self._places] @ self._padded
+        return self._map.values(wrench)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, 6) derivative; that of a root of squares is taken as zero where the root is zero."""
-        linear, masks, roots, curvature = self._slopes
-        length = np.sqrt((wrench * wrench) @ masks.T)
-        share = roots.T / np.where(length > 0.0, length, 1.0)[..., None, :]
-        return linear + share @ (masks * wrench[..., None, :]) + (curvature @ wrench[..., None, :, None])[..., 0]
+        return self._map.slopes(wrench)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -117,7 +120,7 @@ class PolynomialLaw(Law):
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the features, at the axis that each moves."""
-        values, size = feature_values(wrench)[..., self._places], self.residual_std.size
+        values, size = feature_values(wrench)[..., self._map.places], self.residual_std.size
         found = np.zeros((*wrench.shape, size, len(self.features)))
         found[..., range(size), range(size), :] = values[..., None, :]
         return found.reshape(*wrench.shape, -1)
@@ -132,35 +135,71 @@ class PolynomialLaw(Law):
         return self.loads
 
     @cached_property
-    def _places(self) -> np.ndarray:
-        return np.array([FEATURES.index(name) for name in self.features])
+    def _map(self) -> FeatureMap:
+        padded = np.pad(self.coefficients, [(0, 0), (0, 6 - self.residual_std.size)])
+        return FeatureMap.of(self.features, padded)
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureMap:
+    """A sum of features with vectors of coefficients.
+
+    Attributes:
+        places: (P,) of the features in `FEATURES`.
+        coefficients: (P, 6).
+    """
+
+    places: np.ndarray
+    coefficients: Array
+
+    @classmethod
+    def of(cls, features: Sequence[str], coefficients: Array) -> FeatureMap:
+        """Return the sum of features by name."""
+        return cls(np.array([FEATURES.index(name) for name in features], dtype=int), coefficients)
+
+    def values(self, load: Array) -> Array:
+        """Return the (..., 6) sum at (..., 6) loads."""
+        return feature_values(load)[..., self.places] @ self.coefficients
+
+    def slopes(self, load: Array) -> Array:
+        """Return its (..., 6, 6) derivative."""
+        linear, masks, roots, curvature, odd = self._parts
+        length = np.sqrt((load * load) @ masks.T)
+        share = roots.T / np.where(length > 0.0, length, 1.0)[..., None, :]
+        total = linear + share @ (masks * load[..., None, :]) + (curvature @ load[..., None, :, None])[..., 0]
+        if odd is not None:
+            total = total + (odd[0] * np.abs(load)[..., None, :] + odd[1] * np.square(load)[..., None, :])
+        return total
 
     @cached_property
-    def _padded(self) -> Array:
-        return np.pad(self.coefficients, [(0, 0), (0, 6 - self.residual_std.size)])
+    def _parts(self) -> tuple[Array, Array, Array, Array, Array | None]:
+        """What slopes are made of.
 
-    @cached_property
-    def _slopes(self) -> tuple[Array, Array, Array, Array]:
-        """(6, 6) slope of the components, (r, 6) masks and (r, 6) coefficients of roots, (6, 6, 6) of products."""
+        (6, 6) slope of the components, (r, 6) masks and (r, 6) coefficients of roots, (6, 6, 6) of products, (2, 6, 6)
+        of odd powers, None for none.
+        """
         whole = np.zeros((len(FEATURES), 6))
-        whole[self._places] = self._padded
-        linear, roots, products = np.split(whole, [6, 6 + len(_NORMS)])
+        whole[self.places] = self.coefficients
+        linear, roots, products, odd = np.split(whole, [6, 6 + len(_NORMS), 6 + len(_NORMS) + len(_PAIRS)])
         used = roots.any(axis=1)
-        return linear.T, _MASKS[used], roots[used], np.tensordot(products, _PRODUCT, axes=(0, 0))
+        powers = np.array([2.0, 3.0])[:, None, None] * odd.reshape(2, 6, 6).swapaxes(1, 2)
+        curvature = np.tensordot(products, _PRODUCT, axes=(0, 0))
+        return linear.T, _MASKS[used], roots[used], curvature, powers if odd.any() else None
 
 
 def feature_values(wrench: Array) -> Array:
-    """Return all (..., 37) features of a (..., 6) wrench, in the order of `FEATURES`."""
-    roots = np.sqrt((wrench * wrench) @ _MASKS.T)
-    return np.concatenate([wrench, roots, wrench[..., _FIRST] * wrench[..., _SECOND]], axis=-1)
+    """Return all (..., 49) features of a (..., 6) wrench, in the order of `FEATURES`."""
+    squares = wrench * wrench
+    odd = (wrench * np.abs(wrench), wrench * squares)
+    return np.concatenate([wrench, np.sqrt(squares @ _MASKS.T), wrench[..., _FIRST] * wrench[..., _SECOND], *odd], -1)
 
 
 def features_of(names: str | Sequence[str], size: int) -> tuple[str, ...]:
     """Return the components of a load and the further features that are meant, each once.
 
     Args:
-        names: Features and groups of them ("radial", "magnitude", "absolute", "squares", "quadratic"); a text holds
-            several joined by "+", such as "linear+radial".
+        names: Features and groups of them ("radial", "magnitude", "absolute", "squares", "quadratic", "odd"); a text
+            holds several joined by "+", such as "linear+radial".
         size: 3 for forces only, 6 with moments; a group is of the forces and, where there are moments, of those.
 
     Raises:
@@ -202,7 +241,10 @@ def polynomial_from_tensors(tensors: Mapping[str, Array]) -> PolynomialLaw:
 
 def _unit(feature: str) -> str:
     """Return the unit of a feature of a load."""
-    return "*".join("N" if part.strip("|")[0] == "f" or part.endswith("force") else "Nm" for part in feature.split("*"))
+    units = ["N" if member < 3 else "Nm" for member in _MEMBERS[FEATURES.index(feature)]]
+    if "*" in feature:
+        return "*".join(units)
+    return units[0] + ("^3" if feature.endswith("^3") else "^2" if feature[0] != "|" and feature.endswith("|") else "")
 
 
 def _known(size: int) -> tuple[str, ...]:
@@ -219,6 +261,7 @@ def _groups(size: int) -> dict[str, tuple[str, ...]]:
         "absolute": tuple(name for name in known if name.startswith("|")),
         "squares": tuple(name for name in products if name[:2] == name[3:]),
         "quadratic": products,
+        "odd": tuple(name for name in known if name[0] != "|" and name[-1] in "|3"),
     }
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import InputError, ShapeError, UnknownNameError
-from armflex.laws.law import Row
+from armflex.laws.law import Row, anywhere
 from armflex.laws.learned import LearnedLaw
 from armflex.picture import check_ending, picture
 
@@ -114,11 +114,9 @@ def draw_laws(arm: Arm, path: str | Path, points: Mapping[str, Points] | None = 
 
 def _lines(arm: Arm) -> list[list[Slice]]:
     """Return the slices of every flexure that was learned: of the rotations in which it gives, then of the shifts."""
-    middle = 0.5 * (arm.robot.lower + arm.robot.upper)
-    row = Row(np.where(np.isfinite(middle), middle, 0.0), {name: i for i, name in enumerate(arm.joint_names)})
-    lines = []
+    row, lines = anywhere(arm.robot), []
     for flexure in arm.flexures:
-        if not isinstance(law := flexure.law, LearnedLaw):
+        if (law := flexure.learned) is None:
             continue
         for axes in (range(3, 6), range(3)):
             giving = [axis for axis in axes if law.seen.twist_scale[axis] > 0.0]
