@@ -9,7 +9,6 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.held_out import held_out, pose_folds
-from armflex.measured.measurements import Measurements
 from armflex.measured.repeats import Scatter, repeats
 from armflex.trace.result import Trace
 
@@ -78,27 +77,23 @@ class Accuracy:
 def accuracy(trace: Trace) -> Accuracy:
     """Return a trace's errors on held-out poses, row by row."""
     state, measurements = trace.state, trace.state.measurements
-    groups = state.groups
-    folds, used, rows = pose_folds(groups), trace.believed, trace.rows
-    before, after = (held_out(fit, folds).squares[used] for fit in (trace.before, state.fit))
+    folds, used, rows = pose_folds(state.groups), trace.believed, trace.rows
+    before, after = (
+        Errors(held_out(fit, folds).squares[used], state.groups[used]) for fit in (trace.before, state.fit)
+    )
+    found = repeats(measurements)
+    # Of those approached from the same side where there are enough.
+    again = found and (found.same_approach if found.same_approach is not None else found.same_session)
     return Accuracy(
-        Errors(before, groups[used]),
-        Errors(after, groups[used]),
+        before,
+        after,
         used,
         tuple(measurements.session[row] for row in rows),
         tuple(measurements.pose[row] for row in rows),
         (trace.calibrated_rms, trace.rms),
         trace.noise_rms,
-        _again(measurements),
+        again,
     )
-
-
-def _again(measurements: Measurements) -> Scatter | None:
-    """Return the scatter of repeats, of those approached from the same side where there are enough."""
-    found = repeats(measurements)
-    if found is None:
-        return None
-    return found.same_approach if found.same_approach is not None else found.same_session
 
 
 def scatter_rms(scatter: Scatter) -> tuple[float, float]:

@@ -36,8 +36,12 @@ def against_suspect(trace: Trace, index: int) -> str:
     )
     for number, (panel, (title, values, colour)) in enumerate(zip(axes, panels, strict=True)):
         _cloud(panel, seen, values, colour)
-        if number == 1:
-            _curve(panel, seen)
+        if number == 1 and seen.is_curve and len(np.unique(seen.x)) > FEW:
+            order = np.argsort(seen.x)
+            panel.plot(seen.x[order], seen.effect[order], color=MARK, linewidth=2.2, zorder=3)
+        elif number == 1:
+            size = 900 if seen.is_curve else 13
+            panel.scatter(seen.x, seen.effect, s=size, marker="_", color=MARK, zorder=3)
         panel.axhline(0.0, color=MUTED, linewidth=0.8)
         panel.set_title(title)
         grid(panel)
@@ -84,41 +88,27 @@ def _means(seen: Suspicion, values: Array) -> tuple[Array, Array, Array]:
     return x, y, np.sqrt(np.maximum(scatter / np.maximum(count - 1, 1), 1.0 / total * (count < 2)))
 
 
-def _curve(panel: Axes, seen: Suspicion) -> None:
-    order = np.argsort(seen.x)
-    if seen.is_curve and len(np.unique(seen.x)) > FEW:
-        panel.plot(seen.x[order], seen.effect[order], color=MARK, linewidth=2.2, zorder=3)
-        return
-    panel.scatter(seen.x, seen.effect, s=13 if not seen.is_curve else 900, marker="_", color=MARK, zorder=3)
-
-
 def ranking(found: Found, number: int) -> str:
     """Return the candidates' evidence when the effect was added; what these data cannot tell from it is marked."""
-    rows = _bars(found)[:MOST_RIVALS][::-1]
-    place = np.arange(len(rows))
-    figure, (panel,) = canvas(8.4, 0.75 + 0.25 * len(rows))
-    panel.barh(place, [row[1] for row in rows], 0.66, color=[row[2] for row in rows])
-    panel.axvline(found.proof.null, color=INK, linewidth=1.0, linestyle=DASHED)
-    for height, (_, evidence, _colour) in zip(place, rows, strict=True):
-        panel.annotate(f"{evidence:.0f}", (max(evidence, 0.0), height), (4, 0), textcoords="offset points", va="center",
-                       fontsize=7.5, color=MUTED)  # fmt: skip
-    panel.set_yticks(place, [cut(row[0], 48) for row in rows])
-    panel.set_xlabel("evidence (dashed: the best that chance gave in 200 trials)")
-    panel.set_xlim(0.0, 1.08 * max(found.proof.null, *(row[1] for row in rows)))
-    grid(panel, "x")
-    return inline(figure, f"Ranking of the candidates, effect {number}")
-
-
-def _bars(found: Found) -> list[tuple[str, float, str]]:
-    """Return label, evidence and colour of every candidate once, the best first."""
     same = {(effect.law.name, effect.spot) for effect, _ in found.equivalent}
     own = (found.effect.law.name, found.effect.spot)
-    rows: dict[str, tuple[str, float, str]] = {}
+    bars: dict[str, tuple[float, str]] = {}  # of every candidate once, the best first
     for one in found.ranking:
         key, label = (one.candidate.law.name, one.candidate.spot), labelled(one.candidate.effect(one.amplitudes))
-        colour = AFTER if key == own else MARK if key in same else RULE
-        rows.setdefault(label, (label, one.evidence, colour))
-    return list(rows.values())
+        bars.setdefault(label, (one.evidence, AFTER if key == own else MARK if key in same else RULE))
+    rows = list(bars.items())[:MOST_RIVALS][::-1]
+    place = np.arange(len(rows))
+    figure, (panel,) = canvas(8.4, 0.75 + 0.25 * len(rows))
+    panel.barh(place, [evidence for _, (evidence, _) in rows], 0.66, color=[colour for _, (_, colour) in rows])
+    panel.axvline(found.proof.null, color=INK, linewidth=1.0, linestyle=DASHED)
+    for height, (_, (evidence, _)) in zip(place, rows, strict=True):
+        panel.annotate(f"{evidence:.0f}", (max(evidence, 0.0), height), (4, 0), textcoords="offset points", va="center",
+                       fontsize=7.5, color=MUTED)  # fmt: skip
+    panel.set_yticks(place, [cut(label, 48) for label, _ in rows])
+    panel.set_xlabel("evidence (dashed: the best that chance gave in 200 trials)")
+    panel.set_xlim(0.0, 1.08 * max(found.proof.null, *(evidence for _, (evidence, _) in rows)))
+    grid(panel, "x")
+    return inline(figure, f"Ranking of the candidates, effect {number}")
 
 
 def posterior(trace: Trace, index: int) -> str:

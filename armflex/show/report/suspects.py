@@ -48,12 +48,11 @@ class Suspicion:
         """Whether the effect is a function of x alone."""
         order = np.lexsort((self.effect, self.x))
         x, y = self.x[order], self.effect[order]
-        rough = np.abs(y[1:-1] - 0.5 * (y[2:] + y[:-2])) if len(np.unique(x)) > 8 else _within(x, y)
+        if len(kinds := np.unique(x)) > 8:
+            rough = np.abs(y[1:-1] - 0.5 * (y[2:] + y[:-2]))
+        else:
+            rough = np.array([np.ptp(y[x == value]) for value in kinds])
         return bool(len(rough) and np.quantile(rough, 0.9) <= FUNCTION * np.ptp(y))
-
-
-def _within(x: Array, y: Array) -> Array:
-    return np.array([np.ptp(y[x == value]) for value in np.unique(x)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +73,20 @@ class Direction:
 
 
 def suspicion(trace: Trace, index: int) -> Suspicion:
-    """Return the residuals along the direction of one found effect."""
-    effect = trace.found[index].effect
+    """Return the residuals along the direction of one found effect, believed rows only, in a unit that suits them."""
+    effect, fit = trace.found[index].effect, trace.state.fit
     motion = motion_of(trace, effect)
     direction, x, x_label = _seen(trace, effect, motion)
-    return _resolved(trace, motion, direction, x, x_label)
+    unit, where = direction.unit, fit.view.positions
+    sigma = fit.view.sigma[:, where]
+    information = np.maximum((unit**2 / sigma**2).sum(axis=1), 1e-300)
+    after = trace.residual[:, where]
+    residuals = (trace.before.view.residual[:, where], after + motion, after)
+    seen = [(unit / sigma**2 * residual).sum(axis=1) / information for residual in residuals]
+    kept = trace.believed & np.isfinite(direction.value)
+    factor, name = scaled(float(np.quantile(np.abs(direction.value[kept]), 0.9)), direction.base)
+    numbers = [array[kept] / factor for array in (*seen, direction.value, 1.0 / np.sqrt(information))]
+    return Suspicion(x[kept], *numbers, x_label, f"{direction.name} [{name}]")
 
 
 def motion_of(trace: Trace, effect: Effect) -> Array:
@@ -92,7 +100,11 @@ def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array
     twist, axis = _twist(trace, effect)
     if ABOVE in effect.law.inner and (axis is None or effect.law.loaded):
         x, x_label = _suspect(trace, effect, None)
-        return _per_kelvin(trace, effect, motion, x), x, x_label
+        # It grows with a temperature above its reference: its change with one kelvin less of that.
+        place = effect.law.inner.index(ABOVE)
+        lower = [value - (i == place) for i, value in enumerate(effect.inner)]
+        moved = motion_of(trace, replace(effect, values=(*effect.amplitudes, *lower)))
+        return _usual(moved - motion, x - effect.inner[place]), x, x_label
     if axis is None:
         size = np.linalg.norm(motion, axis=1)
         unit = motion / np.maximum(size, 1e-300)[:, None]
@@ -111,15 +123,6 @@ def _usual(unit: Array, value: Array) -> Direction:
     """Return a direction in metres at the target of a typical reading."""
     size = float(np.sqrt((unit**2).sum(axis=1).mean())) or 1.0
     return Direction(unit / size, value * size, "residual along it,\nas in a typical reading", "m")
-
-
-def _per_kelvin(trace: Trace, effect: Effect, motion: Array, warm: Array) -> Direction:
-    """Return the direction of an effect that grows with a temperature above its reference."""
-    place = effect.law.inner.index(ABOVE)
-    lower = list(effect.inner)
-    lower[place] -= 1.0
-    moved = replace(effect, values=(*effect.amplitudes, *lower))
-    return _usual(motion_of(trace, moved) - motion, warm - effect.inner[place])
 
 
 def _twist(trace: Trace, effect: Effect) -> tuple[Array, Array | None]:
@@ -146,12 +149,9 @@ def _gain(trace: Trace, effect: Effect) -> tuple[Array, str]:
     usual = float(np.median(np.abs(load))) or 1.0
     tiny = 1e-3 * usual
     gain = np.where(np.abs(load) < tiny, tiny, load) / usual
-    return gain, f"\nunder its median load ({_load(usual, spot.axis)})"
-
-
-def _load(value: float, axis: str) -> str:
-    unit = "Nm" if axis.startswith("r") else "N"
-    return f"{value / 1e3:.3g} k{unit}" if value >= 1e3 else f"{value:.3g} {unit}"
+    kind = "Nm" if spot.turns else "N"
+    load = f"{usual / 1e3:.3g} k{kind}" if usual >= 1e3 else f"{usual:.3g} {kind}"
+    return gain, f"\nunder its median load ({load})"
 
 
 def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, str]:
@@ -160,7 +160,11 @@ def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, s
     rows, scene = state.rows, state.scene
     if law.memory:
         here, wrench = scene.here(spot, state.fit.setup.arm), scene.wrench(state.fit.view, spot.site)
-        return _remembered(law.memory.remember(here, wrench, scene.row, effect.inner)[rows], effect)
+        values = law.memory.remember(here, wrench, scene.row, effect.inner)[rows]
+        if not spot.covariates:
+            return _loads(values, "m" if spot.turns else "f", f"load {spot.axis} that play passes on")
+        name, lag = spot.covariates[0], effect.named.get(LAG, 0.0)
+        return values, f"{name}, {lag / 3600.0:.2g} h behind" if lag else name
     if spot.covariates and not (law.loaded and spot.covariates[0].startswith("approach_")):
         return _column(scene, spot.covariates[0], rows)
     if law.loaded and axis is not None:
@@ -169,14 +173,6 @@ def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, s
         return _loads(load, WRENCH_NAMES[main], f"load {WRENCH_NAMES[main]} at {spot.place}")
     own = spot.place in scene.joints and np.ptp(scene.column(f"q_{spot.place}")[rows]) > 0.0
     return _column(scene, f"q_{spot.place}" if own and not law.constant else "time", rows)
-
-
-def _remembered(values: Array, effect: Effect) -> tuple[Array, str]:
-    if not effect.spot.covariates:
-        axis = str(effect.spot.axis)
-        return _loads(values, "m" if effect.spot.turns else "f", f"load {axis} that play passes on")
-    name, lag = effect.spot.covariates[0], effect.named.get(LAG, 0.0)
-    return values, f"{name}, {lag / 3600.0:.2g} h behind" if lag else name
 
 
 def _loads(values: Array, kind: str, label: str) -> tuple[Array, str]:
@@ -192,18 +188,3 @@ def _column(scene: Scene, name: str, rows: np.ndarray) -> tuple[Array, str]:
         return (values / 3600.0, f"{name} [h]") if values.max() > 7200.0 else (values, f"{name} [s]")
     kinds = {f"q_{joint.name}": "m" if joint.kind == "prismatic" else "rad" for joint in scene.robot.moving}
     return values, f"{name} [{kinds[name]}]" if name in kinds else name
-
-
-def _resolved(trace: Trace, motion: Array, direction: Direction, x: Array, x_label: str) -> Suspicion:
-    """Return all residuals resolved along the effect, believed rows only, in a unit that suits them."""
-    fit, unit = trace.state.fit, direction.unit
-    where = fit.view.positions
-    sigma = fit.view.sigma[:, where]
-    information = np.maximum((unit**2 / sigma**2).sum(axis=1), 1e-300)
-    after = trace.residual[:, where]
-    residuals = (trace.before.view.residual[:, where], after + motion, after)
-    seen = [(unit / sigma**2 * residual).sum(axis=1) / information for residual in residuals]
-    kept = trace.believed & np.isfinite(direction.value)
-    factor, name = scaled(float(np.quantile(np.abs(direction.value[kept]), 0.9)), direction.base)
-    numbers = [array[kept] / factor for array in (*seen, direction.value, 1.0 / np.sqrt(information))]
-    return Suspicion(x[kept], *numbers, x_label, f"{direction.name} [{name}]")

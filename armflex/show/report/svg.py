@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from io import StringIO
 from typing import TYPE_CHECKING
 
@@ -82,14 +83,11 @@ def inline(figure: Figure, name: str) -> str:
     with mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")  # browsers have more letters than matplotlib measures by
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    return _cleaned(text.getvalue(), name)
-
-
-def _cleaned(svg: str, name: str) -> str:
+    svg = text.getvalue()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
     svg = re.sub(r'(<g) id="[^"]*"', r"\1", svg)  # named by number, alike in every figure, and used by nothing
-    svg = re.sub(r"<[^>]*>", lambda tag: _themed(tag[0].replace("xlink:href=", "href=")), svg)  # no text in between
+    svg = re.sub(r"<[^>]*>", _themed, svg)  # no text in between
     box = re.search(r'viewBox="([^"]*)"', svg)[1]
     safe = re.sub(r"[^\w ,.-]", " ", name)
     width = PIXELS * float(box.split()[2])
@@ -98,11 +96,11 @@ def _cleaned(svg: str, name: str) -> str:
     return head + svg[svg.index(">") + 1 :].strip()
 
 
-def _themed(tag: str) -> str:
-    def colours(match: re.Match) -> str:
-        return re.sub(r"#0[1-8]0[1-8]0[1-8]", lambda found: f"var(--{VARIABLES[found[0]]})", match[0])
-
-    return re.sub(r'style="[^"]*"', colours, tag)
+def _themed(tag: re.Match) -> str:
+    """Return a tag whose style follows the page's theme."""
+    plain = tag[0].replace("xlink:href=", "href=")
+    colours = partial(re.sub, r"#0[1-8]0[1-8]0[1-8]", lambda found: f"var(--{VARIABLES[found[0]]})")
+    return re.sub(r'style="[^"]*"', lambda style: colours(style[0]), plain)
 
 
 def grid(axes: Axes, which: str = "both") -> None:

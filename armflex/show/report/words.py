@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.law import Effect, Words
-from armflex.laws.effects.spot import BASE, LINK, TOOL, Spot
+from armflex.laws.effects.spot import BASE, LINK, TOOL
 from armflex.parameters import numbered
 
 SITES = {BASE: "the base", TOOL: "the tool", LINK + TOOL: "the last link"}
@@ -22,11 +22,6 @@ def site_words(site: str) -> str:
     return f"the link ending at {site.removeprefix(LINK)}" if site.startswith(LINK) else site
 
 
-def place_words(spot: Spot) -> str:
-    """Return where an effect acts: 'A5 (rz)'."""
-    return f"{site_words(spot.site)} ({spot.axis})" if spot.axis else site_words(spot.site)
-
-
 def called(effect: Effect, number: int = 1) -> str:
     """Return an effect in words: 'backlash at A5 (rz)'; one without a name says which column it goes with.
 
@@ -36,8 +31,9 @@ def called(effect: Effect, number: int = 1) -> str:
     if not effect.law.physical:
         shape, columns = title.removeprefix("unnamed "), " and ".join(effect.spot.covariates)
         title = f"something without a name (a {shape} in {columns})"
-    partner = f" with {effect.spot.partner}" if effect.spot.partner else ""
-    return f"{title} at {place_words(effect.spot)}{partner}{numbered(number)}"
+    spot = effect.spot
+    axis, partner = f" ({spot.axis})" if spot.axis else "", f" with {spot.partner}" if spot.partner else ""
+    return f"{title} at {site_words(spot.site)}{axis}{partner}{numbered(number)}"
 
 
 def units_of(effect: Effect) -> dict[str, str]:
