@@ -88,7 +88,8 @@ class Room(NamedTuple):
 
     turn, origin: Of every flexure in the rigid arm; three rows of `turn` each. moment: first moment about the base of
     what is between it and the next flexure. tip: where the rigid arm has it. frame: three rows, the frame that is
-    walked with. points: where the rigid arm has the loaded links. The others are what is worked with.
+    walked with. points: where the rigid arm has the loaded links. screws: two rows of each flexure, what `_screw`
+    returns at the twists that were weighed last. The others are what is worked with.
     """
 
     turn: Array
@@ -100,6 +101,8 @@ class Room(NamedTuple):
     loads: Array
     twists: Array
     moved: Array
+    screws: Array
+    seen: Array
     pull: Array
     wrench: Array
     quaternion: Array
@@ -110,7 +113,7 @@ class Room(NamedTuple):
 
 def room_for(flexures: int, links: int, lanes: int, rooms: int = 1) -> Array:
     """Return memory for some times a `Room`, in rows of six: to cut it into others takes longer than to fill it."""
-    return np.empty((rooms, 9 * flexures + 8 + links, 6, lanes))
+    return np.empty((rooms, 12 * flexures + 8 + links, 6, lanes))
 
 
 @jit
@@ -169,7 +172,7 @@ def solve_many(
 @inner
 def _divided(room, hidden, n):
     """Return memory divided into the arrays of some lanes."""
-    last = room[9 * n :]
+    last = room[12 * n :]
     return Room(
         turn=room[: 3 * n],
         origin=room[3 * n : 4 * n],
@@ -180,7 +183,9 @@ def _divided(room, hidden, n):
         loads=room[6 * n : 7 * n],
         twists=room[7 * n : 8 * n],
         moved=room[8 * n : 9 * n],
-        pull=last[4:5],
+        screws=room[9 * n : 11 * n],
+        seen=room[11 * n : 12 * n],
+        pull=last[4],
         wrench=last[5],
         quaternion=last[6],
         lane=last[7],
@@ -504,9 +509,16 @@ def _weigh(arm, room, flexed, first, lanes):
     moments, n, last = room.moments, arm.flexures, arm.kinds.shape[1]
     for i in range(3):
         for c in range(len(lanes)):
-            room.pull[0, i, c] = arm.elements[last, 12 + i]
+            room.pull[i, c] = arm.elements[last, 12 + i]
             for k in range(n):
                 moments[k, i, c] = room.moment[k, i, c]
+    for k in range(n if flexed else 0):
+        for c in range(len(lanes)):
+            screw = _screw(room, k, c)
+            for a in range(6):
+                room.screws[2 * k, a, c] = screw[a]
+            for a in range(3):
+                room.screws[2 * k + 1, a, c] = screw[6 + a]
     for step in range(n - 1, 0, -1):
         k, before = arm.kinds[2, step], arm.kinds[2, step - 1]
         for i in range(3):
@@ -517,10 +529,20 @@ def _weigh(arm, room, flexed, first, lanes):
     for step in range(n):
         k = arm.kinds[2, step]
         if flexed:
-            _lean(room.pull, room, k, lanes)
+            _lean(room.pull, 0, room, k, lanes)
         _load(arm.elements[k, 19], room, k, lanes)
     for j in range(len(arm.acting)):
         _push(arm, room, j, flexed, first, lanes)
+
+
+@inner
+def _kept(room, k, c):
+    """Return what `_screw` did for flexure k in lane c."""
+    screws, i, j = room.screws, 2 * k, 2 * k + 1
+    return (
+        *(screws[i, 0, c], screws[i, 1, c], screws[i, 2, c], screws[i, 3, c], screws[i, 4, c], screws[i, 5, c]),
+        *(screws[j, 0, c], screws[j, 1, c], screws[j, 2, c]),
+    )
 
 
 @inner
@@ -528,7 +550,7 @@ def _carry(mass, room, k, before, lanes):
     """Add to the moments about the flexure before k how far k moves what is outboard of it."""
     for c in range(len(lanes)):
         x, y, z = room.moments[k, 0, c], room.moments[k, 1, c], room.moments[k, 2, c]
-        vx, vy, vz, wx, wy, wz, b, t, _ = _screw(room, k, c)
+        vx, vy, vz, wx, wy, wz, b, t, _ = _kept(room, k, c)
         ux, uy, uz = mass * vx + wy * z - wz * y, mass * vy + wz * x - wx * z, mass * vz + wx * y - wy * x
         ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
         room.moments[before, 0, c] += ux + b * ox + t * (wy * oz - wz * oy)
@@ -537,23 +559,23 @@ def _carry(mass, room, k, before, lanes):
 
 
 @inner
-def _lean(pull, room, k, lanes):
-    """Turn the weight's direction back by flexure k, instead of everything outboard of it forth."""
+def _lean(vectors, first, room, k, lanes):
+    """Turn three rows back by flexure k, instead of everything outboard of it forth."""
     for c in range(len(lanes)):
-        x, y, z = pull[0, 0, c], pull[0, 1, c], pull[0, 2, c]
-        _, _, _, wx, wy, wz, b, t, s = _screw(room, k, c)
+        x, y, z = vectors[first, c], vectors[first + 1, c], vectors[first + 2, c]
+        _, _, _, wx, wy, wz, b, t, s = _kept(room, k, c)
         a = 1.0 - t * s
         ox, oy, oz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
-        pull[0, 0, c] = x + b * (wy * oz - wz * oy) - a * ox
-        pull[0, 1, c] = y + b * (wz * ox - wx * oz) - a * oy
-        pull[0, 2, c] = z + b * (wx * oy - wy * ox) - a * oz
+        vectors[first, c] = x + b * (wy * oz - wz * oy) - a * ox
+        vectors[first + 1, c] = y + b * (wz * ox - wx * oz) - a * oy
+        vectors[first + 2, c] = z + b * (wx * oy - wy * ox) - a * oz
 
 
 @inner
 def _load(mass, room, k, lanes):
     """Fill the loads on flexure k in its own axes."""
     for c in range(len(lanes)):
-        x, y, z = room.pull[0, 0, c], room.pull[0, 1, c], room.pull[0, 2, c]
+        x, y, z = room.pull[0, c], room.pull[1, c], room.pull[2, c]
         rx = room.moments[k, 0, c] - mass * room.origin[k, 0, c]
         ry = room.moments[k, 1, c] - mass * room.origin[k, 1, c]
         rz = room.moments[k, 2, c] - mass * room.origin[k, 2, c]
@@ -569,59 +591,41 @@ def _load(mass, room, k, lanes):
 def _push(arm, room, j, flexed, first, lanes):
     """Add to the loads those of the dead wrench on link j.
 
-    Its point is moved by the flexures inboard of it; the wrench about the base's origin is then seen from the axes that
-    each of them moves, from the base outwards.
+    As with the weight its point is moved by the flexures between it and the one that it loads, and it is turned back by
+    that one and those inboard of it.
     """
-    wrench, last = room.wrench, len(arm.wrenches) - 1
+    wrench, seen, last = room.wrench, room.seen, len(arm.wrenches) - 1
     for i in range(3):
         for c in range(len(lanes)):
             wrench[i, c] = room.points[j, i, c]
-    for step in range(arm.links[j, 1] - 1 if flexed else -1, -1, -1):
+    for step in range(arm.links[j, 1] - 1, -1, -1):
         for c in range(len(lanes)):
-            vx, vy, vz, wx, wy, wz, b, t, _ = _screw(room, arm.kinds[2, step], c)
             x, y, z = wrench[0, c], wrench[1, c], wrench[2, c]
-            ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-            ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-            wrench[0, c] = x + ux + b * ox + t * (wy * oz - wz * oy)
-            wrench[1, c] = y + uy + b * oy + t * (wz * ox - wx * oz)
-            wrench[2, c] = z + uz + b * oz + t * (wx * oy - wy * ox)
-    for c in range(len(lanes)):
-        row = min(first + c, last)
-        x, y, z = wrench[0, c], wrench[1, c], wrench[2, c]
-        fx, fy, fz = arm.wrenches[row, j, 3], arm.wrenches[row, j, 4], arm.wrenches[row, j, 5]
-        wrench[0, c], wrench[1, c], wrench[2, c] = fx, fy, fz
-        wrench[3, c] = arm.wrenches[row, j, 6] + y * fz - z * fy
-        wrench[4, c] = arm.wrenches[row, j, 7] + z * fx - x * fz
-        wrench[5, c] = arm.wrenches[row, j, 8] + x * fy - y * fx
+            seen[step, 0, c], seen[step, 1, c], seen[step, 2, c] = x, y, z
+            if flexed and step > 0:
+                vx, vy, vz, wx, wy, wz, b, t, _ = _kept(room, arm.kinds[2, step], c)
+                ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+                ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
+                wrench[0, c] = x + ux + b * ox + t * (wy * oz - wz * oy)
+                wrench[1, c] = y + uy + b * oy + t * (wz * ox - wx * oz)
+                wrench[2, c] = z + uz + b * oz + t * (wx * oy - wy * ox)
+    turned = False
+    for i in range(6):
+        for c in range(len(lanes)):
+            wrench[i, c] = arm.wrenches[min(first + c, last), j, 3 + i]
+            turned |= i > 2 and wrench[i, c] != 0.0
     for step in range(arm.links[j, 1]):
         k = arm.kinds[2, step]
+        if flexed:
+            _lean(wrench, 0, room, k, lanes)
+            if turned:
+                _lean(wrench, 3, room, k, lanes)
         for c in range(len(lanes)):
             fx, fy, fz, mx, my, mz = wrench[0, c], wrench[1, c], wrench[2, c], wrench[3, c], wrench[4, c], wrench[5, c]
-            if flexed:
-                vx, vy, vz, wx, wy, wz, b, t, s = _screw(room, k, c)
-                ox, oy, oz = wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx
-                dx, dy, dz = wy * oz - wz * oy, wz * ox - wx * oz, wx * oy - wy * ox
-                dx, dy, dz = vx + b * ox + t * dx, vy + b * oy + t * dy, vz + b * oz + t * dz
-                mx, my, mz = mx - (dy * fz - dz * fy), my - (dz * fx - dx * fz), mz - (dx * fy - dy * fx)
-                a = 1.0 - t * s
-                ox, oy, oz = wy * fz - wz * fy, wz * fx - wx * fz, wx * fy - wy * fx
-                fx += b * (wy * oz - wz * oy) - a * ox
-                fy += b * (wz * ox - wx * oz) - a * oy
-                fz += b * (wx * oy - wy * ox) - a * oz
-                ox, oy, oz = wy * mz - wz * my, wz * mx - wx * mz, wx * my - wy * mx
-                mx += b * (wy * oz - wz * oy) - a * ox
-                my += b * (wz * ox - wx * oz) - a * oy
-                mz += b * (wx * oy - wy * ox) - a * oz
-                wrench[0, c], wrench[1, c], wrench[2, c], wrench[3, c], wrench[4, c], wrench[5, c] = (
-                    fx,
-                    fy,
-                    fz,
-                    mx,
-                    my,
-                    mz,
-                )
-            px, py, pz = room.origin[k, 0, c], room.origin[k, 1, c], room.origin[k, 2, c]
-            mx, my, mz = mx - (py * fz - pz * fy), my - (pz * fx - px * fz), mz - (px * fy - py * fx)
+            x = seen[step, 0, c] - room.origin[k, 0, c]
+            y = seen[step, 1, c] - room.origin[k, 1, c]
+            z = seen[step, 2, c] - room.origin[k, 2, c]
+            mx, my, mz = mx + y * fz - z * fy, my + z * fx - x * fz, mz + x * fy - y * fx
             for i in range(3):
                 r0, r1, r2 = room.turn[3 * k, i, c], room.turn[3 * k + 1, i, c], room.turn[3 * k + 2, i, c]
                 room.loads[k, i, c] += r0 * fx + r1 * fy + r2 * fz
@@ -633,17 +637,17 @@ def _displace(arm, room, lanes):
     """Leave in `pull` how far the twists move the tip, and in `quaternion` how they turn it, real part first."""
     tip, shift, quaternion = room.tip, room.pull, room.quaternion
     for c in range(len(lanes)):
-        shift[0, 0, c] = shift[0, 1, c] = shift[0, 2, c] = 0.0
+        shift[0, c] = shift[1, c] = shift[2, c] = 0.0
         quaternion[0, c], quaternion[1, c], quaternion[2, c], quaternion[3, c] = 1.0, 0.0, 0.0, 0.0
     for step in range(arm.flexures - 1, -1, -1):
         for c in range(len(lanes)):
             vx, vy, vz, wx, wy, wz, b, t, s = _screw(room, arm.kinds[2, step], c)
-            x, y, z = tip[0, 0, c] + shift[0, 0, c], tip[0, 1, c] + shift[0, 1, c], tip[0, 2, c] + shift[0, 2, c]
+            x, y, z = tip[0, 0, c] + shift[0, c], tip[0, 1, c] + shift[1, c], tip[0, 2, c] + shift[2, c]
             ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
             ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-            shift[0, 0, c] += ux + b * ox + t * (wy * oz - wz * oy)
-            shift[0, 1, c] += uy + b * oy + t * (wz * ox - wx * oz)
-            shift[0, 2, c] += uz + b * oz + t * (wx * oy - wy * ox)
+            shift[0, c] += ux + b * ox + t * (wy * oz - wz * oy)
+            shift[1, c] += uy + b * oy + t * (wz * ox - wx * oz)
+            shift[2, c] += uz + b * oz + t * (wx * oy - wy * ox)
             half = 0.5 - s * (1 / 48 - s * (1 / 3840 - s / 645120))
             a = 1.0 - s * (1 / 8 - s * (1 / 384 - s / 46080))
             wx, wy, wz = half * wx, half * wy, half * wz
@@ -661,7 +665,7 @@ def _write_displacement(room, c, displacement):
     sine = math.sqrt(i * i + j * j + k * k)
     times = 2.0 if sine < 1e-8 else 2.0 * math.atan2(sine, r) / sine
     for a in range(3):
-        displacement[a], displacement[3 + a] = room.pull[0, a, c], times * room.quaternion[1 + a, c]
+        displacement[a], displacement[3 + a] = room.pull[a, c], times * room.quaternion[1 + a, c]
 
 
 # Sensitivities: one configuration at a time, the tip's coordinates side by side.

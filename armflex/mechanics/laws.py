@@ -15,6 +15,9 @@ from armflex.laws.law import NOTHING, UNLOADED
 
 Motion = Callable[[Array], Array]
 
+TAME = 1e60
+"""Largest compliance of laws whose twists need not be looked at [m/N, rad/(N m)]."""
+
 
 @dataclass(frozen=True)
 class LawStack:
@@ -213,6 +216,7 @@ class PlacedLaws:
     Attributes:
         motion: (nv,) generalized torques to the (nv,) twists, among zeros, that the laws give at the row that is known.
         curved: Whether their tangents depend on the load there.
+        tame: Whether they are the same everywhere, and such that no weight can give twists whose squares overflow.
     """
 
     def __init__(self, stack: LawStack, places: np.ndarray, size: int) -> None:
@@ -232,6 +236,7 @@ class PlacedLaws:
         self._row: Row | None = None
         self._known: dict[int, Array] = {}
         self.changing, self.curved = bool(stack.changing), False
+        self.tame = not stack.changing and max(abs(matrix).max(initial=0.0), abs(gains).max(initial=0.0)) < TAME
 
     def know(self, row: Row) -> None:
         """Take in the row of the questions to come; needed where laws depend on more than the load."""

@@ -57,6 +57,7 @@ def test_the_plainest_that_the_data_ask_for(kind: str, names: tuple[str, ...]) -
     assert "not_worth_its_weights" in {flag.code for flag in result.flags}
 
 
+@pytest.mark.slow
 def test_a_network_is_taken_where_nothing_plain_will_do() -> None:
     result = train(bench("wavy", 2, 160), "auto", options=Options(neurons=12, starts=2))
     assert result.trained.model == "neural"
@@ -97,6 +98,7 @@ def test_rivals_are_compared_on_the_same_rows() -> None:
     np.testing.assert_allclose(compared[2].rms, again.rms)
 
 
+@pytest.mark.slow
 def test_the_choice_is_made_anew_in_every_fold() -> None:
     held, count = assess([r for r in rivals(QUICK) if not r.name.startswith("network")], bench("radial", 5))
     assert sum(count.values()) == 10

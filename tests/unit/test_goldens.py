@@ -13,8 +13,10 @@ from armflex.laws.effects.shapes import shares_of_load
 from armflex.laws.effects.spot import Spot
 from armflex.linear_gaussian import LinearGaussian
 
+LONG = ("calibrate_tarm", "trace_tarm", "train_neural")
 
-@pytest.mark.parametrize("name", COMMANDS)
+
+@pytest.mark.parametrize("name", [pytest.param(one, marks=pytest.mark.slow if one in LONG else ()) for one in COMMANDS])
 def test_a_command_says_what_it_said(name: str) -> None:
     assert compare(name, command_json(COMMANDS[name])) == []
 

@@ -223,6 +223,7 @@ def test_learned_laws_and_their_picture(field: Path, tmp_path: Path) -> None:
     assert is_png(draw_laws(load_arm(tmp_path / "learned.toml"), tmp_path / "laws.png"))
 
 
+@pytest.mark.slow
 def test_trace_and_its_report(field: Path, tmp_path: Path) -> None:
     out, page = tmp_path / "traced.toml", tmp_path / "trace.html"
     said = done("trace", field / "arm.toml", field / "campaign.csv", "-o", out, "--report", page)

@@ -12,7 +12,7 @@ from support.arms import bundled, corrected, networks, positions
 from support.every_law import KINDS, KNOWN, effects, laws_of
 from support.small_arms import random_compliance, three_joints
 
-from armflex import Arm, Payload
+from armflex import Arm, Payload, Wrench
 from armflex.errors import (
     ArrayTypeError,
     ConvergenceError,
@@ -237,6 +237,40 @@ def test_the_bound_holds(tmp_path_factory, softness, mass, seed, kind):
     exact = (np.einsum("ipjq,jq->ip", norms, bound.reference) / bound.reference).max()
     assert np.abs(np.linalg.eigvals(found.tangent - np.eye(18))).max() <= largest * (1 + 1e-9)
     assert exact <= 3.0 * largest  # absolute values of entries may lengthen a 3 x 3 block by up to 3
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), size=st.floats(0.0, 3.5).map(lambda power: 10.0**power))
+def test_the_bound_holds_under_dead_loads(tmp_path_factory, seed, size):
+    """It is no less than the tangent's distance from that of a rigid arm, and what is quick to tell is true."""
+    arm = three_joints(tmp_path_factory.mktemp("arm"), [random_compliance(i, 5.0) for i in range(3)])
+    rng = np.random.default_rng(seed)
+    wrenches = [Wrench(link, *(size * rng.normal(size=(2, 3)))) for link in rng.choice(arm.link_names, 2)]
+    weight = arm.loaded(None).stability_bound
+    bound = weight.under(wrenches)
+    assert (bound.change >= weight.change).all()
+    assert bound.proven or not weight.proven_under(wrenches)
+    found = arm.deflection(rng.uniform(-1.5, 1.5, 3), wrenches=wrenches, allow_large=True)
+    if np.linalg.norm(found.twists) <= 0.1:
+        largest = (np.einsum("ipq,iq->ip", bound.steepest, bound.change) / bound.reference).max()
+        assert np.abs(np.linalg.eigvals(found.tangent - np.eye(18))).max() <= largest * (1 + 1e-9)
+
+
+def test_a_force_needs_no_tangent_where_the_bound_proves_that_the_arm_stays():
+    arm, force = bundled("tarm_like"), [Wrench("tool", [30.0, -20.0, 10.0], [5.0, 0.0, 0.0])]
+    found = arm.deflection(np.zeros(7), "p300", wrenches=force)
+    assert found.method == "fixed_point" and found.solved.tangent is None
+    newton = arm.deflection(np.zeros(7), "p300", wrenches=force, method="newton")
+    np.testing.assert_allclose(found.twists, newton.twists, rtol=0, atol=1e-13)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("method", ["exact", "newton", "fixed_point", "first_order"])
+def test_what_runs_away_is_refused_and_not_warned_of(tmp_path, method):
+    law = LinearLaw(np.diag([1e-8] * 3 + [1e170] * 3))
+    arm = three_joints(tmp_path, [law, law, law])
+    with pytest.raises((ConvergenceError, SmallDisplacementError, UnstableEquilibriumError)):
+        arm.deflection(np.array([0.1, 0.5, 0.2]), method=method)
 
 
 def test_what_is_not_proven_is_left_to_newton(tmp_path):

@@ -78,6 +78,7 @@ def test_what_is_predicted_is_near_the_truth_and_its_band_covers(assembly: Struc
     np.testing.assert_allclose(result.trained.law.twist(fresh, NOWHERE), exact, atol=0.3 * NOISE.max())
 
 
+@pytest.mark.slow
 def test_a_fitted_structure_is_the_same_from_a_file_in_a_fresh_process(assembly: StructuralLaw, tmp_path: Path) -> None:
     result = train(bench(assembly, 1), "structural", options=Options(assembly=assembly))
     path = save_law(result.trained, tmp_path / "joint.safetensors")
@@ -90,6 +91,7 @@ def test_a_fitted_structure_is_the_same_from_a_file_in_a_fresh_process(assembly:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_refused(assembly: StructuralLaw, tmp_path: Path) -> None:
     path = save_law(train(bench(assembly, 1), "structural", options=Options(assembly=assembly)).trained, tmp_path / "j")
     data = bytearray(path.read_bytes())
@@ -110,6 +112,7 @@ def test_too_few_readings_and_nonlinear_parts_are_refused(assembly: StructuralLa
         fit_structural(data.loads, data.deflections, replace(assembly, subjoints=(stranger, *assembly.subjoints[1:])))
 
 
+@pytest.mark.slow
 def test_a_table_and_an_assembly_on_the_command_line(armflex: Run, assembly: StructuralLaw, tmp_path: Path) -> None:
     data = bench(assembly, 2)
     header = "fx_N,fy_N,fz_N,mx_Nm,my_Nm,mz_Nm,dx_m,dy_m,dz_m,rx_rad,ry_rad,rz_rad"

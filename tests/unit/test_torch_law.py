@@ -99,6 +99,7 @@ def source(folder: Path, text: str, name: str = "Own") -> Options:
     return Options(starts=1, module=f"{folder / 'own.py'}:{name}")
 
 
+@pytest.mark.slow
 def test_it_is_trained_and_held_out_as_a_network_is(folder: Path) -> None:
     result = train(DATA, "torch", options=Options(starts=1, module=f"{folder / 'code' / 'own.py'}:Own"))
     neural = train(DATA, "neural", options=Options(starts=1, neurons=2))

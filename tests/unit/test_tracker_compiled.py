@@ -13,6 +13,8 @@ import pytest
 from armflex import Tracker
 from armflex.track.estimate import Seen, estimate_of, take
 
+pytestmark = pytest.mark.slow
+
 TESTS = Path(__file__).parents[1]
 
 FRESH = """

@@ -11,6 +11,8 @@ from support.tracking import SIGMA, followed, shifted
 from armflex import Tracker
 from armflex.errors import InputError, ModelFileError
 
+pytestmark = pytest.mark.slow
+
 
 def test_saved_and_restored_without_loss(known, machine, tmp_path):
     readings = machine.readings(700, 60, softer={"A4": 1.2})

@@ -26,6 +26,8 @@ from armflex.show.view.scene import (
     scene_points,
 )
 
+pytestmark = pytest.mark.slow
+
 ARM, GREEN, RED = "#2255cc", "#18a048", "#d02828"
 FRAMES = 30
 

@@ -45,6 +45,8 @@ from armflex.show.view.map_page import map_page
 from armflex.tasks.workspace import WorkspaceMap, draw_map
 from armflex.tasks.workspace.tally import Tally, cell_indices, cell_numbers, joined
 
+pytestmark = pytest.mark.slow
+
 Run = Callable[..., subprocess.CompletedProcess]
 TARM = ROBOTS / "tarm_like" / "arm.toml"
 PAYLOADS = ("none", "p600")
