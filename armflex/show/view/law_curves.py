@@ -59,9 +59,7 @@ class Slice:
 
     def declared(self, loads: Array) -> Array:
         """Return the (n,) twist as it was declared."""
-        plain, correction = self.law.plain.start, self.law.correction
-        start = np.concatenate([plain, correction.start]) if correction else plain
-        return self.law.at(start).twist(loads, self.row)[:, self.axis]
+        return self.law.at(self.law.start).twist(loads, self.row)[:, self.axis]
 
     def band(self, loads: Array) -> Array | None:
         """Return half the (n,) width of the 95 % band, None where nobody says how well the law is known."""
