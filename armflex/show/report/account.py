@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from armflex.parameters import Kind
 from armflex.show.report import effect_figures, figures, summary
 from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short
-from armflex.show.report.words import Words, called, labelled, site_words, units_of, words
+from armflex.show.report.words import called, labelled, site_words, units_of, words
 from armflex.trace.localise import localise
 from armflex.trace.projection import project
 from armflex.trace.result import Trace
@@ -24,62 +23,11 @@ SHOWN = 20
 Table = tuple[tuple[str, ...], ...]
 
 
-@dataclass(frozen=True, eq=False)
-class EffectAccount:
-    """One effect as the page shows it."""
-
-    heading: str
-    name: str
-    words: Words
-    values: Table
-    sure: str
-    proof: Table
-    equivalent: Table
-    against: str
-    ranking: str
-    posterior: str
-
-
-@dataclass(frozen=True, eq=False)
-class ParameterAccount:
-    """What became of the declared parameters: a figure, those that moved far, those that nothing is known of."""
-
-    pulls: str
-    moved: Table
-    undetermined: Table
-
-
-@dataclass(frozen=True, eq=False)
-class Account:
-    """A trace as the page shows it; texts are plain and escaped by the template, figures are SVG."""
-
-    title: str
-    headline: str
-    accuracy: str
-    further: list[str]
-    cards: Table
-    campaign: Table
-    numbers: Table
-    workspace: str
-    sessions: str
-    effects: list[EffectAccount]
-    heat: str
-    left: str
-    parameters: ParameterAccount
-    hidden: Table
-    detectable: str
-    outliers: Table
-    doubts: list[str]
-    next_measurement: Sequence[str]
-    unfinished: bool
-    version: str
-
-
-def account(trace: Trace) -> Account:
-    """Return everything to show of a trace."""
+def account(trace: Trace) -> SimpleNamespace:
+    """Return what the template shows of a trace: plain texts, which it escapes, tables of them, and figures as SVG."""
     accurate = accuracy(trace)
     left = localise(trace.state.fit, trace.state.scene, project(trace.state.fit), trace.state.groups)
-    return Account(
+    return SimpleNamespace(
         title=f"{trace.arm.robot.urdf.name}: what the arm lacks",
         headline=summary.headline(trace),
         accuracy=summary.accuracy_sentence(accurate, trace),
@@ -103,17 +51,17 @@ def account(trace: Trace) -> Account:
     )
 
 
-def _parameters(trace: Trace) -> ParameterAccount:
-    """Return those whose prior says how far they may move."""
+def _parameters(trace: Trace) -> SimpleNamespace:
+    """Return what became of declared parameters whose prior says how far they may move."""
     own = (Kind.EFFECT, Kind.UNEXPLAINED)
     before, after = (
         [one for one in parameters(fit) if np.isfinite(one.prior) and one.kind not in own]
         for fit in (trace.before, trace.state.fit)
     )
     nothing = "nothing in particular: the readings do not depend on it"
-    return ParameterAccount(
-        figures.pulls(before, after, bool(trace.found)) if after else "",
-        tuple(
+    return SimpleNamespace(
+        pulls=figures.pulls(before, after, bool(trace.found)) if after else "",
+        moved=tuple(
             (
                 one.name,
                 measure(one.value, one.std, one.unit),
@@ -123,7 +71,7 @@ def _parameters(trace: Trace) -> ParameterAccount:
             for one in after
             if one.surprising
         ),
-        tuple((one.name, ", ".join(one.trades_against) or nothing) for one in after if not one.determined),
+        undetermined=tuple((one.name, ", ".join(one.trades_against) or nothing) for one in after if not one.determined),
     )
 
 
@@ -182,7 +130,7 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
     return tuple(kept) if found else tuple((row[0], row[2] or row[1]) for row in kept)
 
 
-def _effect(trace: Trace, index: int) -> EffectAccount:
+def _effect(trace: Trace, index: int) -> SimpleNamespace:
     found, number = trace.found[index], trace.numbers[index]
     heading, proof, units = called(found.effect, number), found.proof, units_of(found.effect)
     std = {name: one for name, one in found.std.items() if np.isfinite(one)}
@@ -191,7 +139,7 @@ def _effect(trace: Trace, index: int) -> EffectAccount:
     if proof.sessions_before is not None:
         sessions = (millimetres(proof.sessions_before), millimetres(proof.sessions_after))
         held_out.append(("Whole sessions held out", *sessions))
-    return EffectAccount(
+    return SimpleNamespace(
         heading=heading[0].upper() + heading[1:],
         name=labelled(found.effect, number),
         words=words(found.effect.law.name),

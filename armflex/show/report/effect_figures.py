@@ -113,7 +113,7 @@ def ranking(found: Found, number: int) -> str:
 
 def posterior(trace: Trace, index: int) -> str:
     """Return the marginal distribution of every fitted parameter and, of the first two, their joint one."""
-    found, correlation = trace.found[index], correlation_of(trace, index)
+    found = trace.found[index]
     units = units_of(found.effect)
     names = [name for name in found.std if 0.0 < found.std[name] < np.inf]
     pair = len(names) >= 2
@@ -128,20 +128,15 @@ def posterior(trace: Trace, index: int) -> str:
     for panel in free[len(names) :]:
         panel.set_axis_off()
     if pair:
-        _ellipse(axes[across - 1], found, correlation, units, names[:2])
+        fit, block = trace.state.fit, trace.state.effects[index]
+        start = sum(len(other.labels) for other in fit.blocks[: fit.blocks.index(block)])
+        one, other = (start + list(found.std).index(name) for name in names[:2])
+        covariance = fit.posterior.covariance
+        rho = covariance[one, other] / (np.sqrt(covariance[one, one]) * np.sqrt(covariance[other, other]))
+        _ellipse(axes[across - 1], found, float(np.clip(rho, -0.999999, 0.999999)), units, names[:2])
         for panel in axes[2 * across - 1 :: across]:
             panel.set_axis_off()
     return inline(figure, f"Posterior of the parameters, effect {index + 1}")
-
-
-def correlation_of(trace: Trace, index: int) -> Array:
-    """Return the (k, k) correlation matrix of an effect's fitted values."""
-    fit, block = trace.state.fit, trace.state.effects[index]
-    start = sum(len(other.labels) for other in fit.blocks[: fit.blocks.index(block)])
-    own = slice(start, start + len(block.labels))
-    covariance = fit.posterior.covariance[own, own]
-    std = np.sqrt(np.diag(covariance))
-    return covariance / np.outer(std, std)
 
 
 def _bell(panel: Axes, name: str, value: float, std: float, unit: str) -> None:
@@ -160,9 +155,7 @@ def _bell(panel: Axes, name: str, value: float, std: float, unit: str) -> None:
     panel.locator_params(axis="x", nbins=5)
 
 
-def _ellipse(panel: Axes, found: Found, correlation: Array, units: dict[str, str], names: list[str]) -> None:
-    places = [list(found.std).index(name) for name in names]
-    rho = float(np.clip(correlation[places[0], places[1]], -0.999999, 0.999999))
+def _ellipse(panel: Axes, found: Found, rho: float, units: dict[str, str], names: list[str]) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     circle = np.linalg.cholesky(np.array([[1.0, rho], [rho, 1.0]])) @ np.array([np.cos(angle), np.sin(angle)])
     values = [found.effect.named[name] for name in names]

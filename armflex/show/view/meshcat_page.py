@@ -24,7 +24,6 @@ from meshcat.path import Path as ScenePath
 from armflex.printable import printable
 from armflex.show.view.scene_3d import (
     Camera,
-    LegendRow,
     Scene,
     Shape,
     frame_camera,
@@ -64,10 +63,10 @@ def render_page(scene: Scene) -> str:
     }
     legend = ""
     if scene.legend:
-        rows = [
-            f"<tr><td>{_swatch(row)}</td><td>{_html(row.text)}</td><td>{_html(row.value)}</td></tr>"
-            for row in scene.legend
-        ]
+        rows = []
+        for row in scene.legend:
+            swatch = f'<i style="background:{row.color};opacity:{row.opacity}"></i>' if row.color else ""
+            rows.append(f"<tr><td>{swatch}</td><td>{_html(row.text)}</td><td>{_html(row.value)}</td></tr>")
         heading = f"<h2>{_html(scene.legend_title)}</h2>" if scene.legend_title else ""
         legend = f"{heading}<table>{''.join(rows)}</table>"
     viewer = resources.files("meshcat") / "viewer"
@@ -89,10 +88,6 @@ def render_page(scene: Scene) -> str:
 
 def _html(text: str) -> str:
     return html.escape(printable(text))
-
-
-def _swatch(row: LegendRow) -> str:
-    return "" if row.color is None else f'<i style="background:{row.color};opacity:{row.opacity}"></i>'
 
 
 def _script_safe(text: str) -> str:
