@@ -25,8 +25,8 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.flexure import Flexure as Flexure
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
-from armflex.laws.effects.law import Effect
 from armflex.mechanics.deflection import Asked, Deflection, deflect
 from armflex.mechanics.deflection_batch import DeflectionBatch, deflect_batch
 from armflex.mechanics.laws import LawStack

@@ -14,7 +14,7 @@ from functools import cached_property
 
 from armflex.conventions import TWIST_NAMES
 from armflex.flexure import Flexure
-from armflex.laws.effects.law import Act, Effect
+from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.learned import LearnedLaw
 from armflex.robot import Robot
 
@@ -139,7 +139,7 @@ def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
     group, law = Group(Kind.EFFECT, f"{effect.name}{numbered(number)}", moves), effect.law
     units = dict(zip(effect.named, effect.units, strict=True))
     amplitudes = tuple(
-        ArmParameter(group, one.name, units[one.name]) for one in (law.amplitudes[i] for i in effect.spot.terms)
+        ArmParameter(group, one.name, units[one.name]) for one in (law.amplitudes[i] for i in effect.location.terms)
     )
     return amplitudes + tuple(
         ArmParameter(group, one.name, "1" if one.positive else units.get(one.name, one.unit)) for one in law.inner

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from armflex.arm import Arm
-from armflex.laws.effects.law import Effect, Model
+from armflex.laws.effects.effect import Effect, Model
 from armflex.readings.instrument import Instrument
 
 

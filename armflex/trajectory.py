@@ -163,7 +163,7 @@ class Trajectory:
     def derived_directions(self, arm: Arm) -> tuple[Flag, ...]:
         """Return a flag for every direction that the arm's effects depend on and no column gives."""
         moved = self.known
-        asked = dict.fromkeys(name for effect in arm.effects for name in effect.spot.covariates)
+        asked = dict.fromkeys(name for effect in arm.effects for name in effect.location.covariates)
         names = [name for name in asked if name.startswith(APPROACH) and name not in self.covariates]
         return tuple(derived_direction(name, int((moved[name] == 0.0).sum())) for name in names)
 

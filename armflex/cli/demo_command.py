@@ -31,7 +31,7 @@ from armflex.storage.whole_file import write_whole
 from armflex.tasks.check import check
 from armflex.tasks.compensate import compensate
 from armflex.trace import trace
-from armflex.trace.result import write_traced
+from armflex.trace.findings import write_traced
 from armflex.trajectory import read_trajectory, write_trajectory
 
 TOLERANCE = 0.1

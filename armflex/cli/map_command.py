@@ -15,7 +15,7 @@ from armflex.cli.terminal import complain, number, print_table, progress, say, s
 from armflex.conventions import Array, parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
-from armflex.picture import SUFFIXES as PICTURES
+from armflex.plotting import SUFFIXES as PICTURES
 from armflex.show.view.map_page import map_page
 from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write_map
 from armflex.tasks.workspace.map_file import SUFFIXES

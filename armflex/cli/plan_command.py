@@ -16,8 +16,8 @@ from armflex.errors import InputError
 from armflex.files.arm_file import load_arm
 from armflex.measured.measurements import read_measurements
 from armflex.parameters import Kind
-from armflex.picture import check_ending
 from armflex.plan import draw_plan, plan, write_plan
+from armflex.plotting import check_ending
 from armflex.trajectory import read_trajectory
 
 if TYPE_CHECKING:

@@ -18,18 +18,18 @@ from armflex.cli import options
 from armflex.cli.terminal import complain, number, print_table, say, show_flags, stream, warn
 from armflex.errors import FileError, InputError, enough_memory
 from armflex.files.effect_file import names_of
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.location import LINK
 from armflex.laws.effects.remember import derived_directions
-from armflex.laws.effects.spot import LINK
 from armflex.measured.measurements import read_measurements
 from armflex.measured.point_export import PointExport
 from armflex.parameters import numbered
 from armflex.show.report import write_report
 from armflex.trace import trace
-from armflex.trace.result import write_traced
+from armflex.trace.findings import write_traced
 
 if TYPE_CHECKING:
-    from armflex.trace.result import Found, Trace
+    from armflex.trace.findings import Found, Trace
     from armflex.trace.telling import Doing
 
 MOST_LINES = 8
@@ -217,7 +217,7 @@ def _lines(found: Found) -> Iterator[list[str]]:
     """Yield one line for each value of an effect; the first one says which effect it is."""
     effect, proof = found.effect, found.proof
     held_out = f"{number(proof.before * 1e3, 3)} -> {number(proof.after * 1e3, 3)}"
-    head = [" ".join(filter(None, names_of(effect.law))), effect.spot.place, effect.spot.axis or "-"]
+    head = [" ".join(filter(None, names_of(effect.law))), effect.location.place, effect.location.axis or "-"]
     values = list(zip(effect.named.items(), effect.units, strict=True))
     for (name, value), unit in values[:MOST_LINES]:
         std = f" ± {found.std[name]:.2g}" if found.std.get(name) else ""
@@ -347,6 +347,6 @@ def _effect_json(found: Found) -> dict[str, Any]:
 
 def _place_json(effect: Effect) -> dict[str, Any]:
     """Return which law acts where; `shape` and `partner` only where there is one."""
-    (name, shape), spot = names_of(effect.law), effect.spot
-    place = {"effect": name, "site": spot.place, "axis": spot.axis, "covariates": list(spot.covariates)}
-    return place | ({"shape": shape} if shape else {}) | ({"partner": spot.partner} if spot.partner else {})
+    (name, shape), location = names_of(effect.law), effect.location
+    place = {"effect": name, "site": location.place, "axis": location.axis, "covariates": list(location.covariates)}
+    return place | ({"shape": shape} if shape else {}) | ({"partner": location.partner} if location.partner else {})

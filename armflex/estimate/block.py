@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.view import View
 from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.law import EffectLaw
+from armflex.laws.effects.effect import EffectLaw
 from armflex.laws.effects.scene import Scene
 from armflex.parameters import ArmParameter, Kind
 from armflex.setup import Setup

@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
-from armflex.laws.effects.law import Effect, EffectLaw
+from armflex.laws.effects.effect import Effect, EffectLaw
 from armflex.laws.effects.scene import Scene
 from armflex.parameters import ArmParameter, of_effect
 from armflex.setup import Setup
@@ -34,7 +34,7 @@ class EffectBlock(Block):
         free: Which inner parameters move, from where they start; positive ones by the logarithm of a factor.
         scene: The campaign; None where the block is only applied.
         ordinal: Place of the effect among the arm's.
-        prior: (k,) standard deviations of its values about zero; see `shy_prior`.
+        prior: (k,) standard deviations of its values about zero; see `amplitude_prior`.
         number: Which it is among the arm's effects of the same name, from 1 on; see `numbers_of`.
     """
 
@@ -48,7 +48,7 @@ class EffectBlock(Block):
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
         """Acting amplitudes, then free inner parameters."""
-        every, terms = of_effect(self.effect, self.number), len(self.effect.spot.terms)
+        every, terms = of_effect(self.effect, self.number), len(self.effect.location.terms)
         return (*every[:terms], *(every[terms + i] for i in self.free))
 
     @property
@@ -63,12 +63,12 @@ class EffectBlock(Block):
 
     def at(self, values: Array) -> Effect:
         """Return the effect at (k,) values of the block."""
-        law, spot = self.effect.law, self.effect.spot
+        law, location = self.effect.law, self.effect.location
         amplitudes = np.zeros(len(law.amplitudes))
-        amplitudes[list(spot.terms)] = values[: len(spot.terms)]
+        amplitudes[list(location.terms)] = values[: len(location.terms)]
         inner = list(self.effect.inner)
         for place, i in enumerate(self.free):
-            inner[i] = law.inner[i].moved(inner[i], float(values[len(spot.terms) + place]))
+            inner[i] = law.inner[i].moved(inner[i], float(values[len(location.terms) + place]))
         return replace(self.effect, values=(*amplitudes.tolist(), *inner))
 
     def apply(self, setup: Setup, values: Array) -> Setup:
@@ -88,7 +88,7 @@ class EffectBlock(Block):
         """Return the setup with the effect a step away, but for that by which it remembers: its state tells."""
         law, values = self.effect.law, self.start + step
         if law.memory:
-            values = np.append(values[: len(self.effect.spot.terms)], np.zeros(len(self.free)))
+            values = np.append(values[: len(self.effect.location.terms)], np.zeros(len(self.free)))
         effect, kept = self.at(values), list(setup.arm.effects)
         if law.changes_model:  # it has changed the arm, to which what is more of it is added
             more = np.subtract(effect.amplitudes, self.effect.amplitudes)
@@ -100,13 +100,13 @@ class EffectBlock(Block):
         """Return the standard uncertainty of each free value by name, logarithms turned back."""
         inner, law = self.at(values).inner, self.effect.law
         scale = [abs(inner[i]) if law.inner[i].positive else 1.0 for i in self.free]
-        scales = [*(1.0 for _ in self.effect.spot.terms), *scale]
+        scales = [*(1.0 for _ in self.effect.location.terms), *scale]
         return {label: float(size) * unit for label, size, unit in zip(self.labels, std, scales, strict=True)}
 
 
 def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
     """Return (M, d, k) changes of the readings: exact per amplitude, central differences per free inner parameter."""
-    spot, law = effect.spot, effect.law
+    location, law = effect.location, effect.law
     columns = [view.effect_columns(effect, scene)]
     for i in free:
         step = STEP if law.inner[i].positive else STEP * max(abs(effect.inner[i]), 1e-2)
@@ -114,17 +114,17 @@ def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Sce
         for side in (1.0, -1.0):
             moved = list(effect.inner)
             moved[i] = law.inner[i].moved(effect.inner[i], side * step)
-            ends.append(view.columns(law, spot, tuple(moved), scene) @ effect.acting)
+            ends.append(view.columns(law, location, tuple(moved), scene) @ effect.acting)
         columns.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
     return np.concatenate(columns, axis=2)
 
 
-def shy_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
+def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
     """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`, inner ones loosely."""
     columns = view.effect_columns(effect, scene)
     moved = np.sqrt((columns[:, view.positions] ** 2).sum(axis=1).mean(axis=0))
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
-    amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.spot.terms])
+    amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
     searched = [LOOSE if effect.law.inner[i].positive else np.inf for i in free]
     return np.concatenate([amplitudes, searched])

@@ -198,7 +198,7 @@ def _of_kind(
         return [ComplianceBlock(names, places, 0.0)] if known else []
     blocks: list[Block] = []
     for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
-        inner = of_effect(effect, number)[len(effect.spot.terms) :]
+        inner = of_effect(effect, number)[len(effect.location.terms) :]
         block = EffectBlock(effect, (), scene, ordinal, np.zeros(0), number)
         if block.parameters[0].group in {parameter.group for parameter in parameters}:
             free = tuple(i for i, one in enumerate(inner) if one in parameters)

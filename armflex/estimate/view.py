@@ -11,10 +11,10 @@ import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.laws.effects.law import Act, Effect, EffectLaw, Values
+from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
+from armflex.laws.effects.location import Location, link_of, same_site, site_of
 from armflex.laws.effects.remember import directions
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.spot import Spot, link_of, same_site, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
@@ -101,20 +101,20 @@ class View:
         """Return the (M, 4, 4) pose of a link in the base."""
         return self.line.links[:, self.line.link_names.index(link)]
 
-    def columns(self, law: EffectLaw, spot: Spot, inner: Values, scene: Scene) -> Array:
+    def columns(self, law: EffectLaw, location: Location, inner: Values, scene: Scene) -> Array:
         """Return (M, d, k) changes of the readings per acting amplitude of an effect, exact where it is zero."""
-        return self.per(law, spot) @ law.features(spot, inner, self, scene).transpose(0, 2, 1)
+        return self.per(law, location) @ law.features(location, inner, self, scene).transpose(0, 2, 1)
 
     def effect_columns(self, effect: Effect, scene: Scene) -> Array:
         """Return (M, d, k) changes of the readings per acting amplitude of an effect at its inner values."""
-        return self.columns(effect.law, effect.spot, effect.inner, scene)
+        return self.columns(effect.law, effect.location, effect.inner, scene)
 
-    def per(self, law: EffectLaw, spot: Spot) -> Array:
-        """Return (M, d, n) changes of the readings per unit of the features that a law has at a spot."""
+    def per(self, law: EffectLaw, location: Location) -> Array:
+        """Return (M, d, n) changes of the readings per unit of the features that a law has at a location."""
         if law.act is Act.TWIST:
-            return self.to_twist(spot.site)
+            return self.to_twist(location.site)
         if law.act is Act.LOAD:
-            return self.to_load(link_of(spot.site, self.arm.robot))
+            return self.to_load(link_of(location.site, self.arm.robot))
         if law.act is Act.GRAVITY:
             return self.answer(self.line.gravity)
         return self.by_frame if law.act is Act.FRAME else self.by_scale[:, :, None]

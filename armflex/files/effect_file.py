@@ -3,8 +3,8 @@
 `derived = ["approach_A2"]` says that what wrote the effect took a direction that it depends on from how the rows before
 moved the joint, because no column gave it: the same is then done wherever rows do not give it.
 
-Where a law makes sense on an arm is asked of the law itself: it lists its spots as if everything had been recorded, and
-a table must name one of them.
+Where a law makes sense on an arm is asked of the law itself: it lists its locations as if everything had been recorded,
+and a table must name one of them.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import numpy as np
 from armflex.declaration import Declaration
 from armflex.errors import ArmFileError, did_you_mean, listing
 from armflex.laws.effects.catalogue import CATALOGUE, SHAPES
-from armflex.laws.effects.law import Effect, EffectLaw, Inner, Values, full
+from armflex.laws.effects.effect import Effect, EffectLaw, Inner, Values, full
+from armflex.laws.effects.location import BASE, TOOL, Location
 from armflex.laws.effects.scene import AXES, Records
-from armflex.laws.effects.spot import BASE, TOOL, Spot
 from armflex.rows.rows import APPROACH
 
 if TYPE_CHECKING:
@@ -44,17 +44,17 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
             that makes no sense.
     """
     law = _law(table)
-    spots = _partnered(table, law, _on_axis(table, law, _on_site(table, law, _spots(table, law, arm))))
+    locations = _partnered(table, law, _on_axis(table, law, _on_site(table, law, _spots(table, law, arm))))
     values = _parameters(table, law)
     terms = tuple(i for i, amplitude in enumerate(law.amplitudes) if amplitude.name in values)
-    spot = _acting(table, law, spots, terms)
-    spot = replace(spot, covariates=_covariates(table, law, spot, arm))
+    location = _acting(table, law, locations, terms)
+    location = replace(location, covariates=_covariates(table, law, location, arm))
     inner = tuple(_inner(table, inner, values) for inner in law.inner)
     amplitudes = np.array([values[law.amplitudes[i].name] for i in terms])
     _check_std(table, values)
-    derived = _derived(table, law, spot)
+    derived = _derived(table, law, location)
     table.finish()
-    return Effect(law, spot, full(amplitudes, spot, len(law.amplitudes)) + inner, derived)
+    return Effect(law, location, full(amplitudes, location, len(law.amplitudes)) + inner, derived)
 
 
 def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict[str, Any]:
@@ -63,13 +63,13 @@ def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict
     table: dict[str, Any] = {"name": name}
     if shape:
         table["shape"] = shape
-    table["site"] = effect.spot.place
-    if effect.spot.axis:
-        table["axis"] = effect.spot.axis
-    if effect.spot.partner:
-        table["partner"] = effect.spot.partner
-    if effect.spot.covariates:
-        table["covariates"] = list(effect.spot.covariates)
+    table["site"] = effect.location.place
+    if effect.location.axis:
+        table["axis"] = effect.location.axis
+    if effect.location.partner:
+        table["partner"] = effect.location.partner
+    if effect.location.covariates:
+        table["covariates"] = list(effect.location.covariates)
     if effect.derived:
         table["derived"] = list(effect.derived)
     table["parameters"] = effect.named
@@ -93,19 +93,19 @@ def _law(table: Declaration) -> EffectLaw:
     return CATALOGUE[name]
 
 
-def _spots(table: Declaration, law: EffectLaw, arm: Arm) -> list[Spot]:
+def _spots(table: Declaration, law: EffectLaw, arm: Arm) -> list[Location]:
     """Return every place of a law on an arm; a shape without a name is possible everywhere."""
     if law.shape:
         every = tuple(range(len(law.amplitudes)))
-        return [Spot(site, axis, (), every) for site in (BASE, *arm.joint_names, TOOL) for axis in AXES]
+        return [Location(site, axis, (), every) for site in (BASE, *arm.joint_names, TOOL) for axis in AXES]
     # A file cannot know which sessions there will be, so any will do.
-    spots = spots_on(law, arm, table.text("partner") if law.of_session else "")
+    locations = locations_on(law, arm, table.text("partner") if law.of_session else "")
     if law.symmetric:  # either axis may come first
-        spots += [replace(spot, axis=spot.partner, partner=str(spot.axis)) for spot in spots]
-    return spots
+        locations += [replace(location, axis=location.partner, partner=str(location.axis)) for location in locations]
+    return locations
 
 
-def spots_on(law: EffectLaw, arm: Arm, session: str = "") -> list[Spot]:
+def locations_on(law: EffectLaw, arm: Arm, session: str = "") -> list[Location]:
     """Return every place of a law of the catalogue on an arm, as if everything had been recorded.
 
     There are two sessions, and a payload beside those of the arm: with a single one there would be no choice between it
@@ -117,34 +117,34 @@ def spots_on(law: EffectLaw, arm: Arm, session: str = "") -> list[Spot]:
     return list(law.places(Records(arm.robot, columns, timed=True, payloads=payloads, sessions=sessions)))
 
 
-def _on_site(table: Declaration, law: EffectLaw, spots: Sequence[Spot]) -> list[Spot]:
+def _on_site(table: Declaration, law: EffectLaw, locations: Sequence[Location]) -> list[Location]:
     site = table.text("site")
-    places = _unique(spot.place for spot in spots)
+    places = _unique(location.place for location in locations)
     if site not in places:
         text = f"{site!r} is no place for {_called(law)} on this arm{did_you_mean(site, places)}"
         raise table.fail("site", f"{text} (possible: {listing(places)})")
-    return [spot for spot in spots if spot.place == site]
+    return [location for location in locations if location.place == site]
 
 
-def _on_axis(table: Declaration, law: EffectLaw, spots: Sequence[Spot]) -> list[Spot]:
-    """Return the spots on the axis that a table names; all where it names none."""
-    axes = _unique(spot.axis for spot in spots if spot.axis)
+def _on_axis(table: Declaration, law: EffectLaw, locations: Sequence[Location]) -> list[Location]:
+    """Return the locations on the axis that a table names; all where it names none."""
+    axes = _unique(location.axis for location in locations if location.axis)
     if not table.has("axis"):
-        return list(spots)
+        return list(locations)
     axis = table.text("axis")
     if not axes:
         raise table.fail("axis", f"{_called(law)} takes no axis")
     if axis not in axes:
         text = f"{_called(law)} has no axis {axis!r} there{did_you_mean(axis, axes)}"
         raise table.fail("axis", f"{text} (possible: {listing(axes)})")
-    return [spot for spot in spots if spot.axis == axis]
+    return [location for location in locations if location.axis == axis]
 
 
-def _partnered(table: Declaration, law: EffectLaw, spots: Sequence[Spot]) -> list[Spot]:
-    partners = _unique(spot.partner for spot in spots)
+def _partnered(table: Declaration, law: EffectLaw, locations: Sequence[Location]) -> list[Location]:
+    partners = _unique(location.partner for location in locations)
     partner = table.text("partner") if table.has("partner") else ""
     if partner in partners:
-        return [spot for spot in spots if spot.partner == partner]
+        return [location for location in locations if location.partner == partner]
     known = [name for name in partners if name]
     if not known:
         raise table.fail("partner", f"{_called(law)} takes no partner")
@@ -182,40 +182,40 @@ def _inner(table: Declaration, inner: Inner, values: Mapping[str, float]) -> flo
     return value
 
 
-def _acting(table: Declaration, law: EffectLaw, spots: Sequence[Spot], terms: Values) -> Spot:
-    """Return the one spot at which the given amplitudes act."""
-    fitting = [replace(spot, terms=terms) for spot in spots if set(terms) <= set(spot.terms)]
+def _acting(table: Declaration, law: EffectLaw, locations: Sequence[Location], terms: Values) -> Location:
+    """Return the one location at which the given amplitudes act."""
+    fitting = [replace(location, terms=terms) for location in locations if set(terms) <= set(location.terms)]
     if not fitting:
         given = listing(law.amplitudes[i].name for i in terms)
         raise table.fail("parameters", f"{given} do not act together there; give each its own [[effect]]")
-    axes = _unique(spot.axis for spot in fitting)
+    axes = _unique(location.axis for location in fitting)
     if len(axes) > 1 and None not in axes:
         raise ArmFileError(table.place(), f"[effect] {_called(law)} needs 'axis', one of {listing(map(str, axes))}")
-    return next(spot for spot in fitting if len(axes) == 1 or spot.axis is None)
+    return next(location for location in fitting if len(axes) == 1 or location.axis is None)
 
 
-def _covariates(table: Declaration, law: EffectLaw, spot: Spot, arm: Arm) -> tuple[str, ...]:
+def _covariates(table: Declaration, law: EffectLaw, location: Location, arm: Arm) -> tuple[str, ...]:
     given = table.texts("covariates") if table.has("covariates") else None
-    wanted = _wanted(law, spot)
+    wanted = _wanted(law, location)
     if given is None and wanted:
         kind = "a column" if wanted == 1 and law.shape else f"{wanted} columns"
         if not law.shape:
-            return spot.covariates
+            return location.covariates
         raise ArmFileError(table.place(), f"[effect] {_called(law)} needs 'covariates', {kind} that it depends on")
-    if given is None or (not wanted and given == spot.covariates):
-        return spot.covariates
+    if given is None or (not wanted and given == location.covariates):
+        return location.covariates
     if len(given) != wanted:
-        asked = f"{wanted} of any name" if wanted else listing(map(repr, spot.covariates))
+        asked = f"{wanted} of any name" if wanted else listing(map(repr, location.covariates))
         raise table.fail("covariates", f"{_called(law)} depends on {asked}, got {listing(map(repr, given))}")
     for name in given:
         _check_column(table, name, arm)
     return given
 
 
-def _derived(table: Declaration, law: EffectLaw, spot: Spot) -> tuple[str, ...]:
+def _derived(table: Declaration, law: EffectLaw, location: Location) -> tuple[str, ...]:
     """Return the directions that the order of the rows stands in for."""
     derived = table.texts("derived") if table.has("derived") else ()
-    known = [name for name in spot.covariates if name.startswith(APPROACH)]
+    known = [name for name in location.covariates if name.startswith(APPROACH)]
     for name in derived:
         if name not in known:
             text = f"{_called(law)} depends on no direction {name!r} there{did_you_mean(name, known)}"
@@ -223,9 +223,9 @@ def _derived(table: Declaration, law: EffectLaw, spot: Spot) -> tuple[str, ...]:
     return derived
 
 
-def _wanted(law: EffectLaw, spot: Spot) -> int:
+def _wanted(law: EffectLaw, location: Location) -> int:
     """Return how many columns of any name a law takes: a temperature, or what a shape depends on."""
-    return law.columns if law.shape else int(spot.covariates == (TEMPERATURE,))
+    return law.columns if law.shape else int(location.covariates == (TEMPERATURE,))
 
 
 def _check_column(table: Declaration, name: str, arm: Arm) -> None:

@@ -83,7 +83,7 @@ class Law(ABC):
     A law is an immutable object that *has* its values: it is asked millions of times at the same ones, and what it can
     prepare for them (a factor, a stacked matrix, numbers for compiled code) belongs to the object. What a law must say
     is abstract. Everything that follows from it is written here once and is right for every law; a law overrides it
-    where it knows something exactly or quickly (`tangent`, `by_values`, `affine`, `steepest`, `neurons`).
+    where it knows something exactly or quickly (`tangent`, `by_values`, `affine`, `compliance_bound`, `neurons`).
     """
 
     values: Array
@@ -195,7 +195,7 @@ class Law(ABC):
         """
         return None
 
-    def steepest(self, ranges: Ranges) -> Array | None:
+    def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return (2, 2) bounds of the tangent's 3 x 3 blocks, by their 2-norm, None where none is known.
 
         They hold under every load, and wherever the joints are within their ranges.

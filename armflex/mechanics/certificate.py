@@ -58,14 +58,14 @@ class StabilityBound:
     change: Array
     reference: Array
     parts: tuple[tuple[tuple[Law, Array | None], ...], ...]
-    steepest: Array
+    compliance_bound: Array
     per_load: Callable[[str], Array]
     ranges: Ranges
 
     @cached_property
     def _fine(self) -> np.ndarray:
         """(n,) flexures whose bounds prove what they have to."""
-        return ((self.steepest @ self.change[..., None])[..., 0] <= SHARE * self.reference).all(axis=1)
+        return ((self.compliance_bound @ self.change[..., None])[..., 0] <= SHARE * self.reference).all(axis=1)
 
     @cached_property
     def proven(self) -> bool:
@@ -86,7 +86,7 @@ class StabilityBound:
         return {}
 
     def _share(self, changes: Array) -> list[float]:
-        shares = (self.steepest @ changes[..., None])[..., 0] / self.reference
+        shares = (self.compliance_bound @ changes[..., None])[..., 0] / self.reference
         return shares.max(axis=(1, 2), initial=0.0).tolist()
 
     def proven_under(self, loads: Sequence[Load]) -> bool:
@@ -118,7 +118,7 @@ class StabilityBound:
             change = change + (math.hypot(*wrench[:3]) * per_load[0] + math.hypot(*wrench[3:]) * per_load[1])
         if not math.isfinite(change.sum()):
             return None
-        return StabilityBound(change, self.reference, self.parts, self.steepest, self.per_load, self.ranges)
+        return StabilityBound(change, self.reference, self.parts, self.compliance_bound, self.per_load, self.ranges)
 
     def stays(self, wrenches: Array, tangent: Callable[[Law, Array], Array]) -> bool | np.ndarray:
         """Return (...) whether it is proven that the arm stays under (..., 6 n) loads on its flexures.
@@ -173,8 +173,11 @@ def bound_stability(
     weights = [gravity * mass[i:].sum() for i in joints]
     moments = [gravity * float(mass[i:] @ (along[i:] - along[i] + own[i:])) for i in joints]
     with np.errstate(over="ignore", invalid="ignore"):
-        whole, (parts, steepest) = _changes(places, np.array(weights), np.array(moments)), _steepest(stack, ranges)
-        reference = _reference(steepest, whole)
+        whole, (parts, compliance_bound) = (
+            _changes(places, np.array(weights), np.array(moments)),
+            _steepest(stack, ranges),
+        )
+        reference = _reference(compliance_bound, whole)
 
         @cache
         def per_load(link: str) -> Array:
@@ -185,12 +188,12 @@ def bound_stability(
             return np.einsum("lipjq,jq->lip", both, reference)
 
         change = np.einsum("ipjq,jq->ip", whole, reference)
-    return StabilityBound(change, reference, parts, steepest, per_load, ranges)
+    return StabilityBound(change, reference, parts, compliance_bound, per_load, ranges)
 
 
 def _steepest(stack: LawStack, ranges: Ranges) -> tuple[tuple[tuple[tuple[Law, Array | None], ...], ...], Array]:
     """Return every flexure's laws with the bounds that they have, and (n, 2, 2) the bounds' sums."""
-    parts = tuple(tuple((part, part.steepest(ranges)) for part in law.parts) for law in stack.laws)
+    parts = tuple(tuple((part, part.compliance_bound(ranges)) for part in law.parts) for law in stack.laws)
     known = [sum((bound for _, bound in own if bound is not None), np.zeros((2, 2))) for own in parts]
     return parts, np.array(known).reshape(-1, 2, 2)
 

@@ -16,8 +16,7 @@ from armflex.mechanics.equilibrium import Equilibrium
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import SAG_BAND, LoadedArm
 from armflex.mechanics.loads import Payload, Wrench
-from armflex.mechanics.pinocchio_model import LoadCase
-from armflex.mechanics.rows import (
+from armflex.mechanics.many_rows import (
     AT_ONCE,
     Pushes,
     RowSolver,
@@ -28,6 +27,7 @@ from armflex.mechanics.rows import (
     rigid_tips,
     rotations,
 )
+from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.structure import Names, Structure
 from armflex.parallel import in_order
 

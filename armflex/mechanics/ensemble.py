@@ -8,7 +8,7 @@ from armflex.conventions import Array
 from armflex.errors import UnsupportedError, naming
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loads import Payload
-from armflex.mechanics.rows import AT_ONCE, RowSolver, Solution, chunks
+from armflex.mechanics.many_rows import AT_ONCE, RowSolver, Solution, chunks
 from armflex.mechanics.structure import Structure
 
 

@@ -12,9 +12,9 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.laws import Row
-from armflex.laws.effects.law import Effect, Manipulator
+from armflex.laws.effects.effect import Effect, Manipulator
+from armflex.laws.effects.location import resolve
 from armflex.laws.effects.scene import known_columns
-from armflex.laws.effects.spot import resolve
 from armflex.mechanics.deflection import Asked, Deflection
 from armflex.mechanics.deflection_batch import deflect_batch
 from armflex.mechanics.response import respond
@@ -42,9 +42,9 @@ def known_rows(arm: Affected, rows: Driven) -> dict[str, Array]:
     wrenches = _wrenches(arm, rows, known, remembering)
     states = {}
     for effect in remembering:
-        here = resolve(effect.spot, arm.robot, arm.flexures)
+        here = resolve(effect.location, arm.robot, arm.flexures)
         try:
-            states[effect.state] = effect.law.memory.remember(here, wrenches[effect.spot.site], row, effect.inner)
+            states[effect.state] = effect.law.memory.remember(here, wrenches[effect.location.site], row, effect.inner)
         except MissingCovariateError as error:
             raise MissingCovariateError(error.name, error.given, effect.name) from None
     return known | states
@@ -52,8 +52,8 @@ def known_rows(arm: Affected, rows: Driven) -> dict[str, Array]:
 
 def _wrenches(arm: Affected, rows: Driven, known: Mapping[str, Array], effects: Sequence[Effect]) -> dict[str, Array]:
     """Return (N, 6) loads at the sites of effects that remember loads, as they are without those effects."""
-    found = {effect.spot.site: np.zeros((len(rows.q), 6)) for effect in effects}
-    loaded = [effect.spot.site for effect in effects if effect.law.remembers_load(effect.spot)]
+    found = {effect.location.site: np.zeros((len(rows.q), 6)) for effect in effects}
+    loaded = [effect.location.site for effect in effects if effect.law.remembers_load(effect.location)]
     if not loaded:
         return found
     # What a small effect does to the load that it remembers is of second order.

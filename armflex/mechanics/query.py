@@ -15,8 +15,8 @@ from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loads import Load, Wrench
+from armflex.mechanics.many_rows import ROUNDS, SETTLED, RowSolver, kernel, turned
 from armflex.mechanics.pinocchio_model import LoadCase
-from armflex.mechanics.rows import ROUNDS, SETTLED, RowSolver, kernel, turned
 from armflex.robot import build_model
 
 COMPILED = ("exact", "first_order")

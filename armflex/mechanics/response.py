@@ -26,8 +26,8 @@ from armflex.mechanics.equilibrium import MAX_ROTATION, check_small, find_equili
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loads import Payload
+from armflex.mechanics.many_rows import Pushes, RowSolver, Solution, frame_poses, kernel
 from armflex.mechanics.pinocchio_model import LoadCase
-from armflex.mechanics.rows import Pushes, RowSolver, Solution, frame_poses, kernel
 from armflex.mechanics.structure import Structure
 
 Progress = Callable[[int, int], None]

@@ -65,7 +65,7 @@ def plan(
 
 def write_plan(found: Plan, path: str | Path) -> Path:
     """Write the rows as a measurements.csv whose positions are still empty; whole or not at all."""
-    from armflex.plan.table import write_plan as write
+    from armflex.plan.poses_file import write_plan as write
 
     return write(found, path)
 

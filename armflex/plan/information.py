@@ -43,7 +43,7 @@ class Goal(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Certain:
+class DsOptimal:
     """D_s-optimality: minus the mean logarithm of the standard deviations of the parameters at `places`.
 
     Of a covariance that is not diagonal the determinant is meant: the volume of what is left possible.
@@ -73,7 +73,7 @@ class Certain:
 
 
 @dataclass(frozen=True, eq=False)
-class Foreseen:
+class IOptimal:
     """I-optimality: minus the mean variance of predictions, whose (P, P) mean of squares `weight` is."""
 
     weight: Array
@@ -125,7 +125,7 @@ class Truth:
 
 
 @dataclass(frozen=True, eq=False)
-class Apart:
+class TOptimal:
     """T-optimality: the smallest of the expected chi-squares, as any of the effects may be the true one."""
 
     truths: tuple[Truth, ...]

@@ -103,7 +103,7 @@ def _settled(arm: Arm, given: Mapping[str, Array], count: int) -> dict[str, Arra
     for effect in arm.effects:
         if not effect.remembers:
             continue
-        columns = effect.spot.covariates
+        columns = effect.location.covariates
         state = given.get(columns[0], np.zeros(count)) if columns else np.zeros(count)
         states[effect.state] = state
     return states

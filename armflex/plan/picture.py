@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.picture import picture
-from armflex.plan.information import Apart
+from armflex.plan.information import TOptimal
+from armflex.plotting import picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,7 +73,7 @@ def _draw_curve(axes: Axes, found: Plan) -> None:
         end = float(shown(found.reached[-1]))
         axes.plot([len(found.worth), found.random_rows], [end, end], ":", color="crimson")
     axes.set(xlabel="readings", ylabel=found.goal.title, xlim=(0, count[-1]))
-    if not isinstance(found.goal, Apart):
+    if not isinstance(found.goal, TOptimal):
         known = np.concatenate([shown(found.reached)[3:], at_random[:, 3:].ravel()])
         axes.set_yscale("log")
         _plain(axes)

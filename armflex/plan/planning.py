@@ -12,17 +12,17 @@ from armflex.conventions import Array
 from armflex.errors import Flag, InputError
 from armflex.estimate.spread import scene_of
 from armflex.estimate.view import look
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import Kind
-from armflex.plan.advice import blind_spots
 from armflex.plan.choose import exchanged, greedy, path
+from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.drive import driven
-from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth
-from armflex.plan.model import Before, Model, answers, known_before, learning, model_of
+from armflex.plan.information import DsOptimal, Goal, IOptimal, TOptimal, Truth
 from armflex.plan.offer import Offer, Reach, around, rows_at, spread
 from armflex.plan.question import Question, check, reach_of, sigma_of
+from armflex.plan.recommend import blind_spots
 from armflex.plan.result import TOLD, UNKNOWN, Plan
 from armflex.plan.rivals import Rival, named_effect, refitted, rival_of, spelled, suspect_of
 from armflex.readings import Position, unread
@@ -104,16 +104,16 @@ def _goal(before: Before, model: Model, offer: Offer, rivals: Sequence[Rival], a
         truths = tuple(_truth(model, rival) for rival in rivals)
         every = model.known.with_rows(model.rows(offer))
         # One law may hold the other as a special case: then rows are for the case that the wider one is true.
-        tellable = tuple(truth for truth in truths if Apart((truth,)).value(every) >= TOLD**2)
-        return Apart(tellable or truths)
+        tellable = tuple(truth for truth in truths if TOptimal((truth,)).value(every) >= TOLD**2)
+        return TOptimal(tellable or truths)
     if not model.moving.any():
         raise InputError(
             "nothing is free: [prior] has neither joint_offset, compliance nor geometry, no law is to be learned, and "
             "the arm has no effect"
         )
     if asked.along is None:
-        return Certain(np.flatnonzero(model.moving))
-    return Foreseen(_weight(before, model, asked.along))
+        return DsOptimal(np.flatnonzero(model.moving))
+    return IOptimal(_weight(before, model, asked.along))
 
 
 def _truth(model: Model, rival: Rival) -> Truth:

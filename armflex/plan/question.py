@@ -12,10 +12,10 @@ from armflex.arm import Arm
 from armflex.configurations import drawn_range
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, did_you_mean, listing
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.scene import TEMPERATURE
 from armflex.measured.measurements import Measurements
-from armflex.plan.model import Before
+from armflex.plan.design_model import Before
 from armflex.plan.offer import Reach
 from armflex.plan.rivals import needed
 from armflex.trajectory import Trajectory

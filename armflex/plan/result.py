@@ -12,10 +12,10 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import numbered
-from armflex.plan.advice import Blind, in_words, instead
-from armflex.plan.information import Foreseen, Goal
-from armflex.plan.model import Model
+from armflex.plan.design_model import Model
+from armflex.plan.information import Goal, IOptimal
 from armflex.plan.offer import Offer, Reach
+from armflex.plan.recommend import Blind, in_words, instead
 from armflex.plan.rivals import Rival
 from armflex.rows import Rows
 
@@ -72,7 +72,7 @@ class Plan:
 
     def figure(self, value: float) -> str:
         """Return the goal's value as it is shown, "instrument not placed yet" beyond `UNKNOWN`."""
-        if isinstance(self.goal, Foreseen) and -value > UNKNOWN**2:
+        if isinstance(self.goal, IOptimal) and -value > UNKNOWN**2:
             return "instrument not placed yet"
         return f"{float(self.goal.shown(value)):.3g}"
 

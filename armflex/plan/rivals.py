@@ -15,16 +15,16 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError, UnsupportedError
-from armflex.estimate.effect_block import EffectBlock, shy_prior
+from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, Fit, fit
 from armflex.files.effect_file import TEMPERATURE as USUAL_TEMPERATURE
-from armflex.files.effect_file import names_of, spots_on
+from armflex.files.effect_file import locations_on, names_of
 from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.law import Effect, EffectLaw, Inner
+from armflex.laws.effects.effect import Effect, EffectLaw, Inner
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import MASS, TEMPERATURE, Scene
-from armflex.laws.effects.spot import Spot
 from armflex.parameters import numbered, numbers_of
-from armflex.plan.model import NOWHERE, Before, Suspect, answers, free_inner
+from armflex.plan.design_model import NOWHERE, Before, Suspect, answers, free_inner
 from armflex.plan.offer import Offer
 
 SHOWS = 5.0
@@ -36,12 +36,12 @@ CLEAR = 2.0
 
 def spelled(effect: Effect, number: int = 1) -> str:
     """Return how an effect is written on the command line; `number` is that of `numbers_of`."""
-    name = _spelled(".".join(part for part in names_of(effect.law) if part), effect.spot)
+    name = _spelled(".".join(part for part in names_of(effect.law) if part), effect.location)
     return name + numbered(number).lstrip()
 
 
-def _spelled(name: str, spot: Spot) -> str:
-    return ":".join((name, spot.place, spot.axis or "", spot.partner)).rstrip(":")
+def _spelled(name: str, location: Location) -> str:
+    return ":".join((name, location.place, location.axis or "", location.partner)).rstrip(":")
 
 
 def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
@@ -66,24 +66,24 @@ def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
     law = CATALOGUE[name]
     if law.of_session:
         raise UnsupportedError(f"{name} is of a session that has been: no row still to be measured tells of it")
-    spot = _spot(text, law, arm)
+    location = _spot(text, law, arm)
     warm = [column for column in columns if TEMPERATURE.search(column)]
-    if spot.covariates == (USUAL_TEMPERATURE,) and len(warm) == 1:
-        spot = replace(spot, covariates=(warm[0],))
-    return Effect(law, spot, (0.0,) * (len(law.amplitudes) + len(law.inner)))
+    if location.covariates == (USUAL_TEMPERATURE,) and len(warm) == 1:
+        location = replace(location, covariates=(warm[0],))
+    return Effect(law, location, (0.0,) * (len(law.amplitudes) + len(law.inner)))
 
 
-def _spot(text: str, law: EffectLaw, arm: Arm) -> Spot:
+def _spot(text: str, law: EffectLaw, arm: Arm) -> Location:
     """Return the place meant, with as many terms as may act there."""
-    spots = {}
-    for spot in sorted(spots_on(law, arm), key=lambda spot: len(spot.terms)):
-        spots[_spelled(law.name, spot)] = spot
-    meant = [text] if text in spots else [name for name in spots if _means(text, name)]
+    locations = {}
+    for location in sorted(locations_on(law, arm), key=lambda location: len(location.terms)):
+        locations[_spelled(law.name, location)] = location
+    meant = [text] if text in locations else [name for name in locations if _means(text, name)]
     if not meant:
-        raise UnknownNameError(f"place of {law.name}", text, spots)
+        raise UnknownNameError(f"place of {law.name}", text, locations)
     if len(meant) > 1:
         raise InputError(f"{text!r} may be {' or '.join(meant[:6])}: say which")
-    return spots[meant[0]]
+    return locations[meant[0]]
 
 
 def _means(text: str, name: str) -> bool:
@@ -117,26 +117,26 @@ def suspect_of(effect: Effect, arm: Arm, offer: Offer) -> Suspect:
     Raises:
         UnsupportedError: What it does depends on the rows before.
     """
-    law, spot, scene = effect.law, effect.spot, offer.scene
+    law, location, scene = effect.law, effect.location, offer.scene
     ordinal = arm.effects.index(effect) if effect in arm.effects else NOWHERE
     number = 1 if ordinal == NOWHERE else numbers_of(arm.effects)[ordinal]
     if not any(effect.amplitudes):
-        inner = tuple(_usual(one, law, spot, scene) for one in law.inner)
+        inner = tuple(_usual(one, law, location, scene) for one in law.inner)
         effect = replace(effect, values=(*effect.amplitudes, *inner))
     if effect.remembers:
         text = f"{effect.title} depends on the rows before: no choice of single rows tells it from another effect"
         raise UnsupportedError(text)
     free = free_inner(effect) if any(effect.amplitudes) else ()
-    return Suspect(effect, free, scene, ordinal, shy_prior(effect, free, offer.view, scene), number=number)
+    return Suspect(effect, free, scene, ordinal, amplitude_prior(effect, free, offer.view, scene), number=number)
 
 
-def _usual(inner: Inner, law: EffectLaw, spot: Spot, scene: Scene) -> float:
+def _usual(inner: Inner, law: EffectLaw, location: Location, scene: Scene) -> float:
     """Return what an inner parameter is taken to be while nobody has searched for it: nothing lags."""
     if law.memory is not None and inner.name == law.memory.lag:
         return 0.0
     if inner.usual is not None:
         return inner.usual
-    values = sorted(float(value) for value in inner.grid(spot, scene))
+    values = sorted(float(value) for value in inner.grid(location, scene))
     return values[len(values) // 2] if values else inner.default or 0.0
 
 
@@ -145,7 +145,7 @@ def refitted(suspect: Suspect, before: Before) -> Fit | None:
     effect, arm = suspect.effect, before.setup.arm
     if before.fit is None or suspect.ordinal != NOWHERE:
         return None
-    prior = shy_prior(effect, (), before.view, before.scene)
+    prior = amplitude_prior(effect, (), before.view, before.scene)
     block = EffectBlock(effect, (), before.scene, len(arm.effects), prior)
     start = np.concatenate([before.fit.values, np.zeros(len(prior))])
     known = before.fit
@@ -154,10 +154,10 @@ def refitted(suspect: Suspect, before: Before) -> Fit | None:
 
 def rival_of(suspect: Suspect, fitted: Fit | None, offer: Offer) -> Rival:
     """Return the rival with its size: that of the arm, that of a refit if it is clear, or one that shows."""
-    effect, terms = suspect.effect, len(suspect.effect.spot.terms)
+    effect, terms = suspect.effect, len(suspect.effect.location.terms)
     size = np.zeros(len(suspect.labels))
     if any(effect.amplitudes):
-        size[:terms] = [effect.amplitudes[i] for i in effect.spot.terms]
+        size[:terms] = [effect.amplitudes[i] for i in effect.location.terms]
         return Rival(suspect, size, "of the arm")
     if fitted is not None:
         found, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
@@ -180,5 +180,5 @@ def _that_shows(suspect: Suspect, offer: Offer, terms: int) -> Array:
 
 def needed(effects: Sequence[Effect]) -> tuple[str, ...]:
     """Return the columns that effects depend on beside joint positions and payloads, each once."""
-    names = [name for effect in effects for name in effect.spot.covariates]
+    names = [name for effect in effects for name in effect.location.covariates]
     return tuple(dict.fromkeys(name for name in names if not name.startswith("q_") and name != MASS))

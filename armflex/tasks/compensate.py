@@ -18,10 +18,10 @@ from armflex.arm import Arm
 from armflex.conventions import RESOLUTION, Array, as_pose, number
 from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
-from armflex.mechanics.rows import rigid_tips
 from armflex.tasks.compensate_doubts import doubts, too_fast, too_wide
-from armflex.tasks.correction import (
+from armflex.tasks.inverse_kinematics import (
     AIMED_AT,
     LEAST_DAMPING,
     MAX_JUMPS,

@@ -9,7 +9,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.errors import Flag
-from armflex.tasks.correction import NEAR_SINGULAR
+from armflex.tasks.inverse_kinematics import NEAR_SINGULAR
 from armflex.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from armflex.errors import InputError
 from armflex.measured.measurements import Measurements
 
 if TYPE_CHECKING:
-    from armflex.trace.result import Trace
+    from armflex.trace.findings import Trace
     from armflex.trace.telling import Doing
 
 

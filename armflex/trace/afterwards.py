@@ -10,8 +10,8 @@ from armflex.estimate.view import position_rms
 from armflex.measured.repeats import repeats
 from armflex.parameters import ArmParameter
 from armflex.trace.candidates import Bank
+from armflex.trace.findings import Smallest, Unexplained, Unidentifiable, predictable_residual
 from armflex.trace.localise import NOTICED, RandomTwist
-from armflex.trace.result import Smallest, Unexplained, Unidentifiable, predictable_residual
 from armflex.trace.search import Round
 from armflex.trace.state import State
 
@@ -40,10 +40,10 @@ def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
     whole, inside = _left_over(looked)
     sizes = np.sqrt((projection.columns**2).sum(axis=0))
     found: dict[tuple[str, str], Unidentifiable] = {}
-    added = {(block.effect.law.name, block.effect.spot) for block in state.effects}
+    added = {(block.effect.law.name, block.effect.location) for block in state.effects}
     for index, candidate in enumerate(bank.candidates):
-        key = (candidate.law.name, candidate.spot.place)
-        if key in found or bank.sizes[index] != 1 or (candidate.law.name, candidate.spot) in added:
+        key = (candidate.law.name, candidate.location.place)
+        if key in found or bank.sizes[index] != 1 or (candidate.law.name, candidate.location) in added:
             continue
         if whole[index] > 0.0 and inside[index] > ALMOST * whole[index]:
             continue
@@ -83,7 +83,9 @@ def _left_over(looked: Round) -> tuple[np.ndarray, np.ndarray]:
     whole, most = np.zeros(len(named.bank.candidates)), {}
     for groups, squares in named.squares:
         whole[groups] = squares[:, 0, 0]
-    alike = [(one.law.name, one.spot.turns, one.spot.terms) for one in named.bank.candidates]  # of the same units
+    alike = [
+        (one.law.name, one.location.turns, one.location.terms) for one in named.bank.candidates
+    ]  # of the same units
     for kind, square in zip(alike, whole.tolist(), strict=True):
         most[kind] = max(square, most.get(kind, 0.0))
     moves = whole > STILL**2 * np.array([most[kind] for kind in alike])

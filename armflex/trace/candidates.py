@@ -1,4 +1,4 @@
-"""Candidates: every law at every spot with every starting value of its inner parameters, as columns."""
+"""Candidates: every law at every location with every starting value of its inner parameters, as columns."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
-from armflex.laws.effects.law import Act, Effect, EffectLaw, Inner, Values, full
+from armflex.laws.effects.effect import Act, Effect, EffectLaw, Inner, Values, full
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.spot import Spot
 from armflex.trace.projection import Projection, evidence
 from armflex.trace.telling import Tell, silent
 
@@ -24,21 +24,21 @@ def _is_searched(inner: Inner, value: float) -> bool:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A law at a spot with values of its inner parameters."""
+    """A law at a location with values of its inner parameters."""
 
     law: EffectLaw
-    spot: Spot
+    location: Location
     inner: Values
 
     @property
     def name(self) -> str:
         """Law, site and axis."""
-        return Effect(self.law, self.spot, ()).name
+        return Effect(self.law, self.location, ()).name
 
     @property
     def parameters(self) -> int:
         """How many numbers it takes: amplitudes, and inner parameters that are searched and in use, or not as usual."""
-        count = len(self.spot.terms)
+        count = len(self.location.terms)
         for inner, value in zip(self.law.inner, self.inner, strict=True):
             count += _is_searched(inner, value) + (inner.usual is not None and value != inner.usual)
         return count
@@ -51,7 +51,7 @@ class Candidate:
 
     def effect(self, amplitudes: Array) -> Effect:
         """Return the effect with amplitudes of the acting terms."""
-        return Effect(self.law, self.spot, full(amplitudes, self.spot, len(self.law.amplitudes)) + self.inner)
+        return Effect(self.law, self.location, full(amplitudes, self.location, len(self.law.amplitudes)) + self.inner)
 
 
 FLUSHED = 2**22
@@ -122,7 +122,7 @@ class Bank:
     @cached_property
     def sizes(self) -> np.ndarray:
         """(G,) columns of each group."""
-        return np.array([len(candidate.spot.terms) for candidate in self.candidates], dtype=int)
+        return np.array([len(candidate.location.terms) for candidate in self.candidates], dtype=int)
 
     @cached_property
     def starts(self) -> np.ndarray:
@@ -165,22 +165,24 @@ class Bank:
         waiting: dict[tuple[Act, bool, str, bytes], list[tuple[int, Array]]] = {}
         for index, candidate in enumerate(self.candidates):
             self.tell("screening candidates", index, len(self.candidates))
-            law, spot, inner = candidate.law, candidate.spot, candidate.inner
-            direction = law.direction(self.scene.here(spot, view.arm), inner)
+            law, location, inner = candidate.law, candidate.location, candidate.inner
+            direction = law.direction(self.scene.here(location, view.arm), inner)
             if direction is not None:
-                if law.of_load(spot):
-                    found = law.shapes(spot, inner, view, self.scene)[list(spot.terms)]
+                if law.of_load(location):
+                    found = law.shapes(location, inner, view, self.scene)[list(location.terms)]
                 else:  # the same at every site
-                    key = (law.name, spot.covariates, inner)
+                    key = (law.name, location.covariates, inner)
                     if key not in shared:
-                        shared[key] = law.shapes(spot, inner, view, self.scene)
-                    found = shared[key] if len(spot.terms) == len(shared[key]) else shared[key][list(spot.terms)]
+                        shared[key] = law.shapes(location, inner, view, self.scene)
+                    found = (
+                        shared[key] if len(location.terms) == len(shared[key]) else shared[key][list(location.terms)]
+                    )
             else:
-                found = law.features(spot, inner, view, self.scene)
+                found = law.features(location, inner, view, self.scene)
             along = b"" if direction is None else direction.tobytes()
-            waiting.setdefault((law.act, law.changes_model, spot.site, along), []).append((index, found))
+            waiting.setdefault((law.act, law.changes_model, location.site, along), []).append((index, found))
             # Sums round by where a bank is cut: a law that changes the model counts by its columns.
-            held += view.sigma.size * len(spot.terms) if law.changes_model else found.size
+            held += view.sigma.size * len(location.terms) if law.changes_model else found.size
             if held > FLUSHED:
                 yield from (self._part(along, some) for (*_, along), some in waiting.items())
                 waiting, held = {}, 0
@@ -192,9 +194,9 @@ class Bank:
         first, view = self.candidates[groups[0]], self.fit.view
         places = np.concatenate([np.arange(self.starts[i], self.starts[i + 1]) for i in groups])
         if direction:
-            answer = view.to_twist(first.spot.site) @ np.frombuffer(direction) * _scale(self.fit)
+            answer = view.to_twist(first.location.site) @ np.frombuffer(direction) * _scale(self.fit)
             return Part(groups, places, np.concatenate(brought), answer)
-        answer = view.per(first.law, first.spot) * _scale(self.fit)[:, :, None]
+        answer = view.per(first.law, first.location) * _scale(self.fit)[:, :, None]
         columns = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
         return Part(groups, places, columns.transpose(1, 0, 2).reshape(len(places), -1), None)
 
@@ -206,7 +208,7 @@ def with_signs(residual: Array, signs: Array) -> Array:
 
 def candidate_columns(candidate: Candidate, fit: Fit, scene: Scene) -> Array:
     """Return the (n, k) whitened and weighted columns of a candidate at a fit."""
-    return whiten(fit.view.columns(candidate.law, candidate.spot, candidate.inner, scene), fit)
+    return whiten(fit.view.columns(candidate.law, candidate.location, candidate.inner, scene), fit)
 
 
 def whiten(columns: Array, fit: Fit) -> Array:
@@ -219,17 +221,17 @@ def _scale(fit: Fit) -> Array:
     return np.sqrt(fit.weights)[:, None] / fit.view.sigma
 
 
-def grid(law: EffectLaw, spot: Spot, scene: Scene) -> Iterator[Values]:
+def grid(law: EffectLaw, location: Location, scene: Scene) -> Iterator[Values]:
     """Yield starting values of a law's inner parameters."""
-    yield from product(*(tuple(float(v) for v in inner.grid(spot, scene)) for inner in law.inner))
+    yield from product(*(tuple(float(v) for v in inner.grid(location, scene)) for inner in law.inner))
 
 
 def candidates_of(laws: Iterable[EffectLaw], scene: Scene) -> Iterator[Candidate]:
     """Yield every candidate of some laws in a campaign."""
     for law in laws:
-        for spot in law.places(scene.records):
-            for inner in grid(law, spot, scene) if law.inner else ((),):
-                yield Candidate(law, spot, inner)
+        for location in law.places(scene.records):
+            for inner in grid(law, location, scene) if law.inner else ((),):
+                yield Candidate(law, location, inner)
 
 
 def bank(candidates: Iterable[Candidate], fit: Fit, scene: Scene, tell: Tell = silent) -> Bank:
@@ -281,7 +283,7 @@ class Sifted:
         for groups, whole in self.squares:
             seen = self.seen[self._places(groups, whole)]
             inside = whole - seen @ seen.transpose(0, 2, 1)
-            found.append((groups, _factors(inside, whole, self.projection.shy)))
+            found.append((groups, _factors(inside, whole, self.projection.ridge)))
         return found
 
     def gains(self, signs: Array | None = None) -> Array:
@@ -306,13 +308,13 @@ class Sifted:
         return self.bank.starts[groups][:, None] + np.arange(matrices.shape[1])
 
 
-def _factors(inside: Array, whole: Array, shy: float) -> Array:
+def _factors(inside: Array, whole: Array, ridge: float) -> Array:
     """Return (g, k, k) square roots of the groups' inverses: `Projection.gain` for many groups of a size at once."""
     squares = np.einsum("gkk->gk", whole)
     seen = squares > 0.0
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, squares, 1.0)), 0.0)
     values, vectors = np.linalg.eigh(inside * scale[:, :, None] * scale[:, None, :])
-    roots = 1.0 / np.sqrt(np.maximum(values, 0.0) + shy)
+    roots = 1.0 / np.sqrt(np.maximum(values, 0.0) + ridge)
     return scale[:, :, None] * vectors * roots[:, None, :]
 
 
@@ -346,11 +348,11 @@ def screen(sifted: Sifted) -> Screening:
 
 
 def best_per_spot(screening: Screening, most: int) -> Sequence[int]:
-    """Return the numbers of the best candidates, one per law and spot, the best first."""
-    chosen: dict[tuple[str, Spot], int] = {}
+    """Return the numbers of the best candidates, one per law and location, the best first."""
+    chosen: dict[tuple[str, Location], int] = {}
     for index in screening.ranked():
         candidate = screening.bank.candidates[index]
-        chosen.setdefault((candidate.law.name, candidate.spot), int(index))
+        chosen.setdefault((candidate.law.name, candidate.location), int(index))
         if len(chosen) >= most:
             break
     return list(chosen.values())

@@ -24,18 +24,18 @@ from armflex.estimate.fit import Fit, realise
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import look
 from armflex.laws.effects.catalogue import EVERY
-from armflex.laws.effects.law import Effect, EffectLaw
+from armflex.laws.effects.effect import Effect, EffectLaw
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.spot import Spot
 from armflex.measured.measurements import Measurements
 from armflex.rows.rows import POSE
 from armflex.storage.digest import digest
 from armflex.storage.whole_file import write_whole
 from armflex.trace.candidates import Candidate
+from armflex.trace.findings import Proof, Step
 from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
-from armflex.trace.result import Proof, Step
 from armflex.trace.state import State, scene_at
 from armflex.version import __version__
 
@@ -211,7 +211,7 @@ def _told_round(state: State, scenes: Sequence[Scene]) -> Table:
 def _told_effect(block: EffectBlock, scenes: Sequence[Scene]) -> Table:
     effect = block.effect
     return {
-        **_told_place(effect.law, effect.spot),
+        **_told_place(effect.law, effect.location),
         "values": _told_numbers(effect.values),
         "free": list(block.free),
         "prior": _told_numbers(block.prior.tolist()),
@@ -219,8 +219,8 @@ def _told_effect(block: EffectBlock, scenes: Sequence[Scene]) -> Table:
     }
 
 
-def _told_place(law: EffectLaw, spot: Spot) -> Table:
-    return {"law": law.name, **asdict(spot), "covariates": list(spot.covariates), "terms": list(spot.terms)}
+def _told_place(law: EffectLaw, location: Location) -> Table:
+    return {"law": law.name, **asdict(location), "covariates": list(location.covariates), "terms": list(location.terms)}
 
 
 def _told_numbers(values: Sequence[float]) -> list[float | str]:
@@ -235,7 +235,7 @@ def _told_step(step: Step) -> Table:
         "witness": step.witness,
         "ranking": [
             {
-                **_told_place(one.candidate.law, one.candidate.spot),
+                **_told_place(one.candidate.law, one.candidate.location),
                 "inner": _told_numbers(one.candidate.inner),
                 "gain": one.gain,
                 "evidence": one.evidence,
@@ -274,16 +274,16 @@ def _state(said: Table, begun: State, scenes: Sequence[Scene]) -> State:
 
 
 def _effect(said: Table, scene: Scene, scenes: Sequence[Scene], ordinal: int) -> EffectBlock:
-    law, spot = _law(said), _spot(said, scene)
+    law, location = _law(said), _spot(said, scene)
     values = _numbers(said["values"], "values", infinite=True)
     if len(values) != len(law.amplitudes) + len(law.inner):
         raise ValueError(f"{len(values)} values of {law.name}, expected {len(law.amplitudes) + len(law.inner)}")
     free = _free(said, law)
     prior = np.array(_numbers(said["prior"], "prior", infinite=True))
-    if len(prior) != len(spot.terms) + len(free) or not (prior > 0.0).all():
-        raise ValueError(f"prior of {law.name}: expected {len(spot.terms) + len(free)} numbers above 0")
+    if len(prior) != len(location.terms) + len(free) or not (prior > 0.0).all():
+        raise ValueError(f"prior of {law.name}: expected {len(location.terms) + len(free)} numbers above 0")
     seen = _whole(said["seen"], 0, len(scenes) - 1, "seen")
-    return EffectBlock(Effect(law, spot, tuple(values)), free, scenes[seen], ordinal, prior)
+    return EffectBlock(Effect(law, location, tuple(values)), free, scenes[seen], ordinal, prior)
 
 
 def _random(said: Table, scene: Scene) -> PoseBlock:
@@ -310,12 +310,12 @@ def _step(said: Table, scene: Scene) -> Step:
 
 
 def _polished(said: Table, scene: Scene) -> Polished:
-    law, spot = _law(said), _spot(said, scene)
+    law, location = _law(said), _spot(said, scene)
     inner, amplitudes = _numbers(said["inner"], "inner", infinite=True), _numbers(said["amplitudes"], "amplitudes")
-    if len(inner) != len(law.inner) or len(amplitudes) != len(spot.terms):
+    if len(inner) != len(law.inner) or len(amplitudes) != len(location.terms):
         raise ValueError(f"{law.name} has {len(law.inner)} inner values, and an amplitude for each of its terms")
     gain, worth = (_number(said[name], name) for name in ("gain", "evidence"))
-    return Polished(Candidate(law, spot, tuple(inner)), gain, worth, np.array(amplitudes), _free(said, law))
+    return Polished(Candidate(law, location, tuple(inner)), gain, worth, np.array(amplitudes), _free(said, law))
 
 
 def _law(said: Table) -> EffectLaw:
@@ -325,7 +325,7 @@ def _law(said: Table) -> EffectLaw:
     return EVERY[name]
 
 
-def _spot(said: Table, scene: Scene) -> Spot:
+def _spot(said: Table, scene: Scene) -> Location:
     law = _law(said)
     known = {*scene.row.covariates, *(f"q_{joint}" for joint in scene.joints)}
     covariates = tuple(_listed(said["covariates"], str, "covariates"))
@@ -337,11 +337,11 @@ def _spot(said: Table, scene: Scene) -> Spot:
     if not isinstance(said["partner"], str):
         raise ValueError(f"partner is {said['partner']!r}, expected a text")
     axis = None if said["axis"] is None else _axis(said)
-    spot = Spot(_site(said, scene), axis, covariates, terms, said["partner"])
+    location = Location(_site(said, scene), axis, covariates, terms, said["partner"])
     partners = {"", *TWIST_NAMES, *scene.sessions, *scene.payloads, *(one.partner for one in law.places(scene.records))}
-    if spot.partner not in partners:
-        raise ValueError(f"no partner {spot.partner!r} of {law.name} in this campaign")
-    return spot
+    if location.partner not in partners:
+        raise ValueError(f"no partner {location.partner!r} of {law.name} in this campaign")
+    return location
 
 
 def _site(said: Table, scene: Scene) -> str:

@@ -12,11 +12,11 @@ from armflex.errors import ArmflexError
 from armflex.estimate.effect_block import EffectBlock
 from armflex.estimate.fit import robust_limit
 from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, screen, sift
 from armflex.trace.polish import Polished, polish
-from armflex.trace.projection import Projection, evidence, projected, shyness
+from armflex.trace.projection import Projection, evidence, projected, ridge_for
 from armflex.trace.state import State, add, information, moved_to, stands, without
 
 SAME = 14.0
@@ -55,11 +55,11 @@ def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
     places = [fit.places(state.effects[index]) for index in indices]
     own = np.concatenate(places)
     rest = np.setdiff1d(np.arange(len(fit.values)), own)
-    terms = (len(state.effects[index].effect.spot.terms) for index in indices)
+    terms = (len(state.effects[index].effect.location.terms) for index in indices)
     amplitudes = np.concatenate([place[:count] for place, count in zip(places, terms, strict=True)])
     # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
     data = fit.residual + fit.columns[:, amplitudes] @ fit.values[amplitudes] + fit.columns[:, rest] @ fit.values[rest]
-    return projected(fit.columns[:, rest], fit.precision[rest], data, shyness(fit), fit.view.count), own
+    return projected(fit.columns[:, rest], fit.precision[rest], data, ridge_for(fit), fit.view.count), own
 
 
 def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]:
@@ -89,7 +89,7 @@ def _beside_others(state: State, *indices: int) -> tuple[Projection, float]:
 
 
 def _candidate(state: State, block: EffectBlock) -> Candidate:
-    return Candidate(block.effect.law, block.effect.spot, block.at(state.values_of(block)).inner)
+    return Candidate(block.effect.law, block.effect.location, block.at(state.values_of(block)).inner)
 
 
 def _alternatives(themselves: Sequence[Candidate], state: State) -> Iterator[Candidate]:
@@ -98,15 +98,15 @@ def _alternatives(themselves: Sequence[Candidate], state: State) -> Iterator[Can
     for one in themselves:
         if one.law.shape:
             for site, axis in shaped_places(state.scene.records):
-                yield replace(one, spot=replace(one.spot, site=site, axis=axis))
+                yield replace(one, location=replace(one.location, site=site, axis=axis))
 
 
 def _same_place(one: Candidate, other: Candidate) -> bool:
-    return (one.law.name, one.spot.site, one.spot.axis, one.spot.partner) == (
+    return (one.law.name, one.location.site, one.location.axis, one.location.partner) == (
         other.law.name,
-        other.spot.site,
-        other.spot.axis,
-        other.spot.partner,
+        other.location.site,
+        other.location.axis,
+        other.location.partner,
     )
 
 

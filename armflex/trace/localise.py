@@ -14,8 +14,8 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.fit import Fit
+from armflex.laws.effects.location import LINK
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.spot import LINK
 from armflex.trace.projection import Projection
 
 RATIOS = np.logspace(-4.0, 8.0, 61)

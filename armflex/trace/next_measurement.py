@@ -16,12 +16,12 @@ from armflex.conventions import Array
 from armflex.errors import ArmflexError
 from armflex.estimate.spread import scene_of
 from armflex.estimate.view import View, look
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.scene import Scene
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import numbered
-from armflex.plan.advice import instead
 from armflex.plan.information import Truth
+from armflex.plan.recommend import instead
 from armflex.readings import Position, unread
 from armflex.rows import Rows
 from armflex.rows.rows import LEVEL_OF
@@ -135,11 +135,11 @@ def _propose(state: State, index: int, rival: Effect, offer: Rows, view: View, s
     own = block.at(state.values_of(block))
     kept = [other for other in (*state.blocks, *state.effects) if other is not block]
     places = np.concatenate([np.zeros(0, dtype=int), *(fit.places(other) for other in kept)])
-    imitation = Candidate(rival.law, rival.spot, rival.inner)
+    imitation = Candidate(rival.law, rival.location, rival.inner)
     parts = [fit.columns[:, places], candidate_columns(imitation, fit, state.scene)]
-    effect = candidate_columns(Candidate(own.law, own.spot, own.inner), fit, state.scene) @ own.acting
+    effect = candidate_columns(Candidate(own.law, own.location, own.inner), fit, state.scene) @ own.acting
     measured = np.hstack([*parts, effect[:, None]])
-    precision = np.concatenate([fit.precision[places], np.zeros(len(rival.spot.terms) + 1)])
+    precision = np.concatenate([fit.precision[places], np.zeros(len(rival.location.terms) + 1)])
     known = LinearGaussian.of(measured, precision + RIDGE * (measured**2).sum(axis=0))
     there = [other.of_rows(offer.session, scene).columns(view) for other in kept]
     there.append(view.effect_columns(rival, scene))
@@ -165,7 +165,7 @@ def _in_words(own: Effect, number: int, proposal: Proposal, rival: Effect, offer
 def _conditions(own: Effect, rival: Effect, offer: Rows, row: int) -> str:
     """Return the values of the columns that either effect depends on."""
     told = []
-    for name in dict.fromkeys((*own.spot.covariates, *rival.spot.covariates)):
+    for name in dict.fromkeys((*own.location.covariates, *rival.location.covariates)):
         if name.startswith("approach_"):
             joint = name.removeprefix("approach_")
             upwards = offer.approach[row, offer.joint_names.index(joint)] > 0.0

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
-from armflex.laws.effects.law import Inner, Values
+from armflex.laws.effects.effect import Inner, Values
 from armflex.laws.effects.scene import Scene
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.projection import Projection, evidence
@@ -108,7 +108,7 @@ def _refine(start: Polished, free: tuple[int, ...], fit: Fit, scene: Scene, proj
 def _size(inner: Inner, index: int, candidate: Candidate, scene: Scene) -> float:
     """Return a first step: half the distance to the next value of the search grid."""
     values = np.array(
-        sorted({float(v) for v in inner.grid(candidate.spot, scene)} - ({0.0} if inner.positive else set()))
+        sorted({float(v) for v in inner.grid(candidate.location, scene)} - ({0.0} if inner.positive else set()))
     )
     raw = np.log(values) if inner.positive else values
     if len(raw) < 2:

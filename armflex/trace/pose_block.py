@@ -11,8 +11,8 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, Effect, TwistLaw, Values, Words
-from armflex.laws.effects.spot import Here, Spot
+from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, Location
 from armflex.parameters import ArmParameter, Group, Kind
 from armflex.rows.rows import POSE
 from armflex.setup import Setup
@@ -59,8 +59,8 @@ class PoseBlock(Block):
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with every pose's twist, which is taken out again before the arm is used."""
         terms = tuple(range(len(values)))
-        spot = Spot(self.site, self.axis, (POSE,), terms)
-        return setup.with_effect(Effect(_one_per_pose(len(values)), spot, tuple(values.tolist())))
+        location = Location(self.site, self.axis, (POSE,), terms)
+        return setup.with_effect(Effect(_one_per_pose(len(values)), location, tuple(values.tolist())))
 
 
 def _one_per_pose(count: int) -> TwistLaw:

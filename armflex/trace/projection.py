@@ -36,7 +36,7 @@ class Projection:
     precision: Array
     residual: Array
     objective: float
-    shy: float
+    ridge: float
     count: int
 
     @cached_property
@@ -63,27 +63,27 @@ class Projection:
         """Return what (n, k) columns lower the objective by together, and their (k,) amplitudes."""
         inside, whole = self.information(columns)
         score = columns.T @ self.residual
-        amplitudes = LinearGaussian(inside).with_precision(self.shy * whole).solve(score)
+        amplitudes = LinearGaussian(inside).with_precision(self.ridge * whole).solve(score)
         return float(score @ amplitudes), amplitudes
 
 
 def project(fit: Fit) -> Projection:
     """Return the projection of a fit."""
     data = fit.residual + fit.columns @ fit.values
-    return projected(fit.columns, fit.precision, data, shyness(fit), fit.view.count)
+    return projected(fit.columns, fit.precision, data, ridge_for(fit), fit.view.count)
 
 
-def shyness(fit: Fit) -> float:
-    """Return the `shy` of a fit's projections."""
+def ridge_for(fit: Fit) -> float:
+    """Return the `ridge` of a fit's projections."""
     return float((fit.view.sigma[:, :3] ** 2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
 
 
-def projected(columns: Array, precision: Array, data: Array, shy: float, count: int) -> Projection:
+def projected(columns: Array, precision: Array, data: Array, ridge: float, count: int) -> Projection:
     """Return the projection of a linear problem at its exact solution.
 
     A fit stops a little short of it, and along what only priors hold a little is enough to mimic a gain.
     """
-    rough = Projection(columns, precision, data, 0.0, shy, count)
+    rough = Projection(columns, precision, data, 0.0, ridge, count)
     values = rough.absorbed(data)
     residual = data - columns @ values
     objective = float(residual @ residual + (precision * values**2).sum())

@@ -19,7 +19,7 @@ from armflex.estimate.held_out import believed, held_out, pose_folds
 from armflex.estimate.learn import settled
 from armflex.estimate.spread import certainty_of
 from armflex.estimate.view import look
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
 from armflex.measured.measurements import Measurements
 from armflex.rows.rows import POSE
 from armflex.storage.whole_file import remove
@@ -28,12 +28,12 @@ from armflex.trace.advice import lacking
 from armflex.trace.afterwards import as_likely, not_identifiable, smallest, unexplained
 from armflex.trace.checkpoint import Progress, identity, read_checkpoint, restored, write_checkpoint
 from armflex.trace.exchange import Exchanged, equivalents, exchanged, worth_of
+from armflex.trace.findings import Found, Proof, Step, Trace, Unexplained
 from armflex.trace.localise import NOTICED, RandomTwist, localise
 from armflex.trace.next_measurement import next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
 from armflex.trace.projection import project
-from armflex.trace.result import Found, Proof, Step, Trace, Unexplained
 from armflex.trace.search import TIE, Round, plainest
 from armflex.trace.state import (
     State,

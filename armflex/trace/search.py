@@ -10,9 +10,9 @@ import numpy as np
 
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.catalogue import EVERY
-from armflex.laws.effects.law import EffectLaw
+from armflex.laws.effects.effect import EffectLaw
+from armflex.laws.effects.location import LINK, Location
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.spot import LINK, Spot
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, suspects
 from armflex.trace.candidates import (
     Candidate,
@@ -164,12 +164,12 @@ def plainest(alike: Sequence[Polished]) -> Polished:
     same = [one for one in alike if _kind(one) == least]
     most = MORE * min(_size(one) for one in same)
     little = [one for one in same if _size(one) <= most]
-    return min(little, key=lambda one: not one.candidate.spot.turns)
+    return min(little, key=lambda one: not one.candidate.location.turns)
 
 
 def _kind(one: Polished) -> tuple[bool, int, bool]:
     law = one.candidate.law
-    return not law.constant, list(EVERY).index(law.name), one.candidate.spot.site.startswith(LINK)
+    return not law.constant, list(EVERY).index(law.name), one.candidate.location.site.startswith(LINK)
 
 
 def _size(one: Polished) -> float:
@@ -208,7 +208,7 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray, tell: Tell = silent) -> R
 
 
 def searched(sifted: Sifted, fit: Fit, scene: Scene, most: int) -> Round:
-    """Return the round of some candidates alone, the best for every law and spot that is possible, none refined."""
+    """Return the round of some candidates alone, the best for every law and location that is possible, none refined."""
     screened, projection = screen(sifted), sifted.projection
     found = []
     for index in best_per_spot(screened, most):
@@ -226,7 +226,7 @@ def _plain(scene: Scene) -> frozenset[str]:
 
 
 def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projection, most: int) -> list[Candidate]:
-    """Return the best candidates, one per law and spot, whose amplitudes are possible."""
+    """Return the best candidates, one per law and location, whose amplitudes are possible."""
     found: list[Candidate] = []
     for index in best_per_spot(screened, LOOKED_AT):
         candidate = screened.bank.candidates[index]
@@ -248,16 +248,16 @@ def _second_look(
     tell: Tell,
 ) -> list[Sifted]:
     """Return waves and bumps where a free shape did well, and products of columns where much is left, projected."""
-    spots = {
-        Spot(one.spot.site, one.spot.axis, one.spot.covariates)
+    locations = {
+        Location(one.location.site, one.location.axis, one.location.covariates)
         for one in (shaped.bank.candidates[i] for i in best_per_spot(shaped, SHAPED))
         if one.law is not LEVEL
     }
     tried = (
-        _with(law, spot, inner)
+        _with(law, location, inner)
         for law in (WAVE, BUMP)
-        for spot in sorted(spots, key=str)
-        for inner in grid(law, spot, scene)
+        for location in sorted(locations, key=str)
+        for inner in grid(law, location, scene)
     )
     found = [sift(bank(tried, fit, scene, tell), projection)]
     excess = projection.objective - projection.count
@@ -272,23 +272,23 @@ def _product_waves(best: Sequence[Candidate], places: tuple[RandomTwist, ...], s
     """Yield the products in which one of the two columns goes in waves."""
     for product in best:
         for place in places[:PLACES]:
-            for pair in permutations(product.spot.covariates):
-                spot = Spot(place.site, place.axis, pair)
-                for inner in grid(WAVE_PRODUCT, spot, scene):
-                    yield _with(WAVE_PRODUCT, spot, inner)
+            for pair in permutations(product.location.covariates):
+                location = Location(place.site, place.axis, pair)
+                for inner in grid(WAVE_PRODUCT, location, scene):
+                    yield _with(WAVE_PRODUCT, location, inner)
 
 
-def _with(law, spot: Spot, inner) -> Candidate:
+def _with(law, location: Location, inner) -> Candidate:
     terms = tuple(range(len(law.amplitudes)))
-    return Candidate(law, Spot(spot.site, spot.axis, spot.covariates, terms), inner)
+    return Candidate(law, Location(location.site, location.axis, location.covariates, terms), inner)
 
 
 def _products(places: tuple[RandomTwist, ...], scene: Scene) -> Iterable[Candidate]:
     for place in places[:PLACES]:
         for pair in permutations(suspects(scene.records), 2):
-            spot = Spot(place.site, place.axis, pair)
-            for inner in grid(PRODUCT, spot, scene):
-                yield _with(PRODUCT, spot, inner)
+            location = Location(place.site, place.axis, pair)
+            for inner in grid(PRODUCT, location, scene):
+                yield _with(PRODUCT, location, inner)
 
 
 def _best(sifted: Sifted, most: int) -> list[Candidate]:

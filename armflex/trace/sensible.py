@@ -10,10 +10,10 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
+from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.law import Act, Effect
+from armflex.laws.effects.location import resolve
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.spot import resolve
 from armflex.laws.joint.linear import SOFTEST
 from armflex.trace.candidates import Candidate
 
@@ -32,8 +32,8 @@ SLACK = 2.0
 
 def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, present: bool = False) -> bool:
     """Return whether a candidate with these amplitudes is possible on the fitted arm, or is `present` in it."""
-    law, spot = candidate.law, candidate.spot
-    acting = [law.amplitudes[i] for i in spot.terms]
+    law, location = candidate.law, candidate.location
+    acting = [law.amplitudes[i] for i in location.terms]
     for amplitude, value in zip(acting, amplitudes.tolist(), strict=True):
         if (value < 0.0 and amplitude.positive) or abs(value) > amplitude.most:
             return False
@@ -41,10 +41,10 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, pr
         return False
     if law.act is not Act.TWIST:
         return True
-    if not _is_small(law.features(spot, candidate.inner, fit.view, scene), amplitudes):
+    if not _is_small(law.features(location, candidate.inner, fit.view, scene), amplitudes):
         return False
-    if law.remembers_load(spot):
-        return bool(_is_stiff(np.abs(amplitudes[0]) * resolve(spot, fit.setup.arm.robot, ()).direction))
+    if law.remembers_load(location):
+        return bool(_is_stiff(np.abs(amplitudes[0]) * resolve(location, fit.setup.arm.robot, ()).direction))
     if not law.loaded or law.memory is not None:
         return True
     return _gives(candidate.effect(amplitudes), fit, scene, present)
@@ -59,10 +59,10 @@ def _is_small(features: Array, amplitudes: Array) -> bool:
 def _gives(effect: Effect, fit: Fit, scene: Scene, present: bool) -> bool:
     """Return whether in most rows the joint gives the way it is pushed, and no more than a joint can."""
     arm, view = fit.setup.arm, fit.view
-    here = resolve(effect.spot, arm.robot, arm.modelled)
-    bound = BoundTwist(effect, resolve(effect.spot, arm.robot, arm.flexures))
+    here = resolve(effect.location, arm.robot, arm.modelled)
+    bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
     some = np.unique(np.linspace(0, len(view.rows) - 1, ROWS).astype(int))
-    wrenches, row = view.line.load_at(effect.spot.site)[some], scene.row.some(view.rows[some])
+    wrenches, row = view.line.load_at(effect.location.site)[some], scene.row.some(view.rows[some])
     own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
     total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
     total = np.broadcast_to(total, own.shape) + (0.0 if present else own)

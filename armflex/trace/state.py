@@ -12,10 +12,10 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.calibrate import Calibration
-from armflex.estimate.effect_block import EffectBlock, shy_prior
+from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.view import look
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.remember import without_direction
 from armflex.laws.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
@@ -157,14 +157,14 @@ def add(state: State, found: Polished) -> State:
     """Return the state with a candidate added, or joined to the effect that it widens, and everything refitted."""
     values = _beginning(state, found)
     what = found.candidate.effect(found.amplitudes)
-    derived = tuple(name for name in what.spot.covariates if name in state.measurements.derived)
+    derived = tuple(name for name in what.location.covariates if name in state.measurements.derived)
     what = replace(what, derived=derived)
     starts = [values[state.fit.places(block)] for block in state.effects]
     widened = [i for i, block in enumerate(state.effects) if _is_same_law(block.effect, what)]
     place = widened[0] if widened else len(starts)
     if widened:
         what = _joined(state.effects[place].at(starts[place]), what)
-    prior = shy_prior(what, found.free, state.fit.view, state.scene)
+    prior = amplitude_prior(what, found.free, state.fit.view, state.scene)
     ordinal = len(state.declared.arm.effects) + place
     block = EffectBlock(what, found.free, state.scene, ordinal, prior)
     effects = (*state.effects[:place], block, *state.effects[place + 1 :])
@@ -180,15 +180,15 @@ def _beginning(state: State, found: Polished) -> Array:
 
 def _is_same_law(one: Effect, other: Effect) -> bool:
     """Return whether two effects are one with more terms: same law and place, nothing searched between them."""
-    places = [(effect.law.name, replace(effect.spot, terms=())) for effect in (one, other)]
+    places = [(effect.law.name, replace(effect.location, terms=())) for effect in (one, other)]
     return places[0] == places[1] and not one.law.inner
 
 
 def _joined(one: Effect, other: Effect) -> Effect:
     """Return the sum of two effects of the same law and place."""
-    terms = tuple(sorted({*one.spot.terms, *other.spot.terms}))
+    terms = tuple(sorted({*one.location.terms, *other.location.terms}))
     values = tuple(a + b for a, b in zip(one.values, other.values, strict=True))
-    return replace(one, spot=replace(one.spot, terms=terms), values=values)
+    return replace(one, location=replace(one.location, terms=terms), values=values)
 
 
 def without(state: State, index: int) -> State:
@@ -254,7 +254,7 @@ def information(state: State, limit: float) -> float:
     """
     count = state.fit.view.count
     effects = [block.at(state.values_of(block)) for block in state.effects]
-    searched = sum(Candidate(effect.law, effect.spot, effect.inner).parameters for effect in effects)
+    searched = sum(Candidate(effect.law, effect.location, effect.inner).parameters for effect in effects)
     return count * float(np.log(max(state.fit.cost(limit), count))) + searched * float(np.log(count))
 
 
@@ -263,7 +263,7 @@ def stands(state: State) -> bool:
     for block in state.effects:
         effect = block.at(state.values_of(block))
         if not sensible(
-            Candidate(effect.law, effect.spot, effect.inner), effect.acting, state.fit, state.scene, present=True
+            Candidate(effect.law, effect.location, effect.inner), effect.acting, state.fit, state.scene, present=True
         ):
             return False
     return True

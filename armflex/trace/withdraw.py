@@ -16,7 +16,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError
-from armflex.estimate.effect_block import EffectBlock, shy_prior
+from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import THOROUGH, Fit
 from armflex.estimate.held_out import believed, held_out, near, pose_folds
 from armflex.estimate.robust import huber_weights
@@ -25,9 +25,9 @@ from armflex.linear_gaussian import most_probable
 from armflex.measured.measurements import Measurements
 from armflex.trace.candidates import Candidate, bank, candidate_columns, grid, sift
 from armflex.trace.exchange import Exchanged
+from armflex.trace.findings import Compared, Step, Withdrawn
 from armflex.trace.polish import polish
-from armflex.trace.projection import projected, shyness
-from armflex.trace.result import Compared, Step, Withdrawn
+from armflex.trace.projection import projected, ridge_for
 from armflex.trace.search import searched
 from armflex.trace.state import State, fitted_to, scene_at, sorted_out, with_random, without
 
@@ -102,7 +102,7 @@ def _readings(fit: Fit, effects: Sequence[EffectBlock]) -> Array:
     """Return the (n,) whitened readings that a linear problem explains; inner values of effects are none of its own."""
     values = fit.values.copy()
     for block in effects:
-        values[fit.places(block)[len(block.effect.spot.terms) :]] = 0.0
+        values[fit.places(block)[len(block.effect.location.terms) :]] = 0.0
     return fit.residual + fit.columns @ values
 
 
@@ -125,15 +125,17 @@ def _chosen_again(
     columns, prior, data = fit.columns[:, rest], fit.prior[rest], _readings(fit, state.effects)
     mask, count = np.repeat(learned, len(data) // len(learned)), int(np.isfinite(fit.view.sigma[learned]).sum())
     for block, others in zip(state.effects, rivals, strict=True):
-        problem = projected(columns * mask[:, None], prior**-2.0, data * mask, shyness(fit), count)
-        places = dict.fromkeys([(block.effect.law, block.effect.spot), *((one.law, one.spot) for one in others)])
-        tried = (Candidate(law, spot, i) for law, spot in places for i in grid(law, spot, state.scene))
+        problem = projected(columns * mask[:, None], prior**-2.0, data * mask, ridge_for(fit), count)
+        places = dict.fromkeys(
+            [(block.effect.law, block.effect.location), *((one.law, one.location) for one in others)]
+        )
+        tried = (Candidate(law, location, i) for law, location in places for i in grid(law, location, state.scene))
         found = searched(sift(bank(tried, masked, state.scene, state.tell), problem), masked, state.scene, len(places))
         best = polish(found.first.candidate, masked, state.scene, problem) if found.ranking else None
         if best is not None and best.gain > 0.0:
-            shy = shy_prior(best.candidate.effect(best.amplitudes), (), fit.view, state.scene)
+            ridge = amplitude_prior(best.candidate.effect(best.amplitudes), (), fit.view, state.scene)
             columns = np.hstack([columns, candidate_columns(best.candidate, fit, state.scene)])
-            prior = np.concatenate([prior, shy])
+            prior = np.concatenate([prior, ridge])
     return columns, prior, data
 
 

@@ -13,7 +13,7 @@ from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
 from armflex.track.estimate import Estimate, Seen
 from armflex.track.reading import Reading
-from armflex.track.state import State
+from armflex.track.tracker_file import State
 from armflex.track.watch import FEWEST, LONGEST, Anchor, Change, Watch
 
 PLAIN = {

@@ -13,16 +13,16 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, InputError, ModelFileError, Place, UnknownNameError
-from armflex.mechanics.rows import kernel
+from armflex.mechanics.many_rows import kernel
 from armflex.rows.rows import APPROACH, last_motion
 from armflex.storage.digest import digest
 from armflex.track.estimate import Estimate, estimate_of, recentred, spread, take, widen
 from armflex.track.groups import Group
-from armflex.track.model import model_of
 from armflex.track.reading import Reading, as_row, number, sensible
 from armflex.track.sight import Sight
-from armflex.track.state import begun
 from armflex.track.state_file import LAYOUT, read_state, write_state
+from armflex.track.state_space import model_of
+from armflex.track.tracker_file import begun
 from armflex.track.watch import WINDOW, Anchor, Change, Found, contradicted, fainter, seek
 
 KEPT = 100
@@ -149,7 +149,7 @@ class Tracker:
         """Whether the estimate is so far from where the arm was linearised that `relinearise` is worth its time."""
         if self._state.watch.unsettled and self._state.watch.part == 1.0:
             return False
-        return bool((np.abs(self._state.estimate.values) > self._model.straight).any())
+        return bool((np.abs(self._state.estimate.values) > self._model.rigid).any())
 
     def update(self, reading: Reading) -> Step:
         """Take in a reading.

@@ -27,8 +27,8 @@ from boom import Boom, make_boom
 from armflex import Arm, Wrench
 from armflex.conventions import Array
 from armflex.laws.effects.catalogue import EVERY
-from armflex.laws.effects.law import Effect
-from armflex.laws.effects.spot import Spot
+from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.location import Location
 from armflex.laws.joint.network import NetworkLaw
 
 NEURONS, CALLS = 20, 100_000
@@ -65,10 +65,10 @@ def arms(boom: Boom) -> dict[str, Arm]:
     wrenches = boom.arm.deflection(boom.q).wrenches
     pairs = enumerate(zip(boom.arm.flexures, wrenches, strict=True))
     networks = tuple(replace(one, law=network_like(one.law.compliance, load, i)) for i, (one, load) in pairs)
-    warm = Effect(EVERY["thermal_growth"], Spot("link:A4", None, ("temperature",)), (1.2e-5, 20.0, 0.0))
-    soft = Effect(EVERY["thermal_softening"], Spot("A2", None, ("temperature",)), (1e-3, 20.0, 0.0))
-    play = Effect(EVERY["backlash"], Spot("A3", "rz", ("approach_A3",)), (3e-4,))
-    curved = Effect(EVERY["stiffening"], Spot("A3", "ry", terms=(0, 1)), (-1e-13, 1e-18))
+    warm = Effect(EVERY["thermal_growth"], Location("link:A4", None, ("temperature",)), (1.2e-5, 20.0, 0.0))
+    soft = Effect(EVERY["thermal_softening"], Location("A2", None, ("temperature",)), (1e-3, 20.0, 0.0))
+    play = Effect(EVERY["backlash"], Location("A3", "rz", ("approach_A3",)), (3e-4,))
+    curved = Effect(EVERY["stiffening"], Location("A3", "ry", terms=(0, 1)), (-1e-13, 1e-18))
     return {
         "linear": boom.arm,
         "networks": replace(boom.arm, flexures=networks),

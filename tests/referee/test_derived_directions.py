@@ -29,7 +29,7 @@ from armflex import (
 )
 from armflex.errors import ArmFileError, MissingCovariateError
 from armflex.estimate.calibrate import write_calibrated
-from armflex.trace.result import write_traced
+from armflex.trace.findings import write_traced
 from armflex.trajectory import write_trajectory
 
 pytestmark = pytest.mark.slow

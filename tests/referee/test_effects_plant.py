@@ -14,7 +14,7 @@ from support.undeclared import Effect as Hidden
 
 from armflex import load_arm, predict, read_measurements
 from armflex.laws import LinearLaw
-from armflex.laws.effects import Effect, Spot
+from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
@@ -78,13 +78,13 @@ def case(kind: str, seed: int, arm: str, folder) -> Case:
     return Case(drawn, truth.effects[0], Setup(true, instrument), rows)
 
 
-def amplitudes(law: str, spot: Spot, inner: tuple[float, ...], **values: float) -> Effect:
+def amplitudes(law: str, location: Location, inner: tuple[float, ...], **values: float) -> Effect:
     """Return an effect by the names of its amplitudes."""
     names = [amplitude.name for amplitude in EVERY[law].amplitudes]
     assert set(values) <= set(names)
     terms = tuple(names.index(name) for name in values)
     whole = tuple(values.get(name, 0.0) for name in names)
-    return Effect(EVERY[law], replace(spot, terms=terms), whole + inner)
+    return Effect(EVERY[law], replace(location, terms=terms), whole + inner)
 
 
 def warm(one: Case) -> tuple[float, float]:
@@ -96,7 +96,7 @@ def in_library(one: Case) -> tuple[Effect, ...]:
     told, law = one.told, one.law
     on_link = not one.moving(told.site) or law in ("thermal_bending", "link_flexure", "link_geometry")
     site = told.site if told.site in ("base", "tool") else f"link:{told.site}"
-    link, joint = Spot(site, told.axis), Spot(told.site, told.axis)
+    link, joint = Location(site, told.axis), Location(told.site, told.axis)
     n = one.number
     if law in ("base_thermal", "thermal_growth", "thermal_bending"):
         return (_thermal(one, link),)
@@ -106,10 +106,10 @@ def in_library(one: Case) -> tuple[Effect, ...]:
         return (_instrument(one),)
     if law in ("link_flexure", "link_geometry", "base_compliance", "base_drift"):
         name = {"link_flexure": "C_", "base_compliance": "C_", "base_drift": "v_", "link_geometry": ""}[law]
-        spot = replace(link, covariates=("time",)) if law == "base_drift" else link
-        return (amplitudes(law, spot, (), **{name + told.axis: float(next(iter(told.parameters.values())))}),)
+        location = replace(link, covariates=("time",)) if law == "base_drift" else link
+        return (amplitudes(law, location, (), **{name + told.axis: float(next(iter(told.parameters.values())))}),)
     assert not on_link
-    offset = Spot(told.site, told.axis)
+    offset = Location(told.site, told.axis)
     if law == "encoder_scale":
         return amplitudes(law, joint, (), scale=n("scale")), _offset(offset, -n("scale") * n("q0"))
     if law == "dress_pack":
@@ -119,51 +119,51 @@ def in_library(one: Case) -> tuple[Effect, ...]:
     return _at_joint(one, joint)
 
 
-def _offset(spot: Spot, value: float) -> Effect:
-    return amplitudes("encoder_offset", spot, (), offset=value)
+def _offset(location: Location, value: float) -> Effect:
+    return amplitudes("encoder_offset", location, (), offset=value)
 
 
-def _thermal(one: Case, link: Spot) -> Effect:
-    spot, told = replace(link, covariates=("temperature",)), one.told
+def _thermal(one: Case, link: Location) -> Effect:
+    location, told = replace(link, covariates=("temperature",)), one.told
     if one.law == "thermal_growth":
-        return amplitudes("thermal_growth", replace(spot, axis=None), warm(one), alpha=one.number("alpha"))
+        return amplitudes("thermal_growth", replace(location, axis=None), warm(one), alpha=one.number("alpha"))
     if one.law == "thermal_bending":
-        return amplitudes("thermal_bending", spot, (1.0, *warm(one)), beta=one.number("beta"))
-    return amplitudes("base_thermal", spot, warm(one), **{f"beta_{told.axis}": one.number("beta")})
+        return amplitudes("thermal_bending", location, (1.0, *warm(one)), beta=one.number("beta"))
+    return amplitudes("base_thermal", location, warm(one), **{f"beta_{told.axis}": one.number("beta")})
 
 
-def _load(one: Case, link: Spot) -> Effect:
+def _load(one: Case, link: Location) -> Effect:
     told, n = one.told, one.number
     if one.law == "magnetic_pull":
         inner = (n("magnet_x"), n("magnet_y"), n("magnet_z"), 0.0)
-        return amplitudes("magnetic_pull", Spot(link.site), inner, F1=n("force_at_1m"))
+        return amplitudes("magnetic_pull", Location(link.site), inner, F1=n("force_at_1m"))
     if one.law == "tip_force":
-        return amplitudes("tip_force", Spot("tool"), (), **{name: n(name) for name in ("fx", "fy", "fz")})
+        return amplitudes("tip_force", Location("tool"), (), **{name: n(name) for name in ("fx", "fy", "fz")})
     if one.law == "link_mass":
         moved = {f"com_{told.axis[1]}": n("com")} if "com" in told.parameters else {"mass": n("mass")}
-        return amplitudes("link_mass", Spot(link.site), (), **moved)
+        return amplitudes("link_mass", Location(link.site), (), **moved)
     if one.law == "payload_mass":
         share = "mass_at_heaviest" in told.parameters
-        spot = Spot("tool", partner="" if share else "each")
-        return amplitudes("payload_mass", spot, (), mass=n("mass_at_heaviest" if share else "mass"))
+        location = Location("tool", partner="" if share else "each")
+        return amplitudes("payload_mass", location, (), mass=n("mass_at_heaviest" if share else "mass"))
     if one.law == "payload_com":
-        return amplitudes("payload_com", Spot("tool", told.axis), (), **{told.axis: n(told.axis)})
-    return amplitudes("gravity_tilt", Spot("base", told.axis), (), **{told.axis: n("tilt")})
+        return amplitudes("payload_com", Location("tool", told.axis), (), **{told.axis: n(told.axis)})
+    return amplitudes("gravity_tilt", Location("base", told.axis), (), **{told.axis: n("tilt")})
 
 
 def _instrument(one: Case) -> Effect:
     told, n = one.told, one.number
     if one.law == "tracker_scale":
-        return amplitudes("tracker_scale", Spot("base"), (), **{"lambda": n("ppm")})
+        return amplitudes("tracker_scale", Location("base"), (), **{"lambda": n("ppm")})
     if one.law == "session_frame":
-        spot = Spot("base", partner=str(told.parameters["session"]))
-        return amplitudes("session_frame", spot, (), **{axis: n(axis) for axis in AXES[:3]})
+        location = Location("base", partner=str(told.parameters["session"]))
+        return amplitudes("session_frame", location, (), **{axis: n(axis) for axis in AXES[:3]})
     first = one.rows.session.index(str(told.parameters["from"]))
     since = -1.0 if first == 0 else float(one.rows.time[first])
-    return amplitudes("tool_shift", Spot("tool", told.axis), (since,), **{told.axis: n(told.axis)})
+    return amplitudes("tool_shift", Location("tool", told.axis), (since,), **{told.axis: n(told.axis)})
 
 
-def _at_joint(one: Case, joint: Spot) -> tuple[Effect, ...]:
+def _at_joint(one: Case, joint: Location) -> tuple[Effect, ...]:
     """Return the effects whose parameters have the plant's names."""
     law, p = one.law, one.told.parameters
     if law == "hysteresis":
@@ -175,8 +175,8 @@ def _at_joint(one: Case, joint: Spot) -> tuple[Effect, ...]:
     if law == "even_in_load":
         return (amplitudes(law, joint, (), **{"c_square" if p["of"] == "tau^2" else "c_moment": one.number("c")}),)
     if law == "thermal_softening":
-        spot = replace(joint, axis=None, covariates=("temperature",))
-        return (amplitudes(law, spot, warm(one), beta=one.number("beta")),)
+        location = replace(joint, axis=None, covariates=("temperature",))
+        return (amplitudes(law, location, warm(one), beta=one.number("beta")),)
     if law == "slip_step":
         return (amplitudes(law, joint, (one.number("time"),), size=one.number("size")),)
     inner = tuple(float(p[parameter.name]) for parameter in EVERY[law].inner)
@@ -253,7 +253,7 @@ def test_a_spring_at_the_end_of_a_link(arm, end, tmp_path):
         push.loads.append((end - 1, amplitude * line * np.maximum(1.0 - rest / length, 0.0), point))
 
     hidden = Hidden("umbilical", site, None, (), act, lambda x: {"k": x}, 1.0, k, amplitude=k)
-    effect = amplitudes("umbilical", Spot(site), (*anchor.tolist(), rest, 1.0), k=k)
+    effect = amplitudes("umbilical", Location(site), (*anchor.tolist(), rest, 1.0), k=k)
     compare(replace(one, told=replace(one.told, name="umbilical")), with_effects(one.setup, (effect,)), (hidden,))
 
 
@@ -269,7 +269,7 @@ def test_predictions_of_a_whole_campaign(kind, tmp_path):
 def test_lags_of_two_effects_at_one_place_are_their_own(tmp_path):
     """A link that grows with one lag and the joint at its end that softens with another."""
     one = case("backlash", 2, "six", tmp_path)
-    link, joint = Spot("link:J3", None, ("temperature",)), Spot("J3", None, ("temperature",))
+    link, joint = Location("link:J3", None, ("temperature",)), Location("J3", None, ("temperature",))
     growing = amplitudes("thermal_growth", link, (REFERENCE, 9000.0), alpha=3e-5)
     softening = amplitudes("thermal_softening", joint, (REFERENCE, 900.0), beta=0.03)
     base, rows = readings(one.setup, one.rows), one.rows

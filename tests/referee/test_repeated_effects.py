@@ -20,7 +20,7 @@ from armflex.estimate.calibrate import write_calibrated
 from armflex.files.effect_file import effect_table
 from armflex.readings.instrument import Instrument
 from armflex.show.report import write_report
-from armflex.trace.result import Trace, write_traced
+from armflex.trace.findings import Trace, write_traced
 
 pytestmark = pytest.mark.slow
 
@@ -86,7 +86,7 @@ def test_every_harmonic_is_found_under_its_own_name(found: Trace) -> None:
         k = one.effect.named.get("k", 1.0)
         name, nearest = min(planted, key=lambda key: (key[0] != one.effect.law.name, abs(key[1] - k)))
         pair = planted.pop((name, nearest))
-        assert (one.effect.law.name, one.effect.spot.place, one.effect.spot.axis) == (name, "J2", "ry")
+        assert (one.effect.law.name, one.effect.location.place, one.effect.location.axis) == (name, "J2", "ry")
         assert abs(k - nearest) <= 4.0 * one.std.get("k", 0.0) * k + 1e-9 or abs(k - nearest) < 0.03
         for label, value in zip("AB", pair, strict=True):
             assert abs(one.effect.named[label] - value) < 4.0 * one.std[label]

@@ -60,7 +60,7 @@ def test_nothing_is_named_where_nothing_is(kind, seed, arm):
 @pytest.fixture(scope="module")
 def backlash(campaign, before) -> Candidate:
     law = CATALOGUE["backlash"]
-    return next(Candidate(law, spot, ()) for spot in law.places(before.scene.records) if spot.site == "J4")
+    return next(Candidate(law, location, ()) for location in law.places(before.scene.records) if location.site == "J4")
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +97,9 @@ def test_gain_is_the_fall_of_a_refit(name, before):
         columns = candidates.group(index)
         gain, amplitudes = projection.gain(columns)
         # What has to move the tip by a tenth of a metre to be seen is not believed: a weak prior on the amplitudes.
-        shy = 1.0 / np.sqrt(np.maximum(projection.shy * (columns**2).sum(axis=0), 1e-300))
+        ridge = 1.0 / np.sqrt(np.maximum(projection.ridge * (columns**2).sum(axis=0), 1e-300))
         values, objective = least_squares(
-            np.hstack([fit.columns, columns]), np.concatenate([fit.prior, shy]), data_of(fit)
+            np.hstack([fit.columns, columns]), np.concatenate([fit.prior, ridge]), data_of(fit)
         )
         assert gain == pytest.approx(plain - objective, rel=1e-4, abs=1e-4)
         assert batch.gains[index] == pytest.approx(gain, rel=1e-6, abs=1e-6)
@@ -174,7 +174,7 @@ def test_evidence_is_the_information_criterion():
 def noisy(projection: Projection, seed: int) -> Projection:
     """Return the same problem with nothing but noise in it."""
     noise = np.random.default_rng(seed).normal(size=len(projection.residual))
-    return projected(projection.columns, projection.precision, noise, projection.shy, projection.count)
+    return projected(projection.columns, projection.precision, noise, projection.ridge, projection.count)
 
 
 def test_chance_exceeds_the_null_as_often_as_it_should(before):
@@ -196,7 +196,7 @@ def test_a_real_effect_exceeds_the_null(before):
     sifted = sift(candidates, project(before.fit))
     screened = screen(sifted)
     assert screened.evidence.max() > null_maximum(sifted, before.groups).max() + 50.0
-    assert candidates.candidates[screened.ranked()[0]].spot.site == "J4"
+    assert candidates.candidates[screened.ranked()[0]].location.site == "J4"
 
 
 def errors_of(fit: Fit, folds: np.ndarray, follow: list[np.ndarray] | None = None) -> Array:
@@ -252,7 +252,7 @@ def test_a_random_twist_is_found_where_it_is(before, site, axis, std):
     moved = fit.view.to_twist(site)[:, :, TWIST_NAMES.index(axis)] * twists[:, None]
     data = (moved / fit.view.sigma * np.sqrt(fit.weights)[:, None]).ravel()
     noise = np.random.default_rng(3).normal(size=len(data))
-    projection = projected(known.columns, known.precision, data + noise, known.shy, known.count)
+    projection = projected(known.columns, known.precision, data + noise, known.ridge, known.count)
     places = localise(fit, before.scene, projection, groups)
     true = next(place for place in places if (place.site, place.axis) == (site, axis))
     assert true.ratio > 100.0 and true.ratio > places[0].ratio - 3.0  # a lift is a lift anywhere along the column
@@ -280,7 +280,7 @@ def test_an_effect_is_worth_what_it_was_accepted_for(before, after, backlash):
     assert worth == pytest.approx(first, rel=0.05)
     differences = [difference for _, difference in rivals]
     assert differences == sorted(differences) and max(differences) < SAME
-    names = {(rival.law.name, rival.spot.site) for rival, _ in rivals}
+    names = {(rival.law.name, rival.location.site) for rival, _ in rivals}
     assert ("friction_windup", "J4") in names  # wind-up of a constant friction is backlash
     assert ("backlash", "J4") not in names and ("creep", "J2") not in names
 
@@ -290,7 +290,7 @@ def test_rivals_would_have_done_as_well(before, after):
     worth, rivals = equivalents(after, 0)
     projection = project(before.fit)
     for rival, difference in rivals[:3]:
-        candidate = Candidate(rival.law, rival.spot, rival.inner)
+        candidate = Candidate(rival.law, rival.location, rival.inner)
         again = polish(candidate, before.fit, before.scene, projection).evidence
         assert again == pytest.approx(worth - difference, abs=0.05 * worth)
 

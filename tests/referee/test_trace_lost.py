@@ -17,14 +17,14 @@ from armflex import calibrate, load_arm, pose_groups, predict, read_measurements
 from armflex.arm import Arm
 from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds
-from armflex.laws.effects import CATALOGUE, Effect, Spot
+from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
-from armflex.plan.advice import instead
+from armflex.plan.recommend import instead
 from armflex.show.report import render_report
 from armflex.trace.accept import improvement
+from armflex.trace.findings import Trace, write_traced
 from armflex.trace.lost import MOST, lost_beams
-from armflex.trace.result import Trace, write_traced
 from armflex.trace.rounds import trace
 from armflex.trace.state import begin
 
@@ -49,7 +49,7 @@ def slipped(tmp_path_factory):
 def with_slip(arm: Arm, rows: Measurements) -> Arm:
     """Return the arm whose joint slips."""
     at = float(rows.time[-LATE - 1 : -LATE + 1].mean())
-    slip = Effect(CATALOGUE["slip_step"], Spot("J2", "ry", ("time",)), (SLIP, at))
+    slip = Effect(CATALOGUE["slip_step"], Location("J2", "ry", ("time",)), (SLIP, at))
     return replace(arm, effects=(slip,))
 
 
@@ -205,7 +205,7 @@ def test_whatever_is_ranked_has_competed_with_chance(slipped):
 
 def effect(name: str, *place: str) -> Effect:
     law = EVERY[name]
-    return Effect(law, Spot(*place), (0.0,) * (len(law.amplitudes) + len(law.inner)))
+    return Effect(law, Location(*place), (0.0,) * (len(law.amplitudes) + len(law.inner)))
 
 
 def test_there_is_advice_on_every_law_and_it_is_one_sentence():
@@ -221,4 +221,4 @@ def test_there_is_advice_on_every_law_and_it_is_one_sentence():
 )
 def test_a_coupling_has_the_unit_of_its_axes(axes, unit):
     axis, partner = axes.split()
-    assert Effect(CATALOGUE["cross_coupling"], Spot("J2", axis, partner=partner), (1e-9,)).units == (unit,)
+    assert Effect(CATALOGUE["cross_coupling"], Location("J2", axis, partner=partner), (1e-9,)).units == (unit,)

@@ -43,7 +43,11 @@ def test_the_right_effect_alone_is_found(tmp_path):
     truth, declared, rows = campaign(tmp_path, "backlash", 1, "six")
     (one,) = trace(declared, rows).found
     true = truth.effects[0]
-    assert (one.effect.law.name, one.effect.spot.site, one.effect.spot.axis) == ("backlash", true.site, true.axis)
+    assert (one.effect.law.name, one.effect.location.site, one.effect.location.axis) == (
+        "backlash",
+        true.site,
+        true.axis,
+    )
     assert abs(one.effect.named["gap"] - true.parameters["gap"]) < 4.0 * one.std["gap"]
 
 
@@ -70,7 +74,7 @@ def noisy(state: State, positions: float, orientations: float) -> Projection:
     fit, known = state.fit, project(state.fit)
     noise = np.random.default_rng(5).normal(size=fit.view.sigma.shape) * np.repeat([positions, orientations], 3)
     noise = np.where(np.isfinite(fit.view.sigma), noise, 0.0).ravel()
-    return projected(known.columns, known.precision, noise, known.shy, known.count)
+    return projected(known.columns, known.precision, noise, known.ridge, known.count)
 
 
 @pytest.mark.parametrize(("positions", "orientations"), [(1.0, 1.0), (2.0, 1.0), (0.5, 1.0), (1.0, 3.0)])

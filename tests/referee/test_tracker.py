@@ -14,11 +14,11 @@ from armflex import Arm, Reading, Tracker, calibrate
 from armflex.certainty import Certainty
 from armflex.errors import MissingCovariateError
 from armflex.laws.effects.catalogue import EVERY
-from armflex.laws.effects.law import Effect
-from armflex.laws.effects.spot import Spot
+from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.location import Location
 from armflex.readings.instrument import Instrument
-from armflex.track.model import Model, model_of
 from armflex.track.sight import Sight
+from armflex.track.state_space import Model, model_of
 
 
 @pytest.mark.slow
@@ -234,7 +234,7 @@ def test_a_learned_law_is_tracked(machine, tmp_path):
 
 def test_an_arm_with_an_effect_is_tracked(machine):
     """Effects stay as they are; what they depend on comes with the reading, and a row of a campaign is one."""
-    warm = Effect(EVERY["thermal_growth"], Spot("link:A4", None, ("temperature",)), (1.2e-5, 20.0, 0.0))
+    warm = Effect(EVERY["thermal_growth"], Location("link:A4", None, ("temperature",)), (1.2e-5, 20.0, 0.0))
     tracker, plain = Tracker(replace(machine.arm, effects=(warm,))), Tracker(machine.arm)
     rows = measured(machine, machine.readings(900, 5), "warm.csv")
     with pytest.raises(MissingCovariateError, match="temperature"):

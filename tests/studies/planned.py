@@ -28,7 +28,7 @@ from support.undeclared import AXES
 from armflex import Arm, Measurements, Trajectory, calibrate, load_arm, plan, predict, read_measurements, write_plan
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import first_guess
-from armflex.estimate.effect_block import EffectBlock, shy_prior
+from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import fit
 from armflex.estimate.spread import scene_of
 from armflex.estimate.view import look
@@ -228,7 +228,7 @@ def apart(arm: Arm, campaign: Measurements, true: str, false: str) -> float:
         view = look(setup, campaign, np.arange(len(campaign)))
         scene = scene_of(view, campaign)
         effect = named_effect(name, arm, ())
-        prior = shy_prior(effect, (), view, scene)
+        prior = amplitude_prior(effect, (), view, scene)
         blocks = (*declared_blocks(setup, campaign), EffectBlock(effect, (), scene, 0, prior))
         costs.append(fit(setup, blocks, campaign, rows).cost(1e9))
     return costs[1] - costs[0]

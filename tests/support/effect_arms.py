@@ -11,8 +11,8 @@ import numpy as np
 from armflex import Arm, load_arm
 from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, EffectLaw
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.spot import Spot
 from support.small_arms import ROBOTS
 
 HEAVY = ROBOTS / "heavy_six"
@@ -55,10 +55,10 @@ def scene() -> Scene:
 
 
 @functools.cache
-def spots(law: EffectLaw) -> list[Spot]:
+def locations(law: EffectLaw) -> list[Location]:
     if law.name not in CATALOGUE:
         columns = ("q_J2", "humidity")[: 2 if law.name.endswith("product") else 1]
-        return [Spot("J3", "rz", columns, tuple(range(len(law.amplitudes)))), Spot("base", "dx", columns, (0,))]
+        return [Location("J3", "rz", columns, tuple(range(len(law.amplitudes)))), Location("base", "dx", columns, (0,))]
     return list(law.places(scene().records))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw
-from armflex.laws.effects import Effect, Spot
+from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from support.small_arms import random_compliance
 from support.structures import nonlinear
@@ -32,25 +32,25 @@ def depending(seed: int) -> PositionDependentLaw:
     return PositionDependentLaw("yaw", np.array([parts[0] * 3.0, parts[1], parts[2]]))
 
 
-def effect(name: str, spot: Spot, **values: float) -> Effect:
+def effect(name: str, location: Location, **values: float) -> Effect:
     """Return an effect with some values by name, the others zero."""
     law = EVERY[name]
     names = [part.name for part in (*law.amplitudes, *law.inner)]
     assert set(values) <= set(names)
-    return Effect(law, spot, tuple(values.get(one, 0.0) for one in names))
+    return Effect(law, location, tuple(values.get(one, 0.0) for one in names))
 
 
 def effects() -> tuple[Effect, ...]:
     """Return effects of the load, of columns that differ by row, of one that all rows share, and a pull."""
     warm = ("temperature",)
     return (
-        effect("deadband", Spot("pitch", "ry"), g=2e-4, tau0=150.0),
-        effect("stiffening", Spot("pitch", "ry", terms=(0, 1)), c2=-1e-10, c3=3e-14),
-        effect("thermal_softening", Spot("yaw", None, warm), beta=0.02, reference=20.0, lag=1800.0),
-        effect("thermal_growth", Spot("link:roll", None, warm), alpha=2e-5, reference=20.0),
-        effect("backlash", Spot("roll", "rz", ("approach_roll",)), gap=3e-4),
-        effect("unnamed_compliance", Spot("roll", "rx", ("humidity",), (3, 4)), a3=1e-7, a4=1e-7, high=80.0),
-        effect("umbilical", Spot("tool"), k=300.0, anchor_x=1.0, anchor_y=-0.5, anchor_z=3.0, rest=0.4),
+        effect("deadband", Location("pitch", "ry"), g=2e-4, tau0=150.0),
+        effect("stiffening", Location("pitch", "ry", terms=(0, 1)), c2=-1e-10, c3=3e-14),
+        effect("thermal_softening", Location("yaw", None, warm), beta=0.02, reference=20.0, lag=1800.0),
+        effect("thermal_growth", Location("link:roll", None, warm), alpha=2e-5, reference=20.0),
+        effect("backlash", Location("roll", "rz", ("approach_roll",)), gap=3e-4),
+        effect("unnamed_compliance", Location("roll", "rx", ("humidity",), (3, 4)), a3=1e-7, a4=1e-7, high=80.0),
+        effect("umbilical", Location("tool"), k=300.0, anchor_x=1.0, anchor_y=-0.5, anchor_z=3.0, rest=0.4),
     )
 
 

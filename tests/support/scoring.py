@@ -14,7 +14,7 @@ import numpy as np
 
 import armflex
 from armflex.laws.effects import Effect
-from armflex.trace.result import Found, Trace
+from armflex.trace.findings import Found, Trace
 from armflex.trace.rounds import trace
 from support.absorbed import visible
 from support.campaigns import Drawn, TrueEffect, draw
@@ -145,9 +145,9 @@ def _rms(errors: np.ndarray) -> float:
 
 def described(effect: Effect, evidence: float | None = None) -> tuple:
     """Return what a table keeps of an effect."""
-    spot = effect.spot
+    location = effect.location
     values = {name: float(f"{value:.4g}") for name, value in effect.named.items()}
-    known = (effect.law.name, spot.place, spot.axis, spot.partner, spot.covariates, values)
+    known = (effect.law.name, location.place, location.axis, location.partner, location.covariates, values)
     return known if evidence is None else (*known, round(evidence, 1))
 
 
@@ -163,7 +163,7 @@ def mark(name: str, site: str | None) -> Mark:
 
 def mark_of(effect: Effect) -> Mark:
     """Return the same of an effect of the library."""
-    return mark(effect.law.name, effect.spot.site)
+    return mark(effect.law.name, effect.location.site)
 
 
 def verdict(truth: Sequence[TrueEffect], account: Trace) -> str:
@@ -201,7 +201,7 @@ def first_found(truth: Sequence[TrueEffect], account: Trace) -> tuple[bool, bool
         places = _unexplained(account)
         return bool(places) and mark("unexplained", places[0][0]) in wanted, False, None
     first = account.found[0]
-    ranked = [mark(p.candidate.law.name, p.candidate.spot.site) for p in first.ranking]
+    ranked = [mark(p.candidate.law.name, p.candidate.location.site) for p in first.ranking]
     rank = min((ranked.index(one) for one in wanted if one in ranked), default=None)
     match = [e for e in truth if mark(e.name, e.site) == mark_of(first.effect)]
     return bool(match), any(same_axis(e, first.effect) for e in match), rank
@@ -210,9 +210,11 @@ def first_found(truth: Sequence[TrueEffect], account: Trace) -> tuple[bool, bool
 def same_axis(truth: TrueEffect, effect: Effect) -> bool:
     """Return whether an effect moves what the true one does; coupled axes go in either order."""
     if truth.name == "cross_coupling":
-        return {truth.axis, truth.parameters["with"]} == {effect.spot.axis, effect.spot.partner}
-    acting = [effect.law.amplitudes[i].name for i in effect.spot.terms]
-    return truth.axis is None or effect.spot.axis in (None, truth.axis) or any(truth.axis in name for name in acting)
+        return {truth.axis, truth.parameters["with"]} == {effect.location.axis, effect.location.partner}
+    acting = [effect.law.amplitudes[i].name for i in effect.location.terms]
+    return (
+        truth.axis is None or effect.location.axis in (None, truth.axis) or any(truth.axis in name for name in acting)
+    )
 
 
 def coverage(truth: Sequence[TrueEffect], found: Iterable[Found]) -> tuple[int, int]:
@@ -247,7 +249,7 @@ def _another_kind(truth: TrueEffect, effect: Effect) -> bool:
     if truth.name == "even_in_load":
         return (truth.parameters["of"] == "tau^2") != ("c_square" in effect.named)
     if truth.name == "payload_mass":
-        return ("mass" in truth.parameters) != (effect.spot.partner == "each")
+        return ("mass" in truth.parameters) != (effect.location.partner == "each")
     if truth.name == "session_frame":
-        return truth.parameters["session"] != effect.spot.partner
+        return truth.parameters["session"] != effect.location.partner
     return False

@@ -11,7 +11,7 @@ import pytest
 from armflex import load_arm, read_measurements
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.view import View, look
-from armflex.laws.effects import Effect, EffectLaw, Spot
+from armflex.laws.effects import Effect, EffectLaw, Location
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.scene import Scene, survey
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
@@ -70,23 +70,23 @@ def stage(request, tmp_path_factory) -> Stage:
     return Stage(setup, rows, view, survey(rows, arm, known_rows(arm, rows), wrenches, points))
 
 
-def everywhere(law: EffectLaw, scene: Scene) -> list[Spot]:
+def everywhere(law: EffectLaw, scene: Scene) -> list[Location]:
     if law in (PRODUCT, WAVE_PRODUCT):
         joint = scene.joints[1]
-        return [Spot(joint, "ry", (f"q_{joint}", "temperature"), tuple(range(len(law.amplitudes))))]
+        return [Location(joint, "ry", (f"q_{joint}", "temperature"), tuple(range(len(law.amplitudes))))]
     return list(law.places(scene.records))
 
 
 def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT) -> list[Effect]:
     """Return the law at places drawn at random with values that move the target by about `shift` each."""
     rng, found = np.random.default_rng(3), []
-    spots = [spot for spot in everywhere(law, stage.scene) if is_loaded(law, spot, stage)]
-    for index in rng.permutation(len(spots)):
-        inner = list(grid(law, spots[index], stage.scene))
-        candidate = Candidate(law, spots[index], inner[rng.integers(len(inner))])
-        columns = stage.view.columns(law, candidate.spot, candidate.inner, stage.scene)
+    locations = [location for location in everywhere(law, stage.scene) if is_loaded(law, location, stage)]
+    for index in rng.permutation(len(locations)):
+        inner = list(grid(law, locations[index], stage.scene))
+        candidate = Candidate(law, locations[index], inner[rng.integers(len(inner))])
+        columns = stage.view.columns(law, candidate.location, candidate.inner, stage.scene)
         sizes = np.sqrt((columns**2).sum(axis=1).mean(axis=0))
-        acting = [law.amplitudes[i] for i in candidate.spot.terms]
+        acting = [law.amplitudes[i] for i in candidate.location.terms]
         signs = [1.0 if one.positive or one.unit == "kg" else rng.choice((-1.0, 1.0)) for one in acting]
         largest = np.array([LARGEST.get((law.name, one.unit), 1e9) for one in acting])
         seen = sizes > 1e-3 * sizes.max()
@@ -97,20 +97,20 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
         if len(found) == count:
             return found
     if law is GUIDE and not any(joint.kind == "prismatic" for joint in stage.scene.robot.moving):
-        assert not spots
+        assert not locations
         pytest.skip("nothing slides")
     assert found, law.name
     return found
 
 
-def is_loaded(law: EffectLaw, spot: Spot, stage: Stage) -> bool:
+def is_loaded(law: EffectLaw, location: Location, stage: Stage) -> bool:
     """Return whether there is a load worth the name on every axis that a law of the load needs."""
-    if not law.of_load(spot):
+    if not law.of_load(location):
         return True
-    suffixes = [law.amplitudes[i].name.rpartition("_")[2] for i in spot.terms]
-    named = {spot.axis, spot.partner, *suffixes} & set(TWIST_NAMES)
+    suffixes = [law.amplitudes[i].name.rpartition("_")[2] for i in location.terms]
+    named = {location.axis, location.partner, *suffixes} & set(TWIST_NAMES)
     wanted = [TWIST_NAMES.index(axis) for axis in named or ("rx", "ry", "rz")]
-    sizes = np.sqrt((stage.scene.wrenches[spot.site] ** 2).mean(axis=0))
+    sizes = np.sqrt((stage.scene.wrenches[location.site] ** 2).mean(axis=0))
     share = sizes / np.repeat([sizes[:3].max(), sizes[3:].max()], 3)
     return bool((share[wanted] > 0.1).all())
 

@@ -17,7 +17,7 @@ from support.small_arms import ROBOTS
 
 from armflex import Arm, Trajectory, Wrench, compensate, load_arm, load_law, read_trajectory, trace
 from armflex.cli.main import COMMANDS
-from armflex.trace.result import Trace
+from armflex.trace.findings import Trace
 from armflex.trajectory import write_trajectory
 
 TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"

@@ -16,7 +16,7 @@ from support.small_arms import ROBOTS, arm_of, central_difference, joint, link
 
 from armflex import Arm, Compensation, InputError, Trajectory, compensate, load_arm
 from armflex.errors import JointLimitError, PoseError, ShapeError, SmallDisplacementError, UnreachableError
-from armflex.tasks.correction import Corrector, Point
+from armflex.tasks.inverse_kinematics import Corrector, Point
 
 
 def remaining(arm: Arm, commanded: Trajectory, moved: Trajectory) -> np.ndarray:

@@ -12,7 +12,7 @@ import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.campaigns import draw
-from support.effect_arms import BACKLASH, TEXT, arm_and, arm_with, plain, quietly, scene, spots
+from support.effect_arms import BACKLASH, TEXT, arm_and, arm_with, locations, plain, quietly, scene
 
 from armflex import (
     Arm,
@@ -28,14 +28,14 @@ from armflex import (
 )
 from armflex.errors import ArmFileError, MissingCovariateError, UnsupportedError
 from armflex.estimate.calibrate import write_calibrated
-from armflex.estimate.effect_block import EffectBlock, shy_prior
+from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.spread import certainty_of
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
 from armflex.laws.effects.remember import settled
+from armflex.trace.findings import Found, Proof, Trace, write_traced
 from armflex.trace.pose_block import PoseBlock
-from armflex.trace.result import Found, Proof, Trace, write_traced
 from armflex.trace.state import State, begin, refit, with_random
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
@@ -44,13 +44,13 @@ Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
 @st.composite
 def effects(draw: st.DrawFn) -> Effect:
     law = draw(st.sampled_from([*CATALOGUE.values(), *SHAPES.values()]))
-    spot = draw(st.sampled_from(spots(law)))
+    location = draw(st.sampled_from(locations(law)))
     number = st.floats(-1e3, 1e3).filter(bool)
-    values = [draw(number) if i in spot.terms else 0.0 for i in range(len(law.amplitudes))]
+    values = [draw(number) if i in location.terms else 0.0 for i in range(len(law.amplitudes))]
     values = [abs(v) if amplitude.positive else v for v, amplitude in zip(values, law.amplitudes, strict=True)]
     inner = [draw(number) for _ in law.inner]
     inner = [abs(v) if one.positive else v for v, one in zip(inner, law.inner, strict=True)]
-    return Effect(law, spot, (*values, *inner))
+    return Effect(law, location, (*values, *inner))
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +68,13 @@ def test_any_effect_is_read_as_it_was_written(folder: Path, effect: Effect, cert
 
 def test_every_place_of_every_law_is_read_as_it_was_written(folder: Path) -> None:
     every = [
-        Effect(law, spot, tuple(0.5 * (i in spot.terms) for i in range(len(law.amplitudes))) + (2.0,) * len(law.inner))
+        Effect(
+            law,
+            location,
+            tuple(0.5 * (i in location.terms) for i in range(len(law.amplitudes))) + (2.0,) * len(law.inner),
+        )
         for law in CATALOGUE.values()
-        for spot in spots(law)
+        for location in locations(law)
     ]
     assert {one.law.name for one in every} == set(CATALOGUE)
     found = arm_and(folder, "\n" + tomlkit.dumps({"effect": [effect_table(one) for one in every]})).effects
@@ -92,8 +96,8 @@ def test_the_axis_of_a_law_that_has_one_and_what_may_be_left_out(folder: Path) -
         'name = "backlash"\nsite = "J2"\nparameters = { gap = 1e-4 }',
         'name = "thermal_growth"\nsite = "J3"\nparameters = { alpha = 1e-5 }',
     ).effects
-    assert (backlash.spot.axis, backlash.spot.covariates) == ("ry", ("approach_J2",))
-    assert (growth.spot.site, growth.spot.covariates) == ("link:J3", ("temperature",))
+    assert (backlash.location.axis, backlash.location.covariates) == ("ry", ("approach_J2",))
+    assert (growth.location.site, growth.location.covariates) == ("link:J3", ("temperature",))
     assert growth.named == {"alpha": 1e-5, "reference": 20.0, "lag": 0.0}
 
 
@@ -301,7 +305,7 @@ def refitted(calibration: Calibration, *wanted: tuple[Effect, tuple[int, ...]]) 
     """Return what a trace that had found these effects would hold, everything fitted together."""
     state = begin(calibration)
     blocks = [
-        EffectBlock(effect, free, state.scene, i, shy_prior(effect, free, state.fit.view, state.scene))
+        EffectBlock(effect, free, state.scene, i, amplitude_prior(effect, free, state.fit.view, state.scene))
         for i, (effect, free) in enumerate(wanted)
     ]
     state = refit(state, tuple(blocks), None, np.concatenate([state.fit.values, *(one.start for one in blocks)]))
@@ -319,12 +323,12 @@ def told(calibration: Calibration, state: State) -> Trace:
 
 
 def named(name: str, site: str, **more: object) -> Effect:
-    """Return a law at the first of its spots at a site that has what is asked."""
+    """Return a law at the first of its locations at a site that has what is asked."""
     law = CATALOGUE[name]
     inner = more.pop("inner", ())
     fits = (s for s in law.places(scene().records) if s.place == site)
-    spot = next(s for s in fits if all(getattr(s, k) == v for k, v in more.items()))
-    return Effect(law, spot, (0.0,) * len(law.amplitudes) + inner)
+    location = next(s for s in fits if all(getattr(s, k) == v for k, v in more.items()))
+    return Effect(law, location, (0.0,) * len(law.amplitudes) + inner)
 
 
 @pytest.fixture(scope="module")
@@ -338,7 +342,7 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> tuple:
         (named("payload_mass", "tool", partner=""), ()),
         (named("gravity_tilt", "base", axis=None), ()),
         (named("tracker_scale", "base"), ()),
-        (dataclasses.replace(session, spot=dataclasses.replace(session.spot, partner="s0")), ()),
+        (dataclasses.replace(session, location=dataclasses.replace(session.location, partner="s0")), ()),
         (named("thermal_growth", "J3", inner=(20.0, 4000.0)), (1,)),
         (named("link_mass", "J3", terms=(0,)), ()),
     )

@@ -17,14 +17,14 @@ from support.stage import ROWS, Stage, readings, some_effects
 from armflex import Arm, Trajectory
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
-from armflex.estimate.effect_block import EffectBlock, shy_prior
+from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.view import look
-from armflex.laws.effects import Effect, Spot
+from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
+from armflex.laws.effects.effect import Act
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.hysteresis import play
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.law import Act
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
@@ -44,14 +44,14 @@ INSTRUMENT_ONLY = ("tracker_scale", "session_frame")
 def test_columns_are_the_readings_changes(name, stage):
     law = EVERY[name]
     for effect in some_effects(law, stage, 2):
-        free = tuple(i for i in Candidate(law, effect.spot, effect.inner).searched if law.inner[i].smooth)
-        prior = shy_prior(effect, free, stage.view, stage.scene)
+        free = tuple(i for i in Candidate(law, effect.location, effect.inner).searched if law.inner[i].smooth)
+        prior = amplitude_prior(effect, free, stage.view, stage.scene)
         block = EffectBlock(effect, free, stage.scene, 0, prior)
         assert len(block.labels) == len(block.units) == len(block.prior) == len(block.start)
         columns = block.columns(look(block.apply(stage.setup, block.start), stage.rows, np.arange(ROWS)))
         for k in range(len(block.start)):
             step = np.zeros(len(block.start))
-            amplitude = k < len(effect.spot.terms)
+            amplitude = k < len(effect.location.terms)
             step[k] = 1e-2 * (abs(block.start[k]) or np.abs(block.start).max()) if amplitude else 1e-4
             ends = [readings(block.apply(stage.setup, block.start + side * step), stage.rows) for side in (1.0, -1.0)]
             numeric = (ends[0] - ends[1]) / (2.0 * step[k])
@@ -103,10 +103,10 @@ def test_a_missing_covariate_is_named_with_the_effect(name, stage):
             continue  # moved for the whole campaign: no time is asked for
         asked = needs(effect, stage.with_effect(effect).arm, stage.rows)
         joints = {f"q_{joint}" for joint in stage.scene.joints}
-        wanted = set(effect.spot.covariates) - joints - {"payload_mass"} if law.act is Act.TWIST else set()
+        wanted = set(effect.location.covariates) - joints - {"payload_mass"} if law.act is Act.TWIST else set()
         remembered = law.memory is not None
-        if remembered and (not effect.spot.covariates or effect.inner[-1] > 0.0):
-            wanted = {law.memory.name(effect.spot, effect.inner)}
+        if remembered and (not effect.location.covariates or effect.inner[-1] > 0.0):
+            wanted = {law.memory.name(effect.location, effect.inner)}
         if name == "tool_shift":
             wanted = {"time"}
         assert asked == wanted, effect.name
@@ -120,15 +120,15 @@ def untimed(stage: Stage) -> Scene:
 @pytest.mark.parametrize("name", [name for name in EVERY if name not in (PRODUCT.name, WAVE_PRODUCT.name, GUIDE.name)])
 def test_without_a_time_nothing_that_needs_one_is_tried(name, stage):
     scene, law = untimed(stage), EVERY[name]
-    spots = list(law.places(scene.records))
-    assert bool(spots) == (name not in ("slip_step", "base_drift", "creep"))
-    for spot in spots[:: max(1, len(spots) // 20)]:
-        for inner in grid(law, spot, scene):
-            assert np.isfinite(stage.view.columns(law, spot, inner, scene)).all()
+    locations = list(law.places(scene.records))
+    assert bool(locations) == (name not in ("slip_step", "base_drift", "creep"))
+    for location in locations[:: max(1, len(locations) // 20)]:
+        for inner in grid(law, location, scene):
+            assert np.isfinite(stage.view.columns(law, location, inner, scene)).all()
 
 
 def test_a_tool_that_moved_a_second_before_the_first_row_has_not_always_been_there(stage):
-    late = Effect(CATALOGUE["tool_shift"], Spot("tool", "dx", terms=(0,)), (1e-3, 0.0, 0.0, -1.0))
+    late = Effect(CATALOGUE["tool_shift"], Location("tool", "dx", terms=(0,)), (1e-3, 0.0, 0.0, -1.0))
     always = replace(late, values=(1e-3, 0.0, 0.0, ALWAYS))
     time = np.linspace(-2.0, 1.0, ROWS)
     row = replace(stage.scene.row, covariates={**stage.scene.row.covariates, "time": time})
@@ -140,8 +140,8 @@ def test_a_tool_that_moved_a_second_before_the_first_row_has_not_always_been_the
 
 
 def test_an_entry_that_asked_rows_never_have_is_not_missing(stage):
-    spot = Spot(stage.scene.joints[1], "ry", ("operator=dan",))
-    arm = stage.with_effect(Effect(EVERY["unnamed_level"], spot, (1e-3,))).arm
+    location = Location(stage.scene.joints[1], "ry", ("operator=dan",))
+    arm = stage.with_effect(Effect(EVERY["unnamed_level"], location, (1e-3,))).arm
     assert not known_rows(arm, stage.rows)["operator=dan"].any()
     bare = replace(stage.rows, covariates={"temperature": stage.rows.covariates["temperature"]})
     assert "operator=dan" not in known_rows(arm, bare)
@@ -160,10 +160,10 @@ def test_one_row_and_many_rows_are_alike(name, stage):
     law = EVERY[name]
     for effect in some_effects(law, stage, 2):
         setup = stage.with_effect(effect)
-        here = stage.scene.here(effect.spot, setup.arm)
+        here = stage.scene.here(effect.location, setup.arm)
         known = known_rows(setup.arm, stage.rows)
         row = replace(stage.scene.row, covariates=known)
-        wrench = stage.scene.wrenches[effect.spot.site]
+        wrench = stage.scene.wrenches[effect.location.site]
         whole = law.basis(here, wrench, row, effect.inner)
         assert whole.shape == (ROWS, len(law.amplitudes), 6)
         for i in range(ROWS):
@@ -175,14 +175,14 @@ def test_one_row_and_many_rows_are_alike(name, stage):
 def test_a_twist_in_an_arm_is_a_law_with_its_values(name, stage):
     for effect in some_effects(EVERY[name], stage, 2):
         setup = stage.with_effect(effect)
-        bound = BoundTwist(effect, stage.scene.here(effect.spot, setup.arm))
+        bound = BoundTwist(effect, stage.scene.here(effect.location, setup.arm))
         row = replace(stage.scene.row, covariates=known_rows(setup.arm, stage.rows))
-        wrench = stage.scene.wrenches[effect.spot.site]
+        wrench = stage.scene.wrenches[effect.location.site]
         again = bound.at(bound.values)
         np.testing.assert_allclose(again.effect.values, effect.values, rtol=1e-14)
         assert len(bound.parameters) == len(bound.values) and bound.draw(np.random.default_rng(0)) is bound
         names = [parameter.name for parameter in bound.parameters]
-        assert names[: len(effect.spot.terms)] == [effect.law.amplitudes[i].name for i in effect.spot.terms]
+        assert names[: len(effect.location.terms)] == [effect.law.amplitudes[i].name for i in effect.location.terms]
         assert set(names) <= set(effect.named)
         by_values = bound.by_values(wrench, row)
         assert by_values.shape == (ROWS, 6, len(names))
@@ -200,7 +200,7 @@ def test_a_twist_in_an_arm_is_a_law_with_its_values(name, stage):
 def test_a_remembered_load_is_that_of_row_by_row(moving, stage):
     """Play follows the load of each row as the arm carries it without the play, at rest and in motion."""
     joint = stage.scene.joints[1]
-    effect = Effect(EVERY["hysteresis"], Spot(joint, "ry"), (1e-8, 50.0))
+    effect = Effect(EVERY["hysteresis"], Location(joint, "ry"), (1e-8, 50.0))
     arm, rows = stage.setup.arm, stage.rows
     rng = np.random.default_rng(4)
     v, a = (rng.normal(size=rows.q.shape) if moving else None for _ in range(2))
@@ -222,7 +222,7 @@ def test_a_remembered_load_is_that_of_row_by_row(moving, stage):
 def test_pulls_answer_one_pose_and_many(name, stage):
     law = EVERY[name]
     effect = some_effects(law, stage, 1)[0]
-    here = stage.scene.here(effect.spot, stage.setup.arm)
+    here = stage.scene.here(effect.location, stage.setup.arm)
     poses = stage.view.line.links[:, 3]
     whole = law.pull(here, poses, effect.inner)
     for i in range(ROWS):

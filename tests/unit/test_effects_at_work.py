@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.command_line import Run, fine, strict_json
-from support.effect_arms import BACKLASH, TEXT, arm_with, plain, spots
+from support.effect_arms import BACKLASH, TEXT, arm_with, locations, plain
 from support.small_arms import central_difference
 
 from armflex import Arm, Trajectory, check, compensate, read_trajectory, view
@@ -31,12 +31,12 @@ LAWS = {name: law for name, law in (CATALOGUE | SHAPES).items() if not law.chang
 def millimetre(name: str) -> Arm:
     """Return heavy_six with a law at work, scaled so that it moves the tip by about a millimetre."""
     law = LAWS[name]
-    spot = next((one for one in spots(law) if one.place in ("J2", "J3")), spots(law)[0])
+    location = next((one for one in locations(law) if one.place in ("J2", "J3")), locations(law)[0])
     inner = tuple(INNER[one.name] for one in law.inner)
 
     def arm(size: float) -> Arm:
-        values = [size if i in spot.terms else 0.0 for i in range(len(law.amplitudes))]
-        return dataclasses.replace(plain(), effects=(Effect(law, spot, (*values, *inner)),))
+        values = [size if i in location.terms else 0.0 for i in range(len(law.amplitudes))]
+        return dataclasses.replace(plain(), effects=(Effect(law, location, (*values, *inner)),))
 
     asked = {
         "payload": "p200",

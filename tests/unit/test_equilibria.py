@@ -313,9 +313,9 @@ LOADED = [name for name, law in EVERY.items() if law.loaded]
 def test_tangents_of_many_loads(name, stage: Stage):
     rng, largest = np.random.default_rng(4), 0.0
     for effect in some_effects(EVERY[name], stage, 3):
-        bound = BoundTwist(effect, stage.scene.here(effect.spot, stage.setup.arm))
+        bound = BoundTwist(effect, stage.scene.here(effect.location, stage.setup.arm))
         row = replace(stage.scene.row, covariates=known_rows(stage.with_effect(effect).arm, stage.rows))
-        usual = np.maximum(np.sqrt((stage.scene.wrenches[effect.spot.site] ** 2).mean(axis=0)), 1.0)
+        usual = np.maximum(np.sqrt((stage.scene.wrenches[effect.location.site] ** 2).mean(axis=0)), 1.0)
         wrenches = usual * rng.choice((-1.0, 1.0), (ROWS, 6)) * 10.0 ** rng.uniform(-1.5, 0.3, (ROWS, 6))
         whole = bound.tangent(wrenches, row)
         assert whole.shape == (ROWS, 6, 6)

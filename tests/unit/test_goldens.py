@@ -9,8 +9,8 @@ import pytest
 from goldens import COMMANDS, command_json, compare, differences
 
 from armflex.estimate.identify import partners_of
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import shares_of_load
-from armflex.laws.effects.spot import Spot
 from armflex.linear_gaussian import LinearGaussian
 
 LONG = ("calibrate_tarm", "trace_tarm", "train_neural")
@@ -36,5 +36,5 @@ def test_rounding_is_no_finding() -> None:
     columns[:, 1] = 1e-3
     assert partners_of(columns.T @ columns, known, 1, names) == ("a", "c")
     scene = SimpleNamespace(wrenches={"J1": np.array([[1e3, 0.0, 0.0, 5e-10, 20.0, 0.0]])})
-    assert shares_of_load(Spot("J1", "rx"), scene, (0.5,)) == ()
-    assert shares_of_load(Spot("J1", "ry"), scene, (0.5,)) == [10.0]
+    assert shares_of_load(Location("J1", "rx"), scene, (0.5,)) == ()
+    assert shares_of_load(Location("J1", "ry"), scene, (0.5,)) == [10.0]

@@ -16,20 +16,20 @@ from armflex import Arm, calibrate, load_arm, read_measurements, trace
 from armflex.errors import ArmFileError
 from armflex.files.effect_file import effect_table
 from armflex.laws import Row
-from armflex.laws.effects import Effect, Spot
+from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.in_arm import BoundTwist
+from armflex.laws.effects.location import Here
 from armflex.laws.effects.scene import Records
-from armflex.laws.effects.spot import Here
-from armflex.trace.result import Trace
+from armflex.trace.findings import Trace
 
-SPOT = Spot("lift", "ry", ("q_lift",), (0, 1))
+SPOT = Location("lift", "ry", ("q_lift",), (0, 1))
 INNER = (200.0, 0.5, 2.0)
 """Load at which the gap is taken up [Nm], spare overlap [m], and where it is least [m]."""
 
 
-def guide(arm: Arm, gap: float = 1e-3, compliance: float = 1e-6, spot: Spot = SPOT) -> BoundTwist:
-    return BoundTwist(Effect(GUIDE, spot, (gap, compliance, *INNER)), Here(spot, arm.robot, None))
+def guide(arm: Arm, gap: float = 1e-3, compliance: float = 1e-6, location: Location = SPOT) -> BoundTwist:
+    return BoundTwist(Effect(GUIDE, location, (gap, compliance, *INNER)), Here(location, arm.robot, None))
 
 
 def about_y(moment: float) -> np.ndarray:
@@ -156,12 +156,12 @@ def test_its_tangent_by_hand(arm, moment, position):
 
 
 def test_it_is_offered_about_every_axis_of_what_slides_and_nowhere_else(arm, tarm, heavy):
-    spots = list(GUIDE.places(Records(arm.robot)))
-    assert {(spot.site, spot.axis) for spot in spots} == {("lift", axis) for axis in ("rx", "ry", "rz")}
-    assert {spot.covariates for spot in spots} == {("q_lift",)}
-    assert {spot.terms for spot in spots} == {(0,), (1,), (0, 1)} and len(spots) == 9
+    locations = list(GUIDE.places(Records(arm.robot)))
+    assert {(location.site, location.axis) for location in locations} == {("lift", axis) for axis in ("rx", "ry", "rz")}
+    assert {location.covariates for location in locations} == {("q_lift",)}
+    assert {location.terms for location in locations} == {(0,), (1,), (0, 1)} and len(locations) == 9
     sliding = {joint.name for joint in tarm.robot.moving if joint.kind == "prismatic"}
-    assert sliding and {spot.site for spot in GUIDE.places(Records(tarm.robot))} == sliding
+    assert sliding and {location.site for location in GUIDE.places(Records(tarm.robot))} == sliding
     assert not list(GUIDE.places(Records(heavy.robot)))
 
 
@@ -198,7 +198,7 @@ def test_a_guide_declared_by_hand_tilts_the_arm(tmp_path):
 @pytest.mark.parametrize("terms", [(0,), (1,), (0, 1)])
 def test_what_is_written_is_read_again(tmp_path, terms):
     values = tuple(value * (i in terms) for i, value in enumerate((7e-4, 3e-7)))
-    effect = Effect(GUIDE, Spot("lift", "rx", ("q_lift",), terms), (*values, 123.0, 0.25, -0.1))
+    effect = Effect(GUIDE, Location("lift", "rx", ("q_lift",), terms), (*values, 123.0, 0.25, -0.1))
     table = effect_table(effect, {name: 0.1 for name in effect.named})
     assert (table["name"], table["shape"]) == ("unnamed", "guide")
     assert with_table(tmp_path, "\n" + tomlkit.dumps({"effect": [table]})).effects == (effect,)
@@ -295,7 +295,7 @@ def test_the_column_sags_too_little_for_its_loads_to_change():
 @pytest.mark.slow
 def test_the_guide_is_found_where_it_is(traced):
     first = traced.found[0].effect
-    assert (first.law.name, first.spot.site, first.spot.axis) == ("unnamed_guide", "lift", "ry")
+    assert (first.law.name, first.location.site, first.location.axis) == ("unnamed_guide", "lift", "ry")
     assert first.named["out"] == pytest.approx(OUT)
     assert len(traced.found) == 1
 

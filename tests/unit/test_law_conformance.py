@@ -174,7 +174,7 @@ def test_draws_spread_as_the_covariance_says(law):
 
 def test_no_tangent_is_steeper_than_the_bound(law):
     loads, rows = asked(law, 40)
-    bound = law.steepest({name: (-1.5, 1.5) for name in rows.joint_index})
+    bound = law.compliance_bound({name: (-1.5, 1.5) for name in rows.joint_index})
     if bound is not None:
         blocks = law.tangent(loads, rows).reshape(-1, 2, 3, 2, 3).swapaxes(2, 3)
         assert (np.linalg.norm(blocks, ord=2, axis=(-2, -1)) <= bound * (1.0 + 1e-9)).all()

@@ -11,7 +11,7 @@ TESTS = Path(__file__).parents[1]
 ROOMS = (
     *("errors", "conventions", "printable", "version", "covariance", "linear_gaussian"),
     *("parallel", "storage", "sampling"),
-    *("bundled", "declaration", "picture"),
+    *("bundled", "declaration", "plotting"),
     *("robot", "prior", "rows", "readings"),
     *("laws", "flexure", "laws.effects"),
     "mechanics",

@@ -13,8 +13,8 @@ from support.small_arms import arm_of, joint, link, random_compliance
 from armflex import Arm, Flexure, Payload, Wrench
 from armflex.conventions import Array
 from armflex.laws import Law, LinearLaw, Row
-from armflex.laws.effects import CATALOGUE, Effect, Spot
-from armflex.laws.effects.spot import same_site, site_of
+from armflex.laws.effects import CATALOGUE, Effect, Location
+from armflex.laws.effects.location import same_site, site_of
 from armflex.laws.law import WithoutParameters
 from armflex.mechanics.response import Response, respond
 from armflex.robot import Corrections
@@ -27,15 +27,15 @@ WARM = {"temperature": np.array([23.0, 31.0, 12.5]), "approach_lift": np.array([
 CARRIED = ("heavy", "none", "light")
 
 EFFECTS = (
-    ("stiffening", Spot("pitch", "ry", terms=(0, 1)), (3e-10, 2e-13)),
-    ("cross_coupling", Spot("pitch", "rx", partner="rz"), (3e-7,)),
-    ("thermal_softening", Spot("roll", None, ("temperature",)), (0.02, 20.0, 0.0)),
-    ("backlash", Spot("lift", "dz", ("approach_lift",)), (2e-3,)),
-    ("link_flexure", Spot("link:roll", terms=(3, 4, 5)), (0.0, 0.0, 0.0, 1e-6, 2e-6, 5e-7)),
-    ("base_compliance", Spot("base"), (3e-7, 0.0, 0.0, 0.0)),
-    ("link_geometry", Spot("tool", "dx", terms=(0,)), (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)),
-    ("umbilical", Spot("link:roll"), (900.0, 1.0, 2.0, 3.0, 0.3, 0.8)),
-    ("magnetic_pull", Spot("tool"), (400.0, 2.5, 0.5, 1.0, 0.2)),
+    ("stiffening", Location("pitch", "ry", terms=(0, 1)), (3e-10, 2e-13)),
+    ("cross_coupling", Location("pitch", "rx", partner="rz"), (3e-7,)),
+    ("thermal_softening", Location("roll", None, ("temperature",)), (0.02, 20.0, 0.0)),
+    ("backlash", Location("lift", "dz", ("approach_lift",)), (2e-3,)),
+    ("link_flexure", Location("link:roll", terms=(3, 4, 5)), (0.0, 0.0, 0.0, 1e-6, 2e-6, 5e-7)),
+    ("base_compliance", Location("base"), (3e-7, 0.0, 0.0, 0.0)),
+    ("link_geometry", Location("tool", "dx", terms=(0,)), (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)),
+    ("umbilical", Location("link:roll"), (900.0, 1.0, 2.0, 3.0, 0.3, 0.8)),
+    ("magnetic_pull", Location("tool"), (400.0, 2.5, 0.5, 1.0, 0.2)),
 )
 
 
@@ -58,7 +58,7 @@ def crooked(folder, soft: dict[str, Array], **options) -> Arm:
 
 
 def with_all(arm: Arm) -> Arm:
-    effects = tuple(Effect(CATALOGUE[name], spot, values) for name, spot, values in EFFECTS)
+    effects = tuple(Effect(CATALOGUE[name], location, values) for name, location, values in EFFECTS)
     return replace(arm, effects=effects)
 
 
@@ -265,11 +265,11 @@ def test_links_are_where_the_arm_has_them(solved):
 def test_a_law_that_bends_with_its_load_is_linearised_where_it_is(tmp_path):
     """Twice the stiffening term is twice the answer's change, not a term left at zero load."""
     arm = crooked(tmp_path, {"pitch": np.diag([0, 0, 0, 0, 1e-6, 0])})
-    spot = Spot("pitch", "ry", terms=(0, 1))
+    location = Location("pitch", "ry", terms=(0, 1))
     q = np.array([[0.2, 0.3, 0.1]])
     answers = []
     for size in (0.0, 1.0, 2.0):
-        effect = Effect(CATALOGUE["stiffening"], spot, (size * 1e-10, 0.0))
+        effect = Effect(CATALOGUE["stiffening"], location, (size * 1e-10, 0.0))
         bent = replace(arm, effects=(effect,))
         answers.append(respond(bent, q, ["heavy"]).per_load[0, :, 0, 4])
     load = respond(arm, q, ["heavy"]).load_at("pitch")[0, 4]

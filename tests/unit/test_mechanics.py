@@ -207,11 +207,11 @@ def test_compliance_of_the_tip(crooked, method):
     expected = pose_derivative(lambda load: loaded(load).pose, np.zeros(6), 5.0)
     # From 1e-12 of the solver over 10 N, and the third order of the difference.
     np.testing.assert_allclose(result.compliance, expected, atol=5e-12)
-    straight = crooked.deflection(POSE, payload=PAYLOAD, method="first_order", allow_large=True).flexure_jacobian
+    rigid = crooked.deflection(POSE, payload=PAYLOAD, method="first_order", allow_large=True).flexure_jacobian
     blocks = np.zeros((18, 18))
     for i, flexure in enumerate(crooked.flexures):
         blocks[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = flexure.law.compliance
-    assert np.abs(straight @ blocks @ straight.T - expected).max() > 1e-9  # linear theory does not pass
+    assert np.abs(rigid @ blocks @ rigid.T - expected).max() > 1e-9  # linear theory does not pass
 
 
 DEAD = Wrench("tool", [30.0, -50.0, 20.0], [8.0, 5.0, -9.0])
@@ -342,11 +342,11 @@ def test_turning_base_and_gravity_together_changes_nothing_but_axes(tmp_path, rp
     (tmp_path / "turned.urdf").write_text(text.replace("</robot>", f'<link name="floor"/>{mount}</robot>'))
     robot = load_robot(tmp_path / "turned.urdf", "tool", gravity=turn @ arm.robot.gravity)
     turned = Arm(robot, arm.flexures).deflection(POSE, payload=PAYLOAD)
-    straight = arm.deflection(POSE, payload=PAYLOAD)
-    np.testing.assert_allclose(turned.wrenches, straight.wrenches, atol=1e-9)
-    np.testing.assert_allclose(turned.displacement, np.kron(np.eye(2), turn) @ straight.displacement, atol=1e-13)
+    rigid = arm.deflection(POSE, payload=PAYLOAD)
+    np.testing.assert_allclose(turned.wrenches, rigid.wrenches, atol=1e-9)
+    np.testing.assert_allclose(turned.displacement, np.kron(np.eye(2), turn) @ rigid.displacement, atol=1e-13)
     floor = pin.SE3(turn, np.array([1.0, 2.0, 3.0]))
-    np.testing.assert_allclose(turned.pose.homogeneous, (floor * straight.pose).homogeneous, atol=1e-13)
+    np.testing.assert_allclose(turned.pose.homogeneous, (floor * rigid.pose).homogeneous, atol=1e-13)
 
 
 def test_gravity_is_in_base_axes_also_when_the_base_is_not_the_root(tmp_path, crooked):
@@ -567,5 +567,5 @@ def test_the_sag_that_the_bundled_arm_states():
     for extension, expected in ((0.0, -187.0), (3.0, -193.7), (6.0, -200.4)):
         q = arm.position(M1=extension)
         twists = arm.deflection(q, "p600", method="first_order").twists
-        straight = with_laws(arm, [Prescribed(np.zeros(6))] * 7).deflection(q).flexure_jacobian
-        assert 1e3 * (straight @ twists.ravel())[2] == pytest.approx(expected, abs=0.05)
+        rigid = with_laws(arm, [Prescribed(np.zeros(6))] * 7).deflection(q).flexure_jacobian
+        assert 1e3 * (rigid @ twists.ravel())[2] == pytest.approx(expected, abs=0.05)

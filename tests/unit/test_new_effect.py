@@ -14,13 +14,13 @@ from support.stage import few, readings
 
 from armflex import calibrate, load_arm, read_measurements
 from armflex.files.effect_file import effect_table
-from armflex.laws.effects import Effect, Spot, TwistLaw
+from armflex.laws.effects import Effect, Location, TwistLaw
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
-from armflex.laws.effects.law import Amplitude, Words
+from armflex.laws.effects.effect import Amplitude, Words
+from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.scene import AXES_TURN, Records
 from armflex.laws.effects.shapes import on_axis, own_position
-from armflex.laws.effects.spot import drive_axis
-from armflex.plan.advice import instead
+from armflex.plan.recommend import instead
 from armflex.plan.rivals import named_effect, spelled
 from armflex.setup import Setup
 from armflex.show.report.words import called, labelled, units_of
@@ -28,9 +28,9 @@ from armflex.trace.rounds import ENOUGH
 from armflex.trace.state import add, begin
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     return [
-        Spot(joint.name, axis, (f"q_{joint.name}",), (0, 1))
+        Location(joint.name, axis, (f"q_{joint.name}",), (0, 1))
         for joint in records.robot.moving
         for axis in AXES_TURN
         if axis != drive_axis(joint)
@@ -45,7 +45,7 @@ AXIS_WOBBLE = TwistLaw(
     amplitudes=(Amplitude("A", "rad"), Amplitude("B", "rad")),
     basis=on_axis(lambda here, wrench, row, inner: (np.sin(own_position(here, row)), np.cos(own_position(here, row)))),
 )
-WOBBLE = Effect(AXIS_WOBBLE, Spot("J3", "rx", ("q_J3",), (0, 1)), (9e-4, -5e-4))
+WOBBLE = Effect(AXIS_WOBBLE, Location("J3", "rx", ("q_J3",), (0, 1)), (9e-4, -5e-4))
 
 
 @pytest.fixture(autouse=True)
@@ -62,13 +62,13 @@ def test_it_is_searched_for_and_found(tmp_path: Path) -> None:
     rows = read_measurements(truth.train, arm)
     rows = few(rows, np.flatnonzero(rows.measured)[::4])
     joint = arm.joint_names[2]
-    wobble = replace(WOBBLE, spot=Spot(joint, "rx", (f"q_{joint}",), (0, 1)))
+    wobble = replace(WOBBLE, location=Location(joint, "rx", (f"q_{joint}",), (0, 1)))
     found = calibrate(arm, rows, as_stated=True)
     setup = Setup(arm, found.fit.setup.instrument)
     moved = readings(setup.with_effect(wobble), rows) - readings(setup, rows)
     state = begin(calibrate(arm, replace(rows, position=rows.position + moved), as_stated=True))
     first = state.looked.best
-    assert (first.candidate.law, first.candidate.spot) == (AXIS_WOBBLE, wobble.spot) and first.evidence > ENOUGH
+    assert (first.candidate.law, first.candidate.location) == (AXIS_WOBBLE, wobble.location) and first.evidence > ENOUGH
     with_it = add(state, first)
     (block,) = with_it.effects
     known = np.linalg.inv(with_it.fit.posterior.covariance[np.ix_(*2 * [with_it.fit.places(block)])])
@@ -90,7 +90,7 @@ def test_it_is_written_and_read_again(tmp_path: Path) -> None:
 def test_it_is_spoken_of() -> None:
     assert called(WOBBLE) == "axis wobble at J3 (rx)" and labelled(WOBBLE) == "axis_wobble J3 rx"
     assert units_of(WOBBLE) == {"A": "rad", "B": "rad"}
-    backlash = Effect(EVERY["backlash"], Spot("J3", "ry", ("approach_J3",)), (0.0,))
+    backlash = Effect(EVERY["backlash"], Location("J3", "ry", ("approach_J3",)), (0.0,))
     assert instead(WOBBLE, backlash).endswith(", or measure a target on the joint's housing")
 
 

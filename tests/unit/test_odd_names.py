@@ -21,7 +21,7 @@ from armflex import Reading, Tracker, load_arm, predict, read_measurements, read
 from armflex.cli import terminal
 from armflex.cli.main import Commands, main
 from armflex.errors import ArmFileError, TableError, UrdfError
-from armflex.picture import picture
+from armflex.plotting import picture
 from armflex.printable import printable
 from armflex.show.view.law_curves import draw_laws
 from armflex.show.view.meshcat_page import render_page
@@ -228,7 +228,7 @@ def test_trace_and_its_report(field: Path, tmp_path: Path) -> None:
     out, page = tmp_path / "traced.toml", tmp_path / "trace.html"
     said = done("trace", field / "arm.toml", field / "campaign.csv", "-o", out, "--report", page)
     assert "thermal_growth" in said and SCRIPT in said and "calibrating" in said
-    assert [effect.spot.covariates for effect in load_arm(out).effects] == [(COLUMN,)]
+    assert [effect.location.covariates for effect in load_arm(out).effects] == [(COLUMN,)]
     found = Page(page)
     assert "script" not in found.elements and all(name in found.text for name in (*JOINTS, COLUMN))
 

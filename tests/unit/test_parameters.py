@@ -14,7 +14,7 @@ from armflex.errors import InputError
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import first_guess
-from armflex.laws.effects import CATALOGUE, Effect, Spot
+from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.parameters import ArmParameter, Group, Kind, of_effect
 from armflex.readings.instrument import Instrument
 
@@ -60,7 +60,7 @@ def test_two_that_a_file_could_not_tell_apart_are_refused() -> None:
 def test_effects_of_one_name_written_before_they_were_numbered(tarm: Arm) -> None:
     """An inner parameter that both have is that of the effect whose amplitudes were named before it."""
     law = CATALOGUE["tool_shift"]
-    moved = tuple(Effect(law, Spot("tool", None, ("time",), (term,)), (1e-4, 1e-4, 1e-4, 2.0)) for term in (0, 1))
+    moved = tuple(Effect(law, Location("tool", None, ("time",), (term,)), (1e-4, 1e-4, 1e-4, 2.0)) for term in (0, 1))
     first, second = (of_effect(effect, number) for number, effect in enumerate(moved, 1))
     arm = replace(tarm, effects=moved)
     assert arm.named(("effect tool_shift tool dx", "effect tool_shift tool dy")) == (first[0], second[0])

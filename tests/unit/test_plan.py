@@ -30,13 +30,13 @@ from armflex import (
 )
 from armflex.errors import UnknownNameError, UnsupportedError
 from armflex.estimate import calibrate
-from armflex.files.effect_file import spots_on
+from armflex.files.effect_file import locations_on
 from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
 from armflex.laws.learned import Learning
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.choose import exchanged, greedy, path
-from armflex.plan.information import Apart, Certain, Foreseen, Goal, Truth
+from armflex.plan.information import DsOptimal, Goal, IOptimal, TOptimal, Truth
 from armflex.plan.order import driving_order, motion
 from armflex.plan.result import Plan
 from armflex.plan.rivals import named_effect, spelled
@@ -57,7 +57,7 @@ def problem(seed: int, count: int = 9) -> tuple[LinearGaussian, np.ndarray]:
 def goals() -> list[Goal]:
     weight = np.random.default_rng(5).normal(size=(4, P))
     one, other = Truth(OWN, np.arange(5)), Truth(np.eye(P)[4], np.array([0, 1, 2, 3, 5, 6]))
-    return [Certain(np.array([1, 3, 4])), Foreseen(weight.T @ weight), Apart((one,)), Apart((one, other))]
+    return [DsOptimal(np.array([1, 3, 4])), IOptimal(weight.T @ weight), TOptimal((one,)), TOptimal((one, other))]
 
 
 @pytest.mark.parametrize("number", range(4))
@@ -84,7 +84,7 @@ def test_a_polynomial_is_measured_where_theory_says(degree: int, places: Sequenc
     """D-optimal for a polynomial: the ends and the extremes of a Legendre polynomial, equally often (Guest 1958)."""
     x = np.repeat(np.round(np.linspace(-1.0, 1.0, 51), 2), 4)  # 0.44 for 1/sqrt(5) = 0.447
     rows = (x[:, None] ** np.arange(degree + 1))[:, None, :]
-    goal, known = Certain(np.arange(degree + 1)), LinearGaussian(1e-6 * np.eye(degree + 1))
+    goal, known = DsOptimal(np.arange(degree + 1)), LinearGaussian(1e-6 * np.eye(degree + 1))
     chosen = exchanged(goal, known, rows, greedy(goal, known, rows, 4 * len(places)), 20)
     assert len(set(chosen)) == 4 * len(places)
     assert sorted(x[chosen].tolist()) == sorted(np.repeat(places, 4).tolist())
@@ -228,27 +228,29 @@ def test_backlash_and_friction_are_told_only_where_the_load_differs(six: Arm, to
 
 
 def every_place(arm: Arm) -> list[Effect]:
-    spots = [(law, spot) for law in CATALOGUE.values() if not law.of_session for spot in spots_on(law, arm)]
-    return [Effect(law, spot, (0.0,) * (len(law.amplitudes) + len(law.inner))) for law, spot in spots]
+    locations = [
+        (law, location) for law in CATALOGUE.values() if not law.of_session for location in locations_on(law, arm)
+    ]
+    return [Effect(law, location, (0.0,) * (len(law.amplitudes) + len(law.inner))) for law, location in locations]
 
 
 def test_every_effect_goes_by_the_name_it_is_given(six: Arm) -> None:
     for effect in every_place(six):
         again = named_effect(spelled(effect), six, ())
-        assert (again.law, again.spot.place, again.spot.axis, again.spot.partner) == (
+        assert (again.law, again.location.place, again.location.axis, again.location.partner) == (
             effect.law,
-            effect.spot.place,
-            effect.spot.axis,
-            effect.spot.partner,
+            effect.location.place,
+            effect.location.axis,
+            effect.location.partner,
         )
-    assert named_effect("backlash:J2", six, ()).spot.axis == "ry"
+    assert named_effect("backlash:J2", six, ()).location.axis == "ry"
 
 
 def test_a_name_from_the_json_of_trace_is_understood() -> None:
     arm = quietly(BOOM)
     one = {"effect": "backlash", "site": "A2", "axis": "ry", "covariates": ["approach_A2"]}
     effect = named_effect(":".join((one["effect"], one["site"], one["axis"])), arm, ())
-    assert spelled(effect) == "backlash:A2:ry" and list(effect.spot.covariates) == one["covariates"]
+    assert spelled(effect) == "backlash:A2:ry" and list(effect.location.covariates) == one["covariates"]
 
 
 @pytest.mark.parametrize(

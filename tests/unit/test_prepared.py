@@ -27,9 +27,9 @@ from armflex.errors import (
 )
 from armflex.laws import LinearLaw, Row
 from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.law import Effect
-from armflex.laws.effects.spot import Here, Spot
+from armflex.laws.effects.location import Here, Location
 from armflex.mechanics import query
 
 METHODS = ("exact", "first_order", "newton", "fixed_point")
@@ -223,7 +223,7 @@ def test_the_bound_holds(tmp_path_factory, softness, mass, seed, kind):
     arm = networks(folder) if kind == "network" else three_joints(folder, laws)
     loaded = arm.loaded(Payload(mass, [0.2, 0.1, -0.1]))
     bound = loaded.stability_bound
-    largest = (np.einsum("ipq,iq->ip", bound.steepest, bound.change) / bound.reference).max()
+    largest = (np.einsum("ipq,iq->ip", bound.compliance_bound, bound.change) / bound.reference).max()
     found = arm.deflection(rng.uniform(-1.5, 1.5, 3), loaded.payload, allow_large=True)
     if np.linalg.norm(found.twists) > 0.1 or not bound.proven:
         return
@@ -252,7 +252,7 @@ def test_the_bound_holds_under_dead_loads(tmp_path_factory, seed, size):
     assert bound.proven or not weight.proven_under(wrenches)
     found = arm.deflection(rng.uniform(-1.5, 1.5, 3), wrenches=wrenches, allow_large=True)
     if np.linalg.norm(found.twists) <= 0.1:
-        largest = (np.einsum("ipq,iq->ip", bound.steepest, bound.change) / bound.reference).max()
+        largest = (np.einsum("ipq,iq->ip", bound.compliance_bound, bound.change) / bound.reference).max()
         assert np.abs(np.linalg.eigvals(found.tangent - np.eye(18))).max() <= largest * (1 + 1e-9)
 
 
@@ -288,7 +288,7 @@ def test_what_is_not_proven_is_left_to_newton(tmp_path):
 @pytest.mark.parametrize("name", [name for name, law in EVERY.items() if law.linear])
 def test_effects_that_are_linear_are(tmp_path, name):
     arm, law, rng = three_joints(tmp_path, laws_of("position dependent")), EVERY[name], np.random.default_rng(1)
-    spot = Spot("yaw", "rx", ("temperature",), tuple(range(len(law.amplitudes))), "ry")
+    location = Location("yaw", "rx", ("temperature",), tuple(range(len(law.amplitudes))), "ry")
     values = (
         *rng.uniform(1e-8, 1e-7, len(law.amplitudes)),
         *(20.0 if one.name == "reference" else 0.5 for one in law.inner),
@@ -298,7 +298,7 @@ def test_effects_that_are_linear_are(tmp_path, name):
         arm.joint_index,
         {"temperature": np.array(27.0), "hold": np.array(60.0), "temperature_lagged_0.5s": np.array(25.0)},
     )
-    bound = BoundTwist(Effect(law, spot, values), Here(spot, arm.robot, arm.flexures[1].law))
+    bound = BoundTwist(Effect(law, location, values), Here(location, arm.robot, arm.flexures[1].law))
     twist, compliance = bound.affine(row)
     assert not twist.any() and compliance.any()
     for wrench in 1e3 * rng.normal(size=(4, 6)):

@@ -21,7 +21,7 @@ from armflex.show.report.accuracy import Errors
 from armflex.show.report.numbers import change, measure, millimetres, short
 from armflex.show.report.svg import canvas, drawing, inline
 from armflex.show.report.words import called, labelled
-from armflex.trace.result import Trace, Unexplained
+from armflex.trace.findings import Trace, Unexplained
 from armflex.trace.rounds import trace
 from armflex.trace.state import begin
 
@@ -148,7 +148,7 @@ def test_unexplained_without_a_place(found: Trace) -> None:
 
 
 def test_equivalents_are_said_first(found: Trace) -> None:
-    rival = replace(found.found[0].effect, spot=replace(found.found[0].effect.spot, site="link:J5"))
+    rival = replace(found.found[0].effect, location=replace(found.found[0].effect.location, site="link:J5"))
     told = replace(found, found=(replace(found.found[0], equivalent=((rival, 2.0),)),))
     text = Outline(render_report(told)).text
     said = (
@@ -221,11 +221,11 @@ def test_every_law_has_words(found: Trace) -> None:
 def test_of_many_effects_the_first_two_make_the_headline():
     from types import SimpleNamespace
 
-    from armflex.laws.effects import CATALOGUE, Effect, Spot
+    from armflex.laws.effects import CATALOGUE, Effect, Location
     from armflex.show.report.summary import headline
 
     law = CATALOGUE["backlash"]
-    effects = [Effect(law, Spot(f"A{i}", "ry", (f"approach_A{i}",)), (1e-3,)) for i in range(1, 5)]
+    effects = [Effect(law, Location(f"A{i}", "ry", (f"approach_A{i}",)), (1e-3,)) for i in range(1, 5)]
     found = tuple(SimpleNamespace(effect=effect, std={"gap": 1e-5}) for effect in effects)
     said = headline(SimpleNamespace(found=found, numbers=(1, 1, 1, 1), unexplained=None))
     assert said == "The arm lacked 4 effects, first of all backlash at A1 (ry) and backlash at A2 (ry)."

@@ -63,7 +63,7 @@ def test_the_package_has_for_people_what_it_has_for_type_checkers():
 
 def test_a_function_stays_one_when_the_package_of_its_name_is_imported():
     code = """
-import armflex.trace.search, armflex.plan.model
+import armflex.trace.search, armflex.plan.design_model
 import armflex
 print("imported:", armflex.trace.__name__, callable(armflex.trace), callable(armflex.plan))
 """

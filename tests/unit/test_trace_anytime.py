@@ -33,7 +33,7 @@ from armflex.files import arm_file, certainty_table
 from armflex.measured.measurements import Measurements
 from armflex.show.report import render_report
 from armflex.trace.checkpoint import identity, read_checkpoint, restored
-from armflex.trace.result import Trace, write_traced
+from armflex.trace.findings import Trace, write_traced
 from armflex.trace.state import begin
 from armflex.trace.telling import Doing
 from armflex.version import __version__

@@ -17,7 +17,7 @@ from armflex import predict, read_measurements, read_points, trace
 from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.spread import without_declared_doubt
 from armflex.estimate.tip_uncertainty import tip_covariance
-from armflex.trace.result import Unexplained
+from armflex.trace.findings import Unexplained
 
 pytestmark = pytest.mark.slow
 
@@ -114,7 +114,7 @@ def test_the_written_arm_predicts_rows_that_were_not_used(ran, truth: Truth) -> 
 def test_what_was_fitted_is_uncertain_in_deflect_and_check_too(ran, armflex: Run) -> None:
     arm = quietly(ran[0] / "traced.toml")
     certain, q, known = without_declared_doubt(arm), arm.position(J2=0.3), {}
-    site = arm.effects[0].spot.site
+    site = arm.effects[0].location.site
     known[f"approach_{site}"] = 1.0
     given = ["--covariates", f"approach_{site}=1"]
     said = fine(armflex("deflect", ran[0] / "traced.toml", "--q", "J2=0.3", *given, "--json", ran[0] / "d.json"))

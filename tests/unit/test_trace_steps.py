@@ -16,15 +16,15 @@ from armflex import load_arm, predict, read_measurements, trace
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import MissingCovariateError
 from armflex.estimate.fit import moved
-from armflex.laws.effects import CATALOGUE, Spot
+from armflex.laws.effects import CATALOGUE, Location
 from armflex.laws.effects.remember import derived_directions
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import Kind, of_motions
 from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
+from armflex.trace.findings import write_traced
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import project
-from armflex.trace.result import write_traced
 from armflex.trace.search import TIE, preferred
 from armflex.trace.sensible import SOFT, sensible
 from armflex.trace.state import State, add, scene_at, sorted_out, stands, without
@@ -32,8 +32,8 @@ from armflex.trace.state import State, add, scene_at, sorted_out, stands, withou
 
 def candidate_of(state: State, name: str, site: str, axis: str | None, terms: tuple[int, ...] = (0,)) -> Candidate:
     law = CATALOGUE[name]
-    spot = next(s for s in law.places(state.scene.records) if (s.site, s.axis, s.terms) == (site, axis, terms))
-    return Candidate(law, spot, next(grid(law, spot, state.scene)))
+    location = next(s for s in law.places(state.scene.records) if (s.site, s.axis, s.terms) == (site, axis, terms))
+    return Candidate(law, location, next(grid(law, location, state.scene)))
 
 
 def is_sensible(state: State, candidate: Candidate, *amplitudes: float) -> bool:
@@ -50,7 +50,9 @@ def test_rows_that_tell_no_direction_leave_with_the_effect_that_asks_for_it(camp
     rows = replace(rows, approach=approach, derived=tuple(f"approach_{name}" for name in rows.joint_names))
     state = replace(before, measurements=rows, scene=scene_at(before.fit, rows))
     law = CATALOGUE["backlash"]
-    backlash = next(Candidate(law, spot, ()) for spot in law.places(state.scene.records) if spot.site == "J4")
+    backlash = next(
+        Candidate(law, location, ()) for location in law.places(state.scene.records) if location.site == "J4"
+    )
     column = bank([backlash], state.fit, state.scene).columns.reshape(len(state.rows), -1)
     np.testing.assert_array_equal(column.any(axis=1), state.rows >= 20)  # what may be either is taken as halfway
     added = add(state, polish(backlash, state.fit, state.scene, project(state.fit)))
@@ -112,7 +114,7 @@ def test_hysteresis_is_no_softer_than_a_joint_can_be(before, axis, softest):
     fit = replace(before.fit, view=replace(before.fit.view, line=line))
     loads = {site: 1e-3 * wrenches for site, wrenches in before.scene.wrenches.items()}
     state = replace(before, fit=fit, scene=replace(before.scene, wrenches=loads))
-    play = Candidate(CATALOGUE["hysteresis"], Spot("J6", axis), (1e-6,))
+    play = Candidate(CATALOGUE["hysteresis"], Location("J6", axis), (1e-6,))
     for side in (1.0, -1.0):
         assert is_sensible(state, play, side * 0.99 * SOFT * softest)
         assert not is_sensible(state, play, side * 1.01 * SOFT * softest)
@@ -139,7 +141,7 @@ def free_amplitudes(state: State, candidate: Candidate) -> Array:
 def wanted(state: State, sign: float) -> Candidate:
     """Return the deadband about one axis that the data want most of those they want above, or below, zero."""
     law, projection = CATALOGUE["deadband"], project(state.fit)
-    tried = [c for c in candidates_of([law], state.scene) if c.spot.axis and c.spot.axis.startswith("r")]
+    tried = [c for c in candidates_of([law], state.scene) if c.location.axis and c.location.axis.startswith("r")]
     gains = [projection.gain(bank([one], state.fit, state.scene).columns) for one in tried]
     return tried[max((gain, i) for i, (gain, amplitudes) in enumerate(gains) if sign * amplitudes[0] > 0.0)[1]]
 
@@ -180,8 +182,8 @@ def test_further_terms_of_a_law_join_it(before):
     first = added(before, candidate_of(before, "stiffening", "J2", "ry", (0,)))
     second = added(first, candidate_of(first, "stiffening", "J2", "ry", (1,)))
     whole = added(before, candidate_of(before, "stiffening", "J2", "ry", (0, 1)))
-    assert [block.effect.spot.terms for block in first.effects] == [(0,)]
-    assert len(second.effects) == 1 and second.effects[0].effect.spot.terms == (0, 1)
+    assert [block.effect.location.terms for block in first.effects] == [(0,)]
+    assert len(second.effects) == 1 and second.effects[0].effect.location.terms == (0, 1)
     assert second.effects[0].labels == ("c2", "c3")
     effects = [state.fit.setup.arm.effects for state in (second, whole)]
     assert len(effects[0]) == 1
@@ -194,14 +196,14 @@ def test_further_terms_of_a_law_join_it(before):
 def test_terms_that_both_have_are_added(before):
     first = added(before, candidate_of(before, "stiffening", "J2", "ry", (0,)))
     again = added(first, candidate_of(first, "stiffening", "J2", "ry", (0, 1)))
-    assert len(again.effects) == 1 and again.effects[0].effect.spot.terms == (0, 1)
+    assert len(again.effects) == 1 and again.effects[0].effect.location.terms == (0, 1)
 
 
 def test_a_joined_effect_keeps_its_place(before):
     state = added(before, candidate_of(before, "stiffening", "J2", "ry", (0,)))
     state = added(state, candidate_of(state, "backlash", "J4", "rx"))
     state = added(state, candidate_of(state, "stiffening", "J2", "ry", (1,)))
-    found = [(block.effect.law.name, block.effect.spot.terms) for block in state.effects]
+    found = [(block.effect.law.name, block.effect.location.terms) for block in state.effects]
     assert found == [("stiffening", (0, 1)), ("backlash", (0,))]
     assert [block.ordinal for block in state.effects] == [0, 1]
     gap = state.fit.setup.arm.effects[1].named["gap"]
@@ -212,13 +214,13 @@ def test_a_joined_effect_keeps_its_place(before):
 def test_the_same_law_elsewhere_is_another_effect(before, site, axis):
     state = added(before, candidate_of(before, "stiffening", "J2", "ry", (0,)))
     state = added(state, candidate_of(state, "stiffening", site, axis, (1,)))
-    assert [(b.effect.spot.site, b.effect.spot.axis) for b in state.effects] == [("J2", "ry"), (site, axis)]
+    assert [(b.effect.location.site, b.effect.location.axis) for b in state.effects] == [("J2", "ry"), (site, axis)]
 
 
 def test_laws_with_inner_parameters_stay_two(before):
     """Two waves in one gear: their numbers of teeth are not to be added up."""
     first = candidate_of(before, "gear_harmonic", "J3", "ry", (0, 1))
-    other = list(grid(first.law, first.spot, before.scene))[-1]
+    other = list(grid(first.law, first.location, before.scene))[-1]
     assert other != first.inner
     state = added(before, first)
     state = added(state, replace(first, inner=other))
@@ -336,9 +338,9 @@ def test_an_entry_of_a_text_column_is_a_suspect(tmp_path):
     aside = rows.q - arm.position(J4=1.5e-3) * (operator == "bob")[:, None]
     found = trace(arm, replace(rows, q=aside, covariates={**rows.covariates, "operator": tuple(operator.tolist())}))
     (only,) = found.found
-    spot, step = only.effect.spot, only.effect.named["step"]
-    assert (only.effect.law.name, spot.site, spot.axis) == ("unnamed_level", "J4", "rx")
-    assert spot.covariates == ("operator=bob",) and abs(step - 1.5e-3) < 4.0 * only.std["step"]
+    location, step = only.effect.location, only.effect.named["step"]
+    assert (only.effect.law.name, location.site, location.axis) == ("unnamed_level", "J4", "rx")
+    assert location.covariates == ("operator=bob",) and abs(step - 1.5e-3) < 4.0 * only.std["step"]
     again = load_arm(write_traced(truth.arm, found, tmp_path / "traced.toml"))
     asked = replace(rows, q=aside, covariates={**rows.covariates, "operator": ("bob",) * len(rows)})
     np.testing.assert_allclose(predict(again, asked).position, predict(found.arm, asked).position, atol=1e-9)

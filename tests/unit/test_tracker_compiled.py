@@ -22,7 +22,7 @@ import sys
 from pathlib import Path
 from studies.tracked import machine_in
 from armflex import Tracker
-from armflex.mechanics.rows import kernel
+from armflex.mechanics.many_rows import kernel
 machine = machine_in(Path(sys.argv[1]))
 tracker = Tracker(machine.arm)
 functions = [getattr(kernel(), name) for name in ("solve_many", "sensitivities", "responses")]

@@ -10,7 +10,7 @@ import pytest
 from support.effect_arms import plain
 
 from armflex.estimate.view import untold_shifts
-from armflex.laws.effects import CATALOGUE, Effect, Spot
+from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
@@ -23,7 +23,7 @@ Q = np.array([[0.3, -0.4, 0.5, 0.2, 0.6, -0.1]])
 @pytest.mark.parametrize("turned", [0.0, 3.0, np.pi])
 def test_an_orientation_is_off_by_the_turn_between_both_sides_whichever_way_it_stands(turned: float) -> None:
     """Two rotation vectors of nearly half a turn may be far apart, or differ by more than the turn between them."""
-    effect = Effect(CATALOGUE["backlash"], Spot("J2", "ry", ("approach_J2",)), (GAP,), ("approach_J2",))
+    effect = Effect(CATALOGUE["backlash"], Location("J2", "ry", ("approach_J2",)), (GAP,), ("approach_J2",))
     arm = replace(plain(), effects=(effect,))
     ends = [arm.deflection(Q[0], covariates={"approach_J2": side}).pose for side in (-1.0, 1.0)]
     half = 0.5 * pin.log3(ends[1].rotation @ ends[0].rotation.T)

@@ -163,7 +163,7 @@ def test_every_writer_goes_through_one_function() -> None:
 def test_every_figure_and_every_line_takes_text_as_it_is() -> None:
     """Only these make a figure, or print: in all others a name could be markup."""
     allowed = {
-        "Figure": {"picture.py", "show/report/svg.py"},
+        "Figure": {"plotting.py", "show/report/svg.py"},
         "Console": {"cli/terminal.py"},
         "echo": {"cli/terminal.py"},
     }

@@ -6,14 +6,14 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.location import BASE, Here, Location
 from armflex.laws.effects.scene import AXES_TURN, Records
-from armflex.laws.effects.spot import BASE, Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
-    single = [Spot(BASE, axis, terms=(1 + i,)) for i, axis in enumerate(AXES_TURN)]
-    return [Spot(BASE), *single, Spot(BASE, terms=(1, 2)), Spot(BASE, terms=(1, 2, 3))]
+def _places(records: Records) -> list[Location]:
+    single = [Location(BASE, axis, terms=(1 + i,)) for i, axis in enumerate(AXES_TURN)]
+    return [Location(BASE), *single, Location(BASE, terms=(1, 2)), Location(BASE, terms=(1, 2, 3))]
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:

@@ -6,17 +6,17 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.location import BASE, Here, Location
 from armflex.laws.effects.scene import AXES, Records
 from armflex.laws.effects.shapes import ON_THE_FLOOR, at_base
-from armflex.laws.effects.spot import BASE, Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     if not records.timed:
         return []
-    single = [Spot(BASE, spot.axis, ("time",), (AXES.index(str(spot.axis)),)) for spot in at_base()]
-    return single + [Spot(BASE, None, ("time",), terms) for terms in ((0, 1, 2), (3, 4, 5))]
+    single = [Location(BASE, location.axis, ("time",), (AXES.index(str(location.axis)),)) for location in at_base()]
+    return single + [Location(BASE, None, ("time",), terms) for terms in ((0, 1, 2), (3, 4, 5))]
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:

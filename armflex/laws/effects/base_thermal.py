@@ -6,19 +6,19 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.location import BASE, Here, Location
 from armflex.laws.effects.scene import AXES, Records
 from armflex.laws.effects.shapes import LAGGED, WARM, at_base, warmth, with_temperature
-from armflex.laws.effects.spot import BASE, Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     return with_temperature(_of, records)
 
 
-def _of(name: str) -> list[Spot]:
-    single = [Spot(BASE, spot.axis, (name,), (AXES.index(str(spot.axis)),)) for spot in at_base()]
-    return single + [Spot(BASE, None, (name,), terms) for terms in ((0, 1, 2), (3, 4, 5))]
+def _of(name: str) -> list[Location]:
+    single = [Location(BASE, location.axis, (name,), (AXES.index(str(location.axis)),)) for location in at_base()]
+    return single + [Location(BASE, None, (name,), terms) for terms in ((0, 1, 2), (3, 4, 5))]
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:

@@ -11,6 +11,7 @@ from armflex.laws.effects.creep import CREEP
 from armflex.laws.effects.cross_coupling import CROSS_COUPLING
 from armflex.laws.effects.deadband import DEADBAND
 from armflex.laws.effects.dress_pack import DRESS_PACK
+from armflex.laws.effects.effect import EffectLaw
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
 from armflex.laws.effects.encoder_offset import ENCODER_OFFSET
 from armflex.laws.effects.encoder_scale import ENCODER_SCALE
@@ -20,7 +21,6 @@ from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.laws.effects.gravity_tilt import GRAVITY_TILT
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.hysteresis import HYSTERESIS
-from armflex.laws.effects.law import EffectLaw
 from armflex.laws.effects.link_flexure import LINK_FLEXURE
 from armflex.laws.effects.link_geometry import LINK_GEOMETRY
 from armflex.laws.effects.link_mass import LINK_MASS

@@ -6,14 +6,14 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.scene import AXES, Records
 from armflex.laws.effects.shapes import TURNS, along, at_joints, unit_twists
-from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
-    several = [Spot(joint, terms=tuple(4 + i for i in turns)) for joint in records.joints for turns in TURNS]
+def _places(records: Records) -> list[Location]:
+    several = [Location(joint, terms=tuple(4 + i for i in turns)) for joint in records.joints for turns in TURNS]
     return [*at_joints(records), *several]
 
 

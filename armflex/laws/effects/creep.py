@@ -6,17 +6,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Words
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import Records, Scene
 from armflex.laws.effects.shapes import along, at_joints, on_axis
-from armflex.laws.effects.spot import Spot
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     return at_joints(records, covariate="hold") if "hold" in records.recorded else []
 
 
-def _times(spot: Spot, scene: Scene) -> Iterable[float]:
+def _times(location: Location, scene: Scene) -> Iterable[float]:
     longest = float(scene.column("hold").max())
     return longest * np.array([0.01, 0.05, 0.2, 1.0])
 

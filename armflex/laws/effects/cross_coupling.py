@@ -8,18 +8,18 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.scene import Records
-from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     pairs = list(combinations(TWIST_NAMES, 2))
-    return [Spot(joint, a, partner=b) for joint in records.joints for a, b in pairs]
+    return [Location(joint, a, partner=b) for joint in records.joints for a, b in pairs]
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    a, b = TWIST_NAMES.index(str(here.spot.axis)), TWIST_NAMES.index(here.spot.partner)
+    a, b = TWIST_NAMES.index(str(here.location.axis)), TWIST_NAMES.index(here.location.partner)
     twist = np.zeros_like(wrench)
     twist[..., a], twist[..., b] = wrench[..., b], wrench[..., a]
     return twist[..., None, :]

@@ -6,13 +6,13 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import at_drives, own_position
-from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     return at_drives(records, "q_{joint}")
 
 

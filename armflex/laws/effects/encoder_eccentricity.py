@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.location import Location, with_terms
 from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import OVER_ITS_RANGE, at_drives, on_drive, own_position
-from armflex.laws.effects.spot import Spot, with_terms
 
 
-def _places(records: Records) -> list[Spot]:
-    turning = [spot for spot in at_drives(records, "q_{joint}") if str(spot.axis).startswith("r")]
+def _places(records: Records) -> list[Location]:
+    turning = [location for location in at_drives(records, "q_{joint}") if str(location.axis).startswith("r")]
     return with_terms(turning, (0, 1))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
 from armflex.laws.effects.shapes import at_drives, on_drive
 
 ENCODER_OFFSET = TwistLaw(

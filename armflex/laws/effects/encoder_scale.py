@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
 from armflex.laws.effects.shapes import OVER_ITS_RANGE, at_drives, on_drive, own_position
 
 ENCODER_SCALE = TwistLaw(

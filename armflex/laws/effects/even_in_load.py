@@ -6,9 +6,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, with_terms
 from armflex.laws.effects.shapes import along, at_joints, on_axis
-from armflex.laws.effects.spot import Here, with_terms
 
 
 def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:

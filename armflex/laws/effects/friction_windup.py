@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.location import with_terms
 from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive
-from armflex.laws.effects.spot import with_terms
 
 FRICTION_WINDUP = TwistLaw(
     name="friction_windup",

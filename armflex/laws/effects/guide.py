@@ -15,34 +15,34 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.scene import AXES_TURN, Records, Scene, column_of
 from armflex.laws.effects.shapes import along, on_axis, shares_of_load
-from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     sliding = [joint.name for joint in records.robot.moving if joint.kind == "prismatic"]
     return [
-        Spot(joint, axis, (f"q_{joint}",), terms)
+        Location(joint, axis, (f"q_{joint}",), terms)
         for joint in sliding
         for axis in AXES_TURN
         for terms in ((0,), (1,), (0, 1))
     ]
 
 
-def _spare(spot: Spot, scene: Scene) -> Iterable[float]:
-    return max(float(np.ptp(scene.column(spot.covariates[0]))), 1e-3) * np.array([0.05, 0.15, 0.5])
+def _spare(location: Location, scene: Scene) -> Iterable[float]:
+    return max(float(np.ptp(scene.column(location.covariates[0]))), 1e-3) * np.array([0.05, 0.15, 0.5])
 
 
-def _ends(spot: Spot, scene: Scene) -> Iterable[float]:
-    values = scene.column(spot.covariates[0])
+def _ends(location: Location, scene: Scene) -> Iterable[float]:
+    values = scene.column(location.covariates[0])
     return (float(values.max()), float(values.min()))
 
 
 def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
     load = along(here, wrench)
-    overlap = inner[1] + np.abs(column_of(row, here.spot.covariates[0]) - inner[2])
+    overlap = inner[1] + np.abs(column_of(row, here.location.covariates[0]) - inner[2])
     return np.clip(load / inner[0], -1.0, 1.0) / overlap, load / overlap
 
 

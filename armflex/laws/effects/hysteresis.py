@@ -8,10 +8,10 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, Inner, Memory, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, Memory, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.scene import AXES, Scene
 from armflex.laws.effects.shapes import along, at_joints, on_axis
-from armflex.laws.effects.spot import Here, Spot
 from armflex.laws.effects.stepping import play_in, stepper
 
 
@@ -20,16 +20,16 @@ def play(load: Array, radius: float) -> Array:
     return stepper(play_in)(np.asarray(load, dtype=float), float(radius))
 
 
-def _state(spot: Spot, inner: Values) -> str:
-    return f"play_{spot.key}_{inner[0]:.4g}"
+def _state(location: Location, inner: Values) -> str:
+    return f"play_{location.key}_{inner[0]:.4g}"
 
 
 def _remember(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     return play(along(here, wrench), inner[0])
 
 
-def _radii(spot: Spot, scene: Scene) -> Iterable[float]:
-    load = scene.wrenches[spot.site][:, AXES.index(str(spot.axis))]
+def _radii(location: Location, scene: Scene) -> Iterable[float]:
+    load = scene.wrenches[location.site][:, AXES.index(str(location.axis))]
     return float(np.ptp(load)) * np.array([0.05, 0.1, 0.2, 0.3])
 
 
@@ -39,7 +39,7 @@ HYSTERESIS = TwistLaw(
     instead="load and unload the joint with weights at one pose",
     places=at_joints,
     amplitudes=(Amplitude("gain", "{m}/{w}"),),
-    basis=on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.spot, inner)),)),
+    basis=on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.location, inner)),)),
     inner=(Inner("radius", "{w}", _radii),),
     memory=Memory(_state, _remember, "{w}"),
 )

@@ -14,8 +14,8 @@ from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.flexure import Flexure
 from armflex.laws import Law, Row
-from armflex.laws.effects.law import Act, Effect, LoadLaw, TwistLaw, Values, full
-from armflex.laws.effects.spot import Here, link_of, resolve, same_site, site_of
+from armflex.laws.effects.effect import Act, Effect, LoadLaw, TwistLaw, Values, full
+from armflex.laws.effects.location import Here, link_of, resolve, same_site, site_of
 from armflex.laws.law import NOTHING, STEP, UNLOADED, Composed, Ranges, anywhere, by_wrench
 from armflex.laws.parameter import Parameter, Transform
 from armflex.robot import Robot
@@ -43,7 +43,7 @@ class BoundTwist(Law):
     def parameters(self) -> tuple[Parameter, ...]:
         """Amplitudes, then inner parameters; positive ones of these by their logarithm."""
         effect, units = self.effect, dict(zip(self.effect.named, self.effect.units, strict=True))
-        amplitudes = [effect.law.amplitudes[i].name for i in effect.spot.terms]
+        amplitudes = [effect.law.amplitudes[i].name for i in effect.location.terms]
         inner = [effect.law.inner[i] for i in self._free]
         return (
             *(Parameter(name, units[name], 0.0) for name in amplitudes),
@@ -60,7 +60,7 @@ class BoundTwist(Law):
         free = []
         for i, (one, value) in enumerate(zip(law.inner, inner, strict=True)):
             other = (*inner[:i], 2.0 * value + 1.0, *inner[i + 1 :])
-            told = law.memory is not None and law.memory.name(self.effect.spot, other) != self.effect.state
+            told = law.memory is not None and law.memory.name(self.effect.location, other) != self.effect.state
             if one.smooth and not told and np.isfinite(value) and (value > 0.0 or not one.positive):
                 free.append(i)
         return tuple(free)
@@ -77,16 +77,16 @@ class BoundTwist(Law):
 
     def at(self, values: Array) -> BoundTwist:
         """Return the same effect at other (k,) values."""
-        spot, law, inner = self.effect.spot, self.effect.law, list(self.effect.inner)
-        amplitudes, rest = np.split(np.asarray(values, dtype=float), [len(spot.terms)])
+        location, law, inner = self.effect.location, self.effect.law, list(self.effect.inner)
+        amplitudes, rest = np.split(np.asarray(values, dtype=float), [len(location.terms)])
         for i, value in zip(self._free, rest.tolist(), strict=True):
             inner[i] = float(np.exp(value)) if law.inner[i].positive else value
-        moved = full(amplitudes, spot, len(law.amplitudes)) + tuple(inner)
+        moved = full(amplitudes, location, len(law.amplitudes)) + tuple(inner)
         return replace(self, effect=replace(self.effect, values=moved))
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, k) derivative by the values: exact for amplitudes, else by central differences."""
-        basis = self.law.basis(self.here, wrench, row, self.effect.inner)[..., list(self.effect.spot.terms), :]
+        basis = self.law.basis(self.here, wrench, row, self.effect.inner)[..., list(self.effect.location.terms), :]
         columns = [np.broadcast_to(np.swapaxes(basis, -1, -2), (*wrench.shape, basis.shape[-2]))]
         for place in range(basis.shape[-2], len(self.values)):
             step = np.zeros(len(self.values))
@@ -134,7 +134,7 @@ class BoundTwist(Law):
         units = np.broadcast_to(UNITS, (*many, 6, 6))
         return NOTHING, np.swapaxes(self.twist(units, row.widened()), -1, -2)
 
-    def steepest(self, ranges: Ranges) -> Array | None:
+    def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return zero where the effect does not depend on the load."""
         law, own = self.law, self.here.base_law
         constant = not law.loaded and (own is None or own.affine(anywhere(self.here.robot)) is not None)
@@ -191,8 +191,8 @@ def with_twists(flexures: Sequence[Flexure], effects: Sequence[Effect], robot: R
     bound: dict[str, list[BoundTwist]] = {}
     for effect in effects:
         if effect.law.act is Act.TWIST:
-            here = resolve(effect.spot, robot, flexures)
-            bound.setdefault(effect.spot.site, []).append(BoundTwist(effect, here))
+            here = resolve(effect.location, robot, flexures)
+            bound.setdefault(effect.location.site, []).append(BoundTwist(effect, here))
     for site, parts in bound.items():
         place = site_of(site, robot)
         known = [i for i, flexure in enumerate(modelled) if same_site(flexure.site, place)]
@@ -242,9 +242,9 @@ def pulling(effects: Sequence[Effect], robot: Robot) -> tuple[Pulling, ...]:
     """Return the loads that effects put on links."""
     return tuple(
         Pulling(
-            link_of(effect.spot.site, robot),
+            link_of(effect.location.site, robot),
             cast(LoadLaw, effect.law),
-            resolve(effect.spot, robot, ()),
+            resolve(effect.location, robot, ()),
             effect.amplitudes,
             effect.inner,
         )

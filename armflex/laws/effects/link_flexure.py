@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import AXES, Records
 from armflex.laws.effects.shapes import ON_THE_LINK, at_links, unit_twists
-from armflex.laws.effects.spot import Spot
 
 
-def _places(records: Records) -> list[Spot]:
-    single = [Spot(spot.site, spot.axis, terms=(AXES.index(str(spot.axis)),)) for spot in at_links(records)]
+def _places(records: Records) -> list[Location]:
+    single = [
+        Location(location.site, location.axis, terms=(AXES.index(str(location.axis)),))
+        for location in at_links(records)
+    ]
     bending = ((3, 4), (3, 5), (4, 5), (3, 4, 5))
-    return single + [Spot(link, None, terms=terms) for link in records.links for terms in bending]
+    return single + [Location(link, None, terms=terms) for link in records.links for terms in bending]
 
 
 LINK_FLEXURE = TwistLaw(

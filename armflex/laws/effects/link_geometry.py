@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import AXES, Records
 from armflex.laws.effects.shapes import ON_THE_LINK, at_links
-from armflex.laws.effects.spot import Spot
 
 
-def _places(records: Records) -> list[Spot]:
-    single = [Spot(spot.site, spot.axis, terms=(AXES.index(str(spot.axis)),)) for spot in at_links(records)]
-    whole = [Spot(link, None, terms=terms) for link in records.links for terms in ((0, 1, 2), (3, 4, 5))]
+def _places(records: Records) -> list[Location]:
+    single = [
+        Location(location.site, location.axis, terms=(AXES.index(str(location.axis)),))
+        for location in at_links(records)
+    ]
+    whole = [Location(link, None, terms=terms) for link in records.links for terms in ((0, 1, 2), (3, 4, 5))]
     return single + whole
 
 

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.location import Here, Location, link_of
 from armflex.laws.effects.points import middle_of
 from armflex.laws.effects.scene import Records, Scene
-from armflex.laws.effects.spot import Here, Spot, link_of
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     """Return every link with extra mass or a moved centre, along an axis or anyhow."""
-    return [Spot(link, terms=terms) for link in records.links for terms in ((0,), (1,), (2,), (3,), (1, 2, 3))]
+    return [Location(link, terms=terms) for link in records.links for terms in ((0,), (1,), (2,), (3,), (1, 2, 3))]
 
 
 def _weight(here: Here, view: Solved, scene: Scene) -> Array:
     """Return (M, 4, 6) wrenches of gravity per mass, and per shift of the centre in the link's frame."""
-    robot, name = view.arm.robot, scene.link(here.spot.site)
+    robot, name = view.arm.robot, scene.link(here.location.site)
     link, rotation = robot.urdf.links[name], view.pose_of(name)[:, :3, :3]
     mass = link.inertial.mass if link.inertial else 0.0
     levers = np.vstack([middle_of(here), mass * np.eye(3)])
@@ -30,14 +30,14 @@ def _weight(here: Here, view: Solved, scene: Scene) -> Array:
 
 
 def _change(effect: Effect, model: Model) -> Model:
-    bodies, link = model.corrections.bodies, link_of(effect.spot.site, model.robot)
+    bodies, link = model.corrections.bodies, link_of(effect.location.site, model.robot)
     change = bodies.get(link, np.zeros(4)) + np.array(effect.amplitudes)
     return replace(model, corrections=replace(model.corrections, bodies={**bodies, link: change}))
 
 
 def _weighs(effect: Effect, scene: Scene, arm: Manipulator) -> bool:
     """Return whether a link keeps a mass, and not more than all of the arm."""
-    link = arm.robot.urdf.links[link_of(effect.spot.site, arm.robot)]
+    link = arm.robot.urdf.links[link_of(effect.location.site, arm.robot)]
     own = link.inertial.mass if link.inertial else 0.0
     return -own <= effect.amplitudes[0] <= arm.weight / np.linalg.norm(arm.robot.gravity)
 

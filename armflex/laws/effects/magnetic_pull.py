@@ -7,14 +7,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Amplitude, Inner, LoadLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Values, Words
+from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.points import coordinates, force_at, middle_of
 from armflex.laws.effects.scene import Records, Scene
-from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
-    return [Spot(link) for link in records.links]
+def _places(records: Records) -> list[Location]:
+    return [Location(link) for link in records.links]
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
@@ -24,7 +24,7 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
     return force_at(way / np.maximum(distance, 1e-9) / np.maximum(distance**2 + inner[3] ** 2, 1e-6), lever)
 
 
-def _reaches(spot: Spot, scene: Scene) -> Iterable[float]:
+def _reaches(location: Location, scene: Scene) -> Iterable[float]:
     return (0.0, 0.15 * float(np.linalg.norm(np.ptp(scene.box, axis=0))))
 
 

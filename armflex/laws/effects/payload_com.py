@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.location import TOOL, Here, Location, all_and_each
 from armflex.laws.effects.scene import Records, Scene
-from armflex.laws.effects.spot import TOOL, Here, Spot, all_and_each
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     choices = (("dx", (0,)), ("dy", (1,)), ("dz", (2,)), (None, (0, 1, 2)))
-    return [Spot(TOOL, axis, (), terms, name) for name in all_and_each(records.payloads) for axis, terms in choices]
+    return [Location(TOOL, axis, (), terms, name) for name in all_and_each(records.payloads) for axis, terms in choices]
 
 
 def _weight(here: Here, view: Solved, scene: Scene) -> Array:
     """Return (M, 3, 6) wrenches of gravity at the tip per shift of the centre."""
-    names, partner = [scene.payloads[row] for row in view.rows], here.spot.partner
+    names, partner = [scene.payloads[row] for row in view.rows], here.location.partner
     mass = np.array([view.arm.payload(name).mass * (partner in ("", name)) for name in names])
     rotation = view.pose_of(view.arm.robot.tip)[:, :3, :3].transpose(0, 2, 1)
     moments = np.cross(rotation, view.arm.robot.gravity) * mass[:, None, None]
@@ -27,7 +27,7 @@ def _weight(here: Here, view: Solved, scene: Scene) -> Array:
 
 
 def _change(effect: Effect, model: Model) -> Model:
-    shift, partner = np.array(effect.amplitudes), effect.spot.partner
+    shift, partner = np.array(effect.amplitudes), effect.location.partner
     changed = {
         name: replace(payload, com=payload.com + shift) if partner in ("", name) else payload
         for name, payload in model.payloads.items()

@@ -10,25 +10,25 @@ from dataclasses import replace
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.location import TOOL, Here, Location, all_and_each
 from armflex.laws.effects.scene import Records, Scene
-from armflex.laws.effects.spot import TOOL, Here, Spot, all_and_each
 
 EACH = "each"
-"""Partner of a spot whose mass is added to every payload that weighs."""
+"""Partner of a location whose mass is added to every payload that weighs."""
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     """Return all payloads together and, where there are several, each by itself."""
     names = all_and_each(records.payloads)
-    return [Spot(TOOL, partner=name) for name in ((*names, EACH) if len(names) > 1 else names)]
+    return [Location(TOOL, partner=name) for name in ((*names, EACH) if len(names) > 1 else names)]
 
 
 def _weight(here: Here, view: Solved, scene: Scene) -> Array:
     """Return the (M, 1, 6) wrenches of gravity at the tip per mass."""
     arm, gravity = view.arm, view.arm.robot.gravity
     names = [scene.payloads[row] for row in view.rows]
-    shares = _shares(here.spot, {name: arm.payload(name).mass for name in set(scene.payloads)})
+    shares = _shares(here.location, {name: arm.payload(name).mass for name in set(scene.payloads)})
     share = np.array([shares.get(name, 0.0) for name in names])
     lever = np.array([arm.payload(name).com for name in names])
     moment = np.cross(np.einsum("nij,nj->ni", view.pose_of(arm.robot.tip)[:, :3, :3], lever), gravity)
@@ -36,7 +36,7 @@ def _weight(here: Here, view: Solved, scene: Scene) -> Array:
 
 
 def _change(effect: Effect, model: Model) -> Model:
-    shares = _shares(effect.spot, {name: payload.mass for name, payload in model.payloads.items()})
+    shares = _shares(effect.location, {name: payload.mass for name, payload in model.payloads.items()})
     changed = {
         name: replace(payload, mass=max(payload.mass + shares.get(name, 0.0) * effect.values[0], 0.0))
         for name, payload in model.payloads.items()
@@ -44,12 +44,12 @@ def _change(effect: Effect, model: Model) -> Model:
     return replace(model, payloads=changed)
 
 
-def _shares(spot: Spot, masses: dict[str, float]) -> dict[str, float]:
+def _shares(location: Location, masses: dict[str, float]) -> dict[str, float]:
     """Return what part of the extra mass each payload has."""
-    if spot.partner == EACH:
+    if location.partner == EACH:
         return {name: 1.0 for name, mass in masses.items() if mass > 0.0}
-    if spot.partner:
-        return {spot.partner: 1.0}
+    if location.partner:
+        return {location.partner: 1.0}
     heaviest = max(masses.values(), default=0.0) or 1.0
     return {name: mass / heaviest for name, mass in masses.items()}
 

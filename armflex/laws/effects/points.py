@@ -7,17 +7,17 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Inner
+from armflex.laws.effects.effect import Inner
+from armflex.laws.effects.location import TOOL, Here, Location
 from armflex.laws.effects.rigid import cross
 from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.spot import TOOL, Here, Spot
 
 
 def coordinates(name: str, count: int) -> tuple[Inner, ...]:
     """Return the three coordinates of a point in base axes, searched from `count` values each."""
 
     def grid(axis: int) -> Inner:
-        def values(spot: Spot, scene: Scene) -> Iterable[float]:
+        def values(location: Location, scene: Scene) -> Iterable[float]:
             low, high = scene.box[:, axis]
             return np.linspace(low - 0.2 * (high - low), high + 0.2 * (high - low), count)
 
@@ -27,15 +27,15 @@ def coordinates(name: str, count: int) -> tuple[Inner, ...]:
 
 
 def end_of(here: Here) -> Array:
-    """Return the (3,) end of the spot's link in the link's frame: its end joint's origin, the tip for the last."""
-    if here.spot.site == TOOL or here.joint is None:
+    """Return the (3,) end of the location's link in the link's frame: its end joint's origin, the tip for the last."""
+    if here.location.site == TOOL or here.joint is None:
         return np.zeros(3)
     return here.joint.origin
 
 
 def middle_of(here: Here) -> Array:
-    """Return the (3,) centre of mass of the spot's link in its frame; the tip for the last."""
-    if here.spot.site == TOOL or here.joint is None:
+    """Return the (3,) centre of mass of the location's link in its frame; the tip for the last."""
+    if here.location.site == TOOL or here.joint is None:
         return np.zeros(3)
     inertial = here.robot.urdf.links[here.joint.parent].inertial
     return np.zeros(3) if inertial is None else inertial.origin

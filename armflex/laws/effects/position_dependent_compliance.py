@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, Location, with_terms
 from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import along, at_joints, on_axis, own_position
-from armflex.laws.effects.spot import Here, Spot, with_terms
 
 
-def _places(records: Records) -> list[Spot]:
-    spots = [Spot(spot.site, spot.axis, (f"q_{spot.site}",)) for spot in at_joints(records)]
-    return with_terms(spots, (0,), (0, 1))
+def _places(records: Records) -> list[Location]:
+    locations = [Location(location.site, location.axis, (f"q_{location.site}",)) for location in at_joints(records)]
+    return with_terms(locations, (0,), (0, 1))
 
 
 def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:

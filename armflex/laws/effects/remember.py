@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 import numpy as np
 
 from armflex.errors import Flag, InputError, MissingCovariateError, did_you_mean, listing, naming
-from armflex.laws.effects.law import Effect, Manipulator
+from armflex.laws.effects.effect import Effect, Manipulator
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 
@@ -21,7 +21,7 @@ def depended_on(arm: Manipulator) -> tuple[str, ...]:
     """Return the names of all covariates that an arm's effects ask for; joint positions are known without."""
     names: dict[str, None] = {}
     for effect in arm.effects:
-        names |= dict.fromkeys(name for name in effect.spot.covariates if not name.startswith("q_"))
+        names |= dict.fromkeys(name for name in effect.location.covariates if not name.startswith("q_"))
         if effect.state:
             names[effect.state] = None
     return tuple(names)
@@ -76,7 +76,7 @@ def directions(effects: Iterable[Effect], rows: Rows) -> Iterator[tuple[str, Eff
     """Yield every direction that was not recorded, the effect that asks for it, and (N,) where the rows do not tell."""
     columns = {f"{APPROACH}{joint}": i for i, joint in enumerate(rows.joint_names)}
     for effect in effects:
-        for name in effect.spot.covariates:
+        for name in effect.location.covariates:
             if name in columns and name in rows.derived:
                 yield name, effect, rows.approach[:, columns[name]] == 0.0
 
@@ -91,7 +91,7 @@ def settled(arm: Manipulator, given: Mapping[str, float]) -> dict[str, float]:
     check_covariates(arm, given)
     known = dict(given)
     for effect in arm.effects:
-        state, columns = effect.state, effect.spot.covariates
+        state, columns = effect.state, effect.location.covariates
         if state is None or not columns:
             continue
         if state not in known and columns[0] not in known:

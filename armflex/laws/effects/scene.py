@@ -12,13 +12,13 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.spot import LINK, TOOL, Here, Spot, link_of, resolve, site_names
+from armflex.laws.effects.location import LINK, TOOL, Here, Location, link_of, resolve, site_names
 from armflex.robot import Robot
 from armflex.rows import Driven, Rows
 from armflex.rows.rows import LEVEL_OF, POSE
 
 if TYPE_CHECKING:
-    from armflex.laws.effects.law import Manipulator, Memory, Solved, Values
+    from armflex.laws.effects.effect import Manipulator, Memory, Solved, Values
 
 TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
 """Names of columns that are taken for a temperature."""
@@ -117,15 +117,15 @@ class Scene:
         """Return the (N,) values of a column or of a joint's position ('q_J')."""
         return column_of(self.row, name)
 
-    def here(self, spot: Spot, arm: Manipulator) -> Here:
-        """Return what is known about the arm at a spot."""
-        known = self._heres.get(spot)
+    def here(self, location: Location, arm: Manipulator) -> Here:
+        """Return what is known about the arm at a location."""
+        known = self._heres.get(location)
         if known is None or known[0] is not arm:
-            self._heres[spot] = known = (arm, resolve(spot, arm.robot, arm.flexures))
+            self._heres[location] = known = (arm, resolve(location, arm.robot, arm.flexures))
         return known[1]
 
     @cached_property
-    def _heres(self) -> dict[Spot, tuple[Manipulator, Here]]:
+    def _heres(self) -> dict[Location, tuple[Manipulator, Here]]:
         return {}
 
     def row_at(self, view: Solved) -> Row:
@@ -139,14 +139,14 @@ class Scene:
     def _rows(self) -> dict[bytes, Row]:
         return {}
 
-    def remembered(self, memory: Memory, spot: Spot, inner: Values, view: Solved) -> Array:
-        """Return the (N,) state of a memory at a spot; one of a column is the same at every spot, and kept."""
-        here = self.here(spot, view.arm)
-        if not spot.covariates:
-            return memory.remember(here, self.wrench(view, spot.site), self.row, inner)
-        key = (memory, spot.covariates, inner)
+    def remembered(self, memory: Memory, location: Location, inner: Values, view: Solved) -> Array:
+        """Return the (N,) state of a memory at a location; one of a column is the same at every location, and kept."""
+        here = self.here(location, view.arm)
+        if not location.covariates:
+            return memory.remember(here, self.wrench(view, location.site), self.row, inner)
+        key = (memory, location.covariates, inner)
         if key not in self._states:
-            self._states[key] = memory.remember(here, self.wrenches[spot.site], self.row, inner)
+            self._states[key] = memory.remember(here, self.wrenches[location.site], self.row, inner)
         return self._states[key]
 
     @cached_property
@@ -200,8 +200,8 @@ def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
     """
     weights = {id(one): arm.payload(one).mass for one in rows.payload}  # a name or a payload, which has arrays
     known = {**rows.known, MASS: np.array([weights[id(one)] for one in rows.payload])}
-    if isinstance(rows, Rows) and any(POSE in effect.spot.covariates for effect in arm.effects):
+    if isinstance(rows, Rows) and any(POSE in effect.location.covariates for effect in arm.effects):
         known[POSE] = rows.pose_number.astype(float)
     texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}
-    asked = {name for effect in arm.effects for name in effect.spot.covariates if LEVEL_OF in name}
+    asked = {name for effect in arm.effects for name in effect.location.covariates if LEVEL_OF in name}
     return {name: np.zeros(len(rows.q)) for name in asked if name.partition(LEVEL_OF)[0] in texts} | known

@@ -1,6 +1,6 @@
 """The instrument was set up again: a frame of its own for one session, beyond what its prior allows.
 
-Its values are shift and rotation vector of the instrument's frame in the session that the spot's partner names.
+Its values are shift and rotation vector of the instrument's frame in the session that the location's partner names.
 """
 
 from __future__ import annotations
@@ -10,25 +10,25 @@ from dataclasses import replace
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.location import BASE, Here, Location
 from armflex.laws.effects.scene import AXES, Records, Scene
 from armflex.laws.effects.shapes import ON_THE_FLOOR
-from armflex.laws.effects.spot import BASE, Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
+def _places(records: Records) -> list[Location]:
     """Return every session where there are several: a shift, or a shift and a turn."""
     several = records.sessions if len(records.sessions) > 1 else ()
-    return [Spot(BASE, terms=terms, partner=name) for name in several for terms in ((0, 1, 2), tuple(range(6)))]
+    return [Location(BASE, terms=terms, partner=name) for name in several for terms in ((0, 1, 2), tuple(range(6)))]
 
 
 def _moved(here: Here, view: Solved, scene: Scene) -> Array:
-    own = np.array([scene.sessions[row] == here.spot.partner for row in view.rows])
+    own = np.array([scene.sessions[row] == here.location.partner for row in view.rows])
     return own[:, None, None] * np.eye(6)
 
 
 def _change(effect: Effect, model: Model) -> Model:
-    sessions, name = model.instrument.sessions, effect.spot.partner
+    sessions, name = model.instrument.sessions, effect.location.partner
     moved = {**sessions, name: sessions.get(name, np.zeros(6)) + np.array(effect.values)}
     return replace(model, instrument=replace(model.instrument, sessions=moved))
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Along, Inner, Memory, Shapes, Values
+from armflex.laws.effects.effect import Along, Inner, Memory, Shapes, Values
+from armflex.laws.effects.location import BASE, Here, Location, drive_axis
 from armflex.laws.effects.scene import AXES, Records, Scene, column_of
-from armflex.laws.effects.spot import BASE, Here, Spot, drive_axis
 from armflex.laws.effects.stepping import lag_behind, stepper
 
 LAGS = (600.0, 1800.0, 5400.0, 10800.0)
@@ -32,7 +32,7 @@ TURNS = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
 
 
 def on_axis(shapes: Shapes) -> Along:
-    """Return the basis of (...,) shapes along the spot's axis."""
+    """Return the basis of (...,) shapes along the location's axis."""
     return Along(shapes, lambda here, inner: here.direction)
 
 
@@ -42,44 +42,44 @@ def on_drive(shapes: Shapes) -> Along:
 
 
 def along(here: Here, wrench: Array) -> Array:
-    """Return the (...,) load along the spot's axis: tau about a turning one."""
+    """Return the (...,) load along the location's axis: tau about a turning one."""
     return wrench @ here.direction
 
 
-def shares_of_load(spot: Spot, scene: Scene, shares: tuple[float, ...]) -> Iterable[float]:
-    """Return shares of the largest load along a spot's axes, none where it is rounding beside the joint's others.
+def shares_of_load(location: Location, scene: Scene, shares: tuple[float, ...]) -> Iterable[float]:
+    """Return shares of the largest load along a location's axes, none where it is rounding beside the joint's others.
 
     A law that saturates makes a column of any load, so rounding would become a candidate.
     """
-    wrench = np.abs(scene.wrenches[spot.site]).max(axis=0)  # of forces and moments alike: as if at 1 m
-    load = float(wrench[[AXES.index(spot.axis)] if spot.axis else [2 + term for term in spot.terms]].max())
+    wrench = np.abs(scene.wrenches[location.site]).max(axis=0)  # of forces and moments alike: as if at 1 m
+    load = float(wrench[[AXES.index(location.axis)] if location.axis else [2 + term for term in location.terms]].max())
     return () if load <= ROUNDING * wrench.max() else load * np.array(shares)
 
 
 def own_position(here: Here, row: Row) -> Array:
     """Return the (...,) position of the site's joint."""
-    return row.position(here.spot.place)
+    return row.position(here.location.place)
 
 
 def approach(here: Here, row: Row) -> Array:
     """Return the (...,) direction from which the site's joint came."""
-    return row.covariate(f"approach_{here.spot.place}")
+    return row.covariate(f"approach_{here.location.place}")
 
 
 def warmth(here: Here, row: Row, reference: float, lag: float) -> Array:
     """Return the (...,) temperature above the reference, lagged where there is a lag."""
-    name = lagged_name(here.spot, (lag,)) if lag > 0.0 else here.spot.covariates[0]
+    name = lagged_name(here.location, (lag,)) if lag > 0.0 else here.location.covariates[0]
     return column_of(row, name) - reference
 
 
-def lagged_name(spot: Spot, inner: Values) -> str:
+def lagged_name(location: Location, inner: Values) -> str:
     """Return the name of the derived covariate of a column behind a lag of `inner[-1]` seconds."""
-    return f"{spot.covariates[0]}_lagged_{inner[-1]:.4g}s"
+    return f"{location.covariates[0]}_lagged_{inner[-1]:.4g}s"
 
 
 def lagged(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    """Return (N,) the spot's column behind a first-order lag, `inner[-1]` seconds; in equilibrium at the first row."""
-    values, lag = column_of(row, here.spot.covariates[0]), inner[-1]
+    """Return (N,) the location's column behind a first-order lag, `inner[-1]` seconds; at rest at the first row."""
+    values, lag = column_of(row, here.location.covariates[0]), inner[-1]
     if lag <= 0.0:
         return values
     return follow(row.covariate("time"), values, lag)
@@ -100,12 +100,12 @@ LAG = "lag"
 LAGGED = Memory(lagged_name, lagged, "K", LAG)
 
 
-def reference_grid(spot: Spot, scene: Scene) -> Iterable[float]:
+def reference_grid(location: Location, scene: Scene) -> Iterable[float]:
     """Return the temperature of manufacture and the campaign's mean."""
-    return (REFERENCE, float(scene.column(spot.covariates[0]).mean()))
+    return (REFERENCE, float(scene.column(location.covariates[0]).mean()))
 
 
-def lag_grid(spot: Spot, scene: Scene) -> Iterable[float]:
+def lag_grid(location: Location, scene: Scene) -> Iterable[float]:
     """Return no lag, and lags that the campaign is long enough to show; none of them where it has no time."""
     if not scene.timed:
         return (0.0,)
@@ -119,33 +119,33 @@ ABOVE = Inner("reference", "degC", reference_grid, positive=False, polished=Fals
 WARM = (ABOVE, Inner(LAG, "s", lag_grid, default=0.0))
 
 
-def at_drives(records: Records, *covariates: str) -> list[Spot]:
+def at_drives(records: Records, *covariates: str) -> list[Location]:
     """Return every moving joint's own axis; a covariate may name the joint as {joint}."""
     return [
-        Spot(joint.name, drive_axis(joint), tuple(name.format(joint=joint.name) for name in covariates))
+        Location(joint.name, drive_axis(joint), tuple(name.format(joint=joint.name) for name in covariates))
         for joint in records.robot.moving
     ]
 
 
-def at_joints(records: Records, axes: Iterable[str] = AXES, covariate: str | None = None) -> list[Spot]:
+def at_joints(records: Records, axes: Iterable[str] = AXES, covariate: str | None = None) -> list[Location]:
     """Return every joint with each axis."""
     covariates = () if covariate is None else (covariate,)
-    return [Spot(joint, axis, covariates) for joint in records.joints for axis in axes]
+    return [Location(joint, axis, covariates) for joint in records.joints for axis in axes]
 
 
-def at_links(records: Records, axes: Iterable[str] = AXES, *covariates: str) -> list[Spot]:
+def at_links(records: Records, axes: Iterable[str] = AXES, *covariates: str) -> list[Location]:
     """Return every link's end with each axis."""
-    return [Spot(link, axis, covariates) for link in records.links for axis in axes]
+    return [Location(link, axis, covariates) for link in records.links for axis in axes]
 
 
-def at_base(axes: Iterable[str] = AXES, *covariates: str) -> list[Spot]:
+def at_base(axes: Iterable[str] = AXES, *covariates: str) -> list[Location]:
     """Return the base with each axis."""
-    return [Spot(BASE, axis, covariates) for axis in axes]
+    return [Location(BASE, axis, covariates) for axis in axes]
 
 
-def with_temperature(make: Callable[..., list[Spot]], records: Records) -> list[Spot]:
-    """Return the spots of `make(temperature)` for every recorded temperature."""
-    return [spot for name in records.temperatures for spot in make(name)]
+def with_temperature(make: Callable[..., list[Location]], records: Records) -> list[Location]:
+    """Return the locations of `make(temperature)` for every recorded temperature."""
+    return [location for name in records.temperatures for location in make(name)]
 
 
 def unit_twists(wrench: Array) -> Array:

@@ -6,16 +6,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Words
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.shapes import at_joints, on_axis
-from armflex.laws.effects.spot import Spot
 
 STEPS = 40
 """Times to begin the search with."""
 
 
-def _times(spot: Spot, scene: Scene) -> Iterable[float]:
+def _times(location: Location, scene: Scene) -> Iterable[float]:
     time = np.unique(scene.column("time"))
     between = 0.5 * (time[1:] + time[:-1])
     return between[np.linspace(0, len(between) - 1, STEPS).astype(int)] if len(between) else ()

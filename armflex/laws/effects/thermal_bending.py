@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Along, Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Along, Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here
 from armflex.laws.effects.scene import AXES_TURN
 from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, at_links, warmth, with_temperature
-from armflex.laws.effects.spot import Here
 
 
 def _direction(here: Here, inner: Values) -> Array:
@@ -26,6 +26,6 @@ THERMAL_BENDING = TwistLaw(
     places=lambda records: with_temperature(lambda name: at_links(records, AXES_TURN, name), records),
     amplitudes=(Amplitude("beta", "rad/K"),),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
-    inner=(Inner("along", "1", lambda spot, scene: (1.0, 0.5, 0.0), polished=False, usual=1.0, default=1.0), *WARM),
+    inner=(Inner("along", "1", lambda location, scene: (1.0, 0.5, 0.0), polished=False, usual=1.0, default=1.0), *WARM),
     memory=LAGGED,
 )

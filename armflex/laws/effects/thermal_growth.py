@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from armflex.laws.effects.law import Along, Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Along, Amplitude, TwistLaw, Words
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, warmth
-from armflex.laws.effects.spot import Spot
 
 
-def _places(records: Records) -> list[Spot]:
-    return [Spot(link, None, (name,)) for link in records.links for name in records.temperatures]
+def _places(records: Records) -> list[Location]:
+    return [Location(link, None, (name,)) for link in records.links for name in records.temperatures]
 
 
 THERMAL_GROWTH = TwistLaw(

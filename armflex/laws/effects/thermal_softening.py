@@ -6,23 +6,23 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warmth, with_temperature
-from armflex.laws.effects.spot import Here, Spot
 
 MOST = 0.1
 """Largest beta that is believed [1/K]: plastics near their softening point; steel and gears have a thousandth."""
 
 
-def _places(records: Records) -> list[Spot]:
-    whole = [Spot(joint, None, (name,)) for joint in records.joints for name in records.temperatures]
+def _places(records: Records) -> list[Location]:
+    whole = [Location(joint, None, (name,)) for joint in records.joints for name in records.temperatures]
     return whole + with_temperature(lambda name: at_joints(records, covariate=name), records)
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     twist = np.zeros_like(wrench) if here.base_law is None else here.base_law.twist(wrench, row)
-    if here.spot.axis:
+    if here.location.axis:
         twist = twist * np.abs(here.direction)
     return (warmth(here, row, *inner)[..., None] * twist)[..., None, :]
 

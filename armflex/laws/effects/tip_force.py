@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Amplitude, LoadLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, LoadLaw, Values, Words
+from armflex.laws.effects.location import TOOL, Here, Location
 from armflex.laws.effects.scene import Records
-from armflex.laws.effects.spot import TOOL, Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
-    single = [Spot(TOOL, axis, terms=(i,)) for i, axis in enumerate(("dx", "dy", "dz"))]
-    return [*single, Spot(TOOL, None, terms=(0, 1, 2))]
+def _places(records: Records) -> list[Location]:
+    single = [Location(TOOL, axis, terms=(i,)) for i, axis in enumerate(("dx", "dy", "dz"))]
+    return [*single, Location(TOOL, None, terms=(0, 1, 2))]
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:

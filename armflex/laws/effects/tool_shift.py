@@ -8,20 +8,20 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.location import TOOL, Here, Location
 from armflex.laws.effects.scene import Records, Scene
-from armflex.laws.effects.spot import TOOL, Here, Spot
 
 ALWAYS = -np.inf
 """A start before every row, which needs no time."""
 
 
-def _places(records: Records) -> list[Spot]:
-    single = [Spot(TOOL, axis, terms=(i,)) for i, axis in enumerate(("dx", "dy", "dz"))]
-    return [*single, *([Spot(TOOL, None, ("time",), (0, 1, 2))] if records.timed else [])]
+def _places(records: Records) -> list[Location]:
+    single = [Location(TOOL, axis, terms=(i,)) for i, axis in enumerate(("dx", "dy", "dz"))]
+    return [*single, *([Location(TOOL, None, ("time",), (0, 1, 2))] if records.timed else [])]
 
 
-def _starts(spot: Spot, scene: Scene) -> Iterable[float]:
+def _starts(location: Location, scene: Scene) -> Iterable[float]:
     """Return always, and the first moment of every later session where time is known."""
     if not scene.timed:
         return (ALWAYS,)

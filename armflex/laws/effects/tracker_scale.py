@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from armflex.laws.effects.law import Act, Amplitude, Effect, Model, ModelLaw, Words
-from armflex.laws.effects.spot import BASE, Spot
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Words
+from armflex.laws.effects.location import BASE, Location
 
 PPM = 1e-6
 
@@ -21,7 +21,7 @@ TRACKER_SCALE = ModelLaw(
     name="tracker_scale",
     words=Words("instrument scale", "distances are read too long or too short", "λ · range"),
     instead="measure a scale bar or a second instrument's distance with the instrument",
-    places=lambda records: [Spot(BASE)],
+    places=lambda records: [Location(BASE)],
     amplitudes=(Amplitude("lambda", "ppm"),),
     acts=Act.SCALE,
     made=lambda here, view, scene: np.full((len(view.rows), 1, 1), PPM),

@@ -7,14 +7,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.law import Amplitude, Inner, LoadLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Values, Words
+from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.points import coordinates, end_of, force_at
 from armflex.laws.effects.scene import Records, Scene
-from armflex.laws.effects.spot import Here, Spot
 
 
-def _places(records: Records) -> list[Spot]:
-    return [Spot(link) for link in records.links]
+def _places(records: Records) -> list[Location]:
+    return [Location(link) for link in records.links]
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
@@ -26,11 +26,11 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
     return force_at(stretched * way, lever)
 
 
-def _rests(spot: Spot, scene: Scene) -> Iterable[float]:
+def _rests(location: Location, scene: Scene) -> Iterable[float]:
     return (0.0, 0.25 * float(np.linalg.norm(np.ptp(scene.box, axis=0))))
 
 
-HOOK = Inner("hook", "1", lambda spot, scene: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0), default=1.0)
+HOOK = Inner("hook", "1", lambda location, scene: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0), default=1.0)
 """Where on the link it is hooked, as a part of the way to the link's end."""
 
 UMBILICAL = LoadLaw(

@@ -13,10 +13,10 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.law import Amplitude, Effect, Inner, Manipulator, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, TwistLaw, Values, Words
+from armflex.laws.effects.location import BASE, TOOL, Here, Location
 from armflex.laws.effects.scene import AXES, Records, Scene, column_of
 from armflex.laws.effects.shapes import along, on_axis
-from armflex.laws.effects.spot import BASE, TOOL, Here, Spot
 
 KNOTS = 8
 """Hats of a free shape over the recorded range; the mean is left to the constant parameters."""
@@ -38,77 +38,77 @@ def hats(values: Array, low: float, high: float, count: int) -> Array:
 
 
 def _spline(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    return hats(column_of(row, here.spot.covariates[0]), *inner, KNOTS)
+    return hats(column_of(row, here.location.covariates[0]), *inner, KNOTS)
 
 
 def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
     load = along(here, wrench)
-    values = np.broadcast_to(column_of(row, here.spot.covariates[0]), np.shape(load))
+    values = np.broadcast_to(column_of(row, here.location.covariates[0]), np.shape(load))
     return hats(values, *inner, KNOTS) * load
 
 
 def _bump(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    away = (column_of(row, here.spot.covariates[0]) - inner[0]) / inner[1]
+    away = (column_of(row, here.location.covariates[0]) - inner[0]) / inner[1]
     return (np.exp(-0.5 * away**2) * np.ones(wrench.shape[:-1]),)
 
 
 def _wave(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    angle = inner[0] * column_of(row, here.spot.covariates[0])
+    angle = inner[0] * column_of(row, here.location.covariates[0])
     return np.sin(angle), np.cos(angle)
 
 
 def _level(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    return (column_of(row, here.spot.covariates[0]) * np.ones(wrench.shape[:-1]),)
+    return (column_of(row, here.location.covariates[0]) * np.ones(wrench.shape[:-1]),)
 
 
 def _line(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    away = column_of(row, here.spot.covariates[0]) - inner[0]
+    away = column_of(row, here.location.covariates[0]) - inner[0]
     return away * np.ones(wrench.shape[:-1]), away**2 * np.ones(wrench.shape[:-1])
 
 
 def _product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    first, second = (column_of(row, name) for name in here.spot.covariates)
+    first, second = (column_of(row, name) for name in here.location.covariates)
     tents = hats(first, inner[0], inner[1], KNOTS)
     return (*tents, *(tent * (second - inner[2]) for tent in [*tents, 1.0 - sum(tents)]))
 
 
 def _wave_product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    first, second = (column_of(row, name) for name in here.spot.covariates)
+    first, second = (column_of(row, name) for name in here.location.covariates)
     sine, cosine = np.sin(inner[0] * first), np.cos(inner[0] * first)
     return [wave * factor for factor in (1.0, second - inner[1]) for wave in (sine, cosine)]
 
 
-def lowest(spot: Spot, scene: Scene, place: int = 0) -> Iterable[float]:
-    """Return the lowest recorded value of one of the spot's columns."""
-    return (float(scene.column(spot.covariates[place]).min()),)
+def lowest(location: Location, scene: Scene, place: int = 0) -> Iterable[float]:
+    """Return the lowest recorded value of one of the location's columns."""
+    return (float(scene.column(location.covariates[place]).min()),)
 
 
-def highest(spot: Spot, scene: Scene, place: int = 0) -> Iterable[float]:
-    """Return the highest recorded value of one of the spot's columns."""
-    return (float(scene.column(spot.covariates[place]).max()),)
+def highest(location: Location, scene: Scene, place: int = 0) -> Iterable[float]:
+    """Return the highest recorded value of one of the location's columns."""
+    return (float(scene.column(location.covariates[place]).max()),)
 
 
-def _middle(spot: Spot, scene: Scene) -> Iterable[float]:
-    return (float(scene.column(spot.covariates[-1]).mean()),)
+def _middle(location: Location, scene: Scene) -> Iterable[float]:
+    return (float(scene.column(location.covariates[-1]).mean()),)
 
 
-def _centres(spot: Spot, scene: Scene) -> Iterable[float]:
-    values = scene.column(spot.covariates[0])
+def _centres(location: Location, scene: Scene) -> Iterable[float]:
+    values = scene.column(location.covariates[0])
     return np.linspace(values.min(), values.max(), 25)
 
 
-def _widths(spot: Spot, scene: Scene) -> Iterable[float]:
-    return float(np.ptp(scene.column(spot.covariates[0]))) * np.array([0.02, 0.05, 0.1])
+def _widths(location: Location, scene: Scene) -> Iterable[float]:
+    return float(np.ptp(scene.column(location.covariates[0]))) * np.array([0.02, 0.05, 0.1])
 
 
-def _waves(spot: Spot, scene: Scene) -> Iterable[float]:
-    span = float(np.ptp(scene.column(spot.covariates[0])))
+def _waves(location: Location, scene: Scene) -> Iterable[float]:
+    span = float(np.ptp(scene.column(location.covariates[0])))
     return 2.0 * np.pi / span * np.arange(LEAST_PERIODS, PERIODS, 1.0 / 3.0)
 
 
 def _goes_round(effect: Effect, scene: Scene, arm: Manipulator) -> bool:
     """Return whether a wave goes through `LEAST_PERIODS` over what was recorded of its column."""
-    return effect.inner[0] * np.ptp(scene.column(effect.spot.covariates[0])) >= 2.0 * np.pi * LEAST_PERIODS
+    return effect.inner[0] * np.ptp(scene.column(effect.location.covariates[0])) >= 2.0 * np.pi * LEAST_PERIODS
 
 
 LOW = Inner("low", "as recorded", lowest, positive=False, polished=False)
@@ -122,13 +122,13 @@ def shaped_places(records: Records) -> list[tuple[str, str]]:
     return [(site, axis) for site in (BASE, *records.joints, TOOL) for axis in AXES]
 
 
-def everywhere(records: Records) -> list[Spot]:
+def everywhere(records: Records) -> list[Location]:
     """Return every joint, the base and the tool with each axis and each suspect column."""
-    return [Spot(site, axis, (name,)) for site, axis in shaped_places(records) for name in suspects(records)]
+    return [Location(site, axis, (name,)) for site, axis in shaped_places(records) for name in suspects(records)]
 
 
-def _with_all(make: Callable[[Records], list[Spot]], count: int, records: Records) -> list[Spot]:
-    return [Spot(s.site, s.axis, s.covariates, tuple(range(count))) for s in make(records)]
+def _with_all(make: Callable[[Records], list[Location]], count: int, records: Records) -> list[Location]:
+    return [Location(s.site, s.axis, s.covariates, tuple(range(count))) for s in make(records)]
 
 
 SPLINE = TwistLaw(
@@ -222,7 +222,7 @@ LEVEL = TwistLaw(
     name="unnamed_level",
     words=Words("unnamed level", "it is there while a column has one entry", "a step"),
     places=lambda records: [
-        Spot(site, axis, (name,)) for site, axis in shaped_places(records) for name in records.levels
+        Location(site, axis, (name,)) for site, axis in shaped_places(records) for name in records.levels
     ],
     amplitudes=(Amplitude("step", "{m}"),),
     basis=on_axis(_level),

@@ -67,9 +67,9 @@ class AtNode(Composed):
         known = self.law.affine(row)
         return None if known is None else (known[0] @ self.action.T, self.action @ known[1] @ self.action.T)
 
-    def steepest(self, ranges: Ranges) -> Array | None:
+    def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return bounds of the transported tangent's blocks."""
-        known, carried = self.law.steepest(ranges), np.array([[1.0, np.linalg.norm(self.node)], [0.0, 1.0]])
+        known, carried = self.law.compliance_bound(ranges), np.array([[1.0, np.linalg.norm(self.node)], [0.0, 1.0]])
         return None if known is None else carried @ known @ carried.T
 
     def learned(self, travel: Ranges) -> AtNode | None:

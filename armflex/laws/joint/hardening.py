@@ -81,7 +81,7 @@ class HardeningLaw(Law):
         share = self._share(wrench, wrench @ self.compliance)
         return np.concatenate([by_axes[..., self._axes], (twist * 0.5 * share / (1.0 + share))[..., None]], axis=-1)
 
-    def steepest(self, ranges: Ranges) -> Array:
+    def compliance_bound(self, ranges: Ranges) -> Array:
         """Return the norms of C's blocks on the diagonal, their geometric mean beside it: J is positive, C - J, too."""
         root = np.sqrt(np.diag(block_norms(self.compliance)))
         return np.outer(root, root)

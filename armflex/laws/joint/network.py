@@ -127,7 +127,7 @@ class NetworkLaw(Law):
         whole[..., : self.size, : self.size] = slopes
         return whole
 
-    def steepest(self, ranges: Ranges) -> Array:
+    def compliance_bound(self, ranges: Ranges) -> Array:
         """Return the sum over all neurons of what each gives where it is steepest."""
         (units, _), (gains, _) = self._units, self._answers
         norms = np.zeros((2, 2))

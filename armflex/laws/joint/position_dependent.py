@@ -95,7 +95,7 @@ class PositionDependentLaw(Law):
         """Return no twist and C(q)."""
         return NOTHING, self.compliance(row)
 
-    def steepest(self, ranges: Ranges) -> Array | None:
+    def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return the sum of the coefficients' norms, each at the largest power that the joint's range allows."""
         largest = np.abs(ranges[self.joint]).max()
         if not np.isfinite(largest):

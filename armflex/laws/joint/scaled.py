@@ -90,9 +90,9 @@ class ScaledLaw(Composed):
         known = self.law.affine(row)
         return None if known is None else (self._root_factor * known[0], self._square * known[1])
 
-    def steepest(self, ranges: Ranges) -> Array | None:
+    def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return the bounds of the law times the largest factors."""
-        known, most = self.law.steepest(ranges), self._root_factor.reshape(2, 3).max(axis=1)
+        known, most = self.law.compliance_bound(ranges), self._root_factor.reshape(2, 3).max(axis=1)
         if self.constant is not None:
             return block_norms(self.constant)
         return None if known is None else np.outer(most, most) * known

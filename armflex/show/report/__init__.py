@@ -11,7 +11,7 @@ from armflex.printable import printable
 from armflex.storage.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from armflex.trace.result import Trace
+    from armflex.trace.findings import Trace
 
 __all__ = ["render_report", "write_report"]
 

@@ -12,9 +12,9 @@ from armflex.show.report import effect_figures, figures, summary
 from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short
 from armflex.show.report.words import called, labelled, site_words, units_of, words
+from armflex.trace.findings import Trace
 from armflex.trace.localise import localise
 from armflex.trace.projection import project
-from armflex.trace.result import Trace
 from armflex.version import __version__
 
 SHOWN = 20
@@ -158,7 +158,7 @@ def _effect(trace: Trace, index: int) -> SimpleNamespace:
 
 def _hidden(trace: Trace) -> Table:
     """Return laws that could not have been told: where fitted parameters hide them, and where they move nothing."""
-    added = {(one.effect.law.name, one.effect.spot.place) for one in trace.found}
+    added = {(one.effect.law.name, one.effect.location.place) for one in trace.found}
     rows: dict[str, tuple[list[str], list[str]]] = {}
     for one in trace.not_identifiable:
         if (one.effect, one.site) in added:

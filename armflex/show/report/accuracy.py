@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.measured.repeats import Scatter, repeats
-from armflex.trace.result import Trace
+from armflex.trace.findings import Trace
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from armflex.show.report.numbers import measure, scaled
 from armflex.show.report.suspects import Suspicion, suspicion
 from armflex.show.report.svg import AFTER, BEFORE, INK, MARK, MUTED, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import labelled, units_of
-from armflex.trace.result import Found, Trace
+from armflex.trace.findings import Found, Trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,11 +90,11 @@ def _means(seen: Suspicion, values: Array) -> tuple[Array, Array, Array]:
 
 def ranking(found: Found, number: int) -> str:
     """Return the candidates' evidence when the effect was added; what these data cannot tell from it is marked."""
-    same = {(effect.law.name, effect.spot) for effect, _ in found.equivalent}
-    own = (found.effect.law.name, found.effect.spot)
+    same = {(effect.law.name, effect.location) for effect, _ in found.equivalent}
+    own = (found.effect.law.name, found.effect.location)
     bars: dict[str, tuple[float, str]] = {}  # of every candidate once, the best first
     for one in found.ranking:
-        key, label = (one.candidate.law.name, one.candidate.spot), labelled(one.candidate.effect(one.amplitudes))
+        key, label = (one.candidate.law.name, one.candidate.location), labelled(one.candidate.effect(one.amplitudes))
         bars.setdefault(label, (one.evidence, AFTER if key == own else MARK if key in same else RULE))
     rows = list(bars.items())[:MOST_RIVALS][::-1]
     place = np.arange(len(rows))

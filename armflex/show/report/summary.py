@@ -7,7 +7,7 @@ import numpy as np
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.numbers import change, measure, millimetres, short
 from armflex.show.report.words import called, joined, site_words, units_of, words
-from armflex.trace.result import Found, Trace, Unexplained
+from armflex.trace.findings import Found, Trace, Unexplained
 
 MOST_VALUES = 2
 """Values of an effect that the first sentence has room for."""
@@ -28,7 +28,7 @@ def headline(trace: Trace) -> str:
         parts = []
         for one, number in pairs:
             effect, units = one.effect, units_of(one.effect)
-            names = [effect.law.amplitudes[i].name for i in effect.spot.terms]
+            names = [effect.law.amplitudes[i].name for i in effect.location.terms]
             values = [f"{name} {measure(effect.named[name], one.std[name], units[name])}" for name in names]
             few = f": {joined(values)}" if len(values) <= MOST_VALUES else ""
             parts.append(called(effect, number) + few)

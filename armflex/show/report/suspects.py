@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
-from armflex.laws.effects.law import Act, Effect
+from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.shapes import ABOVE, LAG
 from armflex.show.report.numbers import scaled
-from armflex.trace.result import Trace
+from armflex.trace.findings import Trace
 
 STRAIGHT = 1e-6
 """Share of a twist across its main direction below which it has one direction."""
@@ -111,7 +111,7 @@ def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array
         return Direction(unit, size, "residual along it", "m"), 1e3 * size, "motion that the effect predicts [mm]"
     x, x_label = _suspect(trace, effect, axis)
     view = trace.state.fit.view
-    unit, value = view.to_twist(effect.spot.site)[:, view.positions] @ axis, twist @ axis
+    unit, value = view.to_twist(effect.location.site)[:, view.positions] @ axis, twist @ axis
     if np.any(axis[:3]) and np.any(axis[3:]):
         return _usual(unit, value), x, x_label
     gain, per = _gain(trace, effect)
@@ -130,7 +130,7 @@ def _twist(trace: Trace, effect: Effect) -> tuple[Array, Array | None]:
     law, state = effect.law, trace.state
     if law.act is not Act.TWIST:
         return np.zeros((0, 6)), None
-    features = law.features(effect.spot, effect.inner, state.fit.view, state.scene)
+    features = law.features(effect.location, effect.inner, state.fit.view, state.scene)
     twist = np.einsum("mka,k->ma", features, effect.acting)
     _, sizes, directions = np.linalg.svd(twist, full_matrices=False)
     if sizes[0] == 0.0 or sizes[1] > STRAIGHT * sizes[0]:
@@ -141,38 +141,40 @@ def _twist(trace: Trace, effect: Effect) -> tuple[Array, Array | None]:
 
 def _gain(trace: Trace, effect: Effect) -> tuple[Array, str]:
     """Return what the effect is divided by, so that it depends on its column alone: the load, where it is a product."""
-    spot, law, rows = effect.spot, effect.law, trace.state.rows
-    is_product = law.loaded and spot.axis and spot.covariates and not spot.covariates[0].startswith("approach_")
+    location, law, rows = effect.location, effect.law, trace.state.rows
+    is_product = (
+        law.loaded and location.axis and location.covariates and not location.covariates[0].startswith("approach_")
+    )
     if not is_product:
         return np.ones(len(rows)), ""
-    load = trace.state.scene.wrench(trace.state.fit.view, spot.site)[rows, TWIST_NAMES.index(spot.axis)]
+    load = trace.state.scene.wrench(trace.state.fit.view, location.site)[rows, TWIST_NAMES.index(location.axis)]
     usual = float(np.median(np.abs(load))) or 1.0
     tiny = 1e-3 * usual
     gain = np.where(np.abs(load) < tiny, tiny, load) / usual
-    kind = "Nm" if spot.turns else "N"
+    kind = "Nm" if location.turns else "N"
     load = f"{usual / 1e3:.3g} k{kind}" if usual >= 1e3 else f"{usual:.3g} {kind}"
     return gain, f"\nunder its median load ({load})"
 
 
 def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, str]:
     """Return (M,) what an effect depends on, and its label with unit."""
-    state, spot, law = trace.state, effect.spot, effect.law
+    state, location, law = trace.state, effect.location, effect.law
     rows, scene = state.rows, state.scene
     if law.memory:
-        here, wrench = scene.here(spot, state.fit.setup.arm), scene.wrench(state.fit.view, spot.site)
+        here, wrench = scene.here(location, state.fit.setup.arm), scene.wrench(state.fit.view, location.site)
         values = law.memory.remember(here, wrench, scene.row, effect.inner)[rows]
-        if not spot.covariates:
-            return _loads(values, "m" if spot.turns else "f", f"load {spot.axis} that play passes on")
-        name, lag = spot.covariates[0], effect.named.get(LAG, 0.0)
+        if not location.covariates:
+            return _loads(values, "m" if location.turns else "f", f"load {location.axis} that play passes on")
+        name, lag = location.covariates[0], effect.named.get(LAG, 0.0)
         return values, f"{name}, {lag / 3600.0:.2g} h behind" if lag else name
-    if spot.covariates and not (law.loaded and spot.covariates[0].startswith("approach_")):
-        return _column(scene, spot.covariates[0], rows)
+    if location.covariates and not (law.loaded and location.covariates[0].startswith("approach_")):
+        return _column(scene, location.covariates[0], rows)
     if law.loaded and axis is not None:
         main = int(np.abs(axis).argmax())
-        load = scene.wrench(state.fit.view, spot.site)[rows, main]
-        return _loads(load, WRENCH_NAMES[main], f"load {WRENCH_NAMES[main]} at {spot.place}")
-    own = spot.place in scene.joints and np.ptp(scene.column(f"q_{spot.place}")[rows]) > 0.0
-    return _column(scene, f"q_{spot.place}" if own and not law.constant else "time", rows)
+        load = scene.wrench(state.fit.view, location.site)[rows, main]
+        return _loads(load, WRENCH_NAMES[main], f"load {WRENCH_NAMES[main]} at {location.place}")
+    own = location.place in scene.joints and np.ptp(scene.column(f"q_{location.place}")[rows]) > 0.0
+    return _column(scene, f"q_{location.place}" if own and not law.constant else "time", rows)
 
 
 def _loads(values: Array, kind: str, label: str) -> tuple[Array, str]:

@@ -10,7 +10,7 @@ from functools import partial
 from io import StringIO
 from typing import TYPE_CHECKING
 
-from armflex.picture import styled
+from armflex.plotting import styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

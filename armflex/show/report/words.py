@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from armflex.laws.effects.catalogue import EVERY
-from armflex.laws.effects.law import Effect, Words
-from armflex.laws.effects.spot import BASE, LINK, TOOL
+from armflex.laws.effects.effect import Effect, Words
+from armflex.laws.effects.location import BASE, LINK, TOOL
 from armflex.parameters import numbered
 
 SITES = {BASE: "the base", TOOL: "the tool", LINK + TOOL: "the last link"}
@@ -29,27 +29,30 @@ def called(effect: Effect, number: int = 1) -> str:
     """
     title = effect.law.words.title
     if not effect.law.physical:
-        shape, columns = title.removeprefix("unnamed "), " and ".join(effect.spot.covariates)
+        shape, columns = title.removeprefix("unnamed "), " and ".join(effect.location.covariates)
         title = f"something without a name (a {shape} in {columns})"
-    spot = effect.spot
-    axis, partner = f" ({spot.axis})" if spot.axis else "", f" with {spot.partner}" if spot.partner else ""
-    return f"{title} at {site_words(spot.site)}{axis}{partner}{numbered(number)}"
+    location = effect.location
+    axis, partner = (
+        f" ({location.axis})" if location.axis else "",
+        f" with {location.partner}" if location.partner else "",
+    )
+    return f"{title} at {site_words(location.site)}{axis}{partner}{numbered(number)}"
 
 
 def units_of(effect: Effect) -> dict[str, str]:
     """Return the unit of every value by name; one per unit of a column says which column."""
-    spot = effect.spot
-    column = spot.covariates[-1] if spot.covariates else "its column"
+    location = effect.location
+    column = location.covariates[-1] if location.covariates else "its column"
     units = [unit.replace("per recorded", f"per unit of {column}") for unit in effect.units]
     return dict(zip(effect.named, units, strict=True))
 
 
 def labelled(effect: Effect, number: int = 1) -> str:
     """Return an effect in as few words as tell it from its rivals: law, place, number, terms, columns."""
-    law, spot = effect.law, effect.spot
-    terms = [law.amplitudes[i].name for i in spot.terms]
+    law, location = effect.law, effect.location
+    terms = [law.amplitudes[i].name for i in location.terms]
     which = f" [{' '.join(terms)}]" if 0 < len(terms) < len(law.amplitudes) else ""
-    against = f" ~ {', '.join(spot.covariates)}" if law.shape else ""
+    against = f" ~ {', '.join(location.covariates)}" if law.shape else ""
     return f"{effect.name}{numbered(number)}{which}{against}"
 
 

@@ -14,7 +14,7 @@ from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import InputError, ShapeError, UnknownNameError
 from armflex.laws.law import Row, anywhere
 from armflex.laws.learned import LearnedLaw
-from armflex.picture import check_ending, picture
+from armflex.plotting import check_ending, picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

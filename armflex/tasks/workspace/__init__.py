@@ -2,6 +2,6 @@
 
 from armflex.tasks.workspace.map_file import read_map as read_map
 from armflex.tasks.workspace.map_file import write_map as write_map
-from armflex.tasks.workspace.picture import draw_map as draw_map
+from armflex.tasks.workspace.map_picture import draw_map as draw_map
 from armflex.tasks.workspace.workspace_map import WorkspaceMap as WorkspaceMap
 from armflex.tasks.workspace.workspace_map import map_workspace as map_workspace

@@ -12,7 +12,7 @@ from armflex.errors import NO_ANSWER, Flag
 from armflex.storage.array_file import Layout
 from armflex.storage.kept import Form
 from armflex.storage.schema import Numbers
-from armflex.tasks.workspace.question import Answer
+from armflex.tasks.workspace.map_cells import Answer
 from armflex.tasks.workspace.tally import BITS, Tally
 
 INF = float("inf")

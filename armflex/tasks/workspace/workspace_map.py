@@ -24,7 +24,7 @@ from armflex.parallel import in_order
 from armflex.storage.digest import digest
 from armflex.storage.kept import Kept, open_kept
 from armflex.tasks.check import COVERAGE
-from armflex.tasks.workspace.question import Answer, Question, answers, sigmas
+from armflex.tasks.workspace.map_cells import Answer, Question, answers, sigmas
 from armflex.tasks.workspace.store import form_of
 from armflex.tasks.workspace.tally import SIDE, Tally, cell_indices, joined
 from armflex.version import __version__

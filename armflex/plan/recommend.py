@@ -11,11 +11,11 @@ from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.identify import UNDETERMINED, partners_of
 from armflex.laws.effects.compliance import COMPLIANCE
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES
-from armflex.plan.model import Model, Suspect
+from armflex.plan.design_model import Model, Suspect
 
 
 def instead(own: Effect, rival: Effect) -> str:

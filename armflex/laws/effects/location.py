@@ -18,7 +18,7 @@ BASE, TOOL, LINK = "base", "tool", "link:"
 
 
 @dataclass(frozen=True)
-class Spot:
+class Location:
     """A law's place among all places: what tells one candidate from another, hashable.
 
     Attributes:
@@ -51,9 +51,9 @@ class Spot:
         return "_".join(part for part in (self.place, self.axis) if part)
 
 
-def with_terms(spots: Iterable[Spot], *choices: tuple[int, ...]) -> list[Spot]:
-    """Return each spot once per choice of acting amplitudes."""
-    return [replace(spot, terms=terms) for spot in spots for terms in choices]
+def with_terms(locations: Iterable[Location], *choices: tuple[int, ...]) -> list[Location]:
+    """Return each location once per choice of acting amplitudes."""
+    return [replace(location, terms=terms) for location in locations for terms in choices]
 
 
 def all_and_each(names: Sequence[str]) -> tuple[str, ...]:
@@ -63,22 +63,22 @@ def all_and_each(names: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Here:
-    """A spot on one arm.
+    """A location on one arm.
 
     Attributes:
-        spot: Which place it is.
+        location: Which place it is.
         robot: The robot.
         base_law: The declared law of the flexure there, None where the arm is rigid.
     """
 
-    spot: Spot
+    location: Location
     robot: Robot
     base_law: Law | None
 
     @cached_property
     def joint(self) -> Joint | None:
         """The joint whose motion the site follows, None at the base."""
-        name = self.spot.place
+        name = self.location.place
         if name == BASE:
             return None
         if name == TOOL:
@@ -88,7 +88,7 @@ class Here:
     @cached_property
     def direction(self) -> Array:
         """(6,) unit twist of the axis in the site's frame."""
-        return np.eye(6)[TWIST_NAMES.index(self.spot.axis)] if self.spot.axis else np.zeros(6)
+        return np.eye(6)[TWIST_NAMES.index(self.location.axis)] if self.location.axis else np.zeros(6)
 
     @cached_property
     def drive(self) -> Array:
@@ -99,7 +99,7 @@ class Here:
     @cached_property
     def length(self) -> Array:
         """(3,) vector along the link to its end, in the site's frame [m]."""
-        return _link_vector(self.robot, None if self.spot.place == TOOL else self.joint)
+        return _link_vector(self.robot, None if self.location.place == TOOL else self.joint)
 
     @cached_property
     def stretch(self) -> Array:
@@ -122,11 +122,11 @@ def drive_axis(joint: Joint) -> str:
     return TWIST_NAMES[int(np.abs(drive_of(joint)).argmax())]
 
 
-def resolve(spot: Spot, robot: Robot, flexures: Sequence[Flexure]) -> Here:
-    """Return what is known about an arm at a spot."""
-    place = site_of(spot.site, robot)
+def resolve(location: Location, robot: Robot, flexures: Sequence[Flexure]) -> Here:
+    """Return what is known about an arm at a location."""
+    place = site_of(location.site, robot)
     laws = [flexure.law for flexure in flexures if same_site(flexure.site, place)]
-    return Here(spot, robot, laws[-1] if laws else None)
+    return Here(location, robot, laws[-1] if laws else None)
 
 
 def site_of(name: str, robot: Robot) -> Site:

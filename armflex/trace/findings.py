@@ -20,7 +20,7 @@ from armflex.estimate.view import look, position_rms
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
 from armflex.parameters import ArmParameter, Kind, numbers_of
 from armflex.trace.localise import RandomTwist
 from armflex.trace.polish import Polished

@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.picture import picture
+from armflex.plotting import picture
 from armflex.tasks.workspace.workspace_map import WorkspaceMap
 
 if TYPE_CHECKING:

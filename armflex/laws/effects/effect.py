@@ -1,4 +1,4 @@
-"""What a missing effect is: a law in the catalogue, at a spot, with values.
+"""What a missing effect is: a law in the catalogue, at a location, with values.
 
 A law is linear in its amplitudes and may have inner parameters that it is not linear in. What it does per amplitude are
 its features, and `act` says what those are: a small twist at a site, a load on a link, another direction of gravity, or
@@ -20,7 +20,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.spot import Here, Spot
+from armflex.laws.effects.location import Here, Location
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
 
@@ -50,7 +50,7 @@ class Inner:
 
     Attributes:
         name, unit: As for an amplitude.
-        grid: Starting values for the search at a spot of a scene.
+        grid: Starting values for the search at a location of a scene.
         positive: Whether only values above zero make sense; such are refined on a logarithmic scale.
         polished: Whether it is refined after the grid.
         smooth: Whether the law changes smoothly with it, so that a fit may move it.
@@ -61,7 +61,7 @@ class Inner:
 
     name: str
     unit: str
-    grid: Callable[[Spot, Scene], Iterable[float]]
+    grid: Callable[[Location, Scene], Iterable[float]]
     positive: bool = True
     polished: bool = True
     smooth: bool = True
@@ -170,7 +170,7 @@ class EffectLaw(ABC):
         physical: Whether it is physics rather than a free shape, whether or not the catalogue names it.
         sought: Whether it is tried only where the residual points.
         passive: Whether a twist of the load is a compliance, which must follow the load's way.
-        symmetric: Whether axis and partner of its spots may change places.
+        symmetric: Whether axis and partner of its locations may change places.
         of_session: Whether it is of a session that has been: no row still to be measured tells of it.
         stands_for: Blocks of declared parameters whose errors look like it.
         shape: What files call a shape without a name, '' for all others.
@@ -180,7 +180,7 @@ class EffectLaw(ABC):
     name: str
     words: Words
     instead: str = ""
-    places: Callable[[Records], Iterable[Spot]]
+    places: Callable[[Records], Iterable[Location]]
     amplitudes: tuple[Amplitude, ...]
     inner: tuple[Inner, ...] = ()
     loaded: bool = False
@@ -218,8 +218,8 @@ class EffectLaw(ABC):
         """What its features are."""
 
     @abstractmethod
-    def features(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
-        """Return (M, k, n) what it does in some rows per amplitude of `spot.terms`; `act` says what that is."""
+    def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
+        """Return (M, k, n) what it does in some rows per amplitude of `location.terms`; `act` says what that is."""
 
     @property
     def changes_model(self) -> bool:
@@ -234,17 +234,17 @@ class EffectLaw(ABC):
         """Return the (6,) twist of which every twist is a multiple, None where there is no such; see `shapes`."""
         return None
 
-    def shapes(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
+    def shapes(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return the (k, M) multiples of `direction`, one per amplitude."""
         raise NotImplementedError(f"the twists of {self.name} have no one direction")
 
-    def of_load(self, spot: Spot) -> bool:
-        """Return whether what it does depends on the load, now or before, and not on the columns of its spot alone."""
-        return self.loaded or self.remembers_load(spot)
+    def of_load(self, location: Location) -> bool:
+        """Return whether what it does depends on the load, now or before, and not on its location's columns alone."""
+        return self.loaded or self.remembers_load(location)
 
-    def remembers_load(self, spot: Spot) -> bool:
+    def remembers_load(self, location: Location) -> bool:
         """Return whether its memory is of the load rather than of a column."""
-        return self.memory is not None and not spot.covariates
+        return self.memory is not None and not location.covariates
 
 
 @dataclass(frozen=True)
@@ -253,15 +253,15 @@ class Effect:
 
     Attributes:
         law: What it does.
-        spot: Where.
-        values: All amplitudes (zero where the spot leaves one out), then the inner parameters.
-        derived: Those of the spot's covariates that the order of the rows stood in for where it was found: directions
-            `approach_<joint>`. Where the rows asked about do not give one it is derived in the same way, and before a
+        location: Where.
+        values: All amplitudes (zero where the location leaves one out), then the inner parameters.
+        derived: Those of the location's covariates that the order of the rows stood in for where it was found:
+            directions `approach_<joint>`. Where the rows asked about do not give one it is derived in the same way, and before a
             joint has moved it is either: halfway on average, and as uncertain as both are apart.
     """
 
     law: EffectLaw
-    spot: Spot
+    location: Location
     values: Values
     derived: tuple[str, ...] = ()
 
@@ -273,7 +273,7 @@ class Effect:
     @property
     def acting(self) -> Array:
         """(k,) values of those of them that act."""
-        return np.array([self.values[i] for i in self.spot.terms])
+        return np.array([self.values[i] for i in self.location.terms])
 
     @property
     def inner(self) -> Values:
@@ -283,13 +283,15 @@ class Effect:
     @property
     def name(self) -> str:
         """Law, site and axis."""
-        return " ".join(part for part in (self.law.name, self.spot.site, self.spot.axis, self.spot.partner) if part)
+        return " ".join(
+            part for part in (self.law.name, self.location.site, self.location.axis, self.location.partner) if part
+        )
 
     @property
     def title(self) -> str:
         """Law and place as one says them: 'backlash at A2 (ry)'."""
-        axis = " to ".join(part for part in (self.spot.axis, self.spot.partner) if part)
-        return f"{self.law.name.replace('_', ' ')} at {self.spot.place}{f' ({axis})' if axis else ''}"
+        axis = " to ".join(part for part in (self.location.axis, self.location.partner) if part)
+        return f"{self.law.name.replace('_', ' ')} at {self.location.place}{f' ({axis})' if axis else ''}"
 
     @property
     def named(self) -> dict[str, float]:
@@ -299,19 +301,19 @@ class Effect:
     @property
     def units(self) -> tuple[str, ...]:
         """Units of `named`."""
-        motion, load = ("rad", "Nm") if self.spot.turns else ("m", "N")
-        across = "Nm" if self.spot.partner.startswith("r") else "N"
+        motion, load = ("rad", "Nm") if self.location.turns else ("m", "N")
+        across = "Nm" if self.location.partner.startswith("r") else "N"
         return tuple(part.unit.format(m=motion, w=load, across=across) for part, _ in self._acting)
 
     @property
     def _acting(self) -> list[tuple[Amplitude | Inner, float]]:
-        amplitudes = [(self.law.amplitudes[i], self.amplitudes[i]) for i in self.spot.terms]
+        amplitudes = [(self.law.amplitudes[i], self.amplitudes[i]) for i in self.location.terms]
         return [*amplitudes, *(pair for pair in zip(self.law.inner, self.inner, strict=True) if pair[1] != -np.inf)]
 
     @property
     def state(self) -> str | None:
         """Name of the derived covariate that says what it remembers, None where it has no memory."""
-        return self.law.memory.name(self.spot, self.inner) if self.law.memory else None
+        return self.law.memory.name(self.location, self.inner) if self.law.memory else None
 
     @property
     def remembers(self) -> bool:
@@ -355,11 +357,11 @@ Remember = Callable[[Here, Array, Row, Values], Array]
 class Memory:
     """A state that depends on the rows before: `name` of the derived covariate, and how it follows.
 
-    It follows the spot's first column where there is one, else the load. Where the inner parameter named `lag` is zero
-    it follows at once, and nothing is remembered.
+    It follows the location's first column where there is one, else the load. Where the inner parameter named `lag` is
+    zero it follows at once, and nothing is remembered.
     """
 
-    name: Callable[[Spot, Values], str]
+    name: Callable[[Location, Values], str]
     remember: Remember
     unit: str
     lag: str | None = None
@@ -376,25 +378,25 @@ class TwistLaw(EffectLaw):
         """A twist."""
         return Act.TWIST
 
-    def features(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
+    def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return (M, k, 6) twists per acting amplitude in some rows."""
-        return self.basis(*self._asked(spot, inner, view, scene))[:, list(spot.terms)]
+        return self.basis(*self._asked(location, inner, view, scene))[:, list(location.terms)]
 
     def direction(self, here: Here, inner: Values) -> Array | None:
         """Return the (6,) twist of a law whose basis is `Along` one, else None."""
         return self.basis.direction(here, inner) if isinstance(self.basis, Along) else None
 
-    def shapes(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
+    def shapes(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return the (k, M) numbers, one per amplitude, of a law whose basis is `Along` one direction."""
-        return np.array(cast(Along, self.basis).shapes(*self._asked(spot, inner, view, scene)))
+        return np.array(cast(Along, self.basis).shapes(*self._asked(location, inner, view, scene)))
 
-    def _asked(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> tuple[Here, Array, Row, Values]:
+    def _asked(self, location: Location, inner: Values, view: Solved, scene: Scene) -> tuple[Here, Array, Row, Values]:
         """Return what the basis is asked about some rows."""
-        here, row = scene.here(spot, view.arm), scene.row_at(view)
+        here, row = scene.here(location, view.arm), scene.row_at(view)
         if self.memory:
-            state = scene.remembered(self.memory, spot, inner, view)[view.rows]
-            row = Row(row.q, row.joint_index, {**row.covariates, self.memory.name(spot, inner): state})
-        return here, view.load_at(spot.site), row, inner
+            state = scene.remembered(self.memory, location, inner, view)[view.rows]
+            row = Row(row.q, row.joint_index, {**row.covariates, self.memory.name(location, inner): state})
+        return here, view.load_at(location.site), row, inner
 
 
 Pull = Callable[[Here, Array, Values], Array]
@@ -412,10 +414,10 @@ class LoadLaw(EffectLaw):
         """A load."""
         return Act.LOAD
 
-    def features(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
+    def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return (M, k, 6) wrenches per acting amplitude in some rows."""
-        pose = view.pose_of(scene.link(spot.site))
-        return self.pull(scene.here(spot, view.arm), pose, inner)[:, list(spot.terms)]
+        pose = view.pose_of(scene.link(location.site))
+        return self.pull(scene.here(location, view.arm), pose, inner)[:, list(location.terms)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -442,9 +444,9 @@ class ModelLaw(EffectLaw):
         """It does."""
         return True
 
-    def features(self, spot: Spot, inner: Values, view: Solved, scene: Scene) -> Array:
+    def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return (M, k, n) changes per acting amplitude in some rows."""
-        return self.made(scene.here(spot, view.arm), view, scene)[:, list(spot.terms)]
+        return self.made(scene.here(location, view.arm), view, scene)[:, list(location.terms)]
 
     def change(self, effect: Effect, model: Model) -> Model:
         """Return the model with the effect in it."""
@@ -457,8 +459,8 @@ def _named(name: str) -> EffectLaw:
     return EVERY[name]
 
 
-def full(amplitudes: Array, spot: Spot, count: int) -> Values:
-    """Return all `count` amplitudes from those of the spot's terms."""
+def full(amplitudes: Array, location: Location, count: int) -> Values:
+    """Return all `count` amplitudes from those of the location's terms."""
     values = np.zeros(count)
-    values[list(spot.terms)] = amplitudes
+    values[list(location.terms)] = amplitudes
     return tuple(values.tolist())

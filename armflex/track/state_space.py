@@ -64,7 +64,7 @@ class Model:
         return tuple(parameter.label for parameter in parameters_of(self.blocks))
 
     @cached_property
-    def straight(self) -> Array:
+    def rigid(self) -> Array:
         """(P,) step of each from which on the arm should be linearised again."""
         return np.concatenate([_straight(block) for block in self.blocks])
 

@@ -10,7 +10,7 @@ from armflex.conventions import TWIST_NAMES
 from armflex.declaration import Declaration
 from armflex.laws.law import Law, Ranges
 from armflex.laws.learned.corrections import NetworkCorrection, PolynomialCorrection
-from armflex.laws.learned.law import LearnedLaw
+from armflex.laws.learned.learned_law import LearnedLaw
 from armflex.laws.learned.seen import Seen
 
 CORRECTED = ("polynomial", "neural", "bayesian")

@@ -14,13 +14,13 @@ from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import FrameBlock, declared_blocks, places_of
-from armflex.estimate.effect_block import EffectBlock, effect_columns, shy_prior
+from armflex.estimate.effect_block import EffectBlock, amplitude_prior, effect_columns
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
 from armflex.estimate.robust import whitened_columns
 from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of, scene_of
 from armflex.estimate.view import View, look
-from armflex.laws.effects.law import Effect
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.scene import Scene
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
@@ -194,7 +194,7 @@ def _effect_blocks(arm: Arm, offer: Offer, suspects: Sequence[Suspect]) -> list[
     for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
         if ordinal not in asked and not effect.remembers:
             free = free_inner(effect)
-            prior = shy_prior(effect, free, offer.view, offer.scene)
+            prior = amplitude_prior(effect, free, offer.view, offer.scene)
             blocks.append(EffectBlock(effect, free, offer.scene, ordinal, prior, number=number))
     return blocks
 
