@@ -256,8 +256,8 @@ class Effect:
         location: Where.
         values: All amplitudes (zero where the location leaves one out), then the inner parameters.
         derived: Those of the location's covariates that the order of the rows stood in for where it was found:
-            directions `approach_<joint>`. Where the rows asked about do not give one it is derived in the same way, and before a
-            joint has moved it is either: halfway on average, and as uncertain as both are apart.
+            directions `approach_<joint>`. Where the rows asked about do not give one it is derived in the same way, and
+            before a joint has moved it is either: halfway on average, and as uncertain as both are apart.
     """
 
     law: EffectLaw
