@@ -313,7 +313,7 @@ def test_no_command_ends_in_a_traceback_where_memory_runs_out(
 
     table = "trajectory.csv" if command in ("check", "compensate") else "campaign.csv"
     options = ["--tolerance", "5mm"] if command == "check" else ["-o", str(tmp_path / "out")]
-    monkeypatch.setattr(f"armflex.cli.{command}.{command}", fail)
+    monkeypatch.setattr(f"armflex.cli.{command}_command.{command}", fail)
     monkeypatch.setattr(sys, "argv", ["armflex", command, str(DECLARED), str(DECLARED.with_name(table)), *options])
     with pytest.raises(SystemExit) as ended:
         main()
