@@ -24,9 +24,9 @@ from armflex.errors import (
     ShapeError,
     UnknownNameError,
 )
-from armflex.flexure import Flexure as Flexure
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
+from armflex.laws.flexure import Flexure as Flexure
 from armflex.mechanics.deflection import Asked, Deflection, deflect
 from armflex.mechanics.deflection_batch import DeflectionBatch, deflect_batch
 from armflex.mechanics.laws import LawStack

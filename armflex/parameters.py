@@ -13,8 +13,8 @@ from enum import StrEnum
 from functools import cached_property
 
 from armflex.conventions import TWIST_NAMES
-from armflex.flexure import Flexure
 from armflex.laws.effects.effect import Act, Effect
+from armflex.laws.flexure import Flexure
 from armflex.laws.learned import LearnedLaw
 from armflex.robot import Robot
 

@@ -12,8 +12,8 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
-from armflex.flexure import Flexure
 from armflex.laws import Law
+from armflex.laws.flexure import Flexure
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
 from armflex.parameters import ArmParameter, of_law
 from armflex.setup import Setup

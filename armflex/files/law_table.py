@@ -9,7 +9,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.declaration import Declaration
-from armflex.flexure import Flexure
+from armflex.laws.flexure import Flexure
 from armflex.laws.learned import LearnedLaw, Seen, learned_law
 from armflex.laws.learned.correction import NEAREST
 

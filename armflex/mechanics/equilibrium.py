@@ -109,7 +109,7 @@ def find_equilibrium(
             check_method(method)
             bounds = (STEPS, SLOWEST) if method == "exact" else (MAX_FIXED_POINT - 1, GROWTH)
             # To look for what runs away takes as long as a quarter of a step.
-            ask = _fixed_point if laws.tame and not case.wrenches and method == "exact" else RUNS_AWAY(_fixed_point)
+            ask = _fixed_point if laws.tame and not case.wrenches and method == "exact" else _watched_fixed_point
             motion, sizes = ask(law, lambda motion: load(integrate(model, rigid, motion)), load(rigid), *bounds)
             if motion is not None:
                 found = Equilibrium(loaded, case, rigid, motion, None, "fixed_point", sizes)
@@ -159,6 +159,9 @@ def _fixed_point(
             break
         motion, before = moved, size
     return None, sizes
+
+
+_watched_fixed_point = RUNS_AWAY(_fixed_point)
 
 
 @RUNS_AWAY

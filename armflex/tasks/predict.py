@@ -24,7 +24,7 @@ from armflex.laws.effects.remember import (
     remembers,
 )
 from armflex.measured.measurements import Measurements, read_measurements, stream_inputs
-from armflex.measured.table import write_table, writing_table
+from armflex.measured.table import writing_table
 from armflex.mechanics.deflection_batch import DeflectionBatch
 from armflex.mechanics.history import known_rows
 from armflex.readings import Position, unread
@@ -112,7 +112,7 @@ def predict_file(
     Args:
         arm, progress, covariates: As of `predict`.
         path: The rows; see `stream_inputs`.
-        output: As of `write_predictions`; it is written whole or not at all.
+        output: Written whole or not at all: x y z, sigma_*, the orientation pose_r*, and the displacement dx to rz.
 
     Returns:
         The number of rows, and doubts.
@@ -268,12 +268,8 @@ class _Doubts:
         return (*derived, *(about | self._first).values(), *worst, *self._fitted)
 
 
-def write_predictions(prediction: Prediction, path: str | Path) -> Path:
-    """Write x y z, sigma_*, the orientation pose_r*, and the displacement dx to rz; whole or not at all."""
-    return write_table(path, _columns(prediction))
-
-
 def _columns(prediction: Prediction) -> dict[str, list]:
+    """Return the columns of a table of predictions."""
     rows, sigma = prediction.rows, prediction.sigma
     columns: dict[str, list] = {"pose": list(rows.pose), "session": list(rows.session)}
     columns |= {"time": rows.time.tolist(), "payload": list(rows.payload)}

@@ -13,7 +13,7 @@ ROOMS = (
     *("parallel", "storage", "sampling"),
     *("bundled", "declaration", "plotting"),
     *("robot", "prior", "rows", "readings"),
-    *("laws", "flexure", "laws.effects"),
+    *("laws", "laws.effects"),
     "mechanics",
     *("parameters", "certainty", "arm", "setup", "configurations", "files"),
     *("measured", "trajectory"),

@@ -25,8 +25,8 @@ from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
 
 if TYPE_CHECKING:
-    from armflex.flexure import Flexure
     from armflex.laws.effects.scene import Records, Scene
+    from armflex.laws.flexure import Flexure
 
 Values = tuple[float, ...]
 

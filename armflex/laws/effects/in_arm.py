@@ -12,10 +12,10 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
-from armflex.flexure import Flexure
 from armflex.laws import Law, Row
 from armflex.laws.effects.effect import Act, Effect, LoadLaw, TwistLaw, Values, full
 from armflex.laws.effects.location import Here, link_of, resolve, same_site, site_of
+from armflex.laws.flexure import Flexure
 from armflex.laws.law import NOTHING, STEP, UNLOADED, Composed, Ranges, anywhere, by_wrench
 from armflex.laws.parameter import Parameter, Transform
 from armflex.robot import Robot

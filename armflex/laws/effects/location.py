@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.flexure import Flexure
 from armflex.laws import Law
+from armflex.laws.flexure import Flexure
 from armflex.robot import Robot, Site
 from armflex.robot.elements import Joint
 
