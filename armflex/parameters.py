@@ -13,9 +13,9 @@ from enum import StrEnum
 from functools import cached_property
 
 from armflex.conventions import TWIST_NAMES
+from armflex.laws import Law
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.flexure import Flexure
-from armflex.laws.learned import LearnedLaw
 from armflex.robot import Robot
 
 
@@ -115,14 +115,14 @@ def of_offsets(robot: Robot) -> tuple[ArmParameter, ...]:
     return tuple(ArmParameter(Group(Kind.OFFSET, name), unit=unit) for name, unit in joints)
 
 
-def of_compliance(flexure: str, axes: Sequence[int] = range(6)) -> tuple[ArmParameter, ...]:
-    """Return the logarithmic factors on some axes of a flexure's compliance."""
-    return tuple(ArmParameter(Group(Kind.COMPLIANCE, flexure), TWIST_NAMES[axis]) for axis in axes)
+def of_compliance(flexure: str) -> tuple[ArmParameter, ...]:
+    """Return the logarithmic factors on the axes of a flexure's compliance."""
+    return tuple(ArmParameter(Group(Kind.COMPLIANCE, flexure), axis) for axis in TWIST_NAMES)
 
 
-def of_law(flexure: str, law: LearnedLaw) -> tuple[ArmParameter, ...]:
-    """Return the parameters of a flexure's law that was learned."""
-    return tuple(ArmParameter(Group(Kind.LAW, flexure), label) for label in law.labels)
+def of_law(flexure: str, law: Law, kind: Kind = Kind.LAW) -> tuple[ArmParameter, ...]:
+    """Return the parameters of a flexure's law that was learned, or is scaled (`Kind.COMPLIANCE`)."""
+    return tuple(ArmParameter(Group(kind, flexure), one.name) for one in law.parameters)
 
 
 def fitted_group(flexure: Flexure) -> Group:

@@ -14,7 +14,8 @@ from armflex.conventions import Array, covariate_array, real_array
 from armflex.covariance import root_of_covariance
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
 from armflex.estimate.block import Block
-from armflex.estimate.spread import blocks_of, without_declared_doubt
+from armflex.estimate.blocks import blocks_of
+from armflex.estimate.spread import without_declared_doubt
 from armflex.mechanics.deflection_batch import check_positions
 from armflex.mechanics.ensemble import draw_laws
 from armflex.mechanics.loads import Payload

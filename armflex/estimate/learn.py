@@ -22,6 +22,7 @@ from armflex.estimate.view import Progress
 from armflex.estimate.weigh import Weighed
 from armflex.laws.learned import LearnedLaw
 from armflex.measured.measurements import Measurements
+from armflex.parameters import Kind
 from armflex.setup import Setup
 
 FIRM = 4.0
@@ -117,7 +118,7 @@ def _plain_first(
 def settled(arm: Arm, found: Fit) -> Arm:
     """Return a fitted arm whose learned laws carry the covariance of their values, and how far corrections go."""
     for block in found.blocks:
-        if isinstance(block, LawBlock):
+        if block.kind is Kind.LAW:
             return with_laws(arm, _settled(arm, found, block))
     return arm
 

@@ -19,6 +19,7 @@ from armflex.estimate.view import Progress
 from armflex.laws import Row
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import ROUNDING
+from armflex.parameters import Kind
 from armflex.sampling.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 
 CHAINS = 4
@@ -159,7 +160,7 @@ class _Problem:
 
 
 def _problem(found: Fit) -> _Problem:
-    blocks = [block for block in found.blocks if isinstance(block, LawBlock)]
+    blocks = [block for block in found.blocks if block.kind is Kind.LAW]
     if not blocks:
         raise InputError("no flexure has learn = true: there is no law to sample")
     return _Problem(found, blocks[0], learned_laws(found.setup.arm))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import groupby
 
 import numpy as np
 
@@ -12,16 +11,13 @@ from armflex.arm import Arm
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import Flag, listing
-from armflex.estimate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
 from armflex.estimate.block import Block, parameters_of
-from armflex.estimate.effect_block import EffectBlock
+from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
-from armflex.estimate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
-from armflex.estimate.law_block import LawBlock, learned_laws
 from armflex.estimate.view import View, look, untold_shifts
 from armflex.laws.effects.scene import Scene, survey
 from armflex.mechanics.history import known_rows
-from armflex.parameters import FRAMES, ArmParameter, Kind, fitted_group, numbers_of, of_effect
+from armflex.parameters import FRAMES, Kind, fitted_group
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.readings.position import rigid_motion
@@ -152,58 +148,7 @@ def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
 def rebuilt_blocks(certainty: Certainty, view: View, rows: Rows) -> list[Block] | None:
     """Return the blocks of what was fitted, to be asked about some rows; None where this arm has not all of it."""
     moved = any(group.kind is Kind.EFFECT for group in certainty.groups)
-    return blocks_of(certainty.parameters, view.setup, rows.session, scene_of(view, rows) if moved else None)
-
-
-def blocks_of(
-    parameters: Sequence[ArmParameter], setup: Setup, sessions: tuple[str, ...] = (), scene: Scene | None = None
-) -> list[Block] | None:
-    """Return the blocks that parameters are of, None where they are not those of this arm.
-
-    `sessions` and `scene` are of the rows that the blocks will be asked about; without them they can only be applied.
-    Their priors no longer matter.
-    """
-    blocks: list[Block] = []
-    for kind, some in groupby(parameters, key=lambda parameter: parameter.group.kind):
-        blocks += _of_kind(kind, list(some), setup, sessions, scene)
-    return blocks if parameters_of(blocks) == tuple(parameters) else None
-
-
-def _of_kind(
-    kind: Kind, parameters: list[ArmParameter], setup: Setup, sessions: tuple[str, ...], scene: Scene | None
-) -> list[Block]:
-    """Return the blocks of one kind that come nearest to some parameters."""
-    arm = setup.arm
-    names = tuple(dict.fromkeys(str(parameter.group.of) for parameter in parameters))
-    if kind is Kind.INSTRUMENT:
-        return [FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement")]
-    if kind is Kind.SESSION:
-        return [SessionBlock(names, sessions, 0.0, 0.0)]
-    if kind is Kind.TOOL:
-        return [TargetBlock(0.0)]
-    if kind is Kind.MOUNTING:
-        return [MountingBlock(setup.instrument.mounting)]
-    if kind is Kind.OFFSET:
-        return [OffsetBlock(arm.robot, 0.0)]
-    if kind is Kind.GEOMETRY:
-        return [GeometryBlock(arm.joint_names, 0.0)]
-    if kind is Kind.LAW:
-        laws = learned_laws(arm)
-        return [LawBlock(tuple(laws), tuple(laws.values()))] if laws else []
-    if kind is Kind.COMPLIANCE:
-        flexures = [flexure.name for flexure in arm.flexures if flexure.name in names]
-        axes = [[one.name for one in parameters if one.group.of == name] for name in names]
-        known = set(names) == set(flexures) and all(set(some) <= set(TWIST_NAMES) for some in axes)
-        places = tuple(tuple(TWIST_NAMES.index(str(axis)) for axis in some) for some in axes) if known else ()
-        return [ComplianceBlock(names, places, 0.0)] if known else []
-    blocks: list[Block] = []
-    for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
-        inner = of_effect(effect, number)[len(effect.location.terms) :]
-        block = EffectBlock(effect, (), scene, ordinal, np.zeros(0), number)
-        if block.parameters[0].group in {parameter.group for parameter in parameters}:
-            free = tuple(i for i, one in enumerate(inner) if one in parameters)
-            blocks.append(replace(block, free=free))
-    return blocks
+    return blocks_of(certainty.parameters, view.setup, scene_of(view, rows) if moved else None)
 
 
 def scene_of(view: View, rows: Rows) -> Scene:
