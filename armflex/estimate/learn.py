@@ -149,7 +149,8 @@ def _rescaled(law: LearnedLaw, values: Array, variance: Array) -> LearnedLaw:
         (group, std, values[group.places], variance[group.places])
         for group, std in zip(law.groups, law.scales, strict=True)
     ]
-    return law.rescaled(_scale(group.std, std, own, known) if group.sized else std for group, std, own, known in pairs)
+    scales = (_scale(group.std, std, own, known) if group.sized else std for group, std, own, known in pairs)
+    return replace(law, scales=tuple(scales))
 
 
 def _scale(expected: float, std: float, values: Array, variance: Array) -> float:

@@ -26,8 +26,8 @@ def law_table(law: LearnedLaw) -> dict[str, Any]:
     found |= {name: getattr(law.seen, name).tolist() for name in SHAPES}
     if law.reach is None:
         return found
-    found |= {"reach": law.reach.tolist(), "faded": law.faded}
-    return found | ({} if law.energy is None else {"energy": law.energy.tolist()})
+    found |= {"reach": law.reach.tolist(), "faded": law.seen.faded}
+    return found | ({} if law.seen.energy is None else {"energy": law.seen.energy.tolist()})
 
 
 def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
@@ -45,10 +45,11 @@ def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
         raise table.fail("values", f"flexure {flexure.name!r} has no learn = true: not what was calibrated")
     law = learned_law(flexure.law, flexure.learn, _seen(table))
     values, scales = table.numbers("values", law.values.shape), _positive(table, "scales", (len(law.scales),))
-    ending = _ending(table) if table.has("reach") else {}
+    law = replace(law, values=values, scales=tuple(scales.tolist()))
+    if table.has("reach"):
+        law = _ended(table, law)
     table.finish()
-    found = {"values": values, "scales": tuple(scales.tolist()), **ending}
-    return replace(flexure, law=replace(law, **found))
+    return replace(flexure, law=law)
 
 
 def _seen(table: Declaration) -> Seen:
@@ -59,8 +60,8 @@ def _seen(table: Declaration) -> Seen:
     return Seen(**found)
 
 
-def _ending(table: Declaration) -> dict[str, Any]:
-    """Return what is known of how a correction ends; files before `energy` was among it have none."""
+def _ended(table: Declaration, law: LearnedLaw) -> LearnedLaw:
+    """Return the law with how its correction ends; files before `energy` was part of that have none."""
     reach, faded = table.numbers("reach", (6,)), table.number("faded")
     _not_below_zero(table, "reach", reach)
     if faded < NEAREST:
@@ -68,7 +69,7 @@ def _ending(table: Declaration) -> dict[str, Any]:
     energy = table.numbers("energy", (6, 6)) if table.has("energy") else None
     if energy is not None:
         _definite(table, "energy", energy)
-    return {"reach": reach, "faded": faded, "energy": energy}
+    return replace(law, reach=reach, seen=replace(law.seen, faded=faded, energy=energy))
 
 
 def _positive(table: Declaration, key: str, shape: tuple[int, ...]) -> Array:

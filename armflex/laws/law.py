@@ -270,10 +270,8 @@ class WithoutParameters(Law):
 class Composed(Law):
     """A law made of others: its parameters are theirs, and its uncertainty, draws and doubts follow from theirs."""
 
-    @property
-    @abstractmethod
-    def laws(self) -> tuple[Law, ...]:
-        """The laws that it is made of."""
+    laws: tuple[Law, ...]
+    """What it is made of: a field or a property."""
 
     @abstractmethod
     def with_laws(self, laws: Sequence[Law]) -> Law:
@@ -351,7 +349,7 @@ class Composed(Law):
         """Return the same made of laws whose values are taken as known."""
         return self.with_laws([law.certain() for law in self.laws])
 
-    @property
+    @cached_property
     def trained(self) -> bool:
         """Whether any of the laws was."""
         return any(law.trained for law in self.laws)

@@ -49,7 +49,7 @@ LINK_MASS = ModelLaw(
     places=_places,
     amplitudes=(Amplitude("mass", "kg"), *(Amplitude(f"com_{a}", "m", most=1.0) for a in "xyz")),
     possible=_weighs,
-    acts=Act.LOAD,
+    act=Act.LOAD,
     made=_weight,
     changed=_change,
 )

@@ -113,6 +113,11 @@ class Scene:
         """All sites from base to tool."""
         return site_names(self.robot)
 
+    @property
+    def size(self) -> float:
+        """Diagonal of `box` [m]."""
+        return float(np.linalg.norm(np.ptp(self.box, axis=0)))
+
     def column(self, name: str) -> Array:
         """Return the (N,) values of a column or of a joint's position ('q_J')."""
         return column_of(self.row, name)

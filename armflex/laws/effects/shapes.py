@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.effect import Along, Inner, Memory, Shapes, Values
-from armflex.laws.effects.location import BASE, Here, Location, drive_axis
+from armflex.laws.effects.location import Here, Location, drive_axis
 from armflex.laws.effects.scene import AXES, Records, Scene, column_of
 from armflex.laws.effects.stepping import lag_behind, stepper
 
@@ -100,9 +100,9 @@ LAG = "lag"
 LAGGED = Memory(lagged_name, lagged, "K", LAG)
 
 
-def reference_grid(location: Location, scene: Scene) -> Iterable[float]:
-    """Return the temperature of manufacture and the campaign's mean."""
-    return (REFERENCE, float(scene.column(location.covariates[0]).mean()))
+def of_column(grid: Callable[[Array], Iterable[float]], place: int = 0) -> Callable[[Location, Scene], Iterable[float]]:
+    """Return the values to begin a search with that one of the location's columns gives."""
+    return lambda location, scene: grid(scene.column(location.covariates[place]))
 
 
 def lag_grid(location: Location, scene: Scene) -> Iterable[float]:
@@ -113,8 +113,9 @@ def lag_grid(location: Location, scene: Scene) -> Iterable[float]:
     return (0.0, *(lag for lag in LAGS if lag < span))
 
 
-ABOVE = Inner("reference", "degC", reference_grid, positive=False, polished=False, default=REFERENCE)
-"""The temperature above which a law counts."""
+_MEANS = of_column(lambda kelvin: (REFERENCE, float(kelvin.mean())))
+ABOVE = Inner("reference", "degC", _MEANS, positive=False, polished=False, default=REFERENCE)
+"""The temperature above which a law counts: that of manufacture, or the campaign's mean."""
 
 WARM = (ABOVE, Inner(LAG, "s", lag_grid, default=0.0))
 
@@ -133,14 +134,12 @@ def at_joints(records: Records, axes: Iterable[str] = AXES, covariate: str | Non
     return [Location(joint, axis, covariates) for joint in records.joints for axis in axes]
 
 
-def at_links(records: Records, axes: Iterable[str] = AXES, *covariates: str) -> list[Location]:
-    """Return every link's end with each axis."""
-    return [Location(link, axis, covariates) for link in records.links for axis in axes]
-
-
-def at_base(axes: Iterable[str] = AXES, *covariates: str) -> list[Location]:
-    """Return the base with each axis."""
-    return [Location(BASE, axis, covariates) for axis in axes]
+def singly_and_together(
+    sites: Iterable[str], *together: tuple[int, ...], axes: Sequence[str] = AXES, covariates: tuple[str, ...] = ()
+) -> list[Location]:
+    """Return every site with each axis, which has an amplitude of its own, and then with several amplitudes at once."""
+    single = [Location(site, axis, covariates, (i,)) for site in sites for i, axis in enumerate(axes)]
+    return single + [Location(site, None, covariates, terms) for site in sites for terms in together]
 
 
 def with_temperature(make: Callable[..., list[Location]], records: Records) -> list[Location]:
