@@ -245,6 +245,27 @@ class Law(ABC):
         return () if self.trained_on is None else beyond(self.trained_on, wrench)
 
 
+class Compliance(Law):
+    """For laws whose twist is proportional to the load: C w, C the same everywhere or of the row."""
+
+    @abstractmethod
+    def compliance(self, row: Row) -> Array:
+        """Return the (..., 6, 6) compliance C in a row."""
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return C w."""
+        return (self.compliance(row) @ wrench[..., None])[..., 0]
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return C, of every load and every row."""
+        found = self.compliance(row)
+        return np.broadcast_to(found, np.broadcast_shapes(found.shape, (*wrench.shape, 6)))
+
+    def affine(self, row: Row) -> tuple[Array, Array]:
+        """Return no twist and C."""
+        return NOTHING, self.compliance(row) if self.constant is None else self.constant
+
+
 class WithoutParameters(Law):
     """For laws that have nothing to free, draw or be unsure of but their scatter: they say so by inheriting this."""
 

@@ -37,6 +37,11 @@ from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
 from armflex.parameters import ArmParameter, Group, Kind
 
 
+def ending(law: LearnedLaw, **changed: object) -> LearnedLaw:
+    """Return a law whose correction ends otherwise."""
+    return replace(law, seen=replace(law.seen, **changed))
+
+
 @pytest.mark.parametrize("name", DECLARED)
 def test_a_law_begins_as_it_was_declared(name):
     law, learning = DECLARED[name]
@@ -52,7 +57,7 @@ def test_a_law_begins_as_it_was_declared(name):
 @pytest.mark.parametrize("energy", [None, compliance(rigid=2) / 5.0], ids=["by distance", "by energy"])
 def test_derivatives_by_load_and_by_values(name, number, out, energy):
     """Some of the loads are where a correction is carried on, and fades."""
-    law, row, load = replace(moved(name), faded=3.0, energy=energy), ROW.some(number), out * LOADS[number]
+    law, row, load = ending(moved(name), faded=3.0, energy=energy), ROW.some(number), out * LOADS[number]
     tangent = central_difference(lambda z: law.twist(z * SIZE, row), load / SIZE, 1e-5)
     np.testing.assert_allclose(law.tangent(load, row) * SIZE, tangent, rtol=1e-5, atol=1e-6 * np.abs(tangent).max())
     by_values = central_difference(lambda values: law.at(values).twist(load, row), law.values, 1e-5)
@@ -70,7 +75,7 @@ def test_rows_at_once_are_rows_one_by_one(name):
 
 @pytest.mark.parametrize("name", ["polynomial", "neural"])
 def test_a_row_among_the_loads_seen_is_what_it_is_whatever_the_others_are(name):
-    law, others = replace(moved(name), faded=3.0), LOADS.copy()
+    law, others = ending(moved(name), faded=3.0), LOADS.copy()
     others[-1] *= 20.0
     for ask in (law.twist, law.tangent, law.by_values):
         np.testing.assert_array_equal(ask(others, ROW)[:-1], ask(LOADS, ROW)[:-1])
@@ -114,7 +119,7 @@ def test_fading_takes_a_quarter_of_the_compliance_at_most(seed, size, name):
     out /= law.seen.outreach(law.seen.mean + out)[:, None]
     far = law.seen.mean + out * np.geomspace(0.8, 1.2 * law.seen.faded, 300)[:, None]
     for load in far:
-        kept, fading = (least(root, one.tangent(load, ROW.some(0))[None]) for one in (replace(law, faded=np.inf), law))
+        kept, fading = (least(root, one.tangent(load, ROW.some(0))[None]) for one in (ending(law, faded=np.inf), law))
         assert fading > min(1.0, kept) - 0.25 - 1e-9
 
 

@@ -1,61 +1,57 @@
-"""A law measured at a node some way off the joint frame, carried there by the adjoint.
+"""A law in other axes: f(w) becomes A f(A' w), as of a law measured at a node some way off the joint frame.
 
 `T exp6(twist) T^-1 = exp6(Ad_T twist)`, so the transport of the twist is exact, and the wrench follows by duality.
 """
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.laws.law import Composed, Law, Ranges, Row
+from armflex.laws.law import Composed, Law, Ranges, Row, block_norms
 
 
-@dataclass(frozen=True)
-class AtNode(Composed):
-    """`law` acts in a frame at `node`, (3,) in the flexure's frame [m], axes parallel to it."""
+@dataclass(frozen=True, eq=False)
+class Carried(Composed):
+    """`law` as it is seen in other axes."""
 
     law: Law
-    node: Array
 
-    @cached_property
+    @property
+    @abstractmethod
     def action(self) -> Array:
-        """(6, 6) map of a twist at the node to the same motion's twist at the flexure's origin."""
-        return pin.SE3(np.eye(3), self.node).action
+        """(6, 6) map A of the law's twist to the same motion's twist here."""
 
     @property
     def laws(self) -> tuple[Law]:
         """The law."""
         return (self.law,)
 
-    def with_laws(self, laws: Sequence[Law]) -> AtNode:
-        """Return another law at the same node."""
-        return AtNode(laws[0], self.node)
+    def with_laws(self, laws: Sequence[Law]) -> Carried:
+        """Return another law carried there."""
+        return replace(self, law=laws[0])
 
     def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
-        """Return the adjoint, and the load at the node."""
+        """Return A, and the load that the law sees."""
         return [(self.action, wrench @ self.action)]
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the twist at the flexure's origin."""
+        """Return A f(A' w)."""
         return self.law.twist(wrench @ self.action, row) @ self.action.T
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the transported tangent."""
+        """Return A J(A' w) A'."""
         return self.action @ self.law.tangent(wrench @ self.action, row) @ self.action.T
-
-    def moved(self, step: Array) -> AtNode:
-        """Return the law at the node, moved."""
-        return AtNode(self.law.moved(step), self.node)
 
     @cached_property
     def constant(self) -> Array | None:
-        """The transported compliance, as symmetric as it was."""
+        """A C A' where there is a C, as symmetric as that."""
         known = self.law.constant
         if known is None:
             return None
@@ -68,9 +64,28 @@ class AtNode(Composed):
         return None if known is None else (known[0] @ self.action.T, self.action @ known[1] @ self.action.T)
 
     def compliance_bound(self, ranges: Ranges) -> Array | None:
-        """Return bounds of the transported tangent's blocks."""
-        known, carried = self.law.compliance_bound(ranges), np.array([[1.0, np.linalg.norm(self.node)], [0.0, 1.0]])
+        """Return bounds of the transported tangent's blocks, by those of A where the compliance is not constant."""
+        if self.constant is not None:
+            return block_norms(self.constant)
+        known = self.law.compliance_bound(ranges)
+        carried = np.linalg.norm(self.action.reshape(2, 3, 2, 3), ord=2, axis=(1, 3))
         return None if known is None else carried @ known @ carried.T
+
+
+@dataclass(frozen=True)
+class AtNode(Carried):
+    """`law` acts in a frame at `node`, (3,) in the flexure's frame [m], axes parallel to it."""
+
+    node: Array
+
+    @cached_property
+    def action(self) -> Array:
+        """(6, 6) map of a twist at the node to the same motion's twist at the flexure's origin."""
+        return pin.SE3(np.eye(3), self.node).action
+
+    def moved(self, step: Array) -> AtNode:
+        """Return the law at the node, moved."""
+        return AtNode(self.law.moved(step), self.node)
 
     def learned(self, travel: Ranges) -> AtNode | None:
         """Return what is learned of the law, at the node."""

@@ -14,7 +14,7 @@ from armflex.declaration import Declaration
 from armflex.errors import LawError, did_you_mean
 from armflex.laws.joint.linear import SYMMETRIC, check_compliance, declared_matrix, declared_std, entries
 from armflex.laws.joint.log_compliance import LOOSE, NOWHERE, LogCompliance
-from armflex.laws.law import NOTHING, Law, Ranges, Row, block_norms
+from armflex.laws.law import Compliance, Ranges, Row, block_norms
 from armflex.laws.parameter import Parameter
 
 EXAMPLE = """
@@ -31,7 +31,7 @@ COEFFICIENTS = ("compliance", "compliance_q1", "compliance_q2", "compliance_q3")
 
 
 @dataclass(frozen=True)
-class PositionDependentLaw(Law):
+class PositionDependentLaw(Compliance):
     """Compliance polynomial in the position of `joint`.
 
     Attributes:
@@ -77,23 +77,11 @@ class PositionDependentLaw(Law):
             total = total * position + coefficient
         return total
 
-    def twist(self, wrench: Array, row: Row) -> Array:
-        """Return C(q) w."""
-        return np.einsum("...ij,...j->...i", self.compliance(row), wrench)
-
-    def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return C(q)."""
-        return self.compliance(row)
-
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the load that each entry multiplies, times the power of the position."""
         position = np.asarray(row.position(self.joint))[..., None, None]
         once = np.swapaxes((SYMMETRIC @ wrench[..., None, :, None])[..., 0], -1, -2)
         return np.concatenate([once * position**power for power in range(len(self.coefficients))], axis=-1)
-
-    def affine(self, row: Row) -> tuple[Array, Array]:
-        """Return no twist and C(q)."""
-        return NOTHING, self.compliance(row)
 
     def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return the sum of the coefficients' norms, each at the largest power that the joint's range allows."""
