@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm, Flexure
-from armflex.conventions import Array
+from armflex.arm import Arm
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean
 from armflex.files.certainty_table import certainty_table, read_certainty
@@ -75,29 +73,47 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     Raises:
         ArmFileError: A value is of the wrong shape, or names a joint or flexure that the arm does not have.
     """
+    joints, places = arm.joint_names, arm.flexure_names
     offset, geometry, compliance = (table.sub(name) for name in ("joint_offset", "geometry", "compliance"))
-    laws = table.sub("law") if table.has("law") else None
-    if laws is not None:
-        _check_names(laws, arm.flexure_names)
-    for part, known in ((offset, arm.joint_names), (geometry, arm.joint_names), (compliance, arm.flexure_names)):
-        _check_names(part, known)
+    laws = table.subs("law")
+    known = ((table.sub("law"), places),) if laws else ()
+    for part, names in (*known, (offset, joints), (geometry, joints), (compliance, places)):
+        for name in part.table:
+            if name not in names:
+                raise part.fail(name, f"the arm has no {name!r}{did_you_mean(name, names)}")
     instrument = _read_instrument(table)
     corrections = Corrections(
         {name: offset.number(name) for name in offset.table},
         {name: geometry.numbers(name, (6,)) for name in geometry.table},
     )
-    _check_campaign(table)
-    unfinished = [Flag("unfinished", f"{table.place()}: {UNFINISHED}")] if table.flag("unfinished") else []
-    factors = {name: _factors(compliance, name) for name in compliance.table}
-    fitted = replace(
+    if table.has("measurements_sha256") and not isinstance(table.raw("measurements_sha256"), str):
+        raise table.fail("measurements_sha256", "expected a text")
+    for key in ("rows", "rms_m"):  # of which, as of the digest, nothing is computed
+        if table.number(key, 0.0) < 0.0:
+            raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
+    flags = (Flag("unfinished", f"{table.place()}: {UNFINISHED}"),) if table.flag("unfinished") else ()
+    factors = {name: compliance.numbers(name, (6,)) for name in compliance.table}
+    for name, found in factors.items():
+        if np.abs(found).max() > LARGEST_LOGARITHM:
+            text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {found.tolist()}"
+            raise compliance.fail(name, text)
+    flexures = []
+    for flexure in arm.flexures:
+        if flexure.name in factors:
+            flexure = replace(flexure, law=scaled(flexure.law, np.exp(0.5 * factors[flexure.name])))
+        flexures.append(read_learned(flexure, laws[flexure.name]) if flexure.name in laws else flexure)
+    robot = arm.robot
+    if arm.measurement.gravity_in == "measurement":  # known in the level instrument's frame, it is turned into the base
+        robot = replace(robot, gravity=instrument.pose.rotation.T @ robot.gravity)
+    return replace(
         arm,
-        flexures=tuple(_learned(_scaled(flexure, factors), laws) for flexure in arm.flexures),
+        robot=robot,
+        flexures=tuple(flexures),
         corrections=corrections,
         factors=factors,
         instrument=instrument,
-        flags=(*arm.flags, *unfinished),
+        flags=(*arm.flags, *flags),
     )
-    return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
 
 
 def _read_instrument(table: Declaration) -> Instrument:
@@ -117,42 +133,6 @@ def _read_instrument(table: Declaration) -> Instrument:
     )
 
 
-def _factors(table: Declaration, key: str) -> Array:
-    """Return the (6,) logarithms of a flexure's factors."""
-    found = table.numbers(key, (6,))
-    if np.abs(found).max() > LARGEST_LOGARITHM:
-        text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {found.tolist()}"
-        raise table.fail(key, text)
-    return found
-
-
-def _check_campaign(table: Declaration) -> None:
-    """Check what the table says of the campaign, of which nothing is computed."""
-    if table.has("measurements_sha256") and not isinstance(table.raw("measurements_sha256"), str):
-        raise table.fail("measurements_sha256", "expected a text")
-    for key in ("rows", "rms_m"):
-        if table.number(key, 0.0) < 0.0:
-            raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
-
-
-def _check_names(table: Declaration, known: tuple[str, ...]) -> None:
-    for name in table.table:
-        if name not in known:
-            raise table.fail(name, f"the arm has no {name!r}{did_you_mean(name, known)}")
-
-
-def _scaled(flexure: Flexure, factors: Mapping[str, Array]) -> Flexure:
-    if flexure.name not in factors:
-        return flexure
-    return replace(flexure, law=scaled(flexure.law, np.exp(0.5 * factors[flexure.name])))
-
-
-def _learned(flexure: Flexure, laws: Declaration | None) -> Flexure:
-    if laws is None or flexure.name not in laws.table:
-        return flexure
-    return read_learned(flexure, laws.sub(flexure.name))
-
-
 def with_certainty(table: Declaration, arm: Arm) -> Arm:
     """Return an arm, its effects in it, with how well its [calibration] table says that it is known.
 
@@ -167,10 +147,3 @@ def with_certainty(table: Declaration, arm: Arm) -> Arm:
     laws = {name: replace(law, spread=certainty.among(of_law(name, law))) for name, law in learned.items()}
     changed = [replace(one, law=laws[one.name]) if one.name in laws else one for one in arm.flexures]
     return replace(arm, flexures=tuple(changed), certainty=certainty)
-
-
-def _level(arm: Arm) -> Arm:
-    """Return the arm with gravity, known in the level instrument's frame, turned into its base."""
-    assert arm.instrument is not None
-    down = arm.instrument.pose.rotation.T @ arm.robot.gravity
-    return replace(arm, robot=replace(arm.robot, gravity=down))
