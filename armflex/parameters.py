@@ -181,10 +181,8 @@ def named(labels: Iterable[str], known: Sequence[tuple[ArmParameter, str]]) -> t
         if len(some) > 1:
             last = found[-1].group if found else None
             some = [one for one in some if one.group == last] or [one for one in some if one not in found]
-        found.append(some[0] if some else _foreign(label))
+        if not some:
+            kind = next(kind for kind in Kind if label.startswith(f"{kind} "))
+            some = [ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))]
+        found.append(some[0])
     return tuple(found)
-
-
-def _foreign(label: str) -> ArmParameter:
-    kind = next(kind for kind in Kind if label.startswith(f"{kind} "))
-    return ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))

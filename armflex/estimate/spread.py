@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from armflex.arm import Arm
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import Flag, listing
-from armflex.estimate.block import Block, parameters_of
+from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.view import View, look, untold_shifts
@@ -64,10 +63,9 @@ def fitted_variance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...
         return None, (missing,) if arm.instrument is not None else ()
     setup = Setup(arm, arm.instrument or Instrument())
     view = look(setup, rows, np.arange(len(rows)), readings=unread(len(rows), Position))
-    blocks = rebuilt_blocks(arm.certainty, view, rows)
-    if blocks is None:
+    columns = _columns(arm.certainty, view, rows)
+    if columns is None:
         return None, (OTHER_PARAMETERS,)
-    columns = _columns(blocks, view)
     variance = np.einsum("ndp,pq,ndq->nd", columns, arm.certainty.covariance, columns, optimize=True)
     left = arm.certainty.leaves_open(columns)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)
@@ -85,11 +83,10 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
         return None, ()
     tip = unread(len(rows), Position, Orientation)
     view = look(Setup(arm, Instrument()), rows, np.arange(len(rows)), readings=tip)
-    blocks = rebuilt_blocks(arm.certainty, view, rows)
-    if blocks is None:
+    columns = _columns(arm.certainty, view, rows)
+    if columns is None:
         return None, (OTHER_PARAMETERS,)
-    moving = [parameter.group.moves for parameter in arm.certainty.parameters]
-    columns = np.where(moving, _columns(blocks, view), 0.0)
+    columns = np.where([parameter.group.moves for parameter in arm.certainty.parameters], columns, 0.0)
     covariance = np.einsum("ndp,pq,neq->nde", columns, arm.certainty.covariance, columns, optimize=True)
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
@@ -117,11 +114,6 @@ def _lacking(certainty: Certainty) -> tuple[Flag, ...]:
     return (Flag("lacking", f"{text}, `trace` looks for it"),)
 
 
-def _columns(blocks: Sequence[Block], view: View) -> Array:
-    """Return (N, d, P) changes of what is read."""
-    return np.concatenate([np.zeros((*view.residual.shape, 0)), *(block.columns(view) for block in blocks)], axis=2)
-
-
 def without_declared_doubt(arm: Arm) -> Arm:
     """Return the arm whose fitted compliances carry no declared uncertainty: the fit's covariance stands in for it."""
     known = arm.certainty.groups if arm.certainty else ()
@@ -145,10 +137,13 @@ def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
     return variance
 
 
-def rebuilt_blocks(certainty: Certainty, view: View, rows: Rows) -> list[Block] | None:
-    """Return the blocks of what was fitted, to be asked about some rows; None where this arm has not all of it."""
+def _columns(certainty: Certainty, view: View, rows: Rows) -> Array | None:
+    """Return (N, d, P) changes of what is read per fitted parameter, None where this arm has not all of them."""
     moved = any(group.kind is Kind.EFFECT for group in certainty.groups)
-    return blocks_of(certainty.parameters, view.setup, scene_of(view, rows) if moved else None)
+    blocks = blocks_of(certainty.parameters, view.setup, scene_of(view, rows) if moved else None)
+    if blocks is None:
+        return None
+    return np.concatenate([np.zeros((*view.residual.shape, 0)), *(block.columns(view) for block in blocks)], axis=2)
 
 
 def scene_of(view: View, rows: Rows) -> Scene:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +13,6 @@ import numpy as np
 from armflex.conventions import WRENCH_NAMES, Array
 from armflex.covariance import root_of_covariance
 from armflex.errors import Flag, LawError, MissingCovariateError
-from armflex.laws.parameter import Parameter, Transform
 from armflex.robot import Robot
 
 NOTHING = np.zeros(6)
@@ -30,6 +30,36 @@ ROUNDING = 1e-9
 
 Ranges = Mapping[str, tuple[float, float]]
 """Moving joints of a chain: lowest and highest position [rad or m]."""
+
+
+class Transform(Enum):
+    """How a parameter's value, which fits and draws move, stands for the number that is meant."""
+
+    IDENTITY = "identity"
+    """The value is the number."""
+    LOG = "log"
+    """The value is the logarithm of a number that stays positive, or of a factor on one."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a law. The object is its identity; text labels are made where files and reports begin.
+
+    Attributes:
+        name: Unique within its law, without blanks.
+        unit: Of the value; "1" of a logarithm.
+        prior: Standard deviation about the value that it has; 0 where it is taken as known.
+        transform: What the value stands for.
+        group: Parameters of one group are of one size beforehand.
+        sized: Whether that size is for the data to tell (by evidence); `prior` is then where the search starts.
+    """
+
+    name: str
+    unit: str
+    prior: float
+    transform: Transform = Transform.IDENTITY
+    group: str = ""
+    sized: bool = False
 
 
 @dataclass(frozen=True)
@@ -112,10 +142,11 @@ class Law(ABC):
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, k) derivative of the twist with respect to the values; here by central differences."""
         columns = np.zeros((*wrench.shape, len(self.values)))
-        for i, value in enumerate(self.values):
-            step = STEP * max(abs(float(value)), 1.0 if self.parameters[i].transform is Transform.LOG else 1e-300)
-            ends = [self.at(_with(self.values, i, value + side * step)).twist(wrench, row) for side in (1.0, -1.0)]
-            columns[..., i] = (ends[0] - ends[1]) / (2.0 * step)
+        for i, (value, parameter) in enumerate(zip(self.values, self.parameters, strict=True)):
+            step = np.zeros(len(self.values))
+            step[i] = STEP * max(abs(float(value)), 1.0 if parameter.transform is Transform.LOG else 1e-300)
+            ends = [self.at(self.values + side * step).twist(wrench, row) for side in (1.0, -1.0)]
+            columns[..., i] = (ends[0] - ends[1]) / (2.0 * step[i])
         return columns
 
     @property
@@ -269,15 +300,8 @@ class Compliance(Law):
 class WithoutParameters(Law):
     """For laws that have nothing to free, draw or be unsure of but their scatter: they say so by inheriting this."""
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """None."""
-        return ()
-
-    @property
-    def values(self) -> Array:
-        """Of nothing."""
-        return np.zeros(0)
+    parameters = ()
+    values = np.zeros(0)
 
     def at(self, values: Array) -> Law:
         """Return the law."""
@@ -405,13 +429,6 @@ def by_wrench(twist: Callable[[Array, Row], Array], wrench: Array, row: Row) -> 
     steps, here = size[..., None] * np.eye(6), wrench[..., None, :]
     ends = twist(np.concatenate([here + steps, here - steps], axis=-2), row.widened())
     return np.swapaxes((ends[..., :6, :] - ends[..., 6:, :]) / (2.0 * size[..., None]), -1, -2)
-
-
-def _with(values: Array, place: int, value: float) -> Array:
-    """Return values with one of them another."""
-    found = np.array(values)
-    found[place] = value
-    return found
 
 
 def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:

@@ -1,7 +1,5 @@
 """A base (or an instrument) that drifts: v t, along or about one axis, or any."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words

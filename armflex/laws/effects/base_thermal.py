@@ -1,7 +1,5 @@
 """A base that moves as it warms: beta (T - Tref), along or about one axis, or any."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words

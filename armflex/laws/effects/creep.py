@@ -1,7 +1,5 @@
 """Creep under load: c tau log(1 + h / t0), h the time that the load has stood."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Words

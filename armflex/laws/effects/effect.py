@@ -20,7 +20,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.location import Here, Location
+from armflex.laws.effects.location import Here, Location, link_of
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
 
@@ -403,7 +403,7 @@ class LoadLaw(EffectLaw):
 
     def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return (M, k, 6) wrenches per acting amplitude in some rows."""
-        pose = view.pose_of(scene.link(location.site))
+        pose = view.pose_of(link_of(location.site, scene.robot))
         return self.pull(scene.here(location, view.arm), pose, inner)[:, list(location.terms)]
 
 

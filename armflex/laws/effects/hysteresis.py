@@ -10,8 +10,7 @@ from armflex.conventions import Array
 from armflex.laws.effects.effect import Amplitude, Inner, Memory, TwistLaw, Values, Words
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import AXES, Scene
-from armflex.laws.effects.shapes import along, at_joints, on_axis
-from armflex.laws.effects.stepping import play_in, stepper
+from armflex.laws.effects.shapes import along, at_joints, on_axis, play_in, stepper
 
 
 def play(load: Array, radius: float) -> Array:

@@ -1,7 +1,5 @@
 """A link that is built otherwise than drawn: a constant twist at its end."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words

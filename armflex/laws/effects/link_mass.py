@@ -20,7 +20,7 @@ def _places(records: Records) -> list[Location]:
 
 def _weight(here: Here, view: Solved, scene: Scene) -> Array:
     """Return (M, 4, 6) wrenches of gravity per mass, and per shift of the centre in the link's frame."""
-    robot, name = view.arm.robot, scene.link(here.location.site)
+    robot, name = view.arm.robot, link_of(here.location.site, view.arm.robot)
     link, rotation = robot.urdf.links[name], view.pose_of(name)[:, :3, :3]
     mass = link.inertial.mass if link.inertial else 0.0
     levers = np.vstack([middle_of(here), mass * np.eye(3)])

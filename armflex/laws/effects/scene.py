@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.location import LINK, TOOL, Here, Location, link_of, resolve, site_names
+from armflex.laws.effects.location import LINK, TOOL, Here, Location, resolve, site_names
 from armflex.robot import Robot
 from armflex.rows import Driven, Rows
 from armflex.rows.rows import LEVEL_OF, POSE
@@ -163,10 +163,6 @@ class Scene:
         wrench = self.wrenches[site].copy()
         wrench[view.rows] = view.load_at(site)
         return wrench
-
-    def link(self, site: str) -> str:
-        """Return the name of the link that a load effect at a site acts on."""
-        return link_of(site, self.robot)
 
 
 def column_of(row: Row, name: str) -> Array:

@@ -1,7 +1,5 @@
 """A link that grows as it warms: alpha L (T - Tref) along the link."""
 
-from __future__ import annotations
-
 from armflex.laws.effects.effect import Along, Amplitude, TwistLaw, Words
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, warmth

@@ -1,7 +1,5 @@
 """A constant force from outside on the tool, in base axes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, LoadLaw, Words

@@ -10,8 +10,7 @@ from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, LawError
 from armflex.laws.joint.log_compliance import LOOSE, LogCompliance
-from armflex.laws.law import Law, Ranges, Row, block_diagonal, embed
-from armflex.laws.parameter import Parameter
+from armflex.laws.law import Law, Parameter, Ranges, Row, block_diagonal, embed
 
 SYMMETRY = 1e-9
 
@@ -178,11 +177,6 @@ def check_compliance(compliance: Array) -> tuple[Flag, ...]:
         i, j = np.unravel_index(np.argmax(skew), (6, 6))
         pair = f"C[{i}][{j}] = {compliance[i, j]:g}, C[{j}][{i}] = {compliance[j, i]:g}"
         raise LawError(f"compliance is not symmetric: {pair}")
-    _check_definite(compliance)
-    return softness(compliance)
-
-
-def _check_definite(compliance: Array) -> None:
     diagonal = np.diag(compliance)
     if diagonal.min() < 0.0:
         raise LawError(f"compliance of {TWIST_NAMES[int(diagonal.argmin())]} is negative: {diagonal.min():g}")
@@ -191,6 +185,7 @@ def _check_definite(compliance: Array) -> None:
     scaled = compliance * np.outer(scale, scale)
     if np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < -1e-9:
         raise LawError("compliance is not positive semi-definite: some load would gain energy")
+    return softness(compliance)
 
 
 def softness(compliance: Array) -> tuple[Flag, ...]:
@@ -226,9 +221,7 @@ def read_compliance(table: Declaration) -> Array:
 
 def declared_std(table: Declaration) -> float:
     """Return `relative_std`, 0 when absent."""
-    value = table.number("relative_std", 0.0)
-    if value < 0.0:
-        raise table.fail("relative_std", f"a standard deviation cannot be negative, got {value:g}")
+    value = table.std("relative_std", 0.0)
     if value > 1.0:
         raise table.fail("relative_std", f"a fraction, 0.2 means 20 %, got {value:g}")
     return value

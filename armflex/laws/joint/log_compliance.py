@@ -13,8 +13,7 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws.joint.stepped import SteppedLaw
-from armflex.laws.law import LEAST, Compliance, Law, Row
-from armflex.laws.parameter import Parameter, Transform
+from armflex.laws.law import LEAST, Compliance, Law, Parameter, Row, Transform
 
 LOOSE = 0.5
 """Prior standard deviation of a factor's logarithm where nothing was declared."""

@@ -14,8 +14,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag, LawError
-from armflex.laws.law import Law, Ranges, Row, embed
-from armflex.laws.parameter import Parameter
+from armflex.laws.law import Law, Parameter, Ranges, Row, embed
 from armflex.storage.schema import LARGEST, Numbers, check_arrays
 
 CHUNK = 2**17

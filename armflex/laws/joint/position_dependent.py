@@ -14,8 +14,7 @@ from armflex.declaration import Declaration
 from armflex.errors import LawError, did_you_mean
 from armflex.laws.joint.linear import SYMMETRIC, check_compliance, declared_matrix, declared_std, entries
 from armflex.laws.joint.log_compliance import LOOSE, NOWHERE, LogCompliance
-from armflex.laws.law import Compliance, Ranges, Row, block_norms
-from armflex.laws.parameter import Parameter
+from armflex.laws.law import Compliance, Parameter, Ranges, Row, block_norms
 
 EXAMPLE = """
 model = "position_dependent"

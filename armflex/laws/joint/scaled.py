@@ -12,8 +12,7 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws.joint.at_node import Carried
-from armflex.laws.law import Law, Row
-from armflex.laws.parameter import Parameter, Transform
+from armflex.laws.law import Law, Parameter, Row, Transform
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,8 +25,7 @@ from armflex.laws.joint.beam import Beam, stiffness
 from armflex.laws.joint.log_compliance import LOOSE
 from armflex.laws.joint.scaled import ScaledLaw
 from armflex.laws.joint.stepped import SteppedLaw
-from armflex.laws.law import Composed, Law, Ranges, Row, unturned
-from armflex.laws.parameter import Parameter
+from armflex.laws.law import Composed, Law, Parameter, Ranges, Row, unturned
 
 EXAMPLE = """
 model = "structural"

@@ -14,7 +14,6 @@ from armflex.laws.joint.structural import StructuralLaw, SubJoint
 from armflex.laws.law import check_ordered
 from armflex.storage.schema import Numbers
 
-SECTION = ("E", "G", "A", "Iy", "Iz", "J")
 MOST = 1000
 """Nodes, sub-joints and beams at most."""
 
@@ -34,58 +33,39 @@ SIZES = {"nodes": range(1, MOST + 1), "subjoints": range(MOST + 1), "beams": ran
 
 def to_tensors(law: StructuralLaw) -> dict[str, Array]:
     """Return a fitted law's arrays."""
-    number = {name: float(i) for i, name in enumerate(law.nodes)}
-    fits = [sub.law.fit for sub in law.subjoints]
-    holds = np.array([[float(axis in sub.holds) for axis in range(6)] for sub in law.subjoints])
-    beams = [
-        [number[beam.start], number[beam.end], *(getattr(beam.section, name) for name in SECTION), *beam.up]
-        for beam in law.beams
-    ]
+    number, subjoints = {name: float(i) for i, name in enumerate(law.nodes)}, law.subjoints
+    beams = [(number[one.start], number[one.end], *vars(one.section).values(), *one.up) for one in law.beams]
     return {
         "nodes": np.array(list(law.nodes.values()), dtype=float),
         "tip": np.array([number[law.tip], float(law.components)]),
         "noise": np.zeros(6) if law.noise is None else law.noise,
-        "at": np.array([number[sub.node] for sub in law.subjoints]),
-        "holds": holds,
-        "compliance": np.array([sub.law.compliance for sub in law.subjoints]),
-        "row_covariance": np.array([fit.row_covariance for fit in fits]),
-        "loads": np.array([fit.loads for fit in fits]),
+        "at": np.array([number[sub.node] for sub in subjoints]),
+        "holds": np.array([[float(axis in sub.holds) for axis in range(6)] for sub in subjoints]),
+        "compliance": np.array([sub.law.compliance for sub in subjoints]),
+        "row_covariance": np.array([sub.law.fit.row_covariance for sub in subjoints]),
+        "loads": np.array([sub.law.fit.loads for sub in subjoints]),
         "beams": np.array(beams).reshape(-1, 11),
     }
 
 
 def structural_from_tensors(tensors: Mapping[str, Array]) -> StructuralLaw:
     """Return the law of arrays as declared; raise `LawError` where their numbers are not those of one."""
-    nodes, subjoints = len(tensors["nodes"]), len(tensors["at"])
-    names = [str(i + 1) for i in range(nodes)]
     tip, components = (int(value) for value in tensors["tip"])
     if components not in (3, 6):
         raise LawError(f"{components} components, expected 3 or 6")
-    return StructuralLaw(
-        dict(zip(names, tensors["nodes"], strict=True)),
-        _name(names, tip),
-        tuple(_subjoint(names, tensors, i) for i in range(subjoints)),
-        tuple(_beam(names, row) for row in tensors["beams"]),
-        components,
-        tensors["noise"],
-    )
+    nodes = {str(i): place for i, place in enumerate(tensors["nodes"], 1)}
 
+    def name(number: float) -> str:
+        if not 0 <= number < len(nodes) or number != int(number):
+            raise LawError(f"node {number:g} of {len(nodes)}")
+        return str(int(number) + 1)
 
-def _name(names: list[str], number: float) -> str:
-    if not 0 <= number < len(names) or number != int(number):
-        raise LawError(f"node {number:g} of {len(names)}")
-    return names[int(number)]
-
-
-def _subjoint(names: list[str], tensors: Mapping[str, Array], i: int) -> SubJoint:
-    compliance = tensors["compliance"][i]
-    check_compliance(0.5 * (compliance + compliance.T))
-    check_ordered(tensors["loads"][i])
-    fit = LinearFit(tensors["row_covariance"][i], np.zeros(6), tensors["loads"][i])
-    holds = tuple(int(axis) for axis in np.flatnonzero(tensors["holds"][i] > 0.5))
-    return SubJoint(_name(names, float(tensors["at"][i])), LinearLaw(compliance, fit=fit), holds)
-
-
-def _beam(names: list[str], row: Array) -> Beam:
-    section = Section(**dict(zip(SECTION, row[2:8].tolist(), strict=True)))
-    return Beam(_name(names, float(row[0])), _name(names, float(row[1])), section, row[8:])
+    tip_name, subjoints = name(tip), []
+    of_each = (tensors[key] for key in ("at", "holds", "compliance", "row_covariance", "loads"))
+    for at, holds, compliance, known, loads in zip(*of_each, strict=True):
+        check_compliance(0.5 * (compliance + compliance.T))
+        check_ordered(loads)
+        law = LinearLaw(compliance, fit=LinearFit(known, np.zeros(6), loads))
+        subjoints.append(SubJoint(name(float(at)), law, tuple(np.flatnonzero(holds > 0.5).tolist())))
+    beams = tuple(Beam(name(row[0]), name(row[1]), Section(*row[2:8].tolist()), row[8:]) for row in tensors["beams"])
+    return StructuralLaw(nodes, tip_name, tuple(subjoints), beams, components, tensors["noise"])

@@ -16,9 +16,8 @@ import numpy as np
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.laws.joint.log_compliance import root_of
 from armflex.laws.joint.polynomial import FeatureMap, feature_values
-from armflex.laws.law import Law, Row
+from armflex.laws.law import Law, Parameter, Row
 from armflex.laws.learned.seen import STEEPEST, Seen
-from armflex.laws.parameter import Parameter
 
 TAKEN = 0.25
 """Of the compliance that a correction may take where it fades."""

@@ -16,10 +16,9 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag
 from armflex.laws.joint.stepped import SteppedLaw
-from armflex.laws.law import Law, Ranges, Row, beyond
+from armflex.laws.law import Law, Parameter, Ranges, Row, beyond
 from armflex.laws.learned.correction import Correction, NetworkCorrection, PolynomialCorrection, fading
 from armflex.laws.learned.seen import Seen
-from armflex.laws.parameter import Parameter
 
 SLACK = 0.02
 """Of the range of a load, by which it may be beyond those seen: a campaign's loads are those of the arm as it bends."""
