@@ -480,12 +480,12 @@ def block_norms(tangent: Array) -> Array:
     return np.sqrt(HALVES @ (tangent * tangent) @ HALVES.T)
 
 
-def embed(block: Array) -> Array:
-    """Return (..., 3, 3) force-to-translation blocks as 6 x 6 with zeros elsewhere (6 x 6 are returned as they are)."""
+def embed(block: Array, axes: int = 2) -> Array:
+    """Return what has 3 or 6 components, along the last axis or the last two, with 6, zero where it had none."""
     if block.shape[-1] == 6:
         return block
-    whole = np.zeros((*block.shape[:-2], 6, 6))
-    whole[..., :3, :3] = block
+    whole = np.zeros((*block.shape[:-axes], *(6,) * axes))
+    whole[(..., *(slice(3),) * axes)] = block
     return whole
 
 

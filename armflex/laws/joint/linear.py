@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,8 @@ from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, LawError
 from armflex.laws.joint.log_compliance import LOOSE, LogCompliance
-from armflex.laws.law import Law, Parameter, Ranges, Row, block_diagonal, embed
+from armflex.laws.law import Law, Parameter, Ranges, Row, block_diagonal, check_ordered, embed
+from armflex.storage.schema import Numbers
 
 SYMMETRY = 1e-9
 
@@ -25,6 +27,15 @@ relative_std = 0.05  # of every entry; optional
 
 FIRMEST = 1e-3
 """Relative standard deviation below which no fit to a bench is taken to know a joint as it is in the arm."""
+
+ARRAYS = {
+    "compliance": Numbers(("k", "k")),
+    "row_covariance": Numbers(("k", "k", "k"), covariance=True),
+    "residual_std": Numbers(("k",), least=0.0),
+    "loads": Numbers((2, "k")),
+}
+SIZES = {"k": (3, 6)}
+"""Arrays of a fitted law's file."""
 
 UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
 """Entries of a symmetric matrix."""
@@ -225,3 +236,18 @@ def declared_std(table: Declaration) -> float:
     if value > 1.0:
         raise table.fail("relative_std", f"a fraction, 0.2 means 20 %, got {value:g}")
     return value
+
+
+def to_tensors(law: LinearLaw) -> dict[str, Array]:
+    """Return a fitted law's arrays."""
+    assert law.fit is not None
+    size = len(law.fit.residual_std)
+    arrays = {"compliance": law.compliance[:size, :size], **vars(law.fit)}
+    return {name: np.ascontiguousarray(value) for name, value in arrays.items()}
+
+
+def from_tensors(tensors: Mapping[str, Array]) -> LinearLaw:
+    """Return the law of arrays as declared; raise `LawError` where their loads are not ordered."""
+    check_ordered(tensors["loads"])
+    fit = LinearFit(*(tensors[name] for name in ("row_covariance", "residual_std", "loads")))
+    return LinearLaw(embed(tensors["compliance"]), fit=fit)

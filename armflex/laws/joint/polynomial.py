@@ -234,7 +234,7 @@ def to_tensors(law: PolynomialLaw) -> dict[str, Array]:
     return {name: np.ascontiguousarray(array, dtype=float) for name, array in arrays.items()}
 
 
-def polynomial_from_tensors(tensors: Mapping[str, Array]) -> PolynomialLaw:
+def from_tensors(tensors: Mapping[str, Array]) -> PolynomialLaw:
     """Return the law that `to_tensors` wrote.
 
     Raises:

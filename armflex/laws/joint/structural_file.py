@@ -48,7 +48,7 @@ def to_tensors(law: StructuralLaw) -> dict[str, Array]:
     }
 
 
-def structural_from_tensors(tensors: Mapping[str, Array]) -> StructuralLaw:
+def from_tensors(tensors: Mapping[str, Array]) -> StructuralLaw:
     """Return the law of arrays as declared; raise `LawError` where their numbers are not those of one."""
     tip, components = (int(value) for value in tensors["tip"])
     if components not in (3, 6):
