@@ -6,7 +6,6 @@ among those of the arm, see `named`; no label is taken apart.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -15,7 +14,6 @@ from functools import cached_property
 from armflex.conventions import TWIST_NAMES
 from armflex.laws import Law
 from armflex.laws.effects.effect import Act, Effect
-from armflex.laws.flexure import Flexure
 from armflex.robot import Robot
 
 
@@ -125,11 +123,6 @@ def of_law(flexure: str, law: Law, kind: Kind = Kind.LAW) -> tuple[ArmParameter,
     return tuple(ArmParameter(Group(kind, flexure), one.name) for one in law.parameters)
 
 
-def fitted_group(flexure: Flexure) -> Group:
-    """Return what a fit of a flexure's law finds anything of."""
-    return Group(Kind.LAW if flexure.learned else Kind.COMPLIANCE, flexure.name)
-
-
 def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
     """Return the parameters of an effect: acting amplitudes, then all inner ones, positive ones as logarithms.
 
@@ -151,12 +144,8 @@ def numbers_of(effects: Sequence[Effect]) -> tuple[int, ...]:
 
     A joint may have several harmonics, and a name tells them apart by nothing else.
     """
-    met: Counter[str] = Counter()
-    numbers = []
-    for effect in effects:
-        met[effect.name] += 1
-        numbers.append(met[effect.name])
-    return tuple(numbers)
+    names = [effect.name for effect in effects]
+    return tuple(names[: i + 1].count(name) for i, name in enumerate(names))
 
 
 def numbered(number: int) -> str:

@@ -83,31 +83,12 @@ class Parameter:
 
 def parameters(fit: Fit) -> tuple[Parameter, ...]:
     """Return every parameter of a fit with what is known about it."""
-    std = fit.posterior.std
-    partners = _trades(fit)
-    return tuple(
-        Parameter(
-            which,
-            float(fit.values[i]),
-            float(std[i]),
-            float(fit.prior[i]),
-            bool(std[i] < UNDETERMINED * fit.prior[i]),
-            partners[i],
-        )
-        for i, which in enumerate(fit.parameters)
-    )
-
-
-def _trades(fit: Fit) -> list[tuple[str, ...]]:
-    """Return for each parameter the others that can take over its effect on the readings, if any can.
-
-    Its column, moved by one prior deviation, is fitted by the others within their priors.
-    """
-    names = [parameter.label for parameter in fit.parameters]
-    normal = fit.columns.T @ fit.columns
-    known = LinearGaussian(normal + np.diag(fit.precision))
-    told = fit.posterior.std < UNDETERMINED * fit.prior
-    return [() if told[i] else partners_of(normal, known, i, names) for i in range(len(names))]
+    std, names = fit.posterior.std, [which.label for which in fit.parameters]
+    told, normal = std < UNDETERMINED * fit.prior, fit.columns.T @ fit.columns
+    known = LinearGaussian(normal + np.diag(fit.precision))  # others take over within their priors
+    partners = [() if told[i] else partners_of(normal, known, i, names) for i in range(len(names))]
+    numbers = zip(fit.values.tolist(), std.tolist(), fit.prior.tolist(), told.tolist(), partners, strict=True)
+    return tuple(Parameter(which, *found) for which, found in zip(fit.parameters, numbers, strict=True))
 
 
 def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:

@@ -10,7 +10,6 @@ import numpy as np
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.fit import Fit
 from armflex.estimate.sample import LawSamples
-from armflex.laws import Row
 from armflex.laws.learned import LearnedLaw
 
 TOLD = 0.5
@@ -72,7 +71,7 @@ def _axes(name: str, law: LearnedLaw, loads: Array, fit: Fit, drawn: Array | Non
     correction = np.zeros_like(loads) if law.correction is None else law.correction.twist(loads, row)
     assert law.spread is not None
     expected = np.diag([one.prior**2 for one in law.expected])
-    std, before = _std(law, law.spread, loads, row), _std(start, expected, loads, row)
+    std, before = law.std(law.spread, loads, row), start.std(expected, loads, row)
     columns = (declared, learned, learned - declared, correction, std, before)
     rms = [np.sqrt((values**2).mean(axis=0)) for values in columns]
     sampled = None if drawn is None else np.sqrt((drawn**2).mean(axis=0))
@@ -81,9 +80,3 @@ def _axes(name: str, law: LearnedLaw, loads: Array, fit: Fit, drawn: Array | Non
         for i, axis in enumerate(TWIST_NAMES)
         if rms[0][i] > 0.0
     ]
-
-
-def _std(law: LearnedLaw, spread: Array, wrench: Array, row: Row) -> Array:
-    """Return the (M, 6) standard deviation of the twist for a (k, k) covariance of the law's values."""
-    by = law.by_values(wrench, row)
-    return np.sqrt(np.maximum(np.einsum("...ak,kl,...al->...a", by, spread, by, optimize=True), 0.0))

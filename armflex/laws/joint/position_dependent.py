@@ -117,17 +117,9 @@ def read_position_dependent(table: Declaration, joint: str, ranges: Ranges) -> P
         raise table.fail(
             "depends_on", f"{law.joint!r} is no moving joint of the chain{did_you_mean(law.joint, ranges)}"
         )
-    try:
-        check_range(law, *ranges[law.joint])
-    except LawError as error:
-        raise table.fail("compliance", str(error)) from None
-    return law
-
-
-def check_range(law: PositionDependentLaw, lower: float, upper: float) -> None:
-    """Raise `LawError` where the compliance stops being symmetric or positive anywhere in the joint's range."""
-    for position in np.linspace(lower, upper, 33):
+    for position in np.linspace(*ranges[law.joint], 33):
         try:
             check_compliance(law.compliance(Row(np.array([position]), {law.joint: 0})))
         except LawError as error:
-            raise LawError(f"at {law.joint} = {position:.4g}: {error}") from None
+            raise table.fail("compliance", f"at {law.joint} = {position:.4g}: {error}") from None
+    return law

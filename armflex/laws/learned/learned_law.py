@@ -149,6 +149,11 @@ class LearnedLaw(Law):
         found = [law.by_values(wrench, row) for law in laws if law is not None]
         return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
 
+    def std(self, spread: Array, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6) standard deviation of the twist for a (k, k) covariance of the values."""
+        by = self.by_values(wrench, row)
+        return np.sqrt(np.maximum(np.einsum("...ak,kl,...al->...a", by, spread, by, optimize=True), 0.0))
+
     @property
     def values_covariance(self) -> Array | None:
         """As the campaign left it."""
