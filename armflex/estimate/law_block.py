@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,23 +22,21 @@ from armflex.setup import Setup
 
 
 @dataclass(frozen=True, eq=False)
-class LawBlock(Block):
+class LawsBlock(Block):
     """Values of the laws of some flexures.
 
     Attributes:
         flexures: Their names.
-        laws: The laws at the values where a fit starts: each a `LearnedLaw`, or each a `ScaledLaw`, whose factors then
-            are on the law that the flexure of a setup has.
+        laws: The laws at the values where a fit starts.
     """
 
     flexures: tuple[str, ...]
     laws: tuple[Law, ...]
-    curved = True
 
-    @cached_property
-    def logarithmic(self) -> bool:
-        """Whether these are factors."""
-        return not isinstance(self.laws[0], LearnedLaw)
+    @property
+    def curved(self) -> bool:
+        """They do."""
+        return True
 
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
@@ -58,10 +57,9 @@ class LawBlock(Block):
     def columns(self, view: View) -> Array:
         """Return the columns of every value, through the laws' answer; effects add nothing to them."""
         line, names, columns = view.line, view.setup.arm.flexure_names, []
-        for name, law in zip(self.flexures, self.laws, strict=True):
+        for place, name in enumerate(self.flexures):
             index = names.index(name)
-            here = view.setup.arm.flexures[index].law
-            free = law.with_laws((here,)) if self.logarithmic else here
+            free = self._free(place, view.setup.arm.flexures[index].law)
             columns.append(line.laws[:, :, index] @ free.by_values(line.flexure_wrenches[:, index], line.row))
         return view.answer(np.concatenate(columns, axis=2))
 
@@ -77,12 +75,40 @@ class LawBlock(Block):
         """Return every law's part of (k,) values."""
         return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
 
-    def _with(self, setup: Setup, laws: list[Law]) -> Setup:
-        """Return the setup with other laws; with factors its own laws become softer or stiffer."""
-        arm, new = setup.arm, dict(zip(self.flexures, laws, strict=True))
-        if not self.logarithmic:
-            return replace(setup, arm=with_laws(arm, new))
-        steps = {name: law.logarithms for name, law in new.items()}
+    @abstractmethod
+    def _free(self, place: int, law: Law) -> Law:
+        """Return the law that a flexure has with the parameters of one of the block's."""
+
+    @abstractmethod
+    def _with(self, setup: Setup, laws: Sequence[Law]) -> Setup:
+        """Return the setup with what the block's laws are now."""
+
+
+@dataclass(frozen=True, eq=False)
+class LawBlock(LawsBlock):
+    """Values of all learned laws."""
+
+    laws: tuple[LearnedLaw, ...]
+
+    def _free(self, place: int, law: Law) -> Law:
+        return law
+
+    def _with(self, setup: Setup, laws: Sequence[Law]) -> Setup:
+        return replace(setup, arm=with_laws(setup.arm, dict(zip(self.flexures, laws, strict=True))))
+
+
+@dataclass(frozen=True, eq=False)
+class FactorBlock(LawsBlock):
+    """Logarithmic factors on some axes of what flexures' own laws give: C becomes S C S; see `joint.scaled`."""
+
+    laws: tuple[ScaledLaw, ...]
+    logarithmic = True
+
+    def _free(self, place: int, law: Law) -> Law:
+        return self.laws[place].with_laws((law,))
+
+    def _with(self, setup: Setup, laws: Sequence[ScaledLaw]) -> Setup:
+        arm, steps = setup.arm, {name: law.logarithms for name, law in zip(self.flexures, laws, strict=True)}
         own = {one.name: scaled(one.law, np.exp(0.5 * steps[one.name])) for one in arm.flexures if one.name in steps}
         factors = {name: arm.factors.get(name, np.zeros(6)) + step for name, step in steps.items()}
         return replace(setup, arm=replace(with_laws(arm, own), factors={**arm.factors, **factors}))
@@ -99,10 +125,10 @@ def with_laws(arm: Arm, laws: Mapping[str, Law]) -> Arm:
     return replace(arm, flexures=tuple(changed))
 
 
-def factor_block(arm: Arm, axes: Mapping[str, tuple[int, ...]], std: float = 0.0) -> LawBlock:
-    """Return the block of factors on some axes of flexures' compliances: C becomes S C S; see `joint.scaled`."""
+def factor_block(arm: Arm, axes: Mapping[str, tuple[int, ...]], std: float = 0.0) -> FactorBlock:
+    """Return the block of factors on some axes of flexures' compliances."""
     laws = {flexure.name: flexure.law for flexure in arm.flexures}
-    return LawBlock(tuple(axes), tuple(ScaledLaw(laws[name], np.zeros(6), own, std) for name, own in axes.items()))
+    return FactorBlock(tuple(axes), tuple(ScaledLaw(laws[name], np.zeros(6), own, std) for name, own in axes.items()))
 
 
 def law_block(setup: Setup, rows: View, seen: Mapping[str, Seen] | None = None) -> LawBlock | None:

@@ -20,7 +20,6 @@ from armflex.estimate.fit import Effort, Fit, fit
 from armflex.estimate.law_block import LawBlock, learned_laws, with_laws
 from armflex.estimate.view import Progress
 from armflex.estimate.weigh import Weighed
-from armflex.parameters import Kind
 from armflex.setup import Setup
 
 FIRM = 4.0
@@ -107,7 +106,7 @@ def fit_learning(
 
 def settled(arm: Arm, found: Fit) -> Arm:
     """Return a fitted arm whose learned laws carry the covariance of their values, and how far corrections go."""
-    block = next((block for block in found.blocks if block.kind is Kind.LAW), None)
+    block = next((block for block in found.blocks if isinstance(block, LawBlock)), None)
     if block is None:
         return arm
     line, names, covariance = found.view.line, arm.flexure_names, found.posterior.covariance

@@ -19,7 +19,6 @@ from armflex.estimate.view import Progress
 from armflex.laws import Row
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import ROUNDING
-from armflex.parameters import Kind
 from armflex.sampling.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 
 CHAINS = 4
@@ -72,7 +71,7 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
 
     if draws < FEWEST_DRAWS:
         raise InputError(f"{draws} draws: expected {FEWEST_DRAWS} or more of each chain, or they cannot be judged")
-    blocks = [block for block in found.blocks if block.kind is Kind.LAW]
+    blocks = [block for block in found.blocks if isinstance(block, LawBlock)]
     if not blocks:
         raise InputError("no flexure has learn = true: there is no law to sample")
     problem = _Problem(found, blocks[0], learned_laws(found.setup.arm))

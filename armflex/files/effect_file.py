@@ -71,8 +71,8 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
         if one.positive and (value < 0.0 or (value == 0.0 and least == "more than 0")):
             raise table.fail("parameters", f"{one.name} is {value:g}, expected {least}")
         inner.append(value)
-    std = table.sub("std") if table.has("std") else None
-    for name in std.table if std else ():
+    std = table.sub("std") if table.has("std") else Declaration({}, table.keys, table.source)
+    for name in std.table:
         if name not in values:
             raise table.fail("std", f"of {name!r}, which is no parameter{did_you_mean(name, values)}")
         if std.number(name) < 0.0:

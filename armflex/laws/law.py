@@ -300,8 +300,12 @@ class Compliance(Law):
 class WithoutParameters(Law):
     """For laws that have nothing to free, draw or be unsure of but their scatter: they say so by inheriting this."""
 
-    parameters = ()
     values = np.zeros(0)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """None."""
+        return ()
 
     def at(self, values: Array) -> Law:
         """Return the law."""
