@@ -15,7 +15,7 @@ from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws import Law
 from armflex.laws.flexure import Flexure
-from armflex.laws.joint.scaled import ScaledLaw, scaled
+from armflex.laws.joint.carried import ScaledLaw, scaled
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
 from armflex.parameters import ArmParameter, Kind, of_law
 from armflex.setup import Setup
@@ -99,7 +99,7 @@ class LawBlock(LawsBlock):
 
 @dataclass(frozen=True, eq=False)
 class FactorBlock(LawsBlock):
-    """Logarithmic factors on some axes of what flexures' own laws give: C becomes S C S; see `joint.scaled`."""
+    """Logarithmic factors on some axes of what flexures' own laws give: C becomes S C S; see `joint.carried`."""
 
     laws: tuple[ScaledLaw, ...]
     logarithmic = True

@@ -11,8 +11,8 @@ import numpy as np
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import LawError, ModelFileError, UnknownNameError
-from armflex.laws.joint.at_node import AtNode
 from armflex.laws.joint.beam import Beam, Section, stiffness
+from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.linear import read_linear
 from armflex.laws.joint.structural import StructuralLaw, SubJoint
 from armflex.laws.law import Law, Ranges

@@ -245,7 +245,7 @@ class Law(ABC):
         return () if self.trained else self.gives(row)
 
     def scaled(self, factor: Array) -> Law | None:
-        """Return S f(S w), S = diag of (6,) factors, where that is a law of the same kind; see `joint.scaled`."""
+        """Return S f(S w), S = diag of (6,) factors, where that is a law of the same kind; see `joint.carried`."""
         return None
 
     def learned(self, travel: Ranges) -> Law | None:
@@ -314,6 +314,29 @@ class WithoutParameters(Law):
     def freed(self, row: Row) -> tuple[int, ...]:
         """Return none."""
         return ()
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedLaw(WithoutParameters):
+    """A law as if it were straight in its values, a (k,) step of them away. Draws are such steps where a law is not."""
+
+    law: Law
+    step: Array
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the twist, and what the step makes of it."""
+        return self.law.twist(wrench, row) + self._change(wrench, row)
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return its derivative by the wrench, that of the step by central differences."""
+        return self.law.tangent(wrench, row) + by_wrench(self._change, wrench, row)
+
+    def scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return the law's."""
+        return self.law.scatter(wrench, row)
+
+    def _change(self, wrench: Array, row: Row) -> Array:
+        return self.law.by_values(wrench, row) @ self.step
 
 
 class Composed(Law):

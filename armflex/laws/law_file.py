@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 from armflex.conventions import Array
 from armflex.errors import InputError, LawError, ModelFileError, Place, UnknownNameError
-from armflex.laws.joint import linear, network, polynomial, structural_file, torch_law
+from armflex.laws.joint import linear, network, polynomial, structural, torch_law
 from armflex.laws.law import Law
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
@@ -92,7 +92,7 @@ def _form(module: ModuleType) -> Form:
 FORMS = {
     "linear": _form(linear),
     "polynomial": _form(polynomial),
-    "structural": _form(structural_file),
+    "structural": _form(structural),
     "neural": _form(network),
     "bayesian": _form(network),
     "torch": Form(

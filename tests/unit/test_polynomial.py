@@ -19,7 +19,7 @@ from armflex.bench.cross_validation import NOWHERE, hold_out, predicted
 from armflex.bench.fit_linear import fit_compliance
 from armflex.bench.fit_polynomial import PLAIN, fit_polynomial, learner
 from armflex.errors import IdentifiabilityError, LawError, UnknownNameError
-from armflex.laws.joint.at_node import AtNode
+from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.polynomial import (
     FEATURES,
     PolynomialLaw,

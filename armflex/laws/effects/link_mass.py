@@ -9,8 +9,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Solved, Words
 from armflex.laws.effects.location import Here, Location, link_of
-from armflex.laws.effects.points import middle_of
 from armflex.laws.effects.scene import Records, Scene
+from armflex.laws.effects.shapes import middle_of
 
 
 def _places(records: Records) -> list[Location]:

@@ -7,7 +7,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.points import coordinates, force_at, middle_of
+from armflex.laws.effects.shapes import coordinates, force_at, middle_of
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:

@@ -12,8 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.laws.joint.stepped import SteppedLaw
-from armflex.laws.law import LEAST, Compliance, Law, Parameter, Row, Transform
+from armflex.laws.law import LEAST, Compliance, Law, Parameter, Row, SteppedLaw, Transform
 
 LOOSE = 0.5
 """Prior standard deviation of a factor's logarithm where nothing was declared."""

@@ -15,8 +15,7 @@ import numpy as np
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag
-from armflex.laws.joint.stepped import SteppedLaw
-from armflex.laws.law import Law, Parameter, Ranges, Row, beyond
+from armflex.laws.law import Law, Parameter, Ranges, Row, SteppedLaw, beyond
 from armflex.laws.learned.correction import Correction, NetworkCorrection, PolynomialCorrection, fading
 from armflex.laws.learned.seen import Seen
 

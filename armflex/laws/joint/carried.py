@@ -1,6 +1,8 @@
 """A law in other axes: f(w) becomes A f(A' w), as of a law measured at a node some way off the joint frame.
 
 `T exp6(twist) T^-1 = exp6(Ad_T twist)`, so the transport of the twist is exact, and the wrench follows by duality.
+Any law made softer or stiffer along its axes, as [prior] compliance frees it, is one, too: f(w) becomes S f(S w), and a
+compliance C becomes S C S. S = exp(v / 2), v the logarithm of a factor on each axis' own compliance.
 """
 
 from __future__ import annotations
@@ -13,8 +15,8 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from armflex.conventions import Array
-from armflex.laws.law import Composed, Law, Ranges, Row, block_norms
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.laws.law import Composed, Law, Parameter, Ranges, Row, Transform, block_norms
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,3 +93,56 @@ class AtNode(Carried):
         """Return what is learned of the law, at the node."""
         free = self.law.learned(travel)
         return None if free is None else AtNode(free, self.node)
+
+
+@dataclass(frozen=True, eq=False)
+class ScaledLaw(Carried):
+    """A law scaled along some axes. Its parameters are the factors' logarithms; what the law does not know stays its.
+
+    Attributes:
+        logarithms: (6,) of the factors.
+        axes: Those whose factors are parameters.
+        std: Standard deviation of each.
+    """
+
+    logarithms: Array
+    axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+    std: float = 0.0
+
+    @cached_property
+    def action(self) -> Array:
+        """S."""
+        return np.diag(np.exp(0.5 * self.logarithms))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """A factor on each axis."""
+        return tuple(Parameter(TWIST_NAMES[axis], "1", self.std, Transform.LOG) for axis in self.axes)
+
+    @property
+    def values(self) -> Array:
+        """Logarithms."""
+        return self.logarithms[list(self.axes)]
+
+    def at(self, values: Array) -> ScaledLaw:
+        """Return the law with other factors."""
+        logarithms = self.logarithms.copy()
+        logarithms[list(self.axes)] = values
+        return replace(self, logarithms=logarithms)
+
+    @property
+    def values_covariance(self) -> Array | None:
+        """That of the factors."""
+        return np.diag(np.full(len(self.axes), self.std**2)) if self.std else None
+
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return half of E f + J E w for every axis, f being the scaled law and J its tangent."""
+        twist, tangent = self.twist(wrench, row), self.tangent(wrench, row)
+        change = 0.5 * (np.eye(6) * twist[..., None, :] + tangent * wrench[..., None, :])
+        return change[..., list(self.axes)]
+
+
+def scaled(law: Law, factor: Array) -> Law:
+    """Return S f(S w), S = diag of (6,) factors, as a law of the same kind where there is one."""
+    known = law.scaled(factor)
+    return ScaledLaw(law, 2.0 * np.log(factor)) if known is None else known
