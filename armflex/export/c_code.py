@@ -8,9 +8,9 @@ from armflex.arm import Arm
 from armflex.errors import InputError, UnsupportedError
 from armflex.export.exported import Exported
 
-KEYWORDS = frozenset(
-    """auto break case char const continue default do double else enum extern float for goto if inline int long
-    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while""".split()
+KEYWORDS = (
+    "auto break case char const continue default do double else enum extern float for goto if inline int long register "
+    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while"
 )
 
 
@@ -25,6 +25,6 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         InputError: The name is no identifier of C.
         UnsupportedError: Something in the arm cannot be said in C; it is named.
     """
-    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in KEYWORDS:
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in KEYWORDS.split():
         raise InputError(f"--name {name!r} is no name in C: expected letters, digits and _, no keyword")
     raise UnsupportedError("this version writes no C yet")
