@@ -84,11 +84,11 @@ class Parameter:
 def parameters(fit: Fit) -> tuple[Parameter, ...]:
     """Return every parameter of a fit with what is known about it."""
     std, names = fit.posterior.std, [which.label for which in fit.parameters]
-    told, normal = std < UNDETERMINED * fit.prior, fit.columns.T @ fit.columns
-    known = LinearGaussian(normal + np.diag(fit.precision))  # others take over within their priors
-    partners = [() if told[i] else partners_of(normal, known, i, names) for i in range(len(names))]
-    numbers = zip(fit.values.tolist(), std.tolist(), fit.prior.tolist(), told.tolist(), partners, strict=True)
-    return tuple(Parameter(which, *found) for which, found in zip(fit.parameters, numbers, strict=True))
+    determined = std < UNDETERMINED * fit.prior
+    known = LinearGaussian(fit.told).with_precision(fit.precision)  # others take over within their priors
+    partners = [() if determined[i] else partners_of(fit.told, known, i, names) for i in range(len(names))]
+    numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
+    return tuple(Parameter(*found) for found in zip(fit.parameters, *numbers, partners, strict=True))
 
 
 def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:

@@ -50,6 +50,12 @@ class View:
     seen: Array
     sessions: tuple[str, ...]
 
+    def some(self, which: np.ndarray) -> View:
+        """Return the view of (m,) of its rows, counted from 0, none of them twice."""
+        line, readings = self.line.some(which), self.readings.some(which)
+        arrays, sessions = (self.residual[which], self.seen[which]), tuple(self.sessions[i] for i in which)
+        return View(self.setup, self.rows[which], line, self.points[which], readings, *arrays, sessions)
+
     @property
     def sigma(self) -> Array:
         """(M, d) one standard deviation of each number; infinite where it was not read."""
