@@ -98,10 +98,6 @@ class FlexModel:
         """Names of the links at and beyond the base."""
         return tuple(frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY)
 
-    def has(self, link: str) -> bool:
-        """Return whether the link is at or beyond the base."""
-        return self.model.existFrame(link, pin.FrameType.BODY)
-
     def frame(self, link: str) -> int:
         """Return the frame id of a link that is known to exist (Pinocchio answers any other name, too)."""
         return self.model.getFrameId(link, pin.FrameType.BODY)
