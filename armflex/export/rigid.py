@@ -12,7 +12,7 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.configurations import Configurations, drawn_range
 from armflex.conventions import LARGEST_POSITION, Array
-from armflex.errors import NO_ANSWER, Place, listing, naming
+from armflex.errors import NO_ANSWER, MissingCovariateError, Place, listing, naming
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
@@ -112,6 +112,17 @@ def roll_pitch_yaw(rotation: Array) -> Array:
     return np.array([roll, pitch, yaw])
 
 
+def needs_columns(arm: Arm, effect: Effect) -> bool:
+    """Return whether an effect of an arm depends on more than positions and loads."""
+    try:
+        replace(arm, effects=(effect,)).deflection(arm.robot.home)
+    except MissingCovariateError:
+        return True
+    except tuple(NO_ANSWER.values()):
+        return False  # it was asked, and the arm does not stand there
+    return False
+
+
 @dataclass(frozen=True)
 class Lost:
     """How far the arm's tip is from where a rigid file has it, over some rows of one payload.
@@ -143,9 +154,11 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
     Raises:
         MissingCovariateError: An effect needs a column that the rows do not have.
     """
+    if not arm.flexures and not arm.effects:
+        return ("The arm gives nowhere: this file leaves nothing out.",), {"left_out": [], "without": []}
     aside: list[Effect] = []
     if over is None:
-        aside = [effect for effect in arm.effects if effect.location.covariates or effect.state is not None]
+        aside = [effect for effect in arm.effects if needs_columns(arm, effect)]
         whole = replace(arm, effects=tuple(effect for effect in arm.effects if effect not in aside))
         drawn = configurations(arm)
         groups = [(name, drawn, {}) for name in dict.fromkeys(("none", *arm.payloads))]

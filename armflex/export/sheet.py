@@ -27,7 +27,15 @@ from armflex.conventions import RESOLUTION, TWIST_NAMES, Array, number
 from armflex.errors import listing
 from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of
 from armflex.export.exported import Exported
-from armflex.export.rigid import configurations, joint_frames, left_out, roll_pitch_yaw, tips, with_constants
+from armflex.export.rigid import (
+    configurations,
+    joint_frames,
+    left_out,
+    needs_columns,
+    roll_pitch_yaw,
+    tips,
+    with_constants,
+)
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.location import drive_of
@@ -210,11 +218,8 @@ def _compliances(arm: Arm) -> dict[Key, float]:
 
     Effects that are compliances themselves, whatever else is known of a row, have their part in it.
     """
-    usable = [
-        effect
-        for effect in arm.effects
-        if effect.law.act is Act.TWIST and effect.law.linear and not effect.location.covariates and effect.state is None
-    ]
+    linear = [effect for effect in arm.effects if effect.law.act is Act.TWIST and effect.law.linear]
+    usable = [effect for effect in linear if not needs_columns(arm, effect)]
     row, found = Row(arm.robot.home, arm.joint_index), {}
     joints = {joint.name: joint for joint in arm.robot.moving}
     for flexure in replace(arm, effects=tuple(usable)).modelled:
