@@ -53,6 +53,7 @@ AXES = st.sampled_from([(0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 0, -1), (0.6, 0, 0.
 PART = st.tuples(*[PLACE] * 3, *[TURN] * 3, AXES, st.sampled_from(["revolute", "revolute", "prismatic"]))
 
 
+@pytest.mark.slow
 @given(st.lists(PART, min_size=3, max_size=5))
 @settings(max_examples=60, deadline=None)
 def test_any_chain(tmp_path_factory: pytest.TempPathFactory, parts: list[tuple]) -> None:
