@@ -227,11 +227,16 @@ class Reader:
         rpy = self.numbers(origin, "rpy", 3, "0 0 0")
         if np.abs(rpy).max() > 2.0 * np.pi:
             self.doubt(origin, "rpy_in_degrees", f"rpy {origin.get('rpy')!r} exceeds a full turn: degrees?")
-        # Fixed axes: Rz(y) Ry(p) Rx(r).
-        (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-        rotation = [
+        return self.numbers(origin, "xyz", 3, "0 0 0"), rotation_of(rpy)
+
+
+def rotation_of(rpy: Array) -> Array:
+    """Return the (3, 3) rotation of fixed-axis roll, pitch, yaw [rad] (URDF: Rz(y) Ry(p) Rx(r))."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
             [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
             [-sp, cp * sr, cp * cr],
         ]
-        return self.numbers(origin, "xyz", 3, "0 0 0"), np.array(rotation)
+    )
