@@ -14,6 +14,7 @@ from functools import cached_property
 from armflex.conventions import TWIST_NAMES
 from armflex.laws import Law
 from armflex.laws.effects.effect import Act, Effect
+from armflex.laws.flexure import Flexure
 from armflex.robot import Robot
 
 
@@ -121,6 +122,11 @@ def of_compliance(flexure: str) -> tuple[ArmParameter, ...]:
 def of_law(flexure: str, law: Law, kind: Kind = Kind.LAW) -> tuple[ArmParameter, ...]:
     """Return the parameters of a flexure's law that was learned, or is scaled (`Kind.COMPLIANCE`)."""
     return tuple(ArmParameter(Group(kind, flexure), one.name) for one in law.parameters)
+
+
+def fitted_group(flexure: Flexure) -> Group:
+    """Return what a fit of a flexure's law finds anything of."""
+    return Group(Kind.LAW if flexure.learned else Kind.COMPLIANCE, flexure.name)
 
 
 def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:

@@ -16,7 +16,7 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.view import View, look, untold_shifts
 from armflex.laws.effects.scene import Scene, survey
 from armflex.mechanics.history import known_rows
-from armflex.parameters import FRAMES, Group, Kind
+from armflex.parameters import FRAMES, Kind, fitted_group
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.readings.position import rigid_motion
@@ -117,8 +117,7 @@ def _lacking(certainty: Certainty) -> tuple[Flag, ...]:
 def without_declared_doubt(arm: Arm) -> Arm:
     """Return the arm whose fitted compliances carry no declared uncertainty: the fit's covariance stands in for it."""
     known = arm.certainty.groups if arm.certainty else ()
-    kinds = [Kind.LAW if flexure.learned else Kind.COMPLIANCE for flexure in arm.flexures]
-    fitted = [Group(kind, flexure.name) in known for kind, flexure in zip(kinds, arm.flexures, strict=True)]
+    fitted = [fitted_group(flexure) in known for flexure in arm.flexures]
     if not any(fitted):
         return arm
     pairs = zip(arm.flexures, fitted, strict=True)
