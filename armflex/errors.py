@@ -113,6 +113,17 @@ class AxesError(InputError):
     """Measured positions are those of a mirrored or turned arm: axes are swapped or point the other way."""
 
 
+class ConventionError(InputError):
+    """A campaign is implausible for its arm, and plausible in another convention: `names`, the likeliest first.
+
+    Whoever means it as it is written asks for it to be taken as it is: `anyway`.
+    """
+
+    def __init__(self, problem: str, names: Sequence[str]) -> None:
+        super().__init__(f"{problem}. To take it as it is all the same: --anyway (in Python anyway=True)")
+        self.names = tuple(names)
+
+
 class IdentifiabilityError(InputError):
     """Measurements cannot tell what a fit needs; `rank`, `condition` and the `names` of what they leave free."""
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 import armflex
-from armflex.laws.joint.scaled import scaled
+from armflex.laws.joint.carried import scaled
 from armflex.prior import Measurement, Prior
 
 READINGS, SIGMA, SOFTER = 300, 2e-4, 0.2

@@ -21,6 +21,7 @@ from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
 from armflex.estimate.identify import Parameter, parameters
 from armflex.estimate.law_block import law_block
 from armflex.estimate.learn import fit_learning, settled
+from armflex.estimate.misread import check_conventions
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.spread import certainty_of
 from armflex.estimate.view import Progress, View, look, position_rms
@@ -151,6 +152,7 @@ def calibrate(
     keep: bool = False,
     as_stated: bool = False,
     seen: Mapping[str, Seen] | None = None,
+    anyway: bool = False,
 ) -> Calibration:
     """Return the arm with everything that its [prior] frees fitted to a campaign.
 
@@ -168,14 +170,18 @@ def calibrate(
             independent of the new frames'.
         as_stated: Weigh readings by their stated noise alone, as a search for what the arm lacks must.
         seen: Loads that learned laws are made for, by flexure; those of the rows when not given.
+        anyway: Take the campaign as it is, also where it is plausible only in another convention.
 
     Raises:
+        ConventionError: The campaign is implausible for this arm, and plausible in another convention.
         InputError: Too few rows were measured, or see `check_readings`.
         MissingCovariateError: An effect of the arm depends on what the campaign does not give.
         UnsupportedError: The arm has effects that change masses, gravity or the instrument.
         ConvergenceError: The fit did not settle.
     """
     used, derived = _usable(arm, measurements, rows)
+    if not anyway:
+        check_conventions(arm, measurements, used, keep)
     declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
     laws = None if keep else law_block(declared, placed.view, seen)

@@ -1,0 +1,356 @@
+"""Whether a campaign says what its columns claim, or was written in another convention than the arm's.
+
+Most first campaigns are wrong in a convention: two joints exchanged, a sign, a home position, degrees, readings that
+belong to the row before. A fit then drives everything that is free to where it makes up for that. So before anything is
+fitted, the readings are compared with what the arm and its priors can explain. With r the (n,) residuals of the
+declared arm, J the Jacobian of everything that [prior] frees, P its prior covariance and s^2 a variance of one reading,
+
+    r ~ N(0, s^2 1 + J P J'),        misfit = r' (s^2 1 + J P J')^-1 r / n,
+
+which is about 1 or less for a campaign of this arm. s is the stated standard deviation, or a part of the reach if that
+is larger: what an arm lacks is no business of this test, but only to be found by tracing. Where the misfit is
+implausible the hypotheses are tried, each a transformation of the table or of the arm file, with a misfit of its own.
+One is named only if it explains nearly all that the table as it stands does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import ArmflexError, ConventionError
+from armflex.estimate.blocks import declared_blocks
+from armflex.estimate.view import look
+from armflex.laws.joint.carried import scaled
+from armflex.laws.law import anywhere
+from armflex.linear_gaussian import LinearGaussian
+from armflex.measured.measurements import Measurements
+from armflex.measured.repeats import repeats
+from armflex.parameters import FRAMES
+from armflex.readings import Position
+from armflex.readings.instrument import Instrument, fit_frame
+from armflex.setup import Setup
+
+COARSE, FINE = 1e-3, 3e-5
+"""Parts of the reach that an arm may be off by, beyond its priors, before conventions are thought of: of kinematics,
+which put readings off by parts of the reach, and of loads, which bend the arm a little more or less."""
+
+IMPLAUSIBLE = 9.0
+"""Misfit beyond which the campaign is not that of this arm as it is written: three standard deviations."""
+
+DROP = 9.0
+"""Fall of the misfit at which a hypothesis is named."""
+
+ALIKE = 3.0
+"""Hypotheses whose misfits differ by less are named together."""
+
+MOST_ROWS = 120
+"""Rows looked at: no convention hides in more."""
+
+ROUNDS = 4
+"""Rounds of robust weights, after which a lost beam counts as little as it will."""
+
+EXACT = 0.05
+"""A standard deviation of a part `COARSE` of the reach is a mistaken one where so little of it is left."""
+
+SCATTERED = 30.0
+"""Scatter of repeats over the stated standard deviation that is a mistaken unit rather than a bad day."""
+
+Told = tuple[Arm, Measurements]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A convention that the campaign or the arm file may have been written in.
+
+    Attributes:
+        name: What would be wrong, as the end of a sentence.
+        remedy: How to write it right.
+        told: The arm and the campaign as they were then meant.
+        axes: Whether it is about the axes of x, y and z, of which `check_axes` says more.
+        loads: Whether it is about what bends the arm, and how far.
+    """
+
+    name: str
+    remedy: str
+    told: Callable[[Arm, Measurements], Told]
+    axes: bool = False
+    loads: bool = False
+
+
+def check_conventions(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False) -> None:
+    """Raise where the readings are implausible for an arm, and plausible in another convention.
+
+    Args:
+        arm: The arm as declared.
+        measurements: The campaign.
+        rows: (M,) numbers of the rows used.
+        keep: Whether nothing but frames is fitted, so that [prior] need not free anything.
+
+    Raises:
+        ConventionError: With the hypotheses that make the campaign plausible, the likeliest first, and how to write
+            each of them right; or standard deviations that cannot be meant; or nothing that [prior] frees where
+            readings are far off.
+    """
+    some = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))] if len(rows) > MOST_ROWS else rows
+    found = _misfit(arm, measurements, some, keep)
+    likely = [] if found is not None and found.ratio < IMPLAUSIBLE else _likely(arm, measurements, some, keep, found)
+    if likely and not all(one.axes for _, one in likely):
+        raise ConventionError(_said(measurements, rows, found, likely), [one.name for _, one in likely])
+    if found is not None and not likely:
+        _check_sigma(measurements, rows, found)
+        if found.ratio >= IMPLAUSIBLE and not keep and not found.free:
+            text = f"readings are {_mm(found.rms)} off the arm, and [prior] frees nothing: there is nothing to fit"
+            more = "give it joint_offset, compliance, tool or geometry, one standard deviation each"
+            raise ConventionError(f"{text} ({more})", ["[prior] frees nothing"])
+
+
+def _likely(
+    arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, found: _Misfit | None
+) -> list[tuple[_Misfit, Hypothesis]]:
+    """Return the hypotheses that explain nearly all that the table as it stands does not, the likeliest first."""
+    tried = []
+    for hypothesis in hypotheses(arm, measurements):
+        if hypothesis.loads or found is None or found.coarse >= IMPLAUSIBLE:
+            other = _misfit(*hypothesis.told(arm, measurements), rows, keep)
+            if other is not None and (found is None or DROP * other.ratio < found.ratio):
+                tried.append((other, hypothesis))
+    tried.sort(key=lambda pair: pair[0].ratio)
+    return [pair for pair in tried if pair[0].ratio < ALIKE * max(tried[0][0].ratio, 1.0)]
+
+
+def hypotheses(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
+    """Yield every convention that is thought of, for an arm and a campaign."""
+    joints, turning = arm.joint_names, [joint.kind != "prismatic" for joint in arm.robot.moving]
+
+    def joint_column(change: Callable[[Array], None]) -> Callable[[Arm, Measurements], Told]:
+        def told(arm: Arm, measurements: Measurements) -> Told:
+            q = np.array(measurements.q)
+            change(q)
+            return arm, replace(measurements, q=q)
+
+        return told
+
+    def times(place: int | list[int], factor: float) -> Callable[[Array], None]:
+        def change(q: Array) -> None:
+            q[:, place] *= factor
+
+        return change
+
+    def plus(place: int, shift: float) -> Callable[[Array], None]:
+        def change(q: Array) -> None:
+            q[:, place] += shift
+
+        return change
+
+    def exchanged(one: int, other: int) -> Callable[[Array], None]:
+        def change(q: Array) -> None:
+            q[:, [one, other]] = q[:, [other, one]]
+
+        return change
+
+    for i, j in combinations(range(len(joints)), 2):
+        if turning[i] == turning[j]:
+            name = f"the columns q_{joints[i]} and q_{joints[j]} are exchanged"
+            yield Hypothesis(name, "exchange their headers", joint_column(exchanged(i, j)))
+    every = [i for i, turns in enumerate(turning) if turns]
+    for i, joint in enumerate(joints):
+        remedy = f"turn the signs of q_{joint}, or the joint's axis in the URDF"
+        yield Hypothesis(f"the sign of q_{joint} is turned", remedy, joint_column(times(i, -1.0)))
+        if turning[i]:
+            for degrees in (90, -90, 180):
+                name = f"the home position of {joint} is {degrees:+d} degrees from the URDF's"
+                remedy = f"add {degrees:+d} degrees to q_{joint}, or turn the joint's origin in the URDF"
+                yield Hypothesis(name, remedy, joint_column(plus(i, np.radians(degrees))))
+    for place, what in [([i], f"q_{joints[i]} is") for i in every] + [(every, "the turning joints are")]:
+        name = what.removesuffix(" is").removesuffix(" are")
+        if len(place) == 1 or len(every) > 1:
+            head = f"{name}_deg" if len(place) == 1 else "q_..._deg"
+            in_degrees = joint_column(times(place, np.pi / 180.0))
+            yield Hypothesis(f"{what} in degrees", f"write {head} into the header", in_degrees)
+            in_radians = joint_column(times(place, 180.0 / np.pi))
+            yield Hypothesis(f"{what} in radians", "take _deg from the header", in_radians)
+    for step, whose in ((1, "before"), (-1, "after")):
+        if measurements.measured.sum() > abs(step):
+            remedy = "move x, y, z by one row against the joints"
+            yield Hypothesis(f"x, y, z are those of the row {whose}", remedy, _read_apart(step))
+    yield Hypothesis("x, y, z are a left-handed frame's", "exchange two of the columns x, y, z", _mirrored, axes=True)
+    if arm.measurement.frame == "base":
+        remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
+        yield Hypothesis("x, y, z are not in the arm's base frame", remedy, _placed_anywhere)
+    named = sorted({name for name in measurements.payload if name in arm.payloads})
+    for one, other in combinations(named, 2):
+        name = f"the payloads {one!r} and {other!r} are exchanged"
+        yield Hypothesis(
+            name, "exchange their names in the column payload", _payloads_exchanged(one, other), loads=True
+        )
+    if any(payload.mass for payload in arm.payloads.values()):
+        yield Hypothesis("payload masses are in tonnes", "write them in kg", _masses_times(1e3), loads=True)
+        yield Hypothesis("payload masses are in grams", "write them in kg", _masses_times(1e-3), loads=True)
+    if any(flexure.law.freed(anywhere(arm.robot)) for flexure in arm.flexures):
+        for factor, unit in ((1e3, "a thousand times too small"), (1e-3, "a thousand times too large")):
+            remedy = "give it in rad/Nm and m/N, check mrad, kN, kNm and mm"
+            yield Hypothesis(f"the compliance is {unit}", remedy, _compliance_times(factor), loads=True)
+
+
+@dataclass(frozen=True)
+class _Misfit:
+    """How badly readings fit an arm within its priors.
+
+    Attributes:
+        ratio, coarse: The misfit, see the head of this file, where an arm may be off by `FINE` and by `COARSE`.
+        rms: What is left with the instrument placed and nothing else fitted, RMS of a row [m].
+        left: What is left with everything fitted, the median row's [m].
+        reach: Of the rows [m].
+        free: Whether [prior] frees anything but frames.
+    """
+
+    ratio: float
+    coarse: float
+    rms: float
+    left: float
+    reach: float
+    free: bool
+
+
+def _misfit(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool) -> _Misfit | None:
+    """Return how badly rows fit, None where the arm has no equilibrium there or does not know what they are."""
+    try:
+        instrument = arm.instrument or Instrument()
+        view = look(Setup(arm, instrument), measurements, rows)
+        base = view.line.tip[:, :3, 3] + view.line.tip[:, :3, :3] @ instrument.target
+        if arm.measurement.frame != "base":
+            instrument = replace(instrument, pose=_placed_robustly(base, measurements.position[rows]))
+            view = look(Setup(arm, instrument), measurements, rows)
+        blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
+        parts = [block.columns(view)[:, view.positions] for block in blocks]
+    except ArmflexError:
+        return None
+    residual = view.residual[:, view.positions]
+    jacobian = np.concatenate([np.zeros((*residual.shape, 0)), *parts], axis=2)
+    precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
+    if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
+        return None
+    reach, stated = float(np.linalg.norm(base, axis=1).max()), view.sigma[:, view.positions]
+    fine, coarse = np.minimum(stated, COARSE * reach), np.maximum(stated, COARSE * reach)
+    fine = np.maximum(fine, FINE * reach)
+    ratio, rest = _explained(jacobian / fine[:, :, None], precision, residual / fine)
+    wide, _ = _explained(jacobian / coarse[:, :, None], precision, residual / coarse)
+    left = float(np.median(np.linalg.norm(rest * fine, axis=1)))
+    rms = float(np.sqrt(np.median((residual**2).sum(axis=1))))
+    return _Misfit(ratio, wide, rms, left, reach, any(one.kind not in FRAMES for one in blocks))
+
+
+def _explained(jacobian: Array, precision: Array, residual: Array) -> tuple[float, Array]:
+    """Return the misfit of (M, 3) whitened residuals, and what is left of them; lost beams count less."""
+    weights, left = np.ones(len(residual)), residual
+    values, flat = np.zeros(len(precision)), jacobian.reshape(-1, len(precision))
+    for _ in range(ROUNDS):
+        root = np.repeat(np.sqrt(weights), 3)
+        if len(precision):
+            weighted = flat * root[:, None]
+            values = LinearGaussian.of(weighted, precision).solve(weighted.T @ (residual.ravel() * root))
+        left = residual - jacobian @ values
+        length = np.linalg.norm(left, axis=1)
+        weights = np.minimum(1.0, 3.0 * max(float(np.median(length)), 1e-9) / np.maximum(length, 1e-300)) ** 2
+    misfit = (weights[:, None] * left**2).sum() / (3.0 * weights.sum())
+    return float(misfit + (precision * values**2).sum() / (3.0 * len(residual))), left
+
+
+def _placed_robustly(points: Array, measured: Array) -> pin.SE3:
+    """Return the T_instrument_base of a best rigid fit in which lost beams count less."""
+    pose, kept = fit_frame(points, measured), np.ones(len(points), bool)
+    for _ in range(ROUNDS):
+        length = np.linalg.norm(measured - points @ pose.rotation.T - pose.translation, axis=1)
+        kept = length <= 4.0 * np.median(length)
+        pose = fit_frame(points[kept], measured[kept])
+    return pose
+
+
+def _check_sigma(measurements: Measurements, rows: np.ndarray, found: _Misfit) -> None:
+    """Raise where standard deviations are far above what is left, or far below the scatter of repeats."""
+    stated = float(np.median(measurements.sigma[rows]))
+    if stated > COARSE * found.reach and found.left < EXACT * stated:
+        text = f"readings are stated to {_mm(stated)}, and are {_mm(found.left)} off the fitted arm"
+        raise ConventionError(f"{text}: mm taken for m? (write sigma_mm into the header)", ["sigma is in mm"])
+    again = repeats(measurements.some(rows)) if stated < FINE * found.reach else None
+    if again is not None and again.same_session.freedom >= 3 and again.same_session.ratio.min() > SCATTERED:
+        scatter, stated = (
+            float(np.sqrt((again.same_session.sigma**2).mean())),
+            float(np.median(measurements.sigma[rows])),
+        )
+        text = f"readings of one pose scatter by {_mm(scatter)}, and are stated to {_mm(stated)}"
+        raise ConventionError(f"{text}: give sigma the unit that its header says", ["sigma is too small"])
+
+
+def _said(
+    measurements: Measurements, rows: np.ndarray, found: _Misfit | None, likely: Sequence[tuple[_Misfit, Hypothesis]]
+) -> str:
+    """Return what is wrong, what it would be, and how it is written right."""
+    where = f"{measurements.places[rows[0]].file}: " if measurements.places and measurements.places[rows[0]] else ""
+    if found is None:
+        begun = "the arm has no equilibrium at these rows as they are declared"
+    else:
+        begun = f"readings are {_mm(found.rms)} off the arm, further than [prior] explains"
+    told = [f"{one.name}? Then they are {_mm(other.rms)} off: {one.remedy}" for other, one in likely]
+    return f"{where}{begun}. " + "; or ".join([told[0][0].upper() + told[0][1:], *told[1:]])
+
+
+def _read_apart(step: int) -> Callable[[Arm, Measurements], Told]:
+    def told(arm: Arm, measurements: Measurements) -> Told:
+        measured = np.flatnonzero(measurements.measured)
+        position = np.array(measurements.position)
+        position[measured] = np.roll(position[measured], -step, axis=0)
+        return arm, _with_positions(measurements, position)
+
+    return told
+
+
+def _mirrored(arm: Arm, measurements: Measurements) -> Told:
+    return arm, _with_positions(measurements, measurements.position * [1.0, 1.0, -1.0])
+
+
+def _with_positions(measurements: Measurements, position: Array) -> Measurements:
+    kinds = [replace(one, values=position) if isinstance(one, Position) else one for one in measurements.readings.kinds]
+    return replace(measurements, readings=replace(measurements.readings, kinds=tuple(kinds)))
+
+
+def _placed_anywhere(arm: Arm, measurements: Measurements) -> Told:
+    return replace(arm, measurement=replace(arm.measurement, frame="unknown")), measurements
+
+
+def _payloads_exchanged(one: str, other: str) -> Callable[[Arm, Measurements], Told]:
+    names = {one: other, other: one}
+
+    def told(arm: Arm, measurements: Measurements) -> Told:
+        return arm, replace(measurements, payload=tuple(names.get(name, name) for name in measurements.payload))
+
+    return told
+
+
+def _masses_times(factor: float) -> Callable[[Arm, Measurements], Told]:
+    def told(arm: Arm, measurements: Measurements) -> Told:
+        heavy = {name: replace(payload, mass=factor * payload.mass) for name, payload in arm.payloads.items()}
+        return replace(arm, payloads=heavy), measurements
+
+    return told
+
+
+def _compliance_times(factor: float) -> Callable[[Arm, Measurements], Told]:
+    def told(arm: Arm, measurements: Measurements) -> Told:
+        row, factors = anywhere(arm.robot), np.full(6, np.sqrt(factor))
+        softer = [replace(one, law=scaled(one.law, factors)) for one in arm.flexures]
+        flexures = tuple(new if one.law.freed(row) else one for new, one in zip(softer, arm.flexures, strict=True))
+        return replace(arm, flexures=flexures), measurements
+
+    return told
+
+
+def _mm(length: float) -> str:
+    return f"{length * 1e3:.3g} mm"
