@@ -578,9 +578,6 @@ static int settle(arm_state *s, double slack)
     int code = NO_EQUILIBRIUM;
     for (int step = 0; step < MOST_STEPS; step++) {
         double square = step_of(s, moved);
-        if (!(square < RUNS_AWAY * before) && (step > 0)) { /* not a number is not less, either */
-            break;
-        }
         for (int k = 0; k < FLEXURES; k++) {
             for (int a = 0; a < 6; a++) {
                 s->twist[k][a] = moved[k][a];
@@ -588,6 +585,9 @@ static int settle(arm_state *s, double slack)
         }
         if ((step > 0) && (square <= AT_REST * slack) && (square * square <= NEXT_STEP * slack * before)) {
             code = FINE;
+            break;
+        }
+        if (!(square < RUNS_AWAY * before) && (step > 0)) { /* not a number is not less, either */
             break;
         }
         before = square;
@@ -846,7 +846,7 @@ int NAME_compensate(const double *q, int payload, double *out)
     walk(chain, ELEMENTS, q, turn, goal, NULL);
 #endif
     for (int jump = 0; jump <= MOST_JUMPS; jump++) {
-        double wanted[3], aim[JOINTS], from[JOINTS], left = 0.0, last = length;
+        double wanted[3], aim[JOINTS] = {0.0}, from[JOINTS], left = 0.0, last = length;
         for (int j = 0; j < JOINTS; j++) {
             s.q[j] = q[j] + change[j];
         }

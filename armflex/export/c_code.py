@@ -40,7 +40,7 @@ ELEMENTS = {FLEXURE: "FLEXES", TURNS: "TURNS", SLIDES: "SLIDES", RIGID: "RIGID"}
 TRAVEL = 1e-6
 """By how much of its travel a joint may go beyond that of a polynomial in its position."""
 
-TRIED = 64
+TRIED = 16
 """Configurations over which what cannot be said in C is measured."""
 
 
