@@ -90,7 +90,7 @@ typedef struct {
 /*@constants*/
 
 /* How far the iterations go. All squares are sums over the flexures' shifts [m] and turns [rad]. */
-enum { MOST_STEPS = 200, MOST_JUMPS = 18, MOST_AIMS = 12, PROBES = 100, FIRST_PROBES = 8 };
+enum { MOST_STEPS = 200, MOST_JUMPS = 20, MOST_AIMS = 15, WHOLE_AIMS = 5, PROBES = 100, FIRST_PROBES = 8 };
 static const double AT_REST = 1e-24;         /* squared step, at most, of an equilibrium */
 static const double NEXT_STEP = 4e-30;       /* squared step after it, were it to shrink as the last one did */
 static const double RUNS_AWAY = 1e6;         /* by which a squared step may be longer than the one before */
@@ -101,10 +101,8 @@ static const double LARGEST_CHANGE = 0.5;    /* rad or m, of a joint by NAME_com
 static const double REACHED = 1e-11;         /* m, of each coordinate of the tip */
 static const double SETTLED = 1e-8;          /* rad or m, of the last change of the joints */
 static const double DAMPING = 1e-14;         /* m^2, of the tip's Jacobian times its transpose */
-static const double SLACK = 1e4;             /* of squared steps, where their differences alone count */
 static const double PROBE = 1e-6;            /* rad or m, by which an equilibrium is disturbed */
-static const double DIFFERENCE = 1e-4;       /* rad or m, for central differences by the joints */
-static const double FIRST_DIFFERENCE = 1e-6; /* rad or m, for one-sided ones */
+static const double DIFFERENCE = 1e-7;       /* rad or m, for derivatives by the joints */
 
 /* What is known of the arm at one configuration. Vectors are in base axes where nothing else is said. */
 typedef double twists[FLEXURES][6];
@@ -569,9 +567,8 @@ static double step_of(arm_state *s, twists moved)
     return square;
 }
 
-/* Move the state's twists to rest: the fixed point of loads and laws, which stiff arms are drawn to in a few steps.
- * Where a difference is all that is wanted, the squared steps may have some slack. */
-static int settle(arm_state *s, double slack)
+/* Move the state's twists to rest: the fixed point of loads and laws, which stiff arms are drawn to in a few steps. */
+static int settle(arm_state *s)
 {
     twists moved;
     double before = HUGE_VAL;
@@ -583,7 +580,7 @@ static int settle(arm_state *s, double slack)
                 s->twist[k][a] = moved[k][a];
             }
         }
-        if ((step > 0) && (square <= AT_REST * slack) && (square * square <= NEXT_STEP * slack * before)) {
+        if ((step > 0) && (square <= AT_REST) && (square * square <= NEXT_STEP * before)) {
             code = FINE;
             break;
         }
@@ -650,12 +647,12 @@ static int stays(arm_state *s)
     return (ratio < 1.0) ? FINE : NO_EQUILIBRIUM;
 }
 
-/* Bring the arm to rest at the state's joint positions, from the state's twists; see settle. */
-static int rest_at(arm_state *s, double slack)
+/* Bring the arm to rest at the state's joint positions, from the state's twists. */
+static int rest_at(arm_state *s)
 {
     walk(chain, ELEMENTS, s->q, s->tip_turn, s->tip, s);
     know_laws(s);
-    return settle(s, slack);
+    return settle(s);
 }
 
 /* Write where the flexed arm's tip is [m]. */
@@ -714,7 +711,7 @@ int NAME_tip(const double *q, int payload, double *pose)
     arm_state s;
     int code = begin(&s, q, payload);
     if (code == FINE) {
-        code = rest_at(&s, 1.0);
+        code = rest_at(&s);
     }
     if (code == FINE) {
         code = stays(&s);
@@ -736,35 +733,30 @@ int NAME_tip(const double *q, int payload, double *pose)
     return code;
 }
 
-/* Write the change of the flexed tip [m] per joint, `tip` being where it is: central differences, and one-sided ones
- * where it is the `first` time. `slope` holds the change of the twists per joint from one time to the next. */
-static int derivatives(const arm_state *s, const double tip[3], int first, twists slope[JOINTS],
-                       double jacobian[3][JOINTS])
+/* Write the change of the flexed tip [m] per joint about the state, whose tip is given: the arm comes to rest again.
+ * `slope` holds the change of the twists per joint from one time to the next, to begin near where that will be. */
+static int derivatives(const arm_state *s, const double tip[3], twists slope[JOINTS], double jacobian[3][JOINTS])
 {
     arm_state off = *s;
-    double by = (first != 0) ? FIRST_DIFFERENCE : DIFFERENCE;
     int code = FINE;
     for (int j = 0; (j < JOINTS) && (code == FINE); j++) {
-        double ends[2][3] = {{tip[0], tip[1], tip[2]}, {tip[0], tip[1], tip[2]}};
-        for (int end = first; (end < 2) && (code == FINE); end++) {
-            double side = (end == 0) ? -by : by;
-            off.q[j] = s->q[j] + side;
-            for (int k = 0; k < FLEXURES; k++) { /* to begin near where it will come to rest */
-                for (int a = 0; a < 6; a++) {
-                    off.twist[k][a] = s->twist[k][a] + ((first != 0) ? 0.0 : side * slope[j][k][a]);
-                }
+        double end[3];
+        off.q[j] = s->q[j] + DIFFERENCE;
+        for (int k = 0; k < FLEXURES; k++) {
+            for (int a = 0; a < 6; a++) {
+                off.twist[k][a] = s->twist[k][a] + DIFFERENCE * slope[j][k][a];
             }
-            code = rest_at(&off, SLACK);
-            flexed_tip(&off, ends[end]);
-            for (int k = 0; k < FLEXURES; k++) {
-                for (int a = 0; a < 6; a++) {
-                    slope[j][k][a] = (off.twist[k][a] - s->twist[k][a]) / side;
-                }
+        }
+        code = rest_at(&off);
+        flexed_tip(&off, end);
+        for (int k = 0; k < FLEXURES; k++) {
+            for (int a = 0; a < 6; a++) {
+                slope[j][k][a] = (off.twist[k][a] - s->twist[k][a]) / DIFFERENCE;
             }
         }
         off.q[j] = s->q[j];
         for (int i = 0; i < 3; i++) {
-            jacobian[i][j] = (ends[1][i] - ends[0][i]) / ((first != 0) ? by : 2.0 * by);
+            jacobian[i][j] = (end[i] - tip[i]) / DIFFERENCE;
         }
     }
     return code;
@@ -834,7 +826,7 @@ int NAME_compensate(const double *q, int payload, double *out)
 {
     arm_state s;
     double goal[3], turn[3][3], tip[3], change[JOINTS] = {0.0}, low[JOINTS], high[JOINTS], jacobian[3][JOINTS];
-    twists slope[JOINTS];
+    twists slope[JOINTS] = {{{0.0}}};
     double length = HUGE_VAL;
     int code = begin(&s, q, payload);
     if (code != FINE) {
@@ -850,7 +842,7 @@ int NAME_compensate(const double *q, int payload, double *out)
         for (int j = 0; j < JOINTS; j++) {
             s.q[j] = q[j] + change[j];
         }
-        code = rest_at(&s, 1.0);
+        code = rest_at(&s);
         if (code != FINE) {
             break;
         }
@@ -861,13 +853,13 @@ int NAME_compensate(const double *q, int payload, double *out)
         if ((left <= REACHED) && ((last <= SETTLED) || (jump > MOST_AIMS))) {
             break;
         }
-        code = (jump < MOST_JUMPS) ? derivatives(&s, tip, (jump == 0) ? 1 : 0, slope, jacobian) : UNREACHED;
+        code = (jump < MOST_JUMPS) ? derivatives(&s, tip, slope, jacobian) : UNREACHED;
         if (code != FINE) {
             break;
         }
         /* The smallest change in all that does it to first order; or, where these go round in circles, further. */
         for (int j = 0; j < JOINTS; j++) {
-            from[j] = (jump < MOST_AIMS) ? 0.0 : change[j];
+            from[j] = (jump < WHOLE_AIMS) ? 0.0 : ((jump < MOST_AIMS) ? 0.5 * change[j] : change[j]);
             low[j] = fmax(-LARGEST_CHANGE, limits[j][0] - q[j]) - from[j];
             high[j] = fmin(LARGEST_CHANGE, limits[j][1] - q[j]) - from[j];
         }
