@@ -154,8 +154,13 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
     Raises:
         MissingCovariateError: An effect needs a column that the rows do not have.
     """
+    unknown: tuple[str, ...] = ()
+    if arm.certainty is not None and arm.certainty.misfit:
+        size = f"{np.sqrt(3.0) * arm.certainty.misfit * 1e3:.3g} mm (RMS)"
+        unknown = (f"The arm lacks something that moved the tip by {size} when it was calibrated: see `trace`.",)
     if not arm.flexures and not arm.effects:
-        return ("The arm gives nowhere: this file leaves nothing out.",), {"left_out": [], "without": []}
+        told = ("The arm gives nowhere: this file leaves out nothing that is known.", *unknown)
+        return told, {"left_out": [], "without": []}
     aside: list[Effect] = []
     if over is None:
         aside = [effect for effect in arm.effects if needs_columns(arm, effect)]
@@ -172,34 +177,45 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
             groups.append((name, over.q[mine], {key: values[mine] for key, values in known.items()}))
         where = f"the {len(over)} rows given"
     found = [_lost(whole, name, q, known) for name, q, known in groups]
-    told = [f"What this file leaves out (compliance, effects, loads) moves the tip, over {where}, by"]
+    at_work = [effect.title for effect in whole.effects if not effect.law.changes_model]
+    lines = [f"What this file leaves out (compliance, effects, loads) moves the tip, over {where}, by"]
     for one in found:
         buckled = f"; {one.unanswered} have no answer" if one.unanswered else ""
-        effects = f", {one.effects * 1e3:.3g} mm at most by effects" if whole.effects else ""
+        effects = f", {one.effects * 1e3:.3g} mm at most by effects" if at_work else ""
         size = f"RMS {one.rms * 1e3:.3g} mm, at most {one.most * 1e3:.3g} mm{effects}"
-        told.append(f"  payload {one.payload!r}: {size if one.rows else 'unknown'} ({one.rows} rows{buckled})")
-    if named := [effect.title for effect in whole.effects if not effect.law.changes_model]:
-        told.append(f"  effects that are left out: {listing(named)}")
+        lines.append(f"  payload {one.payload!r}: {size if one.rows else 'unknown'} ({one.rows} rows{buckled})")
+    if at_work:
+        lines.append(f"  effects that are left out: {listing(at_work)}")
     if aside:
         names = listing(effect.title for effect in aside)
-        told.append(f"  not in these numbers, as they need recorded columns: {names}; --over ROWS.csv has them")
+        lines.append(f"  not in these numbers, as they need recorded columns: {names}; --over ROWS.csv has them")
     numbers = {"left_out": [vars(one) for one in found], "without": [effect.name for effect in aside]}
-    return tuple(told), numbers
+    return (*lines, *unknown), numbers
 
 
 def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Lost:
     """Return how far the arm with a payload is from its rigid self in (N, nq) rows with their (N,) columns."""
     rigid = tips(arm, joint_frames(arm, zeros=True), q)[:, :3, 3]
-    plain = replace(arm, effects=())
-    away, share = [], [0.0]
-    for i, place in enumerate(rigid):
-        given = {"covariates": {name: values[i] for name, values in known.items()}, "enforce_limits": False}
-        try:
-            tip = arm.deflection(q[i], payload, **given).pose.translation
-            if arm.effects:
-                share.append(float(np.linalg.norm(tip - plain.deflection(q[i], payload, **given).pose.translation)))
-        except tuple(NO_ANSWER.values()):
-            continue
-        away.append(float(np.linalg.norm(tip - place)))
-    rms = float(np.sqrt(np.mean(np.square(away)))) if away else 0.0
-    return Lost(payload, len(away), len(q) - len(away), rms, max(away, default=0.0), max(share))
+    tip = _answers(arm, payload, q, known)
+    plain = _answers(replace(arm, effects=()), payload, q, known) if arm.effects else tip
+    answered = np.isfinite(tip).all(axis=1)
+    away = np.linalg.norm(tip - rigid, axis=1)[answered]
+    share = np.linalg.norm(tip - plain, axis=1)[answered & np.isfinite(plain).all(axis=1)]
+    rms = float(np.sqrt(np.mean(np.square(away)))) if len(away) else 0.0
+    return Lost(
+        payload, len(away), len(q) - len(away), rms, float(away.max(initial=0.0)), float(share.max(initial=0.0))
+    )
+
+
+def _answers(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Array:
+    """Return the (N, 3) place of the tip, NaN in rows that have no answer."""
+    try:
+        return arm.deflection(q, payload, covariates=known, enforce_limits=False).pose[:, :3, 3]
+    except tuple(NO_ANSWER.values()):
+        if len(q) == 1:
+            return np.full((1, 3), np.nan)
+        half = len(q) // 2
+        parts = (slice(0, half), slice(half, None))
+        return np.concatenate(
+            [_answers(arm, payload, q[some], {name: values[some] for name, values in known.items()}) for some in parts]
+        )

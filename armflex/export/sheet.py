@@ -85,8 +85,8 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     """Return an arm's sheet, as CSV for a file and as a page for a screen.
 
     Standard uncertainties are those of the posterior covariance of the fit, propagated by derivatives: linear in the
-    parameters. A number that depends on what neither campaign nor prior determined has an infinite one; where nothing
-    was fitted there is none, but for declared compliances, which have that of their laws.
+    parameters. A number that depends on what neither campaign nor prior determined has an infinite one; one that
+    depends on nothing that was fitted has none, but for declared compliances, which have that of their laws.
 
     Args:
         arm: The arm.
@@ -201,8 +201,11 @@ def uncertainties(
     jacobian = np.array(columns).T
     variance = np.einsum("dp,pq,dq->d", jacobian, certainty.covariance, jacobian, optimize=True)
     std = np.where(certainty.leaves_open(jacobian[:, None])[:, 0], np.inf, np.sqrt(np.maximum(variance, 0.0)))
-    fitted = {key: float(x) for key, x in zip(values, std, strict=True)}
-    found = {**fitted, **{key: x for key, x in found.items() if key.section == "stiffness"}}
+    # What no parameter has a part in is as declared, which is not to say that it is sure.
+    fitted = {
+        k: float(x) for k, x in zip(values, std, strict=True) if x > (RESOLUTION if k.unit in ("m", "rad") else 0)
+    }
+    found |= fitted
     doubts = []
     if certainty.undetermined:
         doubts.append(f"Neither campaign nor prior determines {listing(certainty.undetermined)}.")
@@ -288,6 +291,7 @@ def _page(arm: Arm, values: Mapping[Key, float], std: Mapping[Key, float]) -> st
     for section, note in NOTES.items():
         keys = [key for key in values if key.section == section]
         columns = list(dict.fromkeys(key.quantity for key in keys))
+        columns.sort(key=lambda name: TWIST_NAMES.index(name) if name in TWIST_NAMES else -1)
         rows = [["", *columns, *(["the same"] if section == "joint_offset" else [])]]
         for of in dict.fromkeys(key.of for key in keys):
             own = {key.quantity: key for key in keys if key.of == of}
