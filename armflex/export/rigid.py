@@ -12,7 +12,7 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.configurations import Configurations, drawn_range
 from armflex.conventions import LARGEST_POSITION, Array
-from armflex.errors import NO_ANSWER, MissingCovariateError, Place, listing, naming
+from armflex.errors import NO_ANSWER, MissingCovariateError, Place, UnsupportedError, listing, naming
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
@@ -79,6 +79,15 @@ def joint_frames(arm: Arm, zeros: bool) -> list[pin.SE3]:
     return [*found, here]
 
 
+def require_six_turning(arm: Arm, format_name: str) -> None:
+    """Raise `UnsupportedError` where an arm has other than the six turning joints that a format is for."""
+    sliding = [joint.name for joint in arm.robot.moving if joint.kind == "prismatic"]
+    if sliding or len(arm.joint_names) != 6:
+        slides = f", {listing(sliding)} sliding" if sliding else ""
+        has = f"this arm has {len(arm.joint_names)}{slides}: {listing(arm.joint_names)}"
+        raise UnsupportedError(f"{format_name} takes six turning joints; {has}")
+
+
 def tips(arm: Arm, frames: Sequence[pin.SE3], q: Array) -> Array:
     """Return the (N, 4, 4) poses of the tip at (N, nq) positions in the sense of `frames`; see `joint_frames`."""
     pose = np.broadcast_to(frames[0].homogeneous, (len(q), 4, 4))
@@ -99,17 +108,6 @@ def configurations(arm: Arm) -> Array:
     lower, upper = (np.clip(limit, -LARGEST_POSITION, LARGEST_POSITION) for limit in drawn_range(arm)[:2])
     (drawn,) = Configurations(lower, upper, POSES, 0, POSES).chunks([True])
     return drawn
-
-
-def roll_pitch_yaw(rotation: Array) -> Array:
-    """Return (3,) fixed-axis angles [rad] of a rotation, exact also where the pitch is a right angle."""
-    across = float(np.hypot(rotation[0, 0], rotation[1, 0]))
-    pitch = np.arctan2(-rotation[2, 0], across)
-    yaw = np.arctan2(rotation[1, 0], rotation[0, 0]) if across > 0.0 else 0.0
-    # The roll is what is left, whatever the yaw: near a right angle only their sum or difference is told.
-    c, s = np.cos(yaw), np.sin(yaw)
-    roll = np.arctan2(s * rotation[0, 2] - c * rotation[1, 2], c * rotation[1, 1] - s * rotation[0, 1])
-    return np.array([roll, pitch, yaw])
 
 
 def needs_columns(arm: Arm, effect: Effect) -> bool:

@@ -272,6 +272,6 @@ def test_command_prints_a_page_or_writes_a_table(tmp_path: Path) -> None:
     arm = Path(bundled("heavy_six").robot.urdf.path).with_name("arm.toml")
     page = fine(run_here(tmp_path, "export", arm, "--to", "sheet"))
     assert "is added to the controller's reading" in page.stdout and "payload 'p200'" in page.stderr
-    assert "2.5e+06 ± 3.7e+05 Nm/rad" in page.stdout and not list(tmp_path.iterdir())
+    assert re.search(r"J1 +2\.5e\+06 ± 3\.[78]e\+05 Nm/rad", page.stdout) and not list(tmp_path.iterdir())
     fine(run_here(tmp_path, "export", arm, "--to", "sheet", "-o", "s.csv"))
     assert Sheet((tmp_path / "s.csv").read_text()).joints == [f"J{i}" for i in range(1, 7)]

@@ -18,16 +18,14 @@ from hypothesis import strategies as st
 from support.arms import bundled, corrected, crooked, positions
 from support.campaign_files import write_columns
 from support.command_line import fine, run_here, strict_json
-from support.small_arms import CROOKED, ROBOTS, arm_of, one_joint, three_joints
+from support.small_arms import CROOKED, ROBOTS, arm_of, joint, link, one_joint, three_joints
 
 from armflex import Arm, load_arm
-from armflex.export.rigid import roll_pitch_yaw
 from armflex.export.urdf import export
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.robot import Corrections, load_robot
-from armflex.robot.reader import rotation_of
 
 
 def unloaded(arm: Arm) -> Arm:
@@ -192,11 +190,25 @@ def test_meshes_beside_the_old_file_are_told(tmp_path: Path) -> None:
     assert not any("meshes" in line for line in export(bundled("heavy_six")).told)
 
 
-@given(st.lists(st.floats(-3.2, 3.2), min_size=3, max_size=3), st.sampled_from([None, 0.5 * np.pi, -0.5 * np.pi]))
-@settings(max_examples=200, deadline=None)
-def test_roll_pitch_yaw_give_the_rotation_back(angles: list[float], pitch: float | None) -> None:
-    turned = rotation_of(np.array([angles[0], angles[1] if pitch is None else pitch + 1e-9 * angles[1], angles[2]]))
-    np.testing.assert_allclose(rotation_of(roll_pitch_yaw(turned)), turned, rtol=0.0, atol=1e-14)
+ANGLE = st.floats(-3.2, 3.2)
+
+
+@given(st.tuples(ANGLE, ANGLE, ANGLE), st.sampled_from([None, 0.5 * np.pi, -0.5 * np.pi]), st.integers(0, 2))
+@settings(max_examples=40, deadline=None)
+def test_any_origin_may_be_corrected(
+    tmp_path_factory: pytest.TempPathFactory, angles: tuple[float, ...], pitch: float | None, small: int
+) -> None:
+    """Also one whose pitch is a right angle, where roll and yaw are not told apart, or nearly so."""
+    rpy = (angles[0], angles[1] if pitch is None else pitch + angles[1] * (0.0, 1e-12, 1e-7)[small], angles[2])
+    parts = [link("base"), joint("j", "base", "body", (0.3, -0.2, 0.5), rpy), link("body", 1.0)]
+    parts += [joint("f", "body", "tool", (1, 0.5, 0), kind="fixed"), link("tool")]
+    arm = arm_of(tmp_path_factory.mktemp("any"), parts, "tool", {})
+    for twist in (np.zeros(6), np.array([1e-3, -2e-3, 1e-3, 1e-6, -2e-6, 1e-6])):
+        moved = replace(arm, corrections=Corrections({"j": 1e-9}, {"j": twist}))
+        q = np.array([[-1.0], [0.4]])
+        np.testing.assert_allclose(
+            by_pinocchio(export(moved).text, moved, q), unloaded(moved).deflection(q).pose, rtol=0.0, atol=1e-12
+        )
 
 
 def test_command(tmp_path: Path) -> None:
