@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.export.exported import Exported
 from armflex.export.rigid import left_out, with_constants
 from armflex.measured.measurements import read_measurements
-from armflex.robot.xml import parse_xml
+from armflex.robot.reader import parse_xml
 
 
 def export(arm: Arm, over: Path | None = None) -> Exported:
