@@ -21,10 +21,10 @@ from armflex.export.exported import Exported
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import BoundTwist, Pulling
-from armflex.laws.effects.points import end_of, middle_of
 from armflex.laws.effects.remember import depended_on
 from armflex.laws.effects.scene import MASS
-from armflex.laws.learned.window import Window
+from armflex.laws.effects.shapes import end_of, middle_of
+from armflex.laws.learned.seen import Seen
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Chain, link_frame
 from armflex.version import __version__
 
@@ -100,7 +100,7 @@ class _Tables:
     terms: list[str] = field(default_factory=list)
     curved: list[str] = field(default_factory=list)
     forms: list[Array] = field(default_factory=list)
-    windows: list[Window] = field(default_factory=list)
+    windows: list[Seen] = field(default_factory=list)
     offset: Array = field(default_factory=lambda: np.zeros((0, 6)))
     compliance: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
     outboard: Array = field(default_factory=lambda: np.zeros(0))

