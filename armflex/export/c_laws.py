@@ -2,8 +2,8 @@
 
     twist = sum of along * factor(column) * factor(column) * number(load)
 
-A number is what `term_at` of `arm.c` makes of a load w: of its part u . w, or of a form w' Q w. What is scaled, or carried
-to another place, stays of this form.
+A number is what `term_at` of `arm.c` makes of a load w: of its part u . w, or of a form w' Q w. What is scaled, or
+carried to another place, stays of this form.
 """
 
 from __future__ import annotations
