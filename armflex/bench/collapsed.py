@@ -17,13 +17,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtri  # several small factors: numpy's wrappers take longer than the work
+from scipy.linalg import get_lapack_funcs
 from scipy.optimize import minimize
 from scipy.special import gammaln
 
 from armflex.bench.network_problem import GROUPS, NetworkProblem
 from armflex.conventions import Array
 from armflex.errors import InputError, NotFiniteError
+
+dpotrf, dtrtri = get_lapack_funcs(("potrf", "trtri"))
+# Several small factors: numpy's wrappers take longer than the work.
 
 FLOOR = 0.5
 """Least curvature along which whitening believes the Hessian; a prior of precision 1 alone gives 1."""

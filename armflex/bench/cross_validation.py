@@ -10,11 +10,8 @@ import numpy as np
 from armflex.bench.fitted import Learner
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, InputError
-from armflex.laws.law import Law, Row
+from armflex.laws.law import NOWHERE, Law
 from armflex.measured.joint_data import JointData
-
-NOWHERE = Row(np.zeros(0), {})
-"""A bench has no joint positions."""
 
 BAND = 1.96
 """Standard deviations each side of a 95 % band."""

@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg import get_lapack_funcs
 
 from armflex.bench.levenberg import RELATIVE, Damping, minimise
 from armflex.bench.network_problem import GROUPS, NetworkProblem, Weighted, jacobian, predictions, start_weights
 from armflex.conventions import Array
 from armflex.parallel import in_order
+
+dpotrf, dpotri = get_lapack_funcs(("potrf", "potri"))
 
 PRECISIONS = (1e-6, 1e6)
 NOISES = (1e-6, 1e1)

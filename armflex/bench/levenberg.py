@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.linalg.lapack import dposv
+from scipy.linalg import get_lapack_funcs
 
 from armflex.conventions import Array
+
+(dposv,) = get_lapack_funcs(("posv",))
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,8 @@ def train(
     folds = _folds(data, model, options)
     held = hold_out(learn, data, folds, options.seed, _counting(progress, len(np.unique(folds))))
     if model == "torch":  # its weights say nothing of what they leave open
-        fitted = replace(fitted, law=replace(fitted.law, noise=held.rms))
+        module: Any = fitted.law
+        fitted = replace(fitted, law=replace(module, noise=held.rms))
         doubts = (*doubts, _runs(fitted))
     plain = _plainer(data, model, options)
     return _result(data, model, fitted, held, options, plain, doubts)

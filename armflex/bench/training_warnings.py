@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.bench.cross_validation import NOWHERE, wrenches
+from armflex.bench.cross_validation import wrenches
 from armflex.bench.fitted import Fitted
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
 from armflex.errors import Flag, LawError, listing
 from armflex.laws.joint.linear import LinearLaw, softness
-from armflex.laws.law import Law
+from armflex.laws.law import NOWHERE, Law
 from armflex.measured.joint_data import JointData
 from armflex.sampling.diagnostics import shortcomings
 

@@ -30,7 +30,11 @@ class LawBlock(Block):
 
     flexures: tuple[str, ...]
     laws: tuple[LearnedLaw, ...]
-    curved = True
+
+    @property
+    def curved(self) -> bool:
+        """That a learned law is: no tenth of its values is a straight line."""
+        return True
 
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
@@ -71,7 +75,7 @@ class LawBlock(Block):
         pairs = zip(self.flexures, self.laws, self.split(step), strict=True)
         return replace(setup, arm=with_laws(setup.arm, {name: law.moved(own) for name, law, own in pairs}))
 
-    def split(self, values: Array) -> list[Array]:
+    def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Return every law's part of (k,) values."""
         return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
 

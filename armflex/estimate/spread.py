@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def certainty_of(fit: Fit) -> Certainty:
 
     Where the declared arm was fitted before, what is known of it stays known; only frames are of one campaign.
     """
-    random = [block for block in fit.blocks if block.kind is Kind.UNEXPLAINED]
+    random: list[Any] = [block for block in fit.blocks if block.kind is Kind.UNEXPLAINED]  # `PoseBlock`, made above
     every, known = parameters_of(fit.blocks), fit.posterior
     directions = known.null_space if len(known.null_space) else None
     unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None

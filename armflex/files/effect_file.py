@@ -18,7 +18,7 @@ import numpy as np
 from armflex.declaration import Declaration
 from armflex.errors import ArmFileError, did_you_mean, listing
 from armflex.laws.effects.catalogue import CATALOGUE, SHAPES
-from armflex.laws.effects.effect import Effect, EffectLaw, Inner, Values, full
+from armflex.laws.effects.effect import Effect, EffectLaw, Inner, full
 from armflex.laws.effects.location import BASE, TOOL, Location
 from armflex.laws.effects.scene import AXES, Records
 from armflex.rows.rows import APPROACH
@@ -182,7 +182,7 @@ def _inner(table: Declaration, inner: Inner, values: Mapping[str, float]) -> flo
     return value
 
 
-def _acting(table: Declaration, law: EffectLaw, locations: Sequence[Location], terms: Values) -> Location:
+def _acting(table: Declaration, law: EffectLaw, locations: Sequence[Location], terms: tuple[int, ...]) -> Location:
     """Return the one location at which the given amplitudes act."""
     fitting = [replace(location, terms=terms) for location in locations if set(terms) <= set(location.terms)]
     if not fitting:

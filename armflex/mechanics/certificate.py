@@ -65,7 +65,7 @@ class StabilityBound:
     @cached_property
     def _fine(self) -> np.ndarray:
         """(n,) flexures whose bounds prove what they have to."""
-        return ((self.compliance_bound @ self.change[..., None])[..., 0] <= SHARE * self.reference).all(axis=1)
+        return np.all((self.compliance_bound @ self.change[..., None])[..., 0] <= SHARE * self.reference, axis=1)
 
     @cached_property
     def proven(self) -> bool:

@@ -227,9 +227,9 @@ def _checked(found: Equilibrium, load: Callable[[Array], Array]) -> Equilibrium:
         mechanics = found.loaded.mechanics
         torque = load(mechanics.flexed(found.rigid, found.motion))
         found = found._replace(motion=mechanics.laws.motion(torque), torque=torque)
-    found = found._replace(tangent=tangent_of(found))
-    check_stable(found.tangent)
-    return found
+    tangent = tangent_of(found)
+    check_stable(tangent)
+    return found._replace(tangent=tangent)
 
 
 def tangent_of(found: Equilibrium) -> Array:

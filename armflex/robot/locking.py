@@ -68,6 +68,7 @@ def _wanted(urdf: Urdf, side: Mapping[str, Joint], asked: Mapping[str, float], j
 
 
 def _flag(urdf: Urdf, joint: Joint, position: float) -> Flag:
+    assert joint.mimic is not None
     master = joint.mimic[0]
     missing = "" if master in urdf.joints else f", which is no joint{did_you_mean(master, urdf.joints)}"
     text = (

@@ -126,7 +126,7 @@ class Reader:
     def given(self, element: etree._Element, key: str, default: str | None) -> str:
         if (text := element.get(key)) is not None:
             return text
-        strange = [name for name in element.attrib if name not in ATTRIBUTES.get(element.tag, ())]
+        strange = [str(name) for name in element.attrib if name not in ATTRIBUTES.get(element.tag, ())]
         misspelt = next((name for name in strange if did_you_mean(name, [key])), None)
         if default is None or misspelt:
             hint = f"; {misspelt!r} is not known" if misspelt else ""

@@ -27,7 +27,7 @@ def parse_xml(path: Path) -> etree._Element:
         root = etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
         raise UrdfError(Place(path, error.lineno or 0), f"not well-formed XML: {error.msg}") from None
-    if root.getroottree().docinfo.doctype:
+    if root.getroottree().docinfo.doctype:  # pyright: ignore[reportAttributeAccessIssue] - lxml has it, its stubs not
         raise UrdfError(Place(path, 1), "has a document type definition (DTD); entities are refused")
     _check_elements(root, path)
     return root
@@ -59,6 +59,6 @@ def _check_elements(root: etree._Element, path: Path) -> None:
         if depth > MAX_DEPTH:
             raise UrdfError(Place(path, element.sourceline or 0), f"nested deeper than {MAX_DEPTH} elements")
         for name, text in element.attrib.items():
-            if found := unprintable(text):
+            if found := unprintable(str(text)):
                 raise UrdfError(Place(path, element.sourceline or 0), f"<{element.tag} {name}={text!r}> {found[1]}")
         stack.extend((child, depth + 1) for child in element if isinstance(child.tag, str))

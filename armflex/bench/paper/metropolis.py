@@ -11,10 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf  # numpy's wrapper takes eight times as long on ten parameters
+from scipy.linalg import get_lapack_funcs
 
 from armflex.conventions import Array
 from armflex.errors import InputError, NotFiniteError, ShapeError
+
+(dpotrf,) = get_lapack_funcs(("potrf",))  # numpy's wrapper takes eight times as long on ten parameters
 
 Seed = int | np.random.SeedSequence
 Terms = Callable[[Array], Array]

@@ -159,7 +159,7 @@ class WithEffects(Composed):
     def with_laws(self, laws: Sequence[Law]) -> WithEffects:
         """Return the sum of others."""
         own, effects = laws[: len(laws) - len(self.effects)], laws[len(laws) - len(self.effects) :]
-        return WithEffects(own[0] if own else None, tuple(effects))
+        return WithEffects(own[0] if own else None, cast("tuple[BoundTwist, ...]", tuple(effects)))
 
     def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
         """Return that all have the same load, and their twists add up."""

@@ -38,13 +38,15 @@ def hats(values: Array, low: float, high: float, count: int) -> Array:
 
 
 def _spline(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    return hats(column_of(row, here.location.covariates[0]), *inner, KNOTS)
+    low, high = inner
+    return list(hats(column_of(row, here.location.covariates[0]), low, high, KNOTS))
 
 
 def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
     load = along(here, wrench)
     values = np.broadcast_to(column_of(row, here.location.covariates[0]), np.shape(load))
-    return hats(values, *inner, KNOTS) * load
+    low, high = inner
+    return list(hats(values, low, high, KNOTS) * load)
 
 
 def _bump(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:

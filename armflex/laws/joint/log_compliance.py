@@ -13,7 +13,7 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws.joint.stepped import SteppedLaw
-from armflex.laws.law import LEAST, NOTHING, Law, Row
+from armflex.laws.law import LEAST, NOTHING, NOWHERE, Law, Row
 from armflex.laws.parameter import Parameter, Transform
 
 LOOSE = 0.5
@@ -50,8 +50,8 @@ class LogCompliance(Law):
     def parameters(self) -> tuple[Parameter, ...]:
         """Factors and couplings; then the same for every power of the position."""
         names = ["/".join(dict.fromkeys((TWIST_NAMES[i], TWIST_NAMES[j]))) for i, j in self._entries]
-        alike, count = isinstance(self.std, float), len(self.axes)
-        stds = (self.std,) * count if isinstance(self.std, float) else self.std
+        alike, count = not isinstance(self.std, tuple), len(self.axes)
+        stds = self.std if isinstance(self.std, tuple) else (self.std,) * count
         own = [
             Parameter(name, "1", std, Transform.LOG, "factors" if alike else f"factor {name}")
             for name, std in zip(names[:count], stds, strict=True)
@@ -159,9 +159,6 @@ class LogCompliance(Law):
         position = (np.asarray(row.position(self.joint)) - self.middle) / self.reach
         position = position.reshape(*position.shape, *(1,) * further)
         return [position**power for power in range(self.degree + 1)]
-
-
-NOWHERE = Row(np.zeros(0), {})
 
 
 def root_of(compliance: Array) -> Array:

@@ -13,8 +13,8 @@ from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import LawError, did_you_mean
 from armflex.laws.joint.linear import SYMMETRIC, check_compliance, declared_matrix, declared_std, entries
-from armflex.laws.joint.log_compliance import LOOSE, NOWHERE, LogCompliance
-from armflex.laws.law import NOTHING, Law, Ranges, Row, block_norms
+from armflex.laws.joint.log_compliance import LOOSE, LogCompliance
+from armflex.laws.law import NOTHING, NOWHERE, Law, Ranges, Row, block_norms
 from armflex.laws.parameter import Parameter
 
 EXAMPLE = """
@@ -100,7 +100,7 @@ class PositionDependentLaw(Law):
         largest = np.abs(ranges[self.joint]).max()
         if not np.isfinite(largest):
             return None
-        return sum(largest**power * block_norms(part) for power, part in enumerate(self.coefficients))
+        return np.sum([largest**power * block_norms(part) for power, part in enumerate(self.coefficients)], axis=0)
 
     def gives(self, row: Row) -> tuple[int, ...]:
         """Return the axes that give anywhere."""

@@ -134,8 +134,8 @@ class StructuralLaw(Composed):
     @cached_property
     def constant(self) -> Array | None:
         """(6, 6) condensed compliance when every sub-joint's is constant, else None."""
-        compliances = [sub.law.constant for sub in self.subjoints]
-        return None if any(one is None for one in compliances) else self._condense(compliances)
+        compliances = [sub.law.constant for sub in self.subjoints if sub.law.constant is not None]
+        return self._condense(compliances) if len(compliances) == len(self.subjoints) else None
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the twist of the tip node, carried to the flexure's origin.
@@ -172,7 +172,10 @@ class StructuralLaw(Composed):
         if wrench.ndim > 1 and self.constant is None:
             rows, flat = row.spread(len(wrench)), wrench.reshape(-1, 6)
             each = [self.shares(load, rows.some(i)) for i, load in enumerate(flat)]
-            return [tuple(np.array(part) for part in zip(*own, strict=True)) for own in zip(*each, strict=True)]
+            return [
+                (np.array([gain for gain, _ in own]), np.array([load for _, load in own]))
+                for own in zip(*each, strict=True)
+            ]
         if self.constant is not None:
             gains, loads = self._straight
             return [(gain, wrench @ load.T) for gain, load in zip(gains, loads, strict=True)]
@@ -182,7 +185,7 @@ class StructuralLaw(Composed):
     @cached_property
     def _straight(self) -> tuple[list[Array], list[Array]]:
         """The gains of a structure of constant compliances, and the (6, 6) load on each sub-joint per load."""
-        compliances, loads = [sub.law.constant for sub in self.subjoints], []
+        compliances, loads = [sub.law.constant for sub in self.subjoints if sub.law.constant is not None], []
         loaded = np.zeros((len(self._system(compliances)), 6))
         loaded[: self._size] = self._seen.T / self.scale
         states = _solved(self._system(compliances), loaded)
@@ -204,11 +207,12 @@ class StructuralLaw(Composed):
 
     def learned(self, travel: Ranges) -> StructuralLaw | None:
         """Return the structure with a factor on every axis that a sub-joint gives and holds, where all are linear."""
-        if self.constant is None:
-            return None
         laws = []
         for sub, (_, held) in zip(self.subjoints, self.held, strict=True):
-            axes = tuple(int(axis) for axis in held if sub.law.constant[axis, axis] > 0.0)
+            own = sub.law.constant
+            if own is None:
+                return None
+            axes = tuple(int(axis) for axis in held if own[axis, axis] > 0.0)
             laws.append(ScaledLaw(sub.law, np.zeros(6), axes, sub.law.relative_std or LOOSE))
         return self.with_laws(laws)
 
@@ -302,7 +306,7 @@ class StructuralLaw(Composed):
 def _solved(system: Array, right: Array) -> Array:
     """Return the solution of a structure's equations; raise `LawError` where they have none."""
     try:
-        return np.linalg.solve(system, right)
+        return np.asarray(np.linalg.solve(system, right), float)
     except np.linalg.LinAlgError:
         text = "two rigid sub-joints hold one node the same way, or one is softer than numbers can tell beside the rest"
         raise LawError(f"the structure's equations are singular: {text}") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ SIZES = {"nodes": range(1, MOST + 1), "subjoints": range(MOST + 1), "beams": ran
 def to_tensors(law: StructuralLaw) -> dict[str, Array]:
     """Return a fitted law's arrays."""
     number = {name: float(i) for i, name in enumerate(law.nodes)}
-    fits = [sub.law.fit for sub in law.subjoints]
+    linear: list[Any] = [sub.law for sub in law.subjoints]  # as they are where a structure was fitted
     holds = np.array([[float(axis in sub.holds) for axis in range(6)] for sub in law.subjoints])
     beams = [
         [number[beam.start], number[beam.end], *(getattr(beam.section, name) for name in SECTION), *beam.up]
@@ -47,9 +48,9 @@ def to_tensors(law: StructuralLaw) -> dict[str, Array]:
         "noise": np.zeros(6) if law.noise is None else law.noise,
         "at": np.array([number[sub.node] for sub in law.subjoints]),
         "holds": holds,
-        "compliance": np.array([sub.law.compliance for sub in law.subjoints]),
-        "row_covariance": np.array([fit.row_covariance for fit in fits]),
-        "loads": np.array([fit.loads for fit in fits]),
+        "compliance": np.array([law.compliance for law in linear]),
+        "row_covariance": np.array([law.fit.row_covariance for law in linear]),
+        "loads": np.array([law.fit.loads for law in linear]),
         "beams": np.array(beams).reshape(-1, 11),
     }
 
