@@ -131,7 +131,7 @@ class StabilityBound:
                 bound = bound + block_norms(tangent(law, load))
             share = bound.dot(self.change[i])
             if share.ndim > 1:
-                whole = whole & (share <= most).all(axis=-1)
+                whole = whole & np.all(share <= most, axis=-1)
             elif not (share[0] <= most[0] and share[1] <= most[1]):
                 return False
         return whole

@@ -119,8 +119,8 @@ def find_equilibrium(
             found = Equilibrium(loaded, case, rigid, motion, None, "fixed_point", sizes)
         elif method == "fixed_point":
             raise ConvergenceError("the fixed point did not converge; Newton may", np.sqrt(sizes).tolist())
+    found = found or _newton(loaded, case, rigid, load)
     if method != "first_order":
-        found = found or _newton(loaded, case, rigid, load)
         bound = loaded.stability_bound
         if within and bound is not None and found.motion.dot(found.motion) < SMALL:
             known = tame and bound.proven and not case.moves
@@ -225,9 +225,12 @@ def _proven(bound: StabilityBound, found: Equilibrium, load: Callable[[Array], A
     if wrenches:
         if bound.proven_under(wrenches):
             return True
-        bound = bound.under(wrenches)
-    if bound is None or bound.proven:
-        return bound is not None
+        under = bound.under(wrenches)
+        if under is None:
+            return False
+        bound = under
+    if bound.proven:
+        return True
     # What is affine gives the same under every load, so they need not be known.
     torque = load(integrate(loaded.flex.model, found.rigid, found.motion)) if laws.curved else found.motion
     return bool(bound.stays(-torque[loaded.flex.flexure_v], laws.tangent))
