@@ -51,7 +51,7 @@ from armflex.parameters import (
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot, Site
-from armflex.robot.elements import Joint
+from armflex.robot.urdf import Joint
 
 if TYPE_CHECKING:
     cached_property = property  # which a protocol may ask for; pyright takes the other for something that can be set
