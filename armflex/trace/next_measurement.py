@@ -20,8 +20,8 @@ from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.scene import Scene
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import numbered
-from armflex.plan.information import Truth
-from armflex.plan.recommend import instead
+from armflex.plan.design import Truth
+from armflex.plan.rivals import instead
 from armflex.readings import Position, unread
 from armflex.rows import Rows
 from armflex.rows.rows import LEVEL_OF
