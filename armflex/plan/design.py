@@ -21,6 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.laws.effects.effect import Effect
 from armflex.linear_gaussian import LinearGaussian
 
 WORTH = 1e-6
@@ -190,3 +191,9 @@ def path(goal: Goal, known: LinearGaussian, rows: Array) -> Array:
         known = known.with_rows(row)
         reached.append(goal.value(known))
     return np.array(reached)
+
+
+def instead(own: Effect, rival: Effect) -> str:
+    """Return what tells two effects apart that move the tip alike."""
+    told = dict.fromkeys(effect.law.instead for effect in (rival, own) if effect.law.instead)
+    return ", or ".join(told) or "measure a second target between the places in question"

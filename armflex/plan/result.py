@@ -15,10 +15,10 @@ from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, numbered
-from armflex.plan.design import Goal, IOptimal
+from armflex.plan.design import Goal, IOptimal, instead
 from armflex.plan.design_model import Model, Suspect
 from armflex.plan.offer import Offer, Reach
-from armflex.plan.rivals import Rival, instead
+from armflex.plan.rivals import Rival
 from armflex.rows import Rows
 
 TOLD = 3.0

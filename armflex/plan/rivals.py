@@ -87,12 +87,6 @@ def _meant(text: str, names: Collection[str]) -> str | None:
     return found[0] if found else None
 
 
-def instead(own: Effect, rival: Effect) -> str:
-    """Return what tells two effects apart that move the tip alike."""
-    told = dict.fromkeys(effect.law.instead for effect in (rival, own) if effect.law.instead)
-    return ", or ".join(told) or "measure a second target between the places in question"
-
-
 @dataclass(frozen=True, eq=False)
 class Rival:
     """An effect in question.

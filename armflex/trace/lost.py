@@ -40,22 +40,13 @@ def lost_beams(view: View, sessions: Sequence[str], poses: np.ndarray, heed: boo
     far = weights < FAR
     lost = weights < LOST
     if heed:
-        lost &= ~_in_a_run(far, np.unique(sessions, return_inverse=True)[1]) & ~_in_a_pose(far, poses)
+        # Enough neighbours in time, in the same session, are far.
+        count, row, session = len(far), np.arange(len(far)), np.unique(sessions, return_inverse=True)[1]
+        beside = np.zeros(count, dtype=int)
+        for step in NEAR:
+            other = np.clip(row + step, 0, count - 1)
+            beside += far[other] & (session[other] == session) & (other == row + step)
+        # Enough other readings of the same pose are far, and half of them.
+        others, alike = np.bincount(poses)[poses] - 1, np.bincount(poses, far)[poses] - far
+        lost &= (beside < FELLOWS) & ((alike < FELLOWS) | (2 * alike < others))
     return lost & (lost.mean() <= MOST)
-
-
-def _in_a_run(far: np.ndarray, sessions: np.ndarray) -> np.ndarray:
-    """Return (M,) whether enough neighbours in time, in the same session, are far."""
-    count, row = len(far), np.arange(len(far))
-    beside = np.zeros(count, dtype=int)
-    for step in NEAR:
-        other = np.clip(row + step, 0, count - 1)
-        beside += far[other] & (sessions[other] == sessions) & (other == row + step)
-    return beside >= FELLOWS
-
-
-def _in_a_pose(far: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return (M,) whether enough other readings of the same pose are far: two, and half of them."""
-    others = np.bincount(poses)[poses] - 1
-    beside = np.bincount(poses, far)[poses] - far
-    return (beside >= FELLOWS) & (2 * beside >= others)

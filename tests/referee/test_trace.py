@@ -18,10 +18,10 @@ from armflex.laws.effects.catalogue import EVERY
 from armflex.trace.accept import improvement, null_maximum, session_folds, sessions_held_out
 from armflex.trace.candidates import Bank, Candidate, bank, candidates_of, screen, sift
 from armflex.trace.exchange import SAME, equivalents, leave_out
-from armflex.trace.localise import NOTICED, localise
 from armflex.trace.polish import polish
 from armflex.trace.projection import Projection, evidence, project, projected
 from armflex.trace.state import State, add
+from armflex.trace.unrecorded import NOTICED, localise
 
 EXACT = [
     ("hysteresis", 100, "boom"),

@@ -20,7 +20,7 @@ from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds
 from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
-from armflex.plan.rivals import instead
+from armflex.plan.design import instead
 from armflex.show.report import render_report
 from armflex.trace.accept import improvement
 from armflex.trace.findings import Trace, write_traced
