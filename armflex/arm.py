@@ -275,18 +275,25 @@ class Arm:
             ExtrapolationError: A trained law was asked beyond the loads it has seen, and `strict` holds.
         """
         positions = real_array(q, "q")
-        count = len(positions) if positions.ndim == 2 else 0
-        given = (covariates or {}).items()
+        single = positions.ndim != 2
+        count, given = 0 if single else len(positions), covariates.items() if covariates else ()
         known = {name: covariate_array(values, name, count) for name, values in given}
-        asked = Asked(method, enforce_limits, allow_large, strict)
         if v is not None or a is not None:
             self.robot.check_motion()
-        if positions.ndim == 2:
+        if not single:
+            asked = Asked(method, enforce_limits, allow_large, strict)
             return deflect_batch(self, positions, payload, (v, a), known, tuple(wrenches), asked, jobs)
-        checked, flags = self.check_position(positions, enforce_limits)
+        if positions.ndim == 1 and self.within_limits(positions.tolist()):
+            checked, flags = positions.copy(), ()
+        else:
+            checked, flags = self.check_position(positions, enforce_limits)
         loaded = self.loaded(payload)
-        v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
-        return deflect(loaded, LoadCase(checked, v, a, tuple(wrenches), known), flags, asked)
+        if v is not None or a is not None:
+            v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
+        found = deflect(loaded, LoadCase(checked, v, a, tuple(wrenches), known), flags, method, allow_large)
+        if strict:
+            found.check_seen()
+        return found
 
     def prepared(
         self,

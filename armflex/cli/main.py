@@ -25,6 +25,7 @@ COMMANDS = {
     "plan": "the poses, payloads and approach directions to measure next",
     "train": "learn a joint deformation model from loads and deflections",
     "map": "worst displacement, uncertainty and margin over the whole workspace",
+    "export": "write the arm for other programs: C for a controller",
     "view": "write a page of the arm that opens in a browser",
     "demo": "all of it on the bundled TARM-like arm",
 }

@@ -25,6 +25,9 @@ class Block(ABC):
     logarithmic: bool = False
     """Whether a parameter is the logarithm of a factor: its column then changes as fast as what it stands for."""
 
+    by_row: bool = True
+    """Whether the columns of a row depend on that row alone."""
+
     parameters: tuple[ArmParameter, ...]
     """What they are."""
 

@@ -52,6 +52,11 @@ class EffectBlock(Block):
         return (*every[:terms], *(every[terms + i] for i in self.free))
 
     @property
+    def by_row(self) -> bool:
+        """Whether it remembers nothing of the rows before."""
+        return not self.effect.law.memory
+
+    @property
     def start(self) -> Array:
         """The values that give the effect as it is."""
         return np.concatenate([self.effect.acting, np.zeros(len(self.free))])

@@ -104,10 +104,9 @@ def _trades(fit: Fit) -> list[tuple[str, ...]]:
     Its column, moved by one prior deviation, is fitted by the others within their priors.
     """
     names = [parameter.label for parameter in fit.parameters]
-    normal = fit.columns.T @ fit.columns
-    known = LinearGaussian(normal + np.diag(fit.precision))
-    told = fit.posterior.std < UNDETERMINED * fit.prior
-    return [() if told[i] else partners_of(normal, known, i, names) for i in range(len(names))]
+    known = LinearGaussian(fit.told).with_precision(fit.precision)
+    determined = fit.posterior.std < UNDETERMINED * fit.prior
+    return [() if determined[i] else partners_of(fit.told, known, i, names) for i in range(len(names))]
 
 
 def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:

@@ -71,7 +71,7 @@ class SessionBlock(Block):
     def columns(self, view: View) -> Array:
         """Return the rigid motions, each for its session's rows only."""
         motion = view.by_frame
-        own = [np.array([self.rows[row] == session for row in view.rows]) for session in self.sessions]
+        own = [np.fromiter((self.rows[row] == name for row in view.rows), bool) for name in self.sessions]
         return np.concatenate([motion * mask[:, None, None] for mask in own], axis=2)
 
     def apply(self, setup: Setup, values: Array) -> Setup:

@@ -48,6 +48,12 @@ class View:
     residual: Array
     seen: Array
 
+    def some(self, which: np.ndarray) -> View:
+        """Return the view of (m,) of its rows, counted from 0, none of them twice."""
+        line, readings = self.line.some(which), self.readings.some(which)
+        arrays = self.residual[which], self.seen[which]
+        return View(self.setup, self.rows[which], line, self.points[which], readings, *arrays)
+
     @property
     def sigma(self) -> Array:
         """(M, d) one standard deviation of each number; infinite where it was not read."""

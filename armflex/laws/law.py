@@ -441,7 +441,10 @@ HALVES = np.repeat(np.eye(2), 3, axis=1)
 
 def block_norms(tangent: Array) -> Array:
     """Return the (..., 2, 2) Frobenius norms of the 3 x 3 blocks of (..., 6, 6) matrices: bounds of their 2-norms."""
-    return np.sqrt(HALVES @ (tangent * tangent) @ HALVES.T)
+    squares = tangent * tangent
+    # For a single matrix numpy's `dot` takes a third of the time.
+    summed = HALVES.dot(squares).dot(HALVES.T) if squares.ndim == 2 else HALVES @ squares @ HALVES.T
+    return np.sqrt(summed)
 
 
 def embed(block: Array) -> Array:

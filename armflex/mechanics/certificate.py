@@ -36,8 +36,6 @@ from armflex.mechanics.loads import Load
 SHARE = 0.9
 """Of the bound 1 that is used, so that rounding is no part of the proof."""
 
-BASE = np.eye(4)
-
 BALL = 0.1
 """Largest shift [m] and turn [rad] of a flexure that the bound is made for."""
 
@@ -100,8 +98,8 @@ class StabilityBound:
             if load.frame not in known:
                 known[load.frame] = self._share(self.per_load(load.frame))
             per_force, per_moment = known[load.frame]
-            fx, fy, fz, mx, my, mz = load.at(BASE).tolist()
-            share += math.hypot(fx, fy, fz) * per_force + math.hypot(mx, my, mz) * per_moment
+            force, moment = load.sizes
+            share += force * per_force + moment * per_moment
         return share <= SHARE
 
     def with_laws(self, stack: LawStack) -> StabilityBound:
@@ -114,8 +112,8 @@ class StabilityBound:
         for load in loads:
             if not load.dead:
                 return None
-            wrench, per_load = load.at(BASE).tolist(), self.per_load(load.frame)
-            change = change + (math.hypot(*wrench[:3]) * per_load[0] + math.hypot(*wrench[3:]) * per_load[1])
+            (force, moment), per_load = load.sizes, self.per_load(load.frame)
+            change = change + (force * per_load[0] + moment * per_load[1])
         if not math.isfinite(change.sum()):
             return None
         return StabilityBound(change, self.reference, self.parts, self.compliance_bound, self.per_load, self.ranges)
@@ -131,7 +129,11 @@ class StabilityBound:
             load = wrenches[..., 6 * i : 6 * i + 6]
             for law in laws:
                 bound = bound + block_norms(tangent(law, load))
-            whole = whole & (bound @ self.change[i] <= most).all(axis=-1)
+            share = bound.dot(self.change[i])
+            if share.ndim > 1:
+                whole = whole & (share <= most).all(axis=-1)
+            elif not (share[0] <= most[0] and share[1] <= most[1]):
+                return False
         return whole
 
     @cached_property

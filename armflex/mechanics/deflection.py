@@ -29,7 +29,7 @@ class Asked(NamedTuple):
     strict: bool = False
 
 
-@dataclass(frozen=True, repr=False, eq=False)
+@dataclass(frozen=True, init=False, repr=False, eq=False)
 class Deflection:
     """The arm at one configuration under one load.
 
@@ -46,6 +46,10 @@ class Deflection:
 
     solved: Equilibrium
     asked_flags: tuple[Flag, ...] = ()
+
+    def __init__(self, solved: Equilibrium, asked_flags: tuple[Flag, ...] = ()) -> None:
+        # What a frozen dataclass makes itself takes as long as a third of a step to the equilibrium.
+        self.__dict__["solved"], self.__dict__["asked_flags"] = solved, asked_flags
 
     def __repr__(self) -> str:
         """Two lines: how far the tip moves, and what is doubtful."""
@@ -72,7 +76,8 @@ class Deflection:
     @cached_property
     def displacement(self) -> Array:
         """(6,) flexed minus rigid: shift of the tip origin [m] and rotation vector [rad], base axes."""
-        found = self._mechanics.displacement(self._configuration, self.q)
+        solved, mechanics = self.solved, self._mechanics
+        found = mechanics.displacement(mechanics.flexed(solved.rigid, solved.motion), solved.case.q)
         found.flags.writeable = False
         return found
 
@@ -226,6 +231,11 @@ class Deflection:
     def _row(self) -> Row:
         return self.solved.loaded.row(self.q, self.solved.case.covariates)
 
+    def check_seen(self) -> None:
+        """Raise `ExtrapolationError` where a trained law was asked beyond the loads that it has seen."""
+        if self.unseen:
+            raise ExtrapolationError("; ".join(flag.text for flag in self.unseen))
+
     @cached_property
     def unseen(self) -> tuple[Flag, ...]:
         """Doubts about loads beyond those that a trained law has seen."""
@@ -237,16 +247,15 @@ class Deflection:
         return mechanics.link_poses(mechanics.flexed(self.solved.rigid, magnification * self._at_rest[0]))
 
 
-def deflect(loaded: LoadedArm, case: LoadCase, flags: tuple[Flag, ...], asked: Asked) -> Deflection:
+def deflect(
+    loaded: LoadedArm, case: LoadCase, flags: tuple[Flag, ...], method: str, allow_large: bool = False
+) -> Deflection:
     """Return what the arm does in a case; `flags` are the doubts about its joint positions.
 
     Raises:
-        As `find_equilibrium`; ExtrapolationError: A trained law was asked beyond its loads, and that is refused.
+        As `find_equilibrium`.
     """
     doubts = loaded.flags_under(case.wrenches, case.a is not None) if case.wrenches or case.moves else loaded.flags
     # Beyond its limits a joint may be farther out than the proof of stability knows of.
-    found = find_equilibrium(loaded, case, asked.method, asked.allow_large, within=not flags)
-    result = Deflection(found, (*doubts, *flags) if flags else doubts)
-    if asked.strict and result.unseen:
-        raise ExtrapolationError("; ".join(flag.text for flag in result.unseen))
-    return result
+    found = find_equilibrium(loaded, case, method, allow_large, within=not flags)
+    return Deflection(found, (*doubts, *flags) if flags else doubts)

@@ -347,11 +347,12 @@ def _answer(acting: Acting, q: Array, first: int, room: Solution | None) -> Solu
             if not whole:
                 for part, values in zip(found, into, strict=True):
                     part[some] = values
-    plain = acting.asked._replace(strict=False)
+    asked = acting.asked
     for i in np.flatnonzero(left):
         with naming(f"row {first + i}"):
-            checked, flags = arm.check_position(q[i], plain.enforce_limits)
-            one = deflect(arm.loaded(acting.payload(i)), acting.case(checked, i), flags, plain)
+            checked, flags = arm.check_position(q[i], asked.enforce_limits)
+            loaded, case = arm.loaded(acting.payload(i)), acting.case(checked, i)
+            one = deflect(loaded, case, flags, asked.method, asked.allow_large)
         for into, part in zip(found, (one.displacement, one.wrenches, one.twists), strict=True):
             into[i] = part
     return found

@@ -9,6 +9,7 @@ stiff, the tangent `I + C dτ/dtwist` everywhere.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from armflex.errors import (
     UnstableEquilibriumError,
     did_you_mean,
 )
+from armflex.mechanics.certificate import StabilityBound
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.pinocchio_model import LoadCase, integrate
 
@@ -38,6 +40,8 @@ MAX_ROTATION = 0.1
 
 SMALL = MAX_ROTATION * MAX_ROTATION
 """Sum of the squares of all shifts [m] and turns [rad] below which no flexure can have turned too far."""
+FARTHEST = 1e60
+"""Squared length of a first step beyond which there is no equilibrium to be found, only numbers that overflow."""
 STEPS = 24
 CONVERGED = TOLERANCE * TOLERANCE
 """Squared length of the last step, at most."""
@@ -96,32 +100,36 @@ def find_equilibrium(
         SmallDisplacementError: A flexure turned by more than `MAX_ROTATION`.
     """
     mechanics = loaded.mechanics
-    laws, model, torque = mechanics.laws, mechanics.model, None
+    laws = mechanics.laws
     if laws.changing:
         laws.know(loaded.row(case.q, case.covariates))
     rigid, load, law = mechanics.rigid_configuration(case.q), mechanics.load(case), laws.motion
+    # To look for what runs away takes as long as a quarter of a step; weights on laws that are not curved do not.
+    tame = laws.tame and not (laws.curved or case.wrenches)
+    found = None
     if method == "first_order":
         torque = load(rigid)
         found = Equilibrium(loaded, case, rigid, law(torque), torque, method, ())
-    else:
-        found = None
-        if method != "newton":
-            check_method(method)
-            bounds = (STEPS, SLOWEST) if method == "exact" else (MAX_FIXED_POINT - 1, GROWTH)
-            # To look for what runs away takes as long as a quarter of a step.
-            ask = _fixed_point if laws.tame and not case.wrenches and method == "exact" else _watched_fixed_point
-            motion, sizes = ask(law, lambda motion: load(integrate(model, rigid, motion)), load(rigid), *bounds)
-            if motion is not None:
-                found = Equilibrium(loaded, case, rigid, motion, None, "fixed_point", sizes)
-            elif method == "fixed_point":
-                raise ConvergenceError("the fixed point did not converge; Newton may", np.sqrt(sizes).tolist())
-        if found is None:
-            found = _newton(loaded, case, rigid, load)
-        if within and _proven(found, load):
-            return found
+    elif method != "newton":
+        check_method(method)
+        bounds = (STEPS, SLOWEST) if method == "exact" else (MAX_FIXED_POINT - 1, GROWTH)
+        ask = _fixed_point if tame and method == "exact" else _watched_fixed_point
+        motion, sizes = ask(law, load, partial(integrate, mechanics.model, rigid), rigid, *bounds)
+        if motion is not None:
+            found = Equilibrium(loaded, case, rigid, motion, None, "fixed_point", sizes)
+        elif method == "fixed_point":
+            raise ConvergenceError("the fixed point did not converge; Newton may", np.sqrt(sizes).tolist())
+    if method != "first_order":
+        found = found or _newton(loaded, case, rigid, load)
+        bound = loaded.stability_bound
+        if within and bound is not None and found.motion.dot(found.motion) < SMALL:
+            known = tame and bound.proven and not case.moves
+            if known or _proven(bound, found, load):
+                return found
         found = _checked(found, load)
     # Not a number is not small, either; `vdot` says nothing of what overflows.
-    if not (allow_large and method != "first_order") and not np.vdot(found.motion, found.motion) < SMALL:
+    size = found.motion.dot(found.motion) if tame else np.vdot(found.motion, found.motion)
+    if not (allow_large and method != "first_order") and not size < SMALL:
         if not np.isfinite(found.motion).all():
             raise ConvergenceError("the loads or the laws give no finite twists", ())
         if not allow_large:
@@ -134,22 +142,30 @@ RUNS_AWAY = np.errstate(over="ignore", invalid="ignore")
 
 
 def _fixed_point(
-    law: Callable[[Array], Array], load: Callable[[Array], Array], rigid: Array, most: int, slow: float
+    law: Callable[[Array], Array],
+    load: Callable[[Array], Array],
+    flexed: Callable[[Array], Array],
+    rigid: Array,
+    most: int,
+    slow: float,
 ) -> tuple[Array | None, list[float]]:
     """Return the motion at rest, None where the steps do not shrink quickly, and the squared lengths of the steps.
 
     Args:
         law: Torques to motions.
-        load: Motions to torques.
-        rigid: Torque on the undeflected arm.
+        load: Configurations to torques.
+        flexed: Motions to configurations.
+        rigid: Configuration of the undeflected arm.
         most: Steps at most.
         slow: Part of the squared step before it that a squared step must be shorter than.
     """
-    motion = law(rigid)
+    motion = law(load(rigid))
     before = motion.dot(motion)
     sizes = [before]
+    if not before < FARTHEST:
+        return None, sizes
     for _ in range(most):
-        moved = law(load(motion))
+        moved = law(load(flexed(motion)))
         step = moved - motion
         size = step.dot(step)
         sizes.append(size)
@@ -201,20 +217,17 @@ def _newton(loaded: LoadedArm, case: LoadCase, rigid: Array, load: Callable[[Arr
     raise ConvergenceError("the equilibrium did not converge", history)
 
 
-def _proven(found: Equilibrium, load: Callable[[Array], Array]) -> bool:
-    """Return whether the bound proves that the arm stays where it was found, with its joints within their limits."""
-    loaded, laws = found.loaded, found.loaded.mechanics.laws
-    bound = loaded.stability_bound
-    if bound is None or found.case.moves or not found.motion.dot(found.motion) < SMALL:
+def _proven(bound: StabilityBound, found: Equilibrium, load: Callable[[Array], Array]) -> bool:
+    """Return whether the bound under the arm's weight proves that it stays where it was found, within its limits."""
+    loaded, laws, wrenches = found.loaded, found.loaded.mechanics.laws, found.case.wrenches
+    if found.case.moves:
         return False
-    if found.case.wrenches:
-        if bound.proven_under(found.case.wrenches):
+    if wrenches:
+        if bound.proven_under(wrenches):
             return True
-        bound = bound.under(found.case.wrenches)
-        if bound is None:
-            return False
-    if bound.proven:
-        return True
+        bound = bound.under(wrenches)
+    if bound is None or bound.proven:
+        return bound is not None
     # What is affine gives the same under every load, so they need not be known.
     torque = load(integrate(loaded.flex.model, found.rigid, found.motion)) if laws.curved else found.motion
     return bool(bound.stays(-torque[loaded.flex.flexure_v], laws.tangent))

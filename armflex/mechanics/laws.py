@@ -216,7 +216,7 @@ class PlacedLaws:
     Attributes:
         motion: (nv,) generalized torques to the (nv,) twists, among zeros, that the laws give at the row that is known.
         curved: Whether their tangents depend on the load there.
-        tame: Whether they are the same everywhere, and such that no weight can give twists whose squares overflow.
+        tame: Whether no weight can give twists whose squares overflow, by what of them is the same everywhere.
     """
 
     def __init__(self, stack: LawStack, places: np.ndarray, size: int) -> None:
@@ -236,29 +236,33 @@ class PlacedLaws:
         self._row: Row | None = None
         self._known: dict[int, Array] = {}
         self.changing, self.curved = bool(stack.changing), False
-        self.tame = not stack.changing and max(abs(matrix).max(initial=0.0), abs(gains).max(initial=0.0)) < TAME
+        self.tame = max(abs(matrix).max(initial=0.0), abs(gains).max(initial=0.0)) < TAME
 
     def know(self, row: Row) -> None:
         """Take in the row of the questions to come; needed where laws depend on more than the load."""
-        affine, curved, self._known = self._stack.ask(row)
-        offset, self._row, self.curved = np.zeros(self._size), row, bool(curved)
+        offset, curved, self._row, self._known = np.zeros(self._size), [], row, {}
         for here in self._softer:
             self._matrix[here, here] = self._same[here, here]
         self._softer = []
-        for i, twist, compliance in affine:
-            here = self._places[i]
+        for i, law in self._stack.changing:
+            here, found = self._places[i], law.affine(row)
+            if found is None:
+                curved.append((here, law))
+                continue
+            twist, compliance = found
+            self._known[id(law)] = compliance
             if twist is not NOTHING:
                 offset[here] += twist
             if compliance is not UNLOADED:
                 self._matrix[here, here] -= compliance
                 self._softer.append(here)
+        self.curved = bool(curved)
         together = _sum(self._matrix.dot, self._networks) if self._softer else self._usual
-        asked = [(self._places[i], law) for i, law in curved]
 
         def motion(torque: Array) -> Array:
             found = together(torque)
             found += offset
-            for here, law in asked:
+            for here, law in curved:
                 found[here] += law.twist(-torque[here], row)
             return found
 

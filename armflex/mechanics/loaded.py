@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -100,7 +99,7 @@ class LoadedArm:
             if not wrench.dead:
                 text = f"the load at {wrench.frame!r} turns with its link; buckling is checked, flutter is not"
                 flags.append(Flag("follower_load", text))
-            size = math.hypot(*wrench.force.tolist())
+            size = wrench.sizes[0]
             if 0.0 < FORCE_BAND * arm.weight < size:
                 text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
                 flags.append(Flag("large_force", text))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -69,6 +70,11 @@ class Load(Protocol):
         """Whether the wrench is the same wherever the link is."""
         ...
 
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """Of force [N] and moment [N m], of a dead load."""
+        ...
+
     def at(self, pose: Array) -> Array:
         """Return the (..., 6) wrench on the structure at the link's origin, base axes, for (..., 4, 4) poses of it."""
         ...
@@ -104,6 +110,11 @@ class Wrench:
     def dead(self) -> bool:
         """Whether it does not turn with its link."""
         return self.axes == "base"
+
+    @cached_property
+    def sizes(self) -> tuple[float, float]:
+        """Of force [N] and moment [N m]."""
+        return math.hypot(*self.force.tolist()), math.hypot(*self.moment.tolist())
 
     @cached_property
     def _whole(self) -> Array:

@@ -82,6 +82,8 @@ class Mechanics:
 
         They are what parents exert on children: minus the loads that deform.
         """
+        if case.v is None and case.a is None and not (case.wrenches or self.pulls):
+            return self._gravity
         model, data = self.model, self.data
         if case.moves:
             motion = self._velocities(case)
@@ -90,8 +92,6 @@ class Mechanics:
                 return rnea(model, data, configuration, *motion)
         else:
             bare = self._gravity
-        if not (case.wrenches or self.pulls):
-            return bare
         loads = [(self._frames[load.frame], load) for load in (*case.wrenches, *self.pulls)]
         dead = [(frame, load.at(BASE).dot) for frame, load in loads if load.dead]
         turning = [(frame, load) for frame, load in loads if not load.dead]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
 from armflex.laws import Row
-from armflex.mechanics.deflection import Asked, deflect
+from armflex.mechanics.deflection import deflect
 from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
@@ -49,7 +49,7 @@ class Prepared:
     ) -> None:
         check_method(method)
         loaded.flags_under(wrenches, accelerated=False)  # raises where a link is not the arm's
-        self._loaded, self._asked, self._wrenches = loaded, Asked(method, enforce_limits), tuple(wrenches)
+        self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
         joints, flexures = len(loaded.arm.joint_names), len(loaded.flexure_joints)
         self._answer: Answer = (np.zeros(joints), np.zeros((flexures, 6)), np.zeros(6))
         self._quick: Quick | None = None
@@ -84,7 +84,7 @@ class Prepared:
     @property
     def wrenches(self) -> Array:
         """(n_flexures, 6) loads on the flexures at the last answer, local axes [N, Nm]."""
-        mechanics, flexed = self._loaded.mechanics, self._asked.method != "first_order"
+        mechanics, flexed = self._loaded.mechanics, self._method != "first_order"
         motion = np.zeros(mechanics.model.nv)
         motion[mechanics.flex.flexure_v] = flexed * self._answer[1].ravel()
         configuration = mechanics.flexed(mechanics.rigid_configuration(self._answer[0]), motion)
@@ -98,10 +98,10 @@ class Prepared:
 
     def _ask(self, q: ArrayLike, covariates: dict[str, float]) -> Array:
         """Return the displacement as `deflection` finds it, which also says what is wrong."""
-        checked, flags = self._loaded.arm.check_position(q, self._asked.enforce_limits)
+        checked, flags = self._loaded.arm.check_position(q, self._enforced)
         known = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
         case = LoadCase(checked, wrenches=self._wrenches, covariates=known)
-        found = deflect(self._loaded, case, flags, self._asked)
+        found = deflect(self._loaded, case, flags, self._method)
         displacement = found.displacement.copy()
         self._answer = (checked, found.twists.copy(), displacement)
         return displacement

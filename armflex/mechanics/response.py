@@ -29,6 +29,7 @@ from armflex.mechanics.loads import Payload
 from armflex.mechanics.many_rows import Pushes, RowSolver, Solution, frame_poses, kernel
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.structure import Structure
+from armflex.parallel import in_threads
 
 Progress = Callable[[int, int], None]
 
@@ -47,9 +48,15 @@ class _Part:
     changes: Array
     tangents: Array
 
-    def some(self, values: Array, rows: slice) -> Array:
+    def some(self, values: Array, rows: slice | np.ndarray) -> Array:
         """Return some rows of what is the same for all of them, or given by row."""
         return values[rows] if len(values) > 1 else values
+
+    def among(self, number: np.ndarray) -> _Part:
+        """Return those of its rows that have a (N,) number, under these numbers; -1 is none."""
+        own = np.flatnonzero(number[self.rows] >= 0)
+        loads = self.some(self.wrenches, own), self.some(self.changes, own), self.some(self.tangents, own)
+        return _Part(self.loaded, number[self.rows[own]], self.links, *loads)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +79,14 @@ class Response:
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
     _parts: tuple[_Part, ...]
+
+    def some(self, rows: np.ndarray) -> Response:
+        """Return the response in (M,) rows, none of them twice."""
+        number = np.full(len(self.row.q), -1)
+        number[rows] = np.arange(len(rows))
+        parts = tuple(part for part in (whole.among(number) for whole in self._parts) if len(part.rows))
+        arrays = self.flexure_wrenches[rows], self.flexure_twists[rows], self.laws[rows]
+        return Response(self.row.some(rows), *arrays, self.link_names, self.sites, parts)
 
     @cached_property
     def tip(self) -> Array:
@@ -182,26 +197,38 @@ def respond(
         ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: As `find_equilibrium`, for some row.
     """
     q = np.ascontiguousarray(q)
-    known, groups = {name: np.asarray(values) for name, values in (covariates or {}).items()}, {}
-    for i, payload in enumerate(payloads):
-        loaded = arm.loaded(payload)
-        groups.setdefault(id(loaded), (loaded, []))[1].append(i)
+    known = {name: np.asarray(values) for name, values in (covariates or {}).items()}
     row, n, done, parts = Row(q, arm.joint_index, known), len(arm.sites), 0, []
     wrenches, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
-    for loaded, numbers in groups.values():
-        for start in range(0, len(numbers), AT_ONCE):
-            rows = np.array(numbers[start : start + AT_ONCE])
-            some = row.some(rows)
-            asked = loaded.row(some.q, dict(some.covariates))
-            part, found = _solved(loaded, rows, asked, laws, allow_large)
-            wrenches[rows], twists[rows] = found.wrenches, found.twists
-            parts.append(part)
-            done += len(rows)
-            if progress:
-                progress(done, len(q))
+
+    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part:
+        loaded, rows = asked
+        some = row.some(rows)
+        part, found = _solved(loaded, rows, loaded.row(some.q, dict(some.covariates)), laws, allow_large)
+        wrenches[rows], twists[rows] = found.wrenches, found.twists
+        return part
+
+    for part in in_threads(solved, _carrying(arm, payloads)):
+        parts.append(part)
+        done += len(part.rows)
+        if progress:
+            progress(done, len(q))
     frames = arm.loaded(payloads[0] if len(payloads) else None)
     named = (frames.link_frames.names, frames.sites.names)
     return Response(row, wrenches, twists.reshape(len(q), 6 * n), laws, *named, tuple(parts))
+
+
+def _carrying(arm: Structure, payloads: Sequence[str | Payload]) -> list[tuple[LoadedArm, np.ndarray]]:
+    """Return the arm with each payload and numbers of the rows in which it is carried, some at a time."""
+    numbers: dict[str | int, list[int]] = {}
+    for i, payload in enumerate(payloads):
+        numbers.setdefault(payload if isinstance(payload, str) else id(payload), []).append(i)
+    groups: dict[int, tuple[LoadedArm, list[int]]] = {}
+    for own in numbers.values():
+        loaded = arm.loaded(payloads[own[0]])
+        groups.setdefault(id(loaded), (loaded, []))[1].extend(own)
+    ordered = [(loaded, np.sort(own)) for loaded, own in groups.values()]
+    return [(loaded, own[i : i + AT_ONCE]) for loaded, own in ordered for i in range(0, len(own), AT_ONCE)]
 
 
 def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_large: bool) -> tuple[_Part, Solution]:

@@ -20,6 +20,7 @@ ROOMS = (
     "estimate",
     *("bench", "plan", "track", "trace"),
     "tasks",
+    "export",
     *("show.view", "show.report"),
     "cli",
 )

@@ -123,8 +123,8 @@ class BoundTwist(Law):
 
     def affine(self, row: Row) -> tuple[Array, Array] | None:
         """Return the twist without load and the compliance, None where a loaded effect is not proportional."""
-        law, own = self.law, self.here.base_law
-        if (law.loaded and not law.linear) or (own is not None and own.affine(row) is None):
+        law = self.law
+        if (law.loaded and not law.linear) or self._base_curved:
             return None
         many = row.q.shape[:-1]
         if not law.loaded:
@@ -136,9 +136,13 @@ class BoundTwist(Law):
 
     def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return zero where the effect does not depend on the load."""
-        law, own = self.law, self.here.base_law
-        constant = not law.loaded and (own is None or own.affine(anywhere(self.here.robot)) is not None)
-        return np.zeros((2, 2)) if constant else None
+        return None if self.law.loaded or self._base_curved else np.zeros((2, 2))
+
+    @cached_property
+    def _base_curved(self) -> bool:
+        """Whether the flexure's own law is curved, wherever its joints are."""
+        own = self.here.base_law
+        return own is not None and own.affine(anywhere(self.here.robot)) is None
 
 
 @dataclass(frozen=True)

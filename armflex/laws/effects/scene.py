@@ -198,8 +198,9 @@ def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
 
     An entry of a text column that effects depend on and these rows never have is 0 throughout.
     """
-    weights = {id(one): arm.payload(one).mass for one in rows.payload}  # a name or a payload, which has arrays
-    known = {**rows.known, MASS: np.array([weights[id(one)] for one in rows.payload])}
+    keys = [one if isinstance(one, str) else id(one) for one in rows.payload]  # a payload has arrays
+    weights = {key: arm.payload(one).mass for key, one in dict(zip(keys, rows.payload, strict=True)).items()}
+    known = {**rows.known, MASS: np.array([weights[key] for key in keys])}
     if isinstance(rows, Rows) and any(POSE in effect.location.covariates for effect in arm.effects):
         known[POSE] = rows.pose_number.astype(float)
     texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}

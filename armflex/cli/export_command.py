@@ -1,0 +1,69 @@
+"""armflex export: the arm as other programs read it."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from armflex.arm import Arm
+from armflex.cli import options
+from armflex.cli.terminal import complain, say
+from armflex.errors import InputError, listing
+from armflex.export.exported import Exported
+from armflex.storage.whole_file import write_whole
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: its module's `export` gets the arm and those of its options that were given.
+
+    Attributes:
+        module: Of `armflex.export`.
+        options: Options of the command, by their names in Python, that mean something to it.
+        needs: Options without which nothing can be written.
+    """
+
+    module: str
+    options: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ("output",)
+
+
+FORMATS = {
+    "c": Format("c_code", options=("name",)),
+}
+
+
+@click.command(cls=options.Command)
+@options.arm
+@click.option("--to", "target", type=options.Choice(list(FORMATS)), required=True, help="The format to write.")
+@click.option("-o", "--output", type=options.OutputPath(), help="File to write.")
+@click.option("--name", help="c: what every name in the file begins with.  [default: arm]")
+def command(arm: Arm, target: str, output: Path | None, **given: Any) -> None:
+    """Write the arm for other programs: see --to.
+
+    What a format cannot carry is refused by name, or said with what it amounts to in mm.
+    """
+    wanted, asked = FORMATS[target], {option: value for option, value in given.items() if value is not None}
+    flags = {one.name: one.opts[0] for one in click.get_current_context().command.params}
+    for option in asked:
+        if option not in wanted.options:
+            known = [name for name, other in FORMATS.items() if option in other.options]
+            raise InputError(f"{flags[option]} means nothing to --to {target}; it goes with --to {listing(known)}")
+    for option in wanted.needs:
+        if option not in asked and not (option == "output" and output):
+            raise InputError(f"--to {target} needs {flags[option]}")
+    exporter = importlib.import_module(f"armflex.export.{wanted.module}")
+    found: Exported = exporter.export(arm, **asked)
+    if output is None:
+        click.echo(found.text, nl=False)
+    else:
+        write_whole(output, found.text.encode())
+    for line in found.told:
+        complain(line) if output is None else say(line)
+    if output is not None:
+        say(f"Written to {output}.")
+    options.write_json({"format": "armflex-export-1", "to": target, **found.numbers})
