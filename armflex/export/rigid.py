@@ -19,7 +19,7 @@ from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import drive_of, resolve, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
-from armflex.robot.elements import MOVING
+from armflex.robot.urdf import MOVING
 
 POSES = 256
 """Configurations within the limits over which it is told what a file leaves out."""

@@ -12,8 +12,8 @@ from armflex.conventions import Array
 from armflex.export.exported import Exported
 from armflex.export.rigid import left_out, roll_pitch_yaw, with_constants
 from armflex.measured.measurements import read_measurements
-from armflex.robot.elements import Joint
-from armflex.robot.xml import parse_xml
+from armflex.robot.reader import parse_xml
+from armflex.robot.urdf import Joint
 
 
 def export(arm: Arm, over: Path | None = None) -> Exported:

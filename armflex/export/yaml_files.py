@@ -15,7 +15,7 @@ from armflex.errors import InputError, UnsupportedError, listing
 from armflex.export.exported import Exported
 from armflex.export.rigid import joint_frames, left_out, roll_pitch_yaw, with_constants
 from armflex.measured.measurements import read_measurements
-from armflex.robot.elements import MOVING
+from armflex.robot.urdf import MOVING
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")

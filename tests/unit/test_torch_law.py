@@ -17,7 +17,7 @@ from support.command_line import Run, fine, strict_json
 
 from armflex import ArmflexError, InputError, Measurements, calibrate, load_arm, load_law, save_law, train
 from armflex.bench import fit_torch
-from armflex.bench.cross_validation import NOWHERE
+from armflex.bench.fitted import NOWHERE
 from armflex.bench.learners import Options
 from armflex.errors import LawError, ModelFileError, NotFiniteError
 from armflex.estimate.calibrate import write_calibrated

@@ -12,7 +12,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws import Law
 from armflex.laws.flexure import Flexure
 from armflex.robot import Robot, Site
-from armflex.robot.elements import Joint
+from armflex.robot.urdf import Joint
 
 BASE, TOOL, LINK = "base", "tool", "link:"
 
