@@ -15,7 +15,6 @@ from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds, t
 from armflex.parameters import Kind
 from armflex.trace.candidates import Sifted
 from armflex.trace.polish import Polished
-from armflex.trace.projection import evidence
 
 if TYPE_CHECKING:
     from armflex.trace.state import State
@@ -96,13 +95,10 @@ def null_maximum(
         flips: How many.
     """
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (int(groups.max()) + 1, flips))
-    projection = sifted.projection
     competes = [laws is None or candidate.law.name in laws for candidate in sifted.bank.candidates]
     if not any(competes):
         return np.full(flips, -np.inf)
-    gains = sifted.gains(signs[groups])
-    worth = evidence(gains, projection.objective, projection.count, sifted.bank.parameters[:, None])
-    return np.asarray(worth)[competes].max(axis=0)
+    return sifted.evidence_of(sifted.gains(signs[groups]))[competes].max(axis=0)
 
 
 def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import f
+from scipy.special import fdtrc
 
 from armflex.conventions import TWIST_NAMES
 from armflex.estimate.calibrate import Calibration
@@ -134,7 +134,7 @@ def _found(state: State, index: int, worth: float, others: tuple[tuple[Effect, f
 
 def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
     """Return laws and sites of which fitted parameters take over all but nothing, with the parameter that does most."""
-    bank, columns = looked.named.bank, looked.projection.columns
+    bank, columns = looked.sifted[0].bank, looked.projection.columns
     whole, inside = _left_over(looked)
     sizes = np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
     found: dict[tuple[str, str], Unidentifiable] = {}
@@ -156,7 +156,7 @@ def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
 
 def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
     """Return for every law the range over its places of the tip motion (RMS) that would just have been accepted."""
-    bank, fit, where = looked.named.bank, state.fit, state.fit.view.positions
+    bank, fit, where = looked.sifted[0].bank, state.fit, state.fit.view.positions
     noise = max(1.0, looked.projection.objective / looked.projection.count)
     # (G,) RMS of the 3-D motion of the target per unit of each group's first amplitude [m].
     raw, scale = np.zeros(len(bank.candidates)), fit.view.sigma[:, where] / np.sqrt(fit.weights)[:, None]
@@ -214,6 +214,6 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
     squares = fit.view.residual[fit.weights >= 1.0, fit.view.positions] ** 2  # tails make a mean of squares anything
     freedom = max(squares.size - (fit.view.count - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
-    if left < LARGER * noise or f.sf(left / noise, freedom, 3 * scatter.freedom) > UNLIKELY:
+    if left < LARGER * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > UNLIKELY:
         return None
     return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))

@@ -13,7 +13,7 @@ from armflex.estimate.fit import robust_limit
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places
-from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, screen, sift
+from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, sift
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import Projection, evidence, projected, ridge_for
 from armflex.trace.state import State, add, candidate_of, information, moved_to, stands, without
@@ -71,10 +71,10 @@ def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]
     def spot(one: Candidate) -> tuple[str, str, str | None, str]:
         return one.law.name, one.location.site, one.location.axis, one.location.partner
 
-    screened = screen(sift(bank(tried(), state.fit, state.scene, state.tell), projection))
+    sifted = sift(bank(tried(), state.fit, state.scene, state.tell), projection)
     taken, rivals = {spot(one) for one in themselves}, []
-    for number, i in enumerate(best_per_spot(screened, COMPARED + 1)):
-        candidate = screened.bank.candidates[i]
+    for number, i in enumerate(best_per_spot(sifted, COMPARED + 1)):
+        candidate = sifted.bank.candidates[i]
         state.tell(f"refining {candidate.name}", number, COMPARED + 1)
         if spot(candidate) not in taken:
             rivals.append(polish(candidate, state.fit, state.scene, projection))

@@ -110,7 +110,8 @@ def _tell_figures(teller: Teller, first: Fit, state: State) -> None:
     """Say what there is so far: effects, and the error with them."""
     *_, last = (None, *state.steps)
     unseen = held_out(first, pose_folds(state.groups)).rms if last is None else last.proof.after
-    teller.has(tuple(block.effect.title for block in state.effects), state.fit.rms, unseen)
+    effects = tuple(block.effect.title for block in state.effects)
+    teller.say(effects=effects, rms=state.fit.rms, held_out=unseen)
 
 
 def _round(state: State, say: Report) -> State | None:

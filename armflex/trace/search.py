@@ -16,13 +16,11 @@ from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, suspects
 from armflex.trace.candidates import (
     Candidate,
-    Screening,
     Sifted,
     bank,
     best_per_spot,
     candidates_of,
     grid,
-    screen,
     sift,
 )
 from armflex.trace.polish import Polished, polish, sensible
@@ -73,15 +71,13 @@ class Round:
 
     Attributes:
         projection: Of the fit that was searched.
-        named: The catalogue, screened.
-        sifted: Everything that was tried, projected: for nulls.
+        sifted: Everything that was tried, projected: the catalogue first.
         places: Where a random twist would explain the residual, the likeliest first.
         ranking: Refined candidates, the best first.
         plain: Laws that are tried first.
     """
 
     projection: Projection
-    named: Screening
     sifted: tuple[Sifted, ...]
     places: tuple[RandomTwist, ...]
     ranking: tuple[Polished, ...]
@@ -182,10 +178,10 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray, tell: Tell = silent) -> R
     free = bank(candidates_of(unnamed, scene), fit, scene, tell)
     tell("projecting candidates", 0, 0)
     sifted = [sift(named, projection), sift(free, projection)]
-    screened, shaped = (screen(one) for one in sifted)
+    screened, shaped = sifted
     places = localise(fit, scene, projection, groups)
-    chosen = [one.candidate for one in _possible(screened, fit, scene, projection, LOOKED_AT, REFINED)]
-    chosen += [one.candidate for one in _possible(shaped, fit, scene, projection, LOOKED_AT, 3)]
+    chosen = [one.candidate for one in _possible(screened, fit, scene, LOOKED_AT, REFINED)]
+    chosen += [one.candidate for one in _possible(shaped, fit, scene, LOOKED_AT, 3)]
 
     def best_of(most: int, laws: Sequence[EffectLaw], locations: Sequence[Location]) -> list[Candidate]:
         """Return the best of shapes that are sought, with every starting value, all their terms acting."""
@@ -196,14 +192,13 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray, tell: Tell = silent) -> R
             for inner in grid(one, location, scene)
         ]
         sifted.append(sift(bank(tried, fit, scene, tell), projection))
-        shown = screen(sifted[-1])
-        return [tried[i] for i in best_per_spot(shown, most)]
+        return [tried[i] for i in best_per_spot(sifted[-1], most)]
 
     did_well = [shaped.bank.candidates[i] for i in best_per_spot(shaped, SHAPED)]
     did_well = [one.location for one in did_well if one.law is not LEVEL]
     spots = {Location(one.site, one.axis, one.covariates) for one in did_well}
     chosen += best_of(SECOND_BEST[0], (WAVE, BUMP), sorted(spots, key=str))
-    if float(screened.gains.max(initial=0.0)) < MUCH * (projection.objective - projection.count):
+    if float(screened.gain.max(initial=0.0)) < MUCH * (projection.objective - projection.count):
         likely = places[:PLACES]
         pairs = list(permutations(suspects(scene.records), 2))
         products = best_of(
@@ -218,14 +213,13 @@ def search(fit: Fit, scene: Scene, groups: np.ndarray, tell: Tell = silent) -> R
         tell(f"refining {candidate.name}", number, len(chosen))
         refined.append(polish(candidate, fit, scene, projection))
     ranking = tuple(sorted(refined, key=lambda one: -one.evidence))
-    return Round(projection, screened, tuple(sifted), places, ranking, _plain(scene))
+    return Round(projection, tuple(sifted), places, ranking, _plain(scene))
 
 
 def searched(sifted: Sifted, fit: Fit, scene: Scene, most: int) -> Round:
     """Return the round of some candidates alone, the best for every law and location that is possible, none refined."""
-    screened = screen(sifted)
-    found = _possible(screened, fit, scene, sifted.projection, most, most)
-    return Round(sifted.projection, screened, (sifted,), (), tuple(found), _plain(scene))
+    found = _possible(sifted, fit, scene, most, most)
+    return Round(sifted.projection, (sifted,), (), tuple(found), _plain(scene))
 
 
 def _plain(scene: Scene) -> frozenset[str]:
@@ -234,16 +228,14 @@ def _plain(scene: Scene) -> frozenset[str]:
     return frozenset(law.name for law in EVERY.values() if law.plain and (several or not law.timed))
 
 
-def _possible(
-    screened: Screening, fit: Fit, scene: Scene, projection: Projection, looked_at: int, most: int
-) -> list[Polished]:
+def _possible(sifted: Sifted, fit: Fit, scene: Scene, looked_at: int, most: int) -> list[Polished]:
     """Return the best candidates, one per law and location, whose amplitudes are possible; none refined."""
     found: list[Polished] = []
-    for index in best_per_spot(screened, looked_at):
-        candidate, gain = screened.bank.candidates[index], float(screened.gains[index])
-        amplitudes = projection.gain(screened.bank.group(index))[1]
+    for index in best_per_spot(sifted, looked_at):
+        candidate, gain = sifted.bank.candidates[index], float(sifted.gain[index, 0])
+        amplitudes = sifted.projection.gain(sifted.bank.group(index))[1]
         if gain > 0.0 and sensible(candidate, amplitudes, fit, scene):
-            found.append(Polished(candidate, gain, float(screened.evidence[index]), amplitudes, ()))
+            found.append(Polished(candidate, gain, float(sifted.evidence[index]), amplitudes, ()))
         if len(found) >= most:
             break
     return found

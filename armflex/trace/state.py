@@ -13,7 +13,8 @@ from armflex.estimate.block import Block
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
-from armflex.estimate.view import look
+from armflex.estimate.robust import huber_weights
+from armflex.estimate.view import View, look
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.remember import without_direction
@@ -26,12 +27,26 @@ from armflex.rows.rows import POSE
 from armflex.setup import Setup
 from armflex.trace.accept import Step
 from armflex.trace.candidates import Candidate, candidate_columns
-from armflex.trace.lost import lost_beams
 from armflex.trace.polish import Polished, sensible
 from armflex.trace.projection import project
 from armflex.trace.search import Round, search
 from armflex.trace.telling import Tell, silent, tell_steps
 from armflex.trace.unrecorded import PoseBlock
+
+LOST = 0.1
+"""Robust weight below which a reading may be a lost beam: forty standard deviations or more."""
+
+FAR = 0.5
+"""Robust weight below which a reading speaks for its neighbours: they are far for one reason."""
+
+NEAR = (-2, -1, 1, 2)
+"""Steps in time to a reading's neighbours."""
+
+FELLOWS = 2
+"""Neighbours in time, or other readings of the pose, that must be far too for a reading not to stand alone."""
+
+MOST = 0.1
+"""Share of the readings that lost beams are at most; where more stand alone, it is the model that is wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +147,33 @@ def lost_rows(state: State, heed: bool) -> np.ndarray:
     asked, measurements = state.asked, state.measurements
     view = state.fit.view if len(state.rows) == len(asked) else look(state.fit.setup, measurements, asked)
     return lost_beams(view, [measurements.session[row] for row in asked], measurements.pose_number[asked], heed)
+
+
+def lost_beams(view: View, sessions: Sequence[str], poses: np.ndarray, heed: bool = True) -> np.ndarray:
+    """Return (M,) which readings are lost beams.
+
+    What moves the arm moves it for a while, or whenever it is in a pose: such readings are far in company, and stay.
+
+    Args:
+        view: The campaign at a fit, rows in the order driven.
+        sessions: Session of every row.
+        poses: (M,) number of every row's pose.
+        heed: Whether what is far in company stays, as long as some effect may still explain it.
+    """
+    weights = huber_weights(view)
+    far = weights < FAR
+    lost = weights < LOST
+    if heed:
+        # Enough neighbours in time, in the same session, are far.
+        count, row, session = len(far), np.arange(len(far)), np.unique(sessions, return_inverse=True)[1]
+        beside = np.zeros(count, dtype=int)
+        for step in NEAR:
+            other = np.clip(row + step, 0, count - 1)
+            beside += far[other] & (session[other] == session) & (other == row + step)
+        # Enough other readings of the same pose are far, and half of them.
+        others, alike = np.bincount(poses)[poses] - 1, np.bincount(poses, far)[poses] - far
+        lost &= (beside < FELLOWS) & ((alike < FELLOWS) | (2 * alike < others))
+    return lost & (lost.mean() <= MOST)
 
 
 def fitted_to(fitted: Fit, measurements: Measurements, rows: np.ndarray) -> Fit:

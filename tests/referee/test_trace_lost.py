@@ -24,9 +24,8 @@ from armflex.plan.design import instead
 from armflex.show.report import render_report
 from armflex.trace.accept import improvement
 from armflex.trace.findings import Trace, write_traced
-from armflex.trace.lost import MOST, lost_beams
 from armflex.trace.rounds import trace
-from armflex.trace.state import begin
+from armflex.trace.state import MOST, begin, lost_beams
 
 pytestmark = pytest.mark.slow
 
