@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from armflex.errors import ArmflexError
-from armflex.estimate.fit import robust_limit
+from armflex.estimate.robust import robust_limit
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places

@@ -13,8 +13,9 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.errors import ArmflexError, FileError
 from armflex.estimate.calibrate import calibrate
-from armflex.estimate.fit import Fit, robust_limit
+from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import held_out, pose_folds
+from armflex.estimate.robust import robust_limit
 from armflex.measured.measurements import Measurements
 from armflex.rows.rows import POSE
 from armflex.storage.whole_file import remove
