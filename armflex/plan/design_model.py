@@ -12,13 +12,13 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
-from armflex.estimate.block import Block, parameters_of
-from armflex.estimate.blocks import FrameBlock, declared_blocks, places_of
+from armflex.estimate.block import Block, parameters_of, places_of
+from armflex.estimate.blocks import blocks_of, declared_blocks, frame_block
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior, effect_columns
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
 from armflex.estimate.robust import whitened_columns
-from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of, scene_of
+from armflex.estimate.spread import OTHER_PARAMETERS, scene_of
 from armflex.estimate.view import View, look
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.scene import Scene
@@ -28,7 +28,6 @@ from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ArmParameter, Group, Kind, numbers_of
 from armflex.plan.offer import Offer
 from armflex.readings.instrument import Instrument
-from armflex.rows import Rows
 from armflex.setup import Setup
 
 NOWHERE = -1
@@ -134,7 +133,7 @@ class Model:
 
     def rows(self, offer: Offer) -> Array:
         """Return (N, 3, P) changes of offered readings, in standard deviations of the readings."""
-        return answers(self.blocks, offer.view, offer.rows, offer.scene) * self.scale
+        return answers(self.blocks, offer.view, offer.scene) * self.scale
 
     def std(self, known: LinearGaussian) -> Array:
         """Return the (P,) standard deviations of all parameters in their units."""
@@ -152,9 +151,9 @@ def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
     return before.seen_by(setup), offer.seen_by(setup)
 
 
-def answers(blocks: Sequence[Block], view: View, rows: Rows, scene: Scene) -> Array:
+def answers(blocks: Sequence[Block], view: View, scene: Scene) -> Array:
     """Return (M, d, P) whitened changes of the readings of some rows per parameter of blocks made for others."""
-    here = [block.of_rows(rows.session, scene) for block in blocks]
+    here = [block.of_rows(scene) for block in blocks]
     return whitened_columns(here, view, np.ones(len(view.rows))).reshape(*view.residual.shape, -1)
 
 
@@ -186,7 +185,7 @@ def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model
     scale = _finite(blocks)
     told = LinearGaussian(np.eye(len(scale)))
     if known is not None:
-        columns = answers(blocks, before.view, known, before.scene) * scale / before.noise
+        columns = answers(blocks, before.view, before.scene) * scale / before.noise
         told = told.with_rows(columns * np.sqrt(before.weights)[:, None, None])
     return Model(tuple(blocks), scale, told, scale)
 
@@ -230,9 +229,7 @@ def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
     known = arm.certainty.part(
         [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in anew]
     )
-    frames: list[Block] = []
-    if arm.measurement.frame == "unknown":
-        frames.append(FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement"))
+    frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
     kept = blocks_of(known.parameters, setup, scene=offer.scene)
     fresh = [*_law_blocks(new), *suspects]
     blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(known.covariance)), _finite(frames)

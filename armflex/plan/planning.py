@@ -281,7 +281,7 @@ def _goal(before: Before, model: Model, every: Array, rivals: Sequence[Rival], a
     known = {name: values[some] for name, values in ordered.known.items()}
     rows = rows_at(before.setup.arm, ordered.q[some], tuple(along.payload[i] for i in some), known)
     view = look(before.setup, rows, np.arange(len(some)), readings=unread(len(some), Position))
-    seen = answers(model.blocks, view, rows, scene_of(view, rows)) * model.scale
+    seen = answers(model.blocks, view, scene_of(view, rows)) * model.scale
     return IOptimal(np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some))
 
 

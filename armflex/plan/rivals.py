@@ -161,7 +161,7 @@ def rival_of(suspect: Suspect, fitted: Fit | None, offer: Offer) -> Rival:
         found, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
         if np.linalg.norm(found / std) > CLEAR * np.sqrt(terms):
             return Rival(suspect, np.append(found, inner), "estimated from what was measured")
-    columns = answers([suspect], offer.view, offer.rows, offer.scene)[:, :, :terms]
+    columns = answers([suspect], offer.view, offer.scene)[:, :, :terms]
     moved = np.sqrt((columns**2).mean(axis=(0, 1)))
     moving = moved > 0.0
     if not moving.any():

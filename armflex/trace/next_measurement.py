@@ -117,7 +117,7 @@ def _apart(state: State, index: int, rival: Effect, offer: Rows, view: View, sce
     measured = np.hstack([fit.columns[:, places], imitation, effect[:, None]])
     precision = np.concatenate([fit.precision[places], np.zeros(len(rival.location.terms) + 1)])
     known = LinearGaussian.of(measured, precision + RIDGE * (measured**2).sum(axis=0))
-    there = [block.of_rows(offer.session, scene).columns(view) for block in kept]
+    there = [block.of_rows(scene).columns(view) for block in kept]
     there.append(view.effect_columns(rival, scene))
     there.append((view.effect_columns(own, scene) @ own.acting)[:, :, None])
     after = np.concatenate(there, axis=2)
