@@ -160,12 +160,13 @@ def _record(expected: Mapping[str, Any], value: Any, where: str) -> dict[str, An
 
 
 def _any_of(parts: tuple[Any, ...], value: Any, where: str) -> Any:
+    problems = []
     for part in parts:
         try:
             return None if part is type(None) and value is None else typed(part, value, where)
         except ValueError as error:
-            problem = error
-    raise problem if len(parts) == 2 and type(None) in parts else ValueError(f"{where} is {_short(value)}")
+            problems.append(error)
+    raise problems[0] if len(parts) == 2 and parts[1] is type(None) else ValueError(f"{where} is {_short(value)}")
 
 
 def _short_name(expected: Any) -> str:

@@ -69,7 +69,7 @@ def next_rows(state: State, rivals: Sequence[Sequence[Effect]]) -> tuple[str, ..
         own = state.fitted[index]
         for rival in others[:RIVALS]:
             pair = f"{own.title}{numbered(state.effects[index].number)} from {rival.title}"
-            row, sigmas, difference = _apart(state, index, rival, offer, view, scene)
+            row, sigmas, difference = _apart(state, index, rival, view, scene)
             if sigmas < TELLING:
                 told.append(f"No more rows like those recorded tell {pair}; instead, {instead(own, rival)}.")
                 continue
@@ -107,7 +107,7 @@ def _offered(known: Measurements) -> Rows:
     )
 
 
-def _apart(state: State, index: int, rival: Effect, offer: Rows, view: View, scene: Scene) -> tuple[int, float, float]:
+def _apart(state: State, index: int, rival: Effect, view: View, scene: Scene) -> tuple[int, float, float]:
     """Return the offered row at which an effect and a rival in its stead differ most, by how much [sigma, m]."""
     fit, own = state.fit, state.fitted[index]
     kept = [block for block in (*state.blocks, *state.effects) if block is not state.effects[index]]
