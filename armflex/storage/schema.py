@@ -128,7 +128,7 @@ def typed(expected: Any, value: Any, where: str) -> Any:
     origin, parts = get_origin(expected), get_args(expected)
     if isinstance(expected, Mapping):
         return _record(expected, value, where)
-    if is_dataclass(expected):
+    if isinstance(expected, type) and is_dataclass(expected):
         hints = get_type_hints(expected)
         return expected(**_record({field.name: hints[field.name] for field in fields(expected)}, value, where))
     if origin in (Union, types.UnionType):
@@ -206,7 +206,7 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _shown(shape: tuple[int | str, ...], known: Mapping[str, int]) -> str:
-    return f"({', '.join(str(known.get(size, size)) for size in shape)})"
+    return f"({', '.join(str(known.get(size, size) if isinstance(size, str) else size) for size in shape)})"
 
 
 def _bounds(numbers: Numbers) -> str:
