@@ -178,7 +178,7 @@ static void swing(double turn[3][3], const double *axis, double angle)
 }
 
 /* Walk along a chain of elements at joint positions q to its tip. Where s is not NULL, note what the flexures need. */
-static void walk(const element *chain, int count, const double *q, double turn[3][3], double tip[3], arm_state *s)
+static void walk(const element *elements, int count, const double *q, double turn[3][3], double tip[3], arm_state *s)
 {
     int carrier = -1; /* the last flexure passed */
     for (int i = 0; i < 3; i++) {
@@ -191,7 +191,7 @@ static void walk(const element *chain, int count, const double *q, double turn[3
         s->moment[k][0] = s->moment[k][1] = s->moment[k][2] = 0.0;
     }
     for (int k = 0; k < count; k++) {
-        const element *here = &chain[k];
+        const element *here = &elements[k];
         shift(tip, turn, here->origin, 1.0);
         if (here->rotated != 0) {
             rotate(turn, here->rotation);
@@ -866,8 +866,8 @@ int NAME_compensate(const double *q, int payload, double *out)
         /* The smallest change in all that does it to first order; or, where these go round in circles, further. */
         for (int j = 0; j < JOINTS; j++) {
             from[j] = (jump < WHOLE_AIMS) ? 0.0 : ((jump < MOST_AIMS) ? 0.5 * change[j] : change[j]);
-            low[j] = fmax(-LARGEST_CHANGE, limits[j][0] - q[j]) - from[j];
-            high[j] = fmin(LARGEST_CHANGE, limits[j][1] - q[j]) - from[j];
+            low[j] = fmin(fmax(-LARGEST_CHANGE, limits[j][0] - q[j]), 0.0) - from[j];
+            high[j] = fmax(fmin(LARGEST_CHANGE, limits[j][1] - q[j]), 0.0) - from[j];
         }
         for (int i = 0; i < 3; i++) {
             wanted[i] = goal[i] - tip[i];
