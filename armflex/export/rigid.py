@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arm import Arm, ManyRows
 from armflex.configurations import Configurations, drawn_range
 from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import NO_ANSWER, MissingCovariateError, Place, UnsupportedError, listing, naming
@@ -208,7 +208,8 @@ def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Lost:
 def _answers(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Array:
     """Return the (N, 3) place of the tip, NaN in rows that have no answer."""
     try:
-        return arm.deflection(q, payload, covariates=known, enforce_limits=False).pose[:, :3, 3]
+        rows: ManyRows = q
+        return arm.deflection(rows, payload, covariates=known, enforce_limits=False).pose[:, :3, 3]
     except tuple(NO_ANSWER.values()):
         if len(q) == 1:
             return np.full((1, 3), np.nan)
