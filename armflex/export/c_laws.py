@@ -372,7 +372,9 @@ SHAPES: Mapping[str, Shape] = {
     "unnamed_wave": lambda law, here, inner: _constant(
         law, *((wave,) for wave in _waves(here.location.covariates[0], inner[0]))
     ),
-    "unnamed_bump": lambda law, here, inner: _constant(law, (Factor("BUMP", here.location.covariates[0], tuple(inner)),)),
+    "unnamed_bump": lambda law, here, inner: _constant(
+        law, (Factor("BUMP", here.location.covariates[0], tuple(inner)),)
+    ),
     "unnamed_shape": lambda law, here, inner: _constant(
         law, *((tent,) for tent in _tents(here.location.covariates[0], *inner)[:-1])
     ),
