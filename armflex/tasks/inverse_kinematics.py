@@ -202,12 +202,39 @@ class Corrector:
 
 
 def _damped(matrix: Array, wanted: Array, damping: float, low: Array, high: Array) -> Array:
-    """Return the x in a box with the least `|matrix x - wanted|^2 + damping^2 |x|^2` (Stark and Parker 1995)."""
-    from scipy.optimize import lsq_linear  # takes a third of a second
+    """Return the x in a box with the least `|matrix x - wanted|^2 + damping^2 |x|^2`."""
+    count = matrix.shape[1]
+    stacked = np.vstack([matrix, damping * np.eye(count)])
+    return bounded_least_squares(stacked, np.concatenate([wanted, np.zeros(count)]), low, high)
 
-    x, free = np.clip(np.zeros(len(low)), low, high), low < high
-    if free.any():
-        stacked = np.vstack([matrix, damping * np.eye(len(x))])
-        target = np.concatenate([wanted, np.zeros(len(x))]) - stacked[:, ~free] @ x[~free]
-        x[free] = lsq_linear(stacked[:, free], target, (low[free], high[free]), method="bvls", tol=1e-15).x
+
+def bounded_least_squares(matrix: Array, wanted: Array, low: Array, high: Array) -> Array:
+    """Return the x in [low, high] with the least `|matrix x - wanted|`; the columns are independent.
+
+    Active set: entries are held where they meet the box and released where the slope would take them back inside. That
+    of SciPy (`lsq_linear`, bvls) takes as long but ends where the sum of squares hardly falls: near a singular
+    position, whose directions are hardly damped, that is before the change is the smallest.
+    """
+    x = np.clip(np.zeros(len(low)), low, high)
+    held = np.zeros(len(low), dtype=bool)
+    for _ in range(20 * len(low)):
+        best = x.copy()
+        rest = wanted - matrix[:, held] @ x[held]
+        best[~held] = np.linalg.lstsq(matrix[:, ~held], rest, rcond=None)[0]
+        # The entry that first meets the box on the way there.
+        step = best - x
+        shares = np.divide(np.where(step > 0.0, high - x, low - x), step, out=np.full(len(x), np.inf),
+                           where=(np.abs(step) > 1e-300) & ((best < low) | (best > high)))  # fmt: skip
+        blocked = int(shares.argmin())
+        share = float(np.clip(shares[blocked], 0.0, 1.0))
+        x = np.clip(x + share * step, low, high)
+        if share < 1.0:
+            x[blocked] = low[blocked] if best[blocked] < x[blocked] else high[blocked]
+            held[blocked] = True
+            continue
+        slope = matrix.T @ (matrix @ x - wanted)
+        inward = np.where(held & (low < high), np.where(x <= low, -slope, slope), 0.0)
+        if inward.max() <= 1e-14:
+            break
+        held[int(inward.argmax())] = False
     return x
