@@ -125,7 +125,7 @@ def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> 
     for i, (kind, names) in enumerate(LOOSE.items()):
         before = readings.of(kind)
         known = {} if before is None else dict(zip(names, (before.values, before.sigma), strict=True))
-        values, sigma = ((known | given).get(name) for name in names)
+        values, sigma = ({**known, **given}.get(name) for name in names)
         if (values is None) != (sigma is None):
             raise InputError(f"{names[0]} and {names[1]} go together: how well are the {kind.__name__.lower()}s known?")
         if values is not None and sigma is not None:
@@ -315,7 +315,7 @@ def _vectors(table: Table, names: tuple[str, str, str]) -> tuple[np.ndarray, Arr
         return np.zeros(len(table), dtype=bool), np.zeros((len(table), 3))
     table.require(names)
     given = np.array([[bool(cell) for cell in table.texts(name)] for name in names]).T
-    there = given.all(axis=1)
+    there = np.all(given, axis=1)
     partly = given.any(axis=1) & ~there
     if partly.any():
         line = table.lines[int(partly.argmax())]

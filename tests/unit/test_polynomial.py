@@ -20,13 +20,13 @@ from armflex.bench.fitted import NOWHERE, predicted
 from armflex.bench.held_out import hold_out
 from armflex.bench.learners import Options, learner
 from armflex.errors import IdentifiabilityError, LawError, UnknownNameError
-from armflex.laws.joint.at_node import AtNode
+from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.polynomial import (
     FEATURES,
     PolynomialLaw,
     feature_values,
     features_of,
-    polynomial_from_tensors,
+    from_tensors,
     to_tensors,
 )
 
@@ -211,7 +211,7 @@ def test_arrays_hold_the_law(size: int) -> None:
     law = made(size, EVERYTHING)
     tensors = to_tensors(law)
     assert all(array.dtype == np.float64 and array.flags.c_contiguous for array in tensors.values())
-    read = polynomial_from_tensors(tensors)
+    read = from_tensors(tensors)
     assert read.features == law.features
     wrench = np.random.default_rng(5).normal(size=6)
     for name in ("twist", "tangent", "covariance"):
@@ -245,7 +245,7 @@ def test_arrays_hold_the_law(size: int) -> None:
 def test_arrays_that_are_no_law(change: dict, complaint: str) -> None:
     tensors = to_tensors(made(3, "linear+radial")) | change
     with pytest.raises(LawError, match=complaint):
-        polynomial_from_tensors({name: array for name, array in tensors.items() if array is not None})
+        from_tensors({name: array for name, array in tensors.items() if array is not None})
 
 
 def test_loads_that_do_not_determine_the_features() -> None:

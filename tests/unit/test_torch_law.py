@@ -21,7 +21,7 @@ from armflex.bench.fitted import NOWHERE
 from armflex.bench.learners import Options
 from armflex.errors import LawError, ModelFileError, NotFiniteError
 from armflex.estimate.calibrate import write_calibrated
-from armflex.laws.joint.scaled import scaled
+from armflex.laws.joint.carried import scaled
 from armflex.laws.law_file import TrainedLaw
 from armflex.readings import Position, Readings
 from armflex.rows import Rows

@@ -72,7 +72,7 @@ PAYLOAD_MASS = ModelLaw(
     places=_places,
     amplitudes=(Amplitude("mass", "kg"),),
     possible=_weighs,
-    acts=Act.LOAD,
+    act=Act.LOAD,
     made=_weight,
     changed=_change,
 )

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +20,7 @@ from armflex.laws.effects.remember import settled
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loads import Payload
 from armflex.show.view.meshes import read_mesh
-from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, scene_points
+from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, ShapeKind, scene_points
 from armflex.storage.whole_file import write_whole
 from armflex.tasks.check import CheckReport
 from armflex.trajectory import Trajectory
@@ -83,7 +84,7 @@ def view(
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
     known = covariates or {}
     if trajectory is None:
-        here = arm.position() if q is None else q
+        here = arm.position() if q is None else arm.checked(q, "q")
         motion = Motion(np.zeros(1), (arm.deflection(here, payload, covariates=settled(arm, known)),), 0, 1)
     else:
         trajectory = trajectory.with_constants(arm, known).prepared(arm)
@@ -177,7 +178,7 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> dict[str, tuple[Shap
         for visual in link.visuals:
             size, color = np.array(visual.size), visual.color or STEEL
             if visual.kind != "mesh" and size.min() > 0.0:
-                shapes.append(Shape(visual.kind, size, visual.pose, color))
+                shapes.append(Shape(cast("ShapeKind", visual.kind), size, visual.pose, color))
             elif visual.kind == "mesh" and meshes and (found := read_mesh(arm.robot.urdf.path, visual.mesh or "")):
                 shapes.append(Shape("mesh", size, visual.pose, color, data=found[0], data_format=found[1]))
         if not shapes:

@@ -14,6 +14,8 @@ import numpy as np
 
 from armflex.conventions import Array
 
+ShapeKind = Literal["box", "cylinder", "sphere", "capsule", "mesh"]
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -29,7 +31,7 @@ class Shape:
         data_format: "stl", "obj" or "dae".
     """
 
-    kind: Literal["box", "cylinder", "sphere", "capsule", "mesh"]
+    kind: ShapeKind
     size: Array
     place: Array = field(default_factory=lambda: np.eye(4))
     color: str = "#8a94a6"

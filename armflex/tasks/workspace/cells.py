@@ -16,7 +16,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, ManyRows
 from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, Flag
 from armflex.estimate.tip_uncertainty import length_sigma, tip_covariance
@@ -182,7 +182,8 @@ where refused, why it was, '' where it was not, and the doubts met."""
 def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array, rows: np.ndarray) -> Iterator[Outcome]:
     """Yield what becomes of rows of q; where one of them is refused, halves are asked until it stands alone."""
     try:
-        found = arm.deflection(q[rows], payload, **options)
+        some: ManyRows = q[rows]
+        found = arm.deflection(some, payload, **options)
     except tuple(NO_ANSWER.values()) as error:
         if len(rows) > 1:
             for half in np.array_split(rows, 2):
