@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +22,7 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.robot.urdf import MOVING
 
-POSES = 256
+POSES = 128
 """Configurations within the limits over which it is told what a file leaves out."""
 
 
@@ -207,14 +208,14 @@ def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Lost:
 
 def _answers(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Array:
     """Return the (N, 3) place of the tip, NaN in rows that have no answer."""
+    loaded: dict[str, Any] = {"payload": payload, "enforce_limits": False}
     try:
         rows: ManyRows = q
-        return arm.deflection(rows, payload, covariates=known, enforce_limits=False).pose[:, :3, 3]
+        return arm.deflection(rows, covariates=known, **loaded).pose[:, :3, 3]
     except tuple(NO_ANSWER.values()):
-        if len(q) == 1:
-            return np.full((1, 3), np.nan)
-        half = len(q) // 2
-        parts = (slice(0, half), slice(half, None))
-        return np.concatenate(
-            [_answers(arm, payload, q[some], {name: values[some] for name, values in known.items()}) for some in parts]
-        )
+        found = np.full((len(q), 3), np.nan)
+    for i in range(len(q)):
+        with suppress(*NO_ANSWER.values()):
+            given = {name: values[i] for name, values in known.items()}
+            found[i] = arm.deflection(q[i], covariates=given, **loaded).pose.translation
+    return found

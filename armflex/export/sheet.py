@@ -99,7 +99,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     # As the arm that the controller knows is taken apart, so that its rows can be held against these.
     splits = [choose(frame) for frame in joint_frames(replace(arm, corrections=Corrections()), zeros=False)[1:-1]]
     values = numbers(Setup(arm, arm.instrument or Instrument()), splits)
-    std, doubts = uncertainties(arm, splits, values)
+    std, warnings = uncertainties(arm, splits, values)
     told, lost = left_out(whole, rows)
     parallel = [arm.joint_names[i : i + 2] for i, split in enumerate(splits) if split.hayati]
     if parallel and (most := without_beta(whole, splits)) > RESOLUTION:
@@ -107,7 +107,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         text = f"{pairs}: axes are nearly parallel, so their rows have Hayati's beta and common normals that fit it"
         told += (f"{text}; a controller that knows no beta leaves the tip up to {most * 1e3:.3g} mm away",)
         lost |= {"without_beta_m": most}
-    return Exported(_table(values, std), (*doubts, *told), lost, _page(arm, values, std))
+    return Exported(_table(values, std), (*warnings, *told), lost, _page(arm, values, std))
 
 
 def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:
@@ -187,7 +187,7 @@ def without_beta(arm: Arm, splits: Sequence[Split]) -> float:
 def uncertainties(
     arm: Arm, splits: Sequence[Split], values: Mapping[Key, float]
 ) -> tuple[dict[Key, float], tuple[str, ...]]:
-    """Return the standard uncertainty of each number that has one, and doubts about them."""
+    """Return the standard uncertainty of each number that has one, and warnings about them."""
     known, found = arm.certainty.groups if arm.certainty else (), {}
     declared = {flexure.name: flexure.law for flexure in arm.flexures if fitted_group(flexure) not in known}
     for key, (compliance, axis) in _compliances(with_constants(arm)).items():
@@ -222,14 +222,14 @@ def uncertainties(
         k: float(x) for k, x in zip(values, std, strict=True) if x > (RESOLUTION if k.unit in ("m", "rad") else 0)
     }
     found |= fitted
-    doubts = []
+    warnings = []
     if certainty.undetermined:
-        doubts.append(f"Neither campaign nor prior determines {listing(certainty.undetermined)}.")
+        warnings.append(f"Neither campaign nor prior determines {listing(certainty.undetermined)}.")
     if wide := [key for key, x in found.items() if key.unit == "rad" and key.section.startswith("dh") and x > LINEAR]:
         names = listing(dict.fromkeys(f"{key.quantity} of {key.of}" for key in wide))
         text = "are known to no better than 0.1 rad, where a straight line no longer tells how well"
-        doubts.append(f"{names} {text}; what they do against each other cancels, so the arm is known better.")
-    return found, tuple(doubts)
+        warnings.append(f"{names} {text}; what they do against each other cancels, so the arm is known better.")
+    return found, tuple(warnings)
 
 
 def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:

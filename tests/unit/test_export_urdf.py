@@ -141,7 +141,7 @@ def test_what_is_left_out_is_what_the_weight_does(tmp_path: Path) -> None:
     )
     assert one["rows"] == 2 and f"{one['most'] * 1e3:.3g} mm" in found.told[1]
     upright = {**export(arm).numbers["left_out"][0]}
-    assert upright["rows"] == 256 and 0.5 * one["most"] < upright["most"] <= 1.01 * one["most"]
+    assert upright["rows"] == 128 and 0.5 * one["most"] < upright["most"] <= 1.01 * one["most"]
 
 
 def test_effects_that_need_columns_are_named_where_only_limits_are_known(tmp_path: Path) -> None:
