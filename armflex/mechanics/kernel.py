@@ -146,6 +146,7 @@ def solve_many(
 ):  # fmt: skip
     """Fill (N, 6) displacements, (N, n, 6) loads and twists, and (N,) whether they are solutions, at (N, nq) q.
 
+    Loads of no rows are not asked for: they are a pass over the arm more, and most of what is written.
     There is one room, or one for as many rows as there are lanes. Those of a call before with the same arm and q are
     `ready`: the rigid arm need not be placed again, and the arm comes to rest from where it rested.
     """
@@ -157,7 +158,7 @@ def solve_many(
             _place(arm, here, q, first, lanes)
             _weigh(arm, here, False, first, lanes)
         _solve(arm, laws, here, first, exact, lanes)
-        if exact:
+        if exact and len(loads) > 0:
             _weigh(arm, here, True, first, lanes)
         _displace(arm, here, lanes)
         for c in range(min(len(lanes), len(q) - first)):
@@ -166,7 +167,9 @@ def solve_many(
             _write_displacement(here, c, displacement[row])
             for i in range(n):
                 for a in range(6):
-                    loads[row, i, a], twists[row, i, a] = here.loads[i, a, c], here.twists[i, a, c]
+                    twists[row, i, a] = here.twists[i, a, c]
+                    if len(loads) > 0:
+                        loads[row, i, a] = here.loads[i, a, c]
 
 
 @inner
