@@ -50,7 +50,7 @@ from armflex.parameters import (
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot, Site
-from armflex.robot.elements import Joint
+from armflex.robot.urdf import Joint
 
 OneRow = Sequence[float] | np.ndarray[tuple[int], np.dtype[Any]]
 ManyRows = Sequence[Sequence[float]] | np.ndarray[tuple[int, int], np.dtype[Any]]

@@ -19,21 +19,34 @@ from armflex.storage.whole_file import write_whole
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its module's `export` gets the arm and those of its options that were given.
+    """A format: a function gets the arm and those of its options that were given.
 
     Attributes:
         module: Of `armflex.export`.
         options: Options of the command, by their names in Python, that mean something to it.
         needs: Options without which nothing can be written.
+        function: Of the module.
     """
 
     module: str
     options: tuple[str, ...] = ()
     needs: tuple[str, ...] = ("output",)
+    function: str = "export"
 
+
+PATH = ("traj", "compensate", "covariates")
+"""Options of the formats of a path."""
 
 FORMATS = {
+    "urdf": Format("urdf", options=("over",)),
+    "sheet": Format("sheet", options=("over",), needs=()),
+    "yaml": Format("yaml_files", options=("flavour", "over"), needs=("flavour", "output")),
     "c": Format("c_code", options=("name",)),
+    **{
+        name: Format("programs", options=(*PATH, "name"), needs=("traj", "output"), function=name)
+        for name in ("urscript", "krl", "rapid")
+    },
+    "jointtrajectory": Format("programs", options=PATH, needs=("traj", "output"), function="jointtrajectory"),
 }
 
 
@@ -41,7 +54,16 @@ FORMATS = {
 @options.arm
 @click.option("--to", "target", type=options.Choice(list(FORMATS)), required=True, help="The format to write.")
 @click.option("-o", "--output", type=options.OutputPath(), help="File to write.")
-@click.option("--name", help="c: what every name in the file begins with.  [default: arm]")
+@click.option("--name", help="c: what every name in the file begins with [default: arm]; urscript, krl, rapid: name "
+                             "of the program [default: armflex_path].")  # fmt: skip
+@click.option("--flavour", type=options.Choice(["ur_calibration", "robot_calibration"]), help="yaml: who reads it.")
+@click.option("--over", metavar="ROWS.csv", type=options.InputPath,
+              help="Rows over which it is told what the file leaves out; else the joints' limits.")  # fmt: skip
+@click.option("--traj", metavar="TRAJ.csv", type=options.InputPath, help="The path of a program.")
+@click.option("--compensate", is_flag=True, default=None, help="Write the path on which the loaded tip is where the "
+                                                               "rigid one would be.")  # fmt: skip
+@click.option("--covariates", metavar="temperature=25", help="With --compensate: what the arm's effects depend on.",
+              callback=lambda *given: None if given[2] is None else options.parse_covariates(given[2]))  # fmt: skip
 def command(arm: Arm, target: str, output: Path | None, **given: Any) -> None:
     """Write the arm for other programs: see --to.
 
@@ -57,9 +79,9 @@ def command(arm: Arm, target: str, output: Path | None, **given: Any) -> None:
         if option not in asked and not (option == "output" and output):
             raise InputError(f"--to {target} needs {flags[option]}")
     exporter = importlib.import_module(f"armflex.export.{wanted.module}")
-    found: Exported = exporter.export(arm, **asked)
+    found: Exported = getattr(exporter, wanted.function)(arm, **asked)
     if output is None:
-        click.echo(found.text, nl=False)
+        click.echo(found.page or found.text, nl=False)
     else:
         write_whole(output, found.text.encode())
     for line in found.told:

@@ -52,6 +52,11 @@ class EffectBlock(Block):
         return (*every[:terms], *(every[terms + i] for i in self.free))
 
     @property
+    def by_row(self) -> bool:
+        """Whether it remembers nothing of the rows before."""
+        return not self.effect.law.memory
+
+    @property
     def start(self) -> Array:
         """The values that give the effect as it is."""
         return np.concatenate([self.effect.acting, np.zeros(len(self.free))])
@@ -80,7 +85,7 @@ class EffectBlock(Block):
         """Its own law."""
         return self.effect.law
 
-    def of_rows(self, sessions: tuple[str, ...], scene: Scene | None) -> EffectBlock:
+    def of_rows(self, scene: Scene | None) -> EffectBlock:
         """Return the block with other rows as effects see them."""
         return replace(self, scene=scene)
 

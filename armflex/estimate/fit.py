@@ -11,8 +11,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
-from armflex.estimate.block import Block, parameters_of
-from armflex.estimate.blocks import places_of
+from armflex.estimate.block import Block, parameters_of, places_of
 from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
 from armflex.estimate.view import Progress, View, look, position_rms
 from armflex.linear_gaussian import LinearGaussian
@@ -122,6 +121,11 @@ class Fit:
         return whitened_residual(self.view, self.weights)
 
     @cached_property
+    def told(self) -> Array:
+        """(P, P) what the readings alone tell of the values: products of the columns."""
+        return self.columns.T @ self.columns
+
+    @cached_property
     def freedom(self) -> float:
         """Number of readings less what was fitted to them: a parameter that its prior holds takes nothing."""
         held = np.diag(self._as_stated.covariance) * self.precision
@@ -150,12 +154,13 @@ class Fit:
     def posterior(self) -> LinearGaussian:
         """What is known of the values; readings that scatter more than was stated count that much less."""
         noise = self.noise
-        return LinearGaussian.of(self.columns / noise, self.precision) if noise > 1.0 else self._as_stated
+        told = LinearGaussian(self.told / noise**2)
+        return told.with_precision(self.precision) if noise > 1.0 else self._as_stated
 
     @cached_property
     def _as_stated(self) -> LinearGaussian:
         """What is known if the readings scatter as was stated."""
-        return LinearGaussian.of(self.columns, self.precision)
+        return LinearGaussian(self.told).with_precision(self.precision)
 
     @property
     def rms(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import View
-from armflex.linear_gaussian import most_probable
+from armflex.linear_gaussian import LinearGaussian, most_probable
 
 FOLDS = 5
 
@@ -67,21 +68,39 @@ def held_out(
         refitted: For every fold, parameters that may follow the fold's own rows (a session's frame), if any.
         judged: (M,) rows that count, see `believed`; those that this fit believes when not given.
     """
-    size = fit.view.residual.shape[1]
-    data = fit.residual + fit.columns @ fit.values
-    left = np.empty(len(data))
-    for number in range(int(folds.max()) + 1):
-        own = np.repeat(folds == number, size)
-        values = most_probable(fit.columns[~own], fit.precision, data[~own])
-        error = data[own] - fit.columns[own] @ values
+    data, size, rows = fit.residual + fit.columns @ fit.values, fit.view.residual.shape[1], _readings_of(fit, folds)
+    left, told = np.empty(len(data)), told_by_others(fit, folds)
+    scores = _of_others([fit.columns[own].T @ data[own] for own in rows])
+    for number, own in enumerate(rows):
+        columns = fit.columns[own]
+        error = data[own] - columns @ told[number].solve(scores[number])
         if refitted is not None and len(refitted[number]):
             some = refitted[number]
-            follow = fit.columns[np.ix_(own, some)]
+            follow = columns[:, some]
             error = error - follow @ most_probable(follow, fit.precision[some], error)
         left[own] = error
     where = fit.view.positions
     errors = left.reshape(-1, size)[:, where] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, where]
     return HeldOut((errors**2).sum(axis=1), fit.weights > BELIEVED if judged is None else judged)
+
+
+def told_by_others(fit: Fit, folds: np.ndarray) -> list[LinearGaussian]:
+    """Return for every fold what the rows of all others tell of a fit's values, from the (M,) fold of every row."""
+    own = [columns.T @ columns for columns in (fit.columns[rows] for rows in _readings_of(fit, folds))]
+    return [LinearGaussian(told).with_precision(fit.precision) for told in _of_others(own)]
+
+
+def _readings_of(fit: Fit, folds: np.ndarray) -> list[np.ndarray]:
+    """Return the places of every fold's readings among all, from the (M,) fold of every row."""
+    every = np.repeat(folds, fit.view.residual.shape[1])
+    return [np.flatnonzero(every == number) for number in range(int(folds.max()) + 1)]
+
+
+def _of_others(parts: Sequence[Array]) -> list[Array]:
+    """Return for each part the sum of all others; taken off the sum of all it would leave its rounding there."""
+    before = accumulate(parts[:-1], initial=np.zeros_like(parts[0]))
+    after = list(accumulate(parts[:0:-1], initial=np.zeros_like(parts[0])))[::-1]
+    return [one + other for one, other in zip(before, after, strict=True)]
 
 
 def pose_folds(groups: np.ndarray, count: int = FOLDS, seed: int = 0) -> np.ndarray:

@@ -83,31 +83,12 @@ class Parameter:
 
 def parameters(fit: Fit) -> tuple[Parameter, ...]:
     """Return every parameter of a fit with what is known about it."""
-    std = fit.posterior.std
-    partners = _trades(fit)
-    return tuple(
-        Parameter(
-            which,
-            float(fit.values[i]),
-            float(std[i]),
-            float(fit.prior[i]),
-            bool(std[i] < UNDETERMINED * fit.prior[i]),
-            partners[i],
-        )
-        for i, which in enumerate(fit.parameters)
-    )
-
-
-def _trades(fit: Fit) -> list[tuple[str, ...]]:
-    """Return for each parameter the others that can take over its effect on the readings, if any can.
-
-    Its column, moved by one prior deviation, is fitted by the others within their priors.
-    """
-    names = [parameter.label for parameter in fit.parameters]
-    normal = fit.columns.T @ fit.columns
-    known = LinearGaussian(normal + np.diag(fit.precision))
-    told = fit.posterior.std < UNDETERMINED * fit.prior
-    return [() if told[i] else partners_of(normal, known, i, names) for i in range(len(names))]
+    std, names = fit.posterior.std, [which.label for which in fit.parameters]
+    determined = std < UNDETERMINED * fit.prior
+    known = LinearGaussian(fit.told).with_precision(fit.precision)  # others take over within their priors
+    partners = [() if determined[i] else partners_of(fit.told, known, i, names) for i in range(len(names))]
+    numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
+    return tuple(Parameter(*found) for found in zip(fit.parameters, *numbers, partners, strict=True))
 
 
 def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:

@@ -291,12 +291,15 @@ def by_payload(
     if len(payloads) == 1:
         yield arm.loaded(payloads[0]), np.arange(count)
         return
+    numbers: dict[str | int, list[int]] = {}
+    for i, payload in enumerate(payloads):  # to look up a name costs less than to ask the arm
+        numbers.setdefault(payload if isinstance(payload, str) else id(payload), []).append(i)
     found: dict[int, tuple[LoadedArm, list[int]]] = {}
-    for i, payload in enumerate(payloads):
-        loaded = arm.loaded(payload)
-        found.setdefault(id(loaded), (loaded, []))[1].append(i)
+    for own in numbers.values():
+        loaded = arm.loaded(payloads[own[0]])
+        found.setdefault(id(loaded), (loaded, []))[1].extend(own)
     for loaded, rows in found.values():
-        yield loaded, np.array(rows)
+        yield loaded, np.sort(rows)
 
 
 def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:

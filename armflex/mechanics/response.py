@@ -28,6 +28,7 @@ from armflex.mechanics.loaded import LoadedArm, Structure
 from armflex.mechanics.loads import Payload
 from armflex.mechanics.many_rows import Pushed, Pushes, RowSolver, Solution, by_payload, flexed
 from armflex.mechanics.pinocchio_model import LoadCase
+from armflex.parallel import in_threads
 
 Progress = Callable[[int, int], None]
 
@@ -46,6 +47,13 @@ class _Part:
     rows: np.ndarray
     pushed: Pushed
     tangents: Array
+
+    def among(self, number: np.ndarray) -> _Part:
+        """Return those of its rows that have a (N,) number, under these numbers; -1 is none."""
+        own = np.flatnonzero(number[self.rows] >= 0)
+        links, *loads, tangents = (*self.pushed, self.tangents)
+        some = [values[own] if len(values) > 1 else values for values in (*loads, tangents)]
+        return _Part(self.loaded, number[self.rows[own]], (links, some[0], some[1]), some[2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +76,15 @@ class Response:
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
     _parts: tuple[_Part, ...]
+
+    def some(self, rows: np.ndarray) -> Response:
+        """Return the response in (M,) rows, none of them twice."""
+        number = np.full(len(self.row.q), -1)
+        number[rows] = np.arange(len(rows))
+        every = [whole.among(number) for whole in self._parts]
+        parts = tuple(part for part in every if len(part.rows)) or (every[0],)
+        arrays = self.flexure_wrenches[rows], self.flexure_twists[rows], self.laws[rows]
+        return Response(self.row.some(rows), *arrays, self.link_names, self.sites, parts)
 
     @cached_property
     def tip(self) -> Array:
@@ -163,16 +180,22 @@ def respond(
     q, n, done, parts = np.ascontiguousarray(q), len(arm.sites), 0, []
     row = Row(q, arm.joint_index, known)
     wrenches, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
-    for loaded, numbers in by_payload(arm, payloads if len(q) else (None,), len(q)):
-        for start in range(0, max(len(numbers), 1), AT_ONCE):  # no rows are a part, too
-            rows = numbers[start : start + AT_ONCE]
-            some = row.some(rows)
-            part, found = _solved(loaded, rows, loaded.row(some.q, dict(some.covariates)), laws, allow_large)
-            wrenches[rows], twists[rows] = found.wrenches, found.twists
-            parts.append(part)
-            done += len(rows)
-            if progress and len(rows):
-                progress(done, len(q))
+
+    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part:
+        loaded, rows = asked
+        some = row.some(rows)
+        part, found = _solved(loaded, rows, loaded.row(some.q, dict(some.covariates)), laws, allow_large)
+        wrenches[rows], twists[rows] = found.wrenches, found.twists
+        return part
+
+    groups = by_payload(arm, payloads if len(q) else (None,), len(q))
+    # No rows are a part, too.
+    pieces = [(loaded, own[i : i + AT_ONCE]) for loaded, own in groups for i in range(0, max(len(own), 1), AT_ONCE)]
+    for part in in_threads(solved, pieces):
+        parts.append(part)
+        done += len(part.rows)
+        if progress and done:
+            progress(done, len(q))
     frames = parts[0].loaded
     named = (frames.link_frames.names, frames.sites.names)
     return Response(row, wrenches, twists.reshape(len(q), 6 * n), laws, *named, tuple(parts))

@@ -53,7 +53,9 @@ class Instrument:
 
     def session_shifts(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 6) shift of each row's session."""
-        return np.array([self.sessions.get(name, np.zeros(6)) for name in sessions]).reshape(-1, 6)
+        number = {name: i for i, name in enumerate(dict.fromkeys(sessions))}
+        shifts = np.array([self.sessions.get(name, np.zeros(6)) for name in number]).reshape(-1, 6)
+        return shifts[[number[name] for name in sessions]]
 
 
 def fit_frame(points: Array, measured: Array) -> pin.SE3:

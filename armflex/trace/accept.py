@@ -9,8 +9,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
-from armflex.estimate.held_out import HeldOut, believed, held_out
-from armflex.linear_gaussian import LinearGaussian
+from armflex.estimate.held_out import HeldOut, believed, held_out, told_by_others
 from armflex.parameters import Kind
 from armflex.trace.candidates import Sifted
 from armflex.trace.projection import evidence
@@ -85,13 +84,13 @@ def sessions_held_out(
 
 def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
     """Return (M,) whether the rows of other folds than a row's own still show some parameters."""
-    size, values, able = fit.view.residual.shape[1], fit.values[some], np.zeros(len(folds), bool)
-    for number in range(int(folds.max()) + 1):
-        own = folds == number
-        left = LinearGaussian.of(fit.columns[~np.repeat(own, size)], fit.precision)
+    values, able = fit.values[some], np.zeros(len(folds), bool)
+    for number, left in enumerate(told_by_others(fit, folds)):
         told = np.isfinite(left.std[some])  # what nothing determines without them shows nothing
         known = left.covariance[np.ix_(some[told], some[told])]
-        able[own] = values[told] @ np.linalg.pinv(known, hermitian=True) @ values[told] > len(some) * SHOWN**2
+        able[folds == number] = (
+            values[told] @ np.linalg.pinv(known, hermitian=True) @ values[told] > len(some) * SHOWN**2
+        )
     return able
 
 

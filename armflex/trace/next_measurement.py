@@ -141,7 +141,7 @@ def _propose(state: State, index: int, rival: Effect, offer: Rows, view: View, s
     measured = np.hstack([*parts, effect[:, None]])
     precision = np.concatenate([fit.precision[places], np.zeros(len(rival.location.terms) + 1)])
     known = LinearGaussian.of(measured, precision + RIDGE * (measured**2).sum(axis=0))
-    there = [other.of_rows(offer.session, scene).columns(view) for other in kept]
+    there = [other.of_rows(scene).columns(view) for other in kept]
     there.append(view.effect_columns(rival, scene))
     there.append((view.effect_columns(own, scene) @ own.acting)[:, :, None])
     after = np.concatenate(there, axis=2)

@@ -41,7 +41,7 @@ PAYLOAD_COM = ModelLaw(
     instead="carry the same mass at another place of the tool",
     places=_places,
     amplitudes=tuple(Amplitude(axis, "m", most=1.0) for axis in ("dx", "dy", "dz")),
-    acts=Act.LOAD,
+    act=Act.LOAD,
     made=_weight,
     changed=_change,
 )

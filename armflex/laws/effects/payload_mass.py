@@ -60,7 +60,7 @@ PAYLOAD_MASS = ModelLaw(
     instead="weigh the payload",
     places=_places,
     amplitudes=(Amplitude("mass", "kg"),),
-    acts=Act.LOAD,
+    act=Act.LOAD,
     made=_weight,
     changed=_change,
 )

@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.location import LINK, TOOL, Here, Location, link_of, resolve, site_names
+from armflex.laws.effects.location import LINK, TOOL, Here, Location, resolve, site_names
 from armflex.robot import Robot
 from armflex.rows import Driven, Rows
 from armflex.rows.rows import LEVEL_OF, POSE
@@ -113,6 +113,11 @@ class Scene:
         """All sites from base to tool."""
         return site_names(self.robot)
 
+    @property
+    def size(self) -> float:
+        """Diagonal of `box` [m]."""
+        return float(np.linalg.norm(np.ptp(self.box, axis=0)))
+
     def column(self, name: str) -> Array:
         """Return the (N,) values of a column or of a joint's position ('q_J')."""
         return column_of(self.row, name)
@@ -159,10 +164,6 @@ class Scene:
         wrench[view.rows] = view.load_at(site)
         return wrench
 
-    def link(self, site: str) -> str:
-        """Return the name of the link that a load effect at a site acts on."""
-        return link_of(site, self.robot)
-
 
 def column_of(row: Row, name: str) -> Array:
     """Return the values of a column or of a joint's position ('q_J')."""
@@ -198,8 +199,9 @@ def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
 
     An entry of a text column that effects depend on and these rows never have is 0 throughout.
     """
-    weights = {id(one): arm.payload(one).mass for one in rows.payload}  # a name or a payload, which has arrays
-    known = {**rows.known, MASS: np.array([weights[id(one)] for one in rows.payload])}
+    keys = [one if isinstance(one, str) else id(one) for one in rows.payload]  # a payload has arrays
+    weights = {key: arm.payload(one).mass for key, one in dict(zip(keys, rows.payload, strict=True)).items()}
+    known = {**rows.known, MASS: np.array([weights[key] for key in keys])}
     if isinstance(rows, Rows) and any(POSE in effect.location.covariates for effect in arm.effects):
         known[POSE] = rows.pose_number.astype(float)
     texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}

@@ -60,7 +60,12 @@ class ModuleSource:
         if found != self.sha256:
             text = f"{self.code} has changed since the law was trained: its SHA-256 is {found[:12]}.., was"
             raise InputError(f"{text} {self.sha256[:12]}..; put it back as it was, or train the law anew")
-        return _called(_class_of(_run(self.code, content), self), self)
+        module = _run(self.code, content)
+        make = getattr(module, self.name, None)
+        if not callable(make):
+            known = [name for name, value in vars(module).items() if callable(value) and not name.startswith("_")]
+            raise UnknownNameError(f"class in {self.code}", self.name, known)
+        return _guarded(self.code, make, f"{self.name}() fails; expected a class or function without arguments: ")
 
 
 def module_source(text: str) -> ModuleSource:
@@ -109,18 +114,6 @@ def _run(code: Path | str, content: bytes) -> ModuleType:
         del sys.modules[name]
         raise
     return module
-
-
-def _class_of(module: ModuleType, source: ModuleSource) -> Callable[[], Any]:
-    found = getattr(module, source.name, None)
-    if not callable(found):
-        known = [name for name, value in vars(module).items() if callable(value) and not name.startswith("_")]
-        raise UnknownNameError(f"class in {source.code}", source.name, known)
-    return found
-
-
-def _called(found: Callable[[], Any], source: ModuleSource) -> Any:
-    return _guarded(source.code, found, f"{source.name}() fails; expected a class or function without arguments: ")
 
 
 def _guarded(code: Path | str, run: Callable[[], Any], text: str = "") -> Any:

@@ -1,0 +1,205 @@
+"""The calibrated arm without what gives: the frames of its joints, and what a file with only those leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm
+from armflex.configurations import Configurations, drawn_range
+from armflex.conventions import LARGEST_POSITION, Array
+from armflex.errors import NO_ANSWER, MissingCovariateError, Place, listing, naming
+from armflex.laws import Row
+from armflex.laws.effects.effect import Act, Effect
+from armflex.laws.effects.in_arm import BoundTwist
+from armflex.laws.effects.location import drive_of, resolve, site_of
+from armflex.measured.measurements import Measurements
+from armflex.mechanics.history import known_rows
+from armflex.robot.urdf import MOVING
+
+POSES = 256
+"""Configurations within the limits over which it is told what a file leaves out."""
+
+
+def with_constants(arm: Arm) -> Arm:
+    """Return the same arm whose effects that depend on nothing are among its corrections, where those can hold them.
+
+    A zero that `trace` found as `encoder_offset` is a joint's zero as one that `calibrate` found, and so is a link's
+    geometry. A twist beyond the last joint is no joint's: it stays an effect.
+    """
+    joints = {joint.name: joint for joint in arm.robot.chain}
+    offset, geometry = dict(arm.corrections.joint_offset), dict(arm.corrections.geometry)
+    before: dict[str, Array] = {}
+    kept = []
+    for effect in arm.effects:
+        site = site_of(effect.location.site, arm.robot)
+        joint = joints.get(site.joint or "")
+        if not effect.law.constant or effect.law.act is not Act.TWIST or joint is None:
+            kept.append(effect)
+            continue
+        row = Row(arm.robot.home, arm.joint_index)
+        twist = BoundTwist(effect, resolve(effect.location, arm.robot, ())).twist(np.zeros(6), row)
+        drive = drive_of(joint)
+        along = float(drive @ twist)
+        if site.before or joint.kind not in MOVING:
+            before[joint.name] = before.get(joint.name, np.zeros(6)) + twist
+        elif np.array_equal(twist, along * drive):
+            offset[joint.name] = offset.get(joint.name, 0.0) + along
+        else:
+            kept.append(effect)
+    for name, twist in before.items():  # twists of one site add up before they are a pose
+        pose = arm.corrections.frame(joints[name]) * pin.exp6(pin.Motion(twist))
+        geometry[name] = pin.log6(pose).vector
+    corrections = replace(arm.corrections, joint_offset=offset, geometry=geometry)
+    return replace(arm, corrections=corrections, effects=tuple(kept))
+
+
+def joint_frames(arm: Arm, zeros: bool) -> list[pin.SE3]:
+    """Return the n + 1 constant poses between an arm's n motions: base to first joint, joint to joint, last to tip.
+
+    Every joint turns about, or slides along, the z axis of its frames: those of a joint about another axis are turned
+    by the smallest rotation. With `zeros` the joints' offsets are in the poses, which then go with what the controller
+    reports; without, with positions to which the offsets have been added.
+    """
+    found, here = [], pin.SE3.Identity()
+    for joint in arm.robot.chain:
+        here = here * pin.SE3(joint.rotation, joint.origin) * arm.corrections.frame(joint)
+        if joint.kind not in MOVING:
+            continue
+        across = np.cross([0.0, 0.0, 1.0], joint.axis)
+        size = float(np.linalg.norm(across))
+        way = across / size if size else np.array([1.0, 0.0, 0.0])
+        turned = pin.SE3(pin.exp3(float(np.arctan2(size, joint.axis[2])) * way), np.zeros(3))
+        found.append(here * (arm.corrections.zero(joint) if zeros else pin.SE3.Identity()) * turned)
+        here = turned.inverse()
+    return [*found, here]
+
+
+def tips(arm: Arm, frames: Sequence[pin.SE3], q: Array) -> Array:
+    """Return the (N, 4, 4) poses of the tip at (N, nq) positions in the sense of `frames`; see `joint_frames`."""
+    pose = np.broadcast_to(frames[0].homogeneous, (len(q), 4, 4))
+    for i, joint in enumerate(arm.robot.moving):
+        move = np.tile(np.eye(4), (len(q), 1, 1))
+        if joint.kind == "prismatic":
+            move[:, 2, 3] = q[:, i]
+        else:
+            move[:, 0, 0] = move[:, 1, 1] = np.cos(q[:, i])
+            move[:, 1, 0] = np.sin(q[:, i])
+            move[:, 0, 1] = -move[:, 1, 0]
+        pose = pose @ move @ frames[i + 1].homogeneous
+    return pose
+
+
+def configurations(arm: Arm) -> Array:
+    """Return (N, nq) positions that fill an arm's limits evenly, the same ones every time."""
+    lower, upper = (np.clip(limit, -LARGEST_POSITION, LARGEST_POSITION) for limit in drawn_range(arm)[:2])
+    (drawn,) = Configurations(lower, upper, POSES, 0, POSES).chunks([True])
+    return drawn
+
+
+def roll_pitch_yaw(rotation: Array) -> Array:
+    """Return (3,) fixed-axis angles [rad] of a rotation, exact also where the pitch is a right angle."""
+    across = float(np.hypot(rotation[0, 0], rotation[1, 0]))
+    pitch = np.arctan2(-rotation[2, 0], across)
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0]) if across > 0.0 else 0.0
+    # The roll is what is left, whatever the yaw: near a right angle only their sum or difference is told.
+    c, s = np.cos(yaw), np.sin(yaw)
+    roll = np.arctan2(s * rotation[0, 2] - c * rotation[1, 2], c * rotation[1, 1] - s * rotation[0, 1])
+    return np.array([roll, pitch, yaw])
+
+
+def needs_columns(arm: Arm, effect: Effect) -> bool:
+    """Return whether an effect of an arm depends on more than positions and loads."""
+    try:
+        replace(arm, effects=(effect,)).deflection(arm.robot.home)
+    except MissingCovariateError:
+        return True
+    except tuple(NO_ANSWER.values()):
+        return False  # it was asked, and the arm does not stand there
+    return False
+
+
+@dataclass(frozen=True)
+class Lost:
+    """How far the arm's tip is from where a rigid file has it, over some rows of one payload.
+
+    Attributes:
+        payload: What is carried.
+        rows: How many had an answer.
+        unanswered: How many had none: the arm would buckle there, or give beyond what its laws mean.
+        rms, most: Of the tip's distance [m].
+        effects: The most that the arm's effects have in it [m].
+    """
+
+    payload: str
+    rows: int
+    unanswered: int
+    rms: float
+    most: float
+    effects: float
+
+
+def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Return what a file with an arm's calibrated geometry leaves out, in words and for programs.
+
+    Args:
+        arm: As `with_constants` returns it.
+        over: Rows to judge it by, with their payloads and columns; configurations within the limits, each with every
+            payload, when None. Effects that need columns have no part then, which is said.
+
+    Raises:
+        MissingCovariateError: An effect needs a column that the rows do not have.
+    """
+    if not arm.flexures and not arm.effects:
+        return ("The arm gives nowhere: this file leaves nothing out.",), {"left_out": [], "without": []}
+    aside: list[Effect] = []
+    if over is None:
+        aside = [effect for effect in arm.effects if needs_columns(arm, effect)]
+        whole = replace(arm, effects=tuple(effect for effect in arm.effects if effect not in aside))
+        drawn = configurations(arm)
+        groups = [(name, drawn, {}) for name in dict.fromkeys(("none", *arm.payloads))]
+        where = f"{POSES} configurations within the joints' limits"
+    else:
+        whole, groups = arm, []
+        with naming(Place(over.places[0].file, 1) if over.places else "rows"):
+            known = known_rows(arm, over)
+        for name in dict.fromkeys(over.payload):
+            mine = np.array([payload == name for payload in over.payload])
+            groups.append((name, over.q[mine], {key: values[mine] for key, values in known.items()}))
+        where = f"the {len(over)} rows given"
+    found = [_lost(whole, name, q, known) for name, q, known in groups]
+    told = [f"What this file leaves out (compliance, effects, loads) moves the tip, over {where}, by"]
+    for one in found:
+        buckled = f"; {one.unanswered} have no answer" if one.unanswered else ""
+        effects = f", {one.effects * 1e3:.3g} mm at most by effects" if whole.effects else ""
+        size = f"RMS {one.rms * 1e3:.3g} mm, at most {one.most * 1e3:.3g} mm{effects}"
+        told.append(f"  payload {one.payload!r}: {size if one.rows else 'unknown'} ({one.rows} rows{buckled})")
+    if named := [effect.title for effect in whole.effects if not effect.law.changes_model]:
+        told.append(f"  effects that are left out: {listing(named)}")
+    if aside:
+        names = listing(effect.title for effect in aside)
+        told.append(f"  not in these numbers, as they need recorded columns: {names}; --over ROWS.csv has them")
+    numbers = {"left_out": [vars(one) for one in found], "without": [effect.name for effect in aside]}
+    return tuple(told), numbers
+
+
+def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Lost:
+    """Return how far the arm with a payload is from its rigid self in (N, nq) rows with their (N,) columns."""
+    rigid = tips(arm, joint_frames(arm, zeros=True), q)[:, :3, 3]
+    plain = replace(arm, effects=())
+    away, share = [], [0.0]
+    for i, place in enumerate(rigid):
+        given = {"covariates": {name: values[i] for name, values in known.items()}, "enforce_limits": False}
+        try:
+            tip = arm.deflection(q[i], payload, **given).pose.translation
+            if arm.effects:
+                share.append(float(np.linalg.norm(tip - plain.deflection(q[i], payload, **given).pose.translation)))
+        except tuple(NO_ANSWER.values()):
+            continue
+        away.append(float(np.linalg.norm(tip - place)))
+    rms = float(np.sqrt(np.mean(np.square(away)))) if away else 0.0
+    return Lost(payload, len(away), len(q) - len(away), rms, max(away, default=0.0), max(share))

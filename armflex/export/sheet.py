@@ -1,0 +1,318 @@
+"""What goes into a controller: joint offsets, Denavit-Hartenberg parameters, tool and stiffness, and how well known.
+
+With all frames turned so that joints move along z, the constant pose between two joints is, read from base to tip,
+
+    Rz(g) Tz(c) . Tx(a) Rx(alpha) Ry(beta) . Tz(b) Rz(f)
+
+whose outer parts commute with the joints' own motions. What stands between the middle parts of two neighbours is
+therefore theta and d of the joint between them, in the standard (distal) and the modified (proximal, Craig) form alike;
+the two differ only in the joint whose row the middle part is written in. Denavit and Hartenberg have beta = 0. Between
+nearly parallel axes that puts the common normal far away, so Hayati and Mirmirani (1985) have c = 0 instead.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm
+from armflex.conventions import RESOLUTION, TWIST_NAMES, Array, number
+from armflex.errors import listing
+from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of
+from armflex.export.exported import Exported
+from armflex.export.rigid import (
+    configurations,
+    joint_frames,
+    left_out,
+    needs_columns,
+    roll_pitch_yaw,
+    tips,
+    with_constants,
+)
+from armflex.laws import Row
+from armflex.laws.effects.effect import Act
+from armflex.laws.effects.location import drive_of
+from armflex.measured.measurements import read_measurements
+from armflex.parameters import Kind, fitted_group
+from armflex.printable import printable
+from armflex.readings.instrument import Instrument
+from armflex.robot import Corrections
+from armflex.setup import Setup
+
+NEARLY_PARALLEL = 0.1
+"""Sine of the angle between axes below which the row is Hayati's: without it an error of an axis' place or direction is
+in theta and d more than ten times as large."""
+
+LINEAR = 0.1
+"""Standard uncertainty of an angle [rad] up to which sines are as good as straight."""
+
+NOTES = {
+    "joint_offset": "is added to the controller's reading",
+    "dh_standard": "Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta); the position, offset added, adds to theta or to d",
+    "dh_modified": "Tx(a) Rx(alpha) Ry(beta) Rz(theta) Tz(d); the position, offset added, adds to theta or to d",
+    "base": "pose of the first row's frame in the base",
+    "tool": "pose of the tip in the last row's frame",
+    "target": "the measured point in the tip's frame",
+    "stiffness": "load per deflection along or about one axis, no other load",
+}
+"""Sections of a sheet in their order, and what their numbers are. Turning joints add to theta, sliding ones to d."""
+
+
+class Key(NamedTuple):
+    """Which number it is: section, joint or flexure ('' where there is only one), quantity, unit."""
+
+    section: str
+    of: str
+    quantity: str
+    unit: str
+
+
+class Split(NamedTuple):
+    """How a pose between two joints is taken apart: with Hayati's beta or not, and which of two ways x points."""
+
+    hayati: bool
+    flipped: bool
+
+
+def export(arm: Arm, over: Path | None = None) -> Exported:
+    """Return an arm's sheet, as CSV for a file and as a page for a screen.
+
+    Standard uncertainties are those of the posterior covariance of the fit, propagated by derivatives: linear in the
+    parameters. A number that depends on what neither campaign nor prior determined has an infinite one; where nothing
+    was fitted there is none, but for declared compliances, which have that of their laws.
+
+    Args:
+        arm: The arm.
+        over: Rows over which it is told what a sheet leaves out; the joints' limits when None.
+
+    Raises:
+        TableError, MissingCovariateError: The rows cannot be used.
+    """
+    whole = with_constants(arm)
+    rows = None if over is None else read_measurements(over, arm, inputs_only=True)
+    # As the arm that the controller knows is taken apart, so that its rows can be held against these.
+    splits = [choose(frame) for frame in joint_frames(replace(arm, corrections=Corrections()), zeros=False)[1:-1]]
+    values = numbers(Setup(arm, arm.instrument or Instrument()), splits)
+    std, doubts = uncertainties(arm, splits, values)
+    told, lost = left_out(whole, rows)
+    parallel = [arm.joint_names[i : i + 2] for i, split in enumerate(splits) if split.hayati]
+    if parallel and (most := _without_beta(whole, values)) > RESOLUTION:
+        pairs = listing(" and ".join(pair) for pair in parallel)
+        text = f"{pairs}: axes are nearly parallel, so their rows have Hayati's beta and common normals that fit it"
+        told += (f"{text}; a controller that knows no beta leaves the tip up to {most * 1e3:.3g} mm away",)
+        lost |= {"without_beta_m": most}
+    return Exported(_table(values, std), (*doubts, *told), lost, _page(arm, values, std))
+
+
+def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:
+    """Return every number of the sheet [m, rad, N, Nm] of an arm as it is, with its poses taken apart in given ways."""
+    arm = with_constants(setup.arm)
+    found: dict[Key, float] = {}
+    for joint in arm.robot.moving:
+        offset = arm.corrections.joint_offset.get(joint.name, 0.0)
+        found[Key("joint_offset", joint.name, "offset", "m" if joint.kind == "prismatic" else "rad")] = offset
+    frames = joint_frames(arm, zeros=False)
+    parts = [taken_apart(frame, split) for frame, split in zip(frames[1:-1], splits, strict=True)]
+    ends = [np.zeros(7), *parts, np.zeros(7)]
+    for section in ("dh_standard", "dh_modified"):
+        for i, name in enumerate(arm.joint_names):
+            (*_, b, f), (g, c, *_) = ends[i], ends[i + 1]
+            a, alpha, beta = ends[i + 1 if section == "dh_standard" else i][2:5]
+            row = {"theta": f + g, "d": b + c, "a": a, "alpha": alpha, "beta": beta}
+            for quantity, value in row.items():
+                angle = quantity not in ("d", "a")
+                turned = float(np.arctan2(np.sin(value), np.cos(value))) if angle else float(value)
+                found[Key(section, name, quantity, "rad" if angle else "m")] = turned + 0.0
+    for section, frame in (("base", frames[0]), ("tool", frames[-1])):
+        found |= {Key(section, "", axis, "m"): float(x) for axis, x in zip("xyz", frame.translation, strict=True)}
+        angles = zip(("roll", "pitch", "yaw"), roll_pitch_yaw(frame.rotation), strict=True)
+        found |= {Key(section, "", name, "rad"): float(x) for name, x in angles}
+    if setup.arm.instrument is not None:
+        found |= {
+            Key("target", "", axis, "m"): float(x) for axis, x in zip("xyz", setup.instrument.target, strict=True)
+        }
+    for key, compliance in _compliances(arm).items():
+        found[key] = 1.0 / compliance
+    return found
+
+
+def choose(pose: pin.SE3) -> Split:
+    """Return how the pose between two joints is best taken apart."""
+    across = pose.rotation[:2, 2]
+    hayati = float(np.hypot(*across)) < NEARLY_PARALLEL
+    split = Split(hayati, False)
+    # Of the two ways that x may point, the one that turns the first joint's zero the less.
+    return Split(hayati, bool(abs(taken_apart(pose, split)[0]) > 0.5 * np.pi + RESOLUTION))
+
+
+def taken_apart(pose: pin.SE3, split: Split) -> Array:
+    """Return (7,) g c a alpha beta b f of the pose between two joints; their order is that of the module's formula."""
+    axis, place = pose.rotation[:, 2], pose.translation
+    b, c = (float(place[2] / axis[2]), 0.0) if split.hayati else (0.0, 0.0)
+    # Hayati's x points to where the second axis meets the first one's plane, Denavit's along the common normal.
+    ahead = (place - b * axis)[:2] if split.hayati else np.array([-axis[1], axis[0]])
+    g = float(np.arctan2(ahead[1], ahead[0])) if np.hypot(*ahead) > RESOLUTION else 0.0
+    g += np.pi * np.sign(-g or 1.0) if split.flipped else 0.0
+    back = pin.exp3(np.array([0.0, 0.0, -g]))
+    (x, y, z), (a, across, along) = back @ axis, back @ place
+    alpha, beta = np.arctan2(-y, z), np.arcsin(np.clip(x, -1.0, 1.0)) if split.hayati else 0.0
+    if split.hayati:
+        a -= b * x
+    else:
+        b = across / y
+        c = along - b * z
+    tilted = pin.exp3(np.array([alpha, 0.0, 0.0])) @ pin.exp3(np.array([0.0, beta, 0.0]))
+    rest = tilted.T @ back @ pose.rotation
+    return np.array([g, c, a, alpha, beta, b, np.arctan2(rest[1, 0], rest[0, 0])])
+
+
+def uncertainties(
+    arm: Arm, splits: Sequence[Split], values: Mapping[Key, float]
+) -> tuple[dict[Key, float], tuple[str, ...]]:
+    """Return the standard uncertainty of each number that has one, and doubts about them."""
+    known = arm.certainty.groups if arm.certainty else frozenset()
+    found = _declared(with_constants(arm), [f.name for f in arm.flexures if fitted_group(f) not in known], values)
+    if arm.certainty is None:
+        return found, ("Nothing was fitted to this arm: only declared uncertainties are given.",)
+    certainty, setup = arm.certainty, Setup(arm, arm.instrument or Instrument())
+    blocks = blocks_of(certainty.parameters, setup)
+    if blocks is None:
+        return found, (f"{OTHER_PARAMETERS}",)
+    columns, size, place = [], np.sqrt(np.diag(certainty.covariance)), 0
+    for block in blocks:
+        for i, parameter in enumerate(block.parameters):
+            column = np.zeros(len(values))
+            if parameter.group.moves or parameter.group.kind is Kind.TOOL:
+                step = np.zeros(len(block.parameters))
+                step[i] = min(1e-2 * size[place], 1e-3) or 1e-6
+                ends = [numbers(block.stepped(setup, side * step), splits) for side in (1.0, -1.0)]
+                column = np.array([ends[0][key] - ends[1][key] for key in values])
+                angle = np.array([key.unit == "rad" for key in values])
+                column = np.where(angle, np.arctan2(np.sin(column), np.cos(column)), column) / (2.0 * step[i])
+            columns.append(column)
+            place += 1
+    jacobian = np.array(columns).T
+    variance = np.einsum("dp,pq,dq->d", jacobian, certainty.covariance, jacobian, optimize=True)
+    std = np.where(certainty.leaves_open(jacobian[:, None])[:, 0], np.inf, np.sqrt(np.maximum(variance, 0.0)))
+    fitted = {key: float(x) for key, x in zip(values, std, strict=True)}
+    found = {**fitted, **{key: x for key, x in found.items() if key.section == "stiffness"}}
+    doubts = []
+    if certainty.undetermined:
+        doubts.append(f"Neither campaign nor prior determines {listing(certainty.undetermined)}.")
+    if wide := [key for key, x in found.items() if key.unit == "rad" and key.section.startswith("dh") and x > LINEAR]:
+        names = listing(dict.fromkeys(f"{key.quantity} of {key.of}" for key in wide))
+        text = "are known to no better than 0.1 rad, where a straight line no longer tells how well"
+        doubts.append(f"{names} {text}; what they do against each other cancels, so the arm is known better.")
+    return found, tuple(doubts)
+
+
+def _compliances(arm: Arm) -> dict[Key, float]:
+    """Return the small-load compliance along each axis that gives, drives first, with the joints at home.
+
+    Effects that are compliances themselves, whatever else is known of a row, have their part in it.
+    """
+    linear = [effect for effect in arm.effects if effect.law.act is Act.TWIST and effect.law.linear]
+    usable = [effect for effect in linear if not needs_columns(arm, effect)]
+    row, found = Row(arm.robot.home, arm.joint_index), {}
+    joints = {joint.name: joint for joint in arm.robot.moving}
+    for flexure in replace(arm, effects=tuple(usable)).modelled:
+        tangent = flexure.law.tangent(np.zeros(6), row)
+        joint = None if flexure.before else joints.get(flexure.joint or "")
+        axes = {} if joint is None else {"drive": drive_of(joint)}
+        axes |= {name: axis for name, axis in zip(TWIST_NAMES, np.eye(6), strict=True)}
+        for name, axis in axes.items():
+            compliance = float(axis @ tangent @ axis)
+            if compliance > 0.0 and (
+                name == "drive" or joint is None or not np.array_equal(axis, np.abs(drive_of(joint)))
+            ):
+                found[Key("stiffness", flexure.name, name, "Nm/rad" if axis[3:].any() else "N/m")] = compliance
+    return found
+
+
+def _declared(arm: Arm, flexures: Sequence[str], values: Mapping[Key, float]) -> dict[Key, float]:
+    """Return the standard uncertainty of the stiffness of flexures whose laws say how well they are known."""
+    row, found = Row(arm.robot.home, arm.joint_index), {}
+    joints = {joint.name: joint for joint in arm.robot.moving}
+    for flexure in arm.flexures:
+        for key in [key for key in values if key[:2] == ("stiffness", flexure.name) and flexure.name in flexures]:
+            axis = drive_of(joints[str(flexure.joint)]) if key.quantity == "drive" else _axis(key.quantity)
+            covariance = flexure.law.covariance(axis, row)
+            if covariance is not None:
+                found[key] = float(np.sqrt(axis @ covariance @ axis)) * values[key] ** 2
+    return found
+
+
+def _axis(name: str) -> Array:
+    return np.eye(6)[TWIST_NAMES.index(name)]
+
+
+def _without_beta(arm: Arm, values: Mapping[Key, float]) -> float:
+    """Return the most that the tip moves [m] over configurations within the limits where every beta is left out."""
+    frames, ends = [], joint_frames(arm, zeros=False)
+    for kept in (1.0, 0.0):
+        found = [ends[0]]
+        for joint in arm.joint_names:
+            units = zip(("theta", "d", "a", "alpha", "beta"), ("rad", "m", "m", "rad", "rad"), strict=True)
+            theta, d, a, alpha, beta = (values[Key("dh_standard", joint, name, unit)] for name, unit in units)
+            turned = pin.SE3(pin.exp3(np.array([0.0, 0.0, theta])), np.array([0.0, 0.0, d]))
+            tilt = pin.exp3(np.array([alpha, 0.0, 0.0])) @ pin.exp3(np.array([0.0, kept * beta, 0.0]))
+            found.append(turned * pin.SE3(tilt, np.array([a, 0.0, 0.0])))
+        frames.append([*found[:-1], found[-1] * ends[-1]])
+    q = configurations(arm)
+    with_beta, without = (tips(arm, one, q)[:, :3, 3] for one in frames)
+    return float(np.linalg.norm(with_beta - without, axis=1).max())
+
+
+def _table(values: Mapping[Key, float], std: Mapping[Key, float]) -> str:
+    """Return the sheet as CSV; a cell of what is not known is empty."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow((*Key._fields[:3], "value", "std", "unit", "value_deg", "std_deg", "note"))
+    for key, value in values.items():
+        cells = [repr(value), repr(std[key]) if key in std else ""]
+        degrees = [repr(float(np.degrees(float(cell)))) if cell and key.unit == "rad" else "" for cell in cells]
+        writer.writerow((*key[:3], *cells, key.unit, *degrees, NOTES[key.section]))
+    return out.getvalue()
+
+
+def _page(arm: Arm, values: Mapping[Key, float], std: Mapping[Key, float]) -> str:
+    """Return the sheet for a screen or a printer: a table for each section, angles in degrees and lengths in mm."""
+    lines = [f"{arm.robot.urdf.name}: base {arm.robot.base}, tip {arm.robot.tip}"]
+    for section, note in NOTES.items():
+        keys = [key for key in values if key.section == section]
+        columns = list(dict.fromkeys(key.quantity for key in keys))
+        rows = [["", *columns, *(["the same"] if section == "joint_offset" else [])]]
+        for of in dict.fromkeys(key.of for key in keys):
+            own = {key.quantity: key for key in keys if key.of == of}
+            rows.append([of, *(_cell(values, std, own.get(name), True) for name in columns)])
+            if section == "joint_offset":
+                rows[-1].append(_cell(values, std, own[columns[0]], False))
+        if keys:
+            widths = [max(len(printable(row[i])) for row in rows) for i in range(len(rows[0]))]
+            lines += ["", f"{section.replace('_', ' ')}: {note}"]
+            lines += ["  ".join(printable(cell).ljust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join(printable(line).rstrip() for line in lines) + "\n"
+
+
+def _cell(values: Mapping[Key, float], std: Mapping[Key, float], key: Key | None, usual: bool) -> str:
+    """Return a number with its uncertainty and its unit, a usual one rather than that of SI."""
+    if key is None:
+        return "-"
+    scale, unit = {"rad": (180.0 / np.pi, "deg"), "m": (1e3, "mm")}.get(key.unit, (1.0, key.unit))
+    scale, unit = (scale, unit) if usual else (1.0, key.unit)
+    value = (
+        number(values[key] * scale, 4, 0.0)
+        if key.section == "stiffness"
+        else f"{round(values[key] * scale, 5) + 0.0:.5f}"
+    )
+    if key not in std:
+        return f"{value} {unit}"
+    known = f"± {number(std[key] * scale, 2, 0.0)}" if np.isfinite(std[key]) else "undetermined"
+    return f"{value} {known} {unit}"

@@ -1,0 +1,79 @@
+"""The arm as a URDF: the file it was declared by, with the geometry, joint zeros and masses that were found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pinocchio as pin
+from lxml import etree
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.export.exported import Exported
+from armflex.export.rigid import left_out, roll_pitch_yaw, with_constants
+from armflex.measured.measurements import read_measurements
+from armflex.robot.reader import parse_xml
+from armflex.robot.urdf import Joint
+
+
+def export(arm: Arm, over: Path | None = None) -> Exported:
+    """Return the arm's URDF as calibrated; what is not corrected, comments too, stays as it was written.
+
+    Corrections are put into the origins of joints, so that every position goes on meaning what the controller reports
+    and limits hold as they are. The tip of the file at any positions is that of the rigid, calibrated arm.
+
+    Args:
+        arm: The arm.
+        over: Rows over which it is told what a URDF cannot carry; the joints' limits when None.
+
+    Raises:
+        UrdfError: The file that the arm was read from can no longer be read.
+        TableError, MissingCovariateError: The rows cannot be used.
+    """
+    whole = with_constants(arm)
+    corrections, rows = whole.corrections, None if over is None else read_measurements(over, arm, inputs_only=True)
+    root = parse_xml(arm.robot.urdf.path)
+    joints = {(element.get("name") or "").strip(): element for element in root.findall("joint")}
+    links = {(element.get("name") or "").strip(): element for element in root.findall("link")}
+    for joint in whole.robot.chain:
+        moved = corrections.frame(joint) * _zero(whole, joint)
+        if not moved.isIdentity(0.0):
+            place = pin.SE3(joint.rotation, joint.origin) * moved
+            origin = _child(joints[joint.name], "origin")
+            origin.set("xyz", _spaced(place.translation))
+            origin.set("rpy", _spaced(roll_pitch_yaw(place.rotation)))
+    for name, extra in corrections.bodies.items():
+        body = corrections.body(name, whole.robot.urdf.links[name].inertial)
+        if body is None:
+            continue
+        new = links[name].find("inertial") is None
+        inertial = _child(links[name], "inertial")
+        _child(inertial, "mass").set("value", repr(float(body.mass)))
+        origin = _child(inertial, "origin")
+        nominal = whole.robot.urdf.links[name].inertial
+        origin.set("xyz", _spaced(extra[1:] if nominal is None else nominal.origin + extra[1:]))
+        if new:
+            _child(inertial, "inertia").attrib.update(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
+    told, numbers = left_out(whole, rows)
+    meshes = [mesh.get("filename") or "" for mesh in root.iter("mesh")]
+    beside = [name for name in meshes if "://" not in name and not Path(name).is_absolute()]
+    if beside:
+        told += (
+            f"{len(beside)} meshes are named from the folder of {arm.robot.urdf.path.name}, such as {beside[0]!r}.",
+        )
+    text = etree.tostring(root.getroottree(), encoding="utf-8", xml_declaration=True).decode()
+    return Exported(text + "\n", told, numbers)
+
+
+def _zero(arm: Arm, joint: Joint) -> pin.SE3:
+    return arm.corrections.zero(joint) if joint in arm.robot.moving else pin.SE3.Identity()
+
+
+def _child(element: etree._Element, tag: str) -> etree._Element:
+    """Return an element's child of a name, a new one where there is none."""
+    found = element.find(tag)
+    return etree.SubElement(element, tag) if found is None else found
+
+
+def _spaced(values: Array) -> str:
+    return " ".join(repr(float(value) + 0.0) for value in values)

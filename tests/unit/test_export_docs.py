@@ -1,0 +1,34 @@
+"""The commands of docs/export.md run as they stand there, and write what they say."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+from support.command_line import fine, run_here
+from support.small_arms import ROBOTS
+
+TEXT = (ROBOTS.parent / "docs" / "export.md").read_text()
+COMMANDS = [line for block in re.findall(r"```console\n(.*?)```", TEXT, re.S) for line in block.splitlines()]
+
+
+def test_every_format_has_an_example() -> None:
+    from armflex.cli.export_command import FORMATS
+
+    shown = {shlex.split(line)[shlex.split(line).index("--to") + 1] for line in COMMANDS}
+    assert set(FORMATS) - shown <= {"c"}
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_examples_run(line: str, tmp_path: Path) -> None:
+    given = ("arm.toml", "robot.urdf", "trajectory.csv")
+    for name in given:
+        shutil.copy(ROBOTS / "heavy_six" / name, tmp_path / name)
+    program, *arguments = shlex.split(line)
+    assert program == "armflex"
+    fine(run_here(tmp_path, *arguments))
+    written = {path.name for path in tmp_path.iterdir()} - set(given)
+    assert written == ({arguments[arguments.index("-o") + 1]} if "-o" in arguments else set())
