@@ -1,9 +1,9 @@
 """Where a loaded arm comes to rest in many rows: compiled code, and rounds about it for what is no plain number.
 
-The kernel settles arms exactly whose laws are affine in the load or networks, under dead wrenches. A curved law is put
-to it as its affine expansion about the loads so far, a load that depends on its link's pose as the wrench that it is
-there; both are renewed until they are what they were taken for, which takes two to four rounds. Every law and every
-load is asked once a round for all rows.
+The kernel settles arms exactly whose laws are affine in the load, harden or are networks, under dead wrenches. A law
+that is curved in another way is put to it as its affine expansion about the loads so far, a load that depends on its
+link's pose as the wrench that it is there; both are renewed until they are what they were taken for, which takes two to
+four rounds. Every law and every load is asked once a round for all rows.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ class RowSolver:
     def needs_wrenches(self, laws: RowLaws) -> bool:
         """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
         plain = not (laws.curved or self.pushes.turning)
-        return not plain or (self._exact and (len(laws.neurons) > 0 or not (self.bound and self.bound.proven)))
+        return not plain or (self._exact and (laws.bent or not (self.bound and self.bound.proven)))
 
     @cached_property
     def bound(self) -> StabilityBound | None:
