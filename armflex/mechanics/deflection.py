@@ -417,7 +417,7 @@ class DeflectionBatch:
                 if part is not None:
                     found[rows] += gains[:, :, i] @ part @ np.swapaxes(gains[:, :, i], 1, 2)
             left[rows] = ~(distance < 1.0)
-        for i in np.flatnonzero(left):
+        for i in np.flatnonzero(left).tolist():
             one = self.row(i).covariance
             known, found[i] = known or one is not None, 0.0 if one is None else one
         return found if known else None
@@ -487,7 +487,7 @@ def deflect_batch(
     payloads = (payload,) if single else tuple(payload)  # type: ignore[arg-type]
     if not single and len(payloads) != len(q):
         raise ShapeError(f"payload: expected one name or {len(q)}, got {len(payloads)}")
-    v, a = (_motion(arm, values, name, q) for values, name in ((case.v, "v"), (case.a, "a")))
+    v, a = _motion(arm, case.v, "v", q), _motion(arm, case.a, "a", q)
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
     arm.loaded(None).flags_under(case.wrenches, accelerated=False)  # raises where a link is not the arm's
     answers = Solution.empty(len(q), len(arm.sites), wrenches=False)
@@ -532,7 +532,7 @@ def _answer(
             left[some] = ~(solver.proven(row, laws, into, solver.bound, fine) if exact else fine)
             if not isinstance(some, slice):
                 found.displacement[some], found.twists[some] = into.displacement, into.twists
-    for i in np.flatnonzero(left):
+    for i in np.flatnonzero(left).tolist():
         with naming(f"row {first + i}"):
             checked, flags = arm.check_position(case.q[i], asked.enforce_limits)
             loaded = arm.loaded(payloads[0 if len(payloads) == 1 else i])

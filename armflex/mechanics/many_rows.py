@@ -251,7 +251,7 @@ class RowSolver:
         """
         proven = np.zeros(len(row.q), dtype=bool)
         if bound is not None:
-            proven = fine & ((row.q >= self._lower) & (row.q <= self._upper)).all(axis=1)
+            proven = fine & np.all((row.q >= self._lower) & (row.q <= self._upper), axis=1)
             if not bound.proven:
                 proven &= bound.stays(found.wrenches.reshape(len(proven), -1), laws.tangent)
         rest = np.flatnonzero(fine & ~proven)

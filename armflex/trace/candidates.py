@@ -192,7 +192,7 @@ class Bank:
         """Return the columns of candidates at one site from what each of them brings, by its number."""
         groups, brought = np.array([index for index, _ in some]), [found for _, found in some]
         first, view = self.candidates[groups[0]], self.fit.view
-        places = np.concatenate([np.arange(self.starts[i], self.starts[i + 1]) for i in groups])
+        places = np.concatenate([np.arange(*self.starts[i : i + 2].tolist()) for i in groups.tolist()])
         if direction:
             answer = view.to_twist(first.location.site) @ np.frombuffer(direction) * _scale(self.fit)
             return Part(groups, places, np.concatenate(brought), answer)

@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.errors import ArmflexError
 from armflex.estimate.effect_block import EffectBlock
-from armflex.estimate.fit import robust_limit
+from armflex.estimate.robust import robust_limit
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places

@@ -97,7 +97,7 @@ def _offered(state: State, seed: int = 0) -> Rows:
         pose=tuple(f"next {i}" for i in range(OFFERED)),
         session=(known.session[-1],) * OFFERED,
         payload=tuple(known.payload[row] for row in pick[-1]),
-        time=float(known.time.max()) + APART * np.arange(1, OFFERED + 1),
+        time=float(known.time.max()) + APART * np.arange(1, OFFERED + 1, dtype=float),
         q=q,
         covariates=_extremes(known, rng),
         approach=rng.choice([-1.0, 1.0], q.shape),

@@ -141,8 +141,9 @@ def scene_at(fitted: Fit, measurements: Measurements) -> Scene:
     rest = np.setdiff1d(np.arange(len(measurements)), view.rows)
     wrenches = {site: np.empty((len(measurements), 6)) for site in view.line.sites}
     for rows, line in ((view.rows, view.line), (rest, _line(arm, measurements, known, rest))):
-        for site in wrenches if line is not None else ():
-            wrenches[site][rows] = line.load_at(site)
+        if line is not None:
+            for site in wrenches:
+                wrenches[site][rows] = line.load_at(site)
     return survey(measurements, arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
