@@ -18,7 +18,7 @@ from armflex.arm import Arm
 from armflex.conventions import NUMBER, Array, parse_quantity
 from armflex.errors import InputError, UnknownNameError, did_you_mean
 from armflex.files.arm_file import load_arm
-from armflex.measured.point_export import read_points
+from armflex.measured.points import read_points
 from armflex.storage.whole_file import is_replaced, write_whole
 
 InputPath = click.Path(path_type=Path)
@@ -54,7 +54,7 @@ class OutputPath(click.Path):
 
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Path:
         """Return the path; fail where no file can be written there."""
-        path = super().convert(value, parameter, context)
+        path = Path(os.fsdecode(super().convert(value, parameter, context)))
         try:
             replaced = is_replaced(path)
             folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent

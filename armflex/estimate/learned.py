@@ -76,7 +76,7 @@ def _axes(name: str, law: LearnedLaw, loads: Array, fit: Fit, drawn: Array | Non
     rms = [np.sqrt((values**2).mean(axis=0)) for values in columns]
     sampled = None if drawn is None else np.sqrt((drawn**2).mean(axis=0))
     return [
-        LearnedAxis(name, axis, *(float(r[i]) for r in rms), None if sampled is None else float(sampled[i]))
+        LearnedAxis(name, axis, *(float(r[i]) for r in rms), sampled=None if sampled is None else float(sampled[i]))
         for i, axis in enumerate(TWIST_NAMES)
         if rms[0][i] > 0.0
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -27,7 +28,7 @@ FLOAT = np.dtype(float)
 Answer = tuple[Array, Array, Array]
 """(nq,) joint positions, (n, 6) twists, (6,) displacement."""
 
-Quick = Callable[[Array, dict[str, float]], Answer | None]
+Quick = Callable[[Any, dict[str, float]], Answer | None]
 """From (nq,) positions and covariates; None where the reference must be asked, or what is wrong said."""
 
 
@@ -181,7 +182,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
         return bool(distance[0] < 1.0)
 
     solve(*known, middle, np.empty((n, 6)), np.empty(6))  # compiled now, not in the loop
-    quick = plainly if proven and not stack.changing and not pushes.turning else in_rounds
+    quick = plainly if proven and not stack.asked and not pushes.turning else in_rounds
     return quick if loaded.nominal is None else _from_nominal(loaded, quick)
 
 
