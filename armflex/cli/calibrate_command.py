@@ -38,6 +38,7 @@ SCATTERED = 1.5
 )
 @click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
 @options.keep
+@options.anyway
 @options.points
 def command(
     arm_path: Path,
@@ -46,6 +47,7 @@ def command(
     sample: int | None,
     show_all: bool,
     keep: bool,
+    anyway: bool,
     points: PointExport | None,
 ) -> None:
     """Fit what [prior] frees, on the deflected arm, and say what the data cannot tell."""
@@ -56,7 +58,7 @@ def command(
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = read_measurements(measurements_path, arm, points=points)
     with enough_memory(f"{len(measurements)} rows"), progress("calibrating") as tick:
-        found = calibrate(arm, measurements, progress=tick, keep=keep)
+        found = calibrate(arm, measurements, progress=tick, keep=keep, anyway=anyway)
     samples = None
     if sample:
         with progress("sampling") as tick:

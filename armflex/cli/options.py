@@ -164,6 +164,13 @@ keep = click.option(
 )
 
 
+anyway = click.option(
+    "--anyway",
+    is_flag=True,
+    help="Take the campaign as it is written, also where it is plausible only in another convention.",
+)
+
+
 def declared_arm(path: Path, command: str, keep: bool = False) -> Arm:
     """Return the arm of an arm.toml that a command fits; a bare URDF says nothing of what may move."""
     if path.suffix != ".toml":

@@ -50,6 +50,7 @@ MOST_ADVICE = 3
     help="Go on from the last accepted effect of the same command, which was interrupted, killed or ended by an error.",
 )
 @options.keep
+@options.anyway
 @options.points
 def command(
     arm_path: Path,
@@ -58,6 +59,7 @@ def command(
     report_path: Path | None,
     resume: bool,
     keep: bool,
+    anyway: bool,
     points: PointExport | None,
 ) -> None:
     """Calibrate, find what residual is left, trace it to an effect the arm lacks, add it, and say what it was worth.
@@ -80,7 +82,7 @@ def command(
                     finished.append(found)
                 outputs.write(found)
 
-            trace(arm, measurements, None, tell, keep, kept, resume, account, progress)
+            trace(arm, measurements, None, tell, keep, kept, resume, account, progress, anyway)
     except BaseException as error:
         if kept is not None and kept.exists() and not (isinstance(error, FileError) and error.place.file == kept):
             complain(f"What was accepted is kept in {kept}: the same command with --resume goes on.")

@@ -144,6 +144,6 @@ def _fitted(
     """Return the names and values of what a fit to one resampled campaign found."""
     chosen = np.random.default_rng(seed).integers(len(poses), size=len(poses))
     with naming(f"resampled campaign {number}"):
-        found = calibrate(arm, measurements, rows=np.concatenate([poses[i] for i in chosen]), seen=seen)
+        found = calibrate(arm, measurements, rows=np.concatenate([poses[i] for i in chosen]), seen=seen, anyway=True)
     kept = [parameter for parameter in found.parameters if parameter.kind is not Kind.INSTRUMENT]
     return tuple(parameter.name for parameter in kept), np.array([parameter.value for parameter in kept])

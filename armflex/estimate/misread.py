@@ -32,6 +32,7 @@ from armflex.laws.law import anywhere
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.measured.repeats import repeats
+from armflex.mechanics.history import known_rows
 from armflex.parameters import FRAMES
 from armflex.readings import Position
 from armflex.readings.instrument import Instrument, fit_frame
@@ -44,8 +45,9 @@ which put readings off by parts of the reach, and of loads, which bend the arm a
 IMPLAUSIBLE = 9.0
 """Misfit beyond which the campaign is not that of this arm as it is written: three standard deviations."""
 
-DROP = 9.0
-"""Fall of the misfit at which a hypothesis is named."""
+DROP, DROP_OF_LOADS = 9.0, 3.0
+"""Fall of the misfit at which a hypothesis is named: of kinematics many are tried, and what an arm lacks is a larger
+part of what loads do."""
 
 ALIKE = 3.0
 """Hypotheses whose misfits differ by less are named together."""
@@ -99,7 +101,7 @@ def check_conventions(arm: Arm, measurements: Measurements, rows: np.ndarray, ke
             readings are far off.
     """
     some = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))] if len(rows) > MOST_ROWS else rows
-    found = _misfit(arm, measurements, some, keep)
+    found = _misfit(arm, measurements, some, keep, in_general=True)
     likely = [] if found is not None and found.ratio < IMPLAUSIBLE else _likely(arm, measurements, some, keep, found)
     if likely and not all(one.axes for _, one in likely):
         raise ConventionError(_said(measurements, rows, found, likely), [one.name for _, one in likely])
@@ -115,12 +117,16 @@ def _likely(
     arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, found: _Misfit | None
 ) -> list[tuple[_Misfit, Hypothesis]]:
     """Return the hypotheses that explain nearly all that the table as it stands does not, the likeliest first."""
-    tried = []
+    tried, as_it_stands = [], _placed_rms(arm, measurements, rows)
     for hypothesis in hypotheses(arm, measurements):
-        if hypothesis.loads or found is None or found.coarse >= IMPLAUSIBLE:
-            other = _misfit(*hypothesis.told(arm, measurements), rows, keep)
-            if other is not None and (found is None or DROP * other.ratio < found.ratio):
-                tried.append((other, hypothesis))
+        said = hypothesis.told(arm, measurements)
+        # Kinematics that do not bring the points nearer to their places cannot explain them: most need no fit.
+        able = found is None or hypothesis.loads or found.coarse >= IMPLAUSIBLE
+        if not able or (found is not None and not hypothesis.loads and _placed_rms(*said, rows) > as_it_stands):
+            continue
+        other, least = _misfit(*said, rows, keep), DROP_OF_LOADS if hypothesis.loads else DROP
+        if other is not None and (found is None or least * other.ratio < found.ratio):
+            tried.append((other, hypothesis))
     tried.sort(key=lambda pair: pair[0].ratio)
     return [pair for pair in tried if pair[0].ratio < ALIKE * max(tried[0][0].ratio, 1.0)]
 
@@ -219,7 +225,9 @@ class _Misfit:
     free: bool
 
 
-def _misfit(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool) -> _Misfit | None:
+def _misfit(
+    arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, in_general: bool = False
+) -> _Misfit | None:
     """Return how badly rows fit, None where the arm has no equilibrium there or does not know what they are."""
     try:
         instrument = arm.instrument or Instrument()
@@ -241,7 +249,7 @@ def _misfit(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool) 
     fine, coarse = np.minimum(stated, COARSE * reach), np.maximum(stated, COARSE * reach)
     fine = np.maximum(fine, FINE * reach)
     ratio, rest = _explained(jacobian / fine[:, :, None], precision, residual / fine)
-    wide, _ = _explained(jacobian / coarse[:, :, None], precision, residual / coarse)
+    wide = _explained(jacobian / coarse[:, :, None], precision, residual / coarse)[0] if in_general else ratio
     left = float(np.median(np.linalg.norm(rest * fine, axis=1)))
     rms = float(np.sqrt(np.median((residual**2).sum(axis=1))))
     return _Misfit(ratio, wide, rms, left, reach, any(one.kind not in FRAMES for one in blocks))
@@ -261,6 +269,21 @@ def _explained(jacobian: Array, precision: Array, residual: Array) -> tuple[floa
         weights = np.minimum(1.0, 3.0 * max(float(np.median(length)), 1e-9) / np.maximum(length, 1e-300)) ** 2
     misfit = (weights[:, None] * left**2).sum() / (3.0 * weights.sum())
     return float(misfit + (precision * values**2).sum() / (3.0 * len(residual))), left
+
+
+def _placed_rms(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float:
+    """Return how far points are off with nothing fitted but where the instrument stands [m], infinite without one."""
+    instrument, known = arm.instrument or Instrument(), known_rows(arm, measurements)
+    given, payloads = {name: values[rows] for name, values in known.items()}, [measurements.payload[i] for i in rows]
+    how = {"method": "first_order", "enforce_limits": False, "allow_large": True}
+    try:
+        tip = arm.deflection(measurements.q[rows], payloads, covariates=given, **how).pose
+    except ArmflexError:
+        return np.inf
+    points, measured = tip[:, :3, 3] + tip[:, :3, :3] @ instrument.target, measurements.position[rows]
+    pose = instrument.pose if arm.measurement.frame == "base" else _placed_robustly(points, measured)
+    left = measured - points @ pose.rotation.T - pose.translation
+    return float(np.sqrt(np.median((left**2).sum(axis=1))))
 
 
 def _placed_robustly(points: Array, measured: Array) -> pin.SE3:

@@ -27,6 +27,7 @@ def trace(
     resume: bool = False,
     account: Callable[[Trace], None] | None = None,
     progress: Callable[[Doing], None] | None = None,
+    anyway: bool = False,
 ) -> Trace:
     """Return the arm with the effects that a campaign shows it lacks, and an account of them.
 
@@ -46,8 +47,10 @@ def trace(
         account: Called after every accepted effect with the account so far, marked `unfinished`, and at the end with
             the finished one; the checkpoint is removed once it has returned.
         progress: Called with how far the search has come within a stage, thousands of times.
+        anyway: Take the campaign as it is, also where it is plausible only in another convention.
 
     Raises:
+        ConventionError: The campaign is implausible for this arm, and plausible in another convention.
         InputError: Too few rows were measured, or there is no checkpoint to resume from.
         FileError: The checkpoint cannot be written at first, does not exist, is damaged, or belongs to another arm,
             campaign, version or other options, which it names. Where it cannot be written later on, `report` is told,
@@ -59,4 +62,4 @@ def trace(
     from armflex.trace.rounds import trace as run
 
     path = None if checkpoint is None else Path(checkpoint)
-    return run(arm, measurements, rows, report, keep, path, resume, account, progress)
+    return run(arm, measurements, rows, report, keep, path, resume, account, progress, anyway)

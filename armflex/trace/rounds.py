@@ -62,6 +62,7 @@ def trace(
     resume: bool = False,
     account: Callable[[Trace], None] | None = None,
     progress: Callable[[Doing], None] | None = None,
+    anyway: bool = False,
 ) -> Trace:
     """Return the traced arm and its account; `armflex.trace` says what goes in."""
     teller = Teller(report, progress)
@@ -70,7 +71,7 @@ def trace(
     about = identity(arm, measurements, rows, keep) if checkpoint else {}
     said = read_checkpoint(checkpoint, about) if checkpoint and resume else None
     steps = partial(tell_steps, teller.step)
-    calibration = calibrate(arm, measurements, rows, steps, keep=keep, as_stated=True)
+    calibration = calibrate(arm, measurements, rows, steps, keep=keep, as_stated=True, anyway=anyway)
     begun = begin(calibration, teller.step)
     first, places = begun.fit, localise(begun.fit, begun.scene, project(begun.fit), begun.groups)
     found = Progress(begun, scenes=(begun.scene,))

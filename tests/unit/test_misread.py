@@ -1,0 +1,83 @@
+"""Campaigns in another convention than their arm's are named before anything is fitted, and clean ones are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.campaigns import draw
+from support.command_line import Run, fine
+from support.misread_campaigns import faults
+from support.small_arms import ROBOTS
+
+from armflex import calibrate, load_arm, read_measurements
+from armflex.arm import Arm
+from armflex.errors import ConventionError
+from armflex.estimate.misread import check_conventions
+from armflex.measured.measurements import Measurements
+
+SOME = 90
+"""Rows of a campaign that are enough here."""
+
+
+@pytest.fixture(scope="module", params=["boom", "six"])
+def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Measurements]:
+    """A machine of the plant."""
+    truth = draw("none", seed=3, arm=request.param).write(tmp_path_factory.mktemp(request.param))
+    arm = load_arm(truth.arm)
+    return arm, read_measurements(truth.train, arm).some(np.arange(SOME))
+
+
+def judged(arm: Arm, rows: Measurements) -> tuple[str, ...]:
+    """Return what a campaign is said to have been misread as."""
+    try:
+        check_conventions(arm, rows, np.flatnonzero(rows.measured))
+    except ConventionError as error:
+        return error.names
+    return ()
+
+
+def test_a_campaign_as_it_was_written_is_not_accused(campaign: tuple[Arm, Measurements]) -> None:
+    assert judged(*campaign) == ()
+
+
+def test_every_fault_is_named(campaign: tuple[Arm, Measurements]) -> None:
+    said = {fault.named: judged(*fault.written(*campaign)) for fault in faults(campaign[0])}
+    assert len(said) >= 11
+    assert {named for named, names in said.items() if not any(named in name for name in names)} == set()
+
+
+def test_exchanged_payloads_are_named(campaign: tuple[Arm, Measurements]) -> None:
+    arm, rows = campaign
+    light, *_, heavy = sorted(set(rows.payload), key=lambda name: arm.payloads[name].mass)
+    names = {light: heavy, heavy: light}
+    wrong = replace(rows, payload=tuple(names.get(name, name) for name in rows.payload))
+    one, other = sorted(names)
+    assert judged(arm, wrong)[0] == f"the payloads {one!r} and {other!r} are exchanged"
+
+
+def test_readings_in_another_frame_than_the_base_are_named(campaign: tuple[Arm, Measurements]) -> None:
+    arm, rows = campaign
+    in_base = replace(arm, measurement=replace(arm.measurement, frame="base"))
+    assert judged(in_base, rows) == ("x, y, z are not in the arm's base frame",)
+
+
+def test_what_is_meant_is_taken_as_it_is_written(campaign: tuple[Arm, Measurements]) -> None:
+    arm, rows = campaign
+    soft = next(fault for fault in faults(arm) if "too small" in fault.named).written(arm, rows)
+    with pytest.raises(ConventionError, match=r"thousand times too small\? Then .* mm off: give it in rad/Nm"):
+        calibrate(*soft)
+    assert calibrate(*soft, anyway=True).rms > 0.0
+
+
+def test_the_command_line_says_so_and_writes_nothing(armflex: Run, tmp_path: Path) -> None:
+    lines = (ROBOTS / "tarm_like" / "campaign.csv").read_text().splitlines()
+    head = lines[0].replace("q_A2", "q_?").replace("q_A3", "q_A2").replace("q_?", "q_A3")
+    (tmp_path / "wrong.csv").write_text("\n".join([head, *lines[1:101]]) + "\n")
+    for command in ("calibrate", "trace"):
+        refused = fine(armflex(command, ROBOTS / "tarm_like" / "measured.toml", "wrong.csv", "-o", "out.toml"), 2)
+        assert "columns q_A2 and q_A3 are exchanged" in refused.stderr.replace("\n", " ")
+        assert "--anyway" in refused.stderr
+        assert not (tmp_path / "out.toml").exists()
