@@ -32,7 +32,8 @@ TEMPLATE = Path(__file__).with_name("arm.c")
 
 KEYWORDS = (
     "auto break case char const continue default do double else enum extern float for goto if inline int long register "
-    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while"
+    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while _Bool _Complex "
+    "_Imaginary"
 )
 
 ELEMENTS = {FLEXURE: "FLEXES", TURNS: "TURNS", SLIDES: "SLIDES", RIGID: "RIGID"}
@@ -184,7 +185,7 @@ def _said(arm: Arm) -> list[list[tuple[str, Terms]]]:
             else:
                 name = arm.flexure_names[number]
                 rigid = [replace(one, law=_stiff) if one.name == name else one for one in arm.flexures]
-                refused.append((f"flexure {name!r}", str(error), replace(arm, flexures=tuple(rigid))))
+                refused.append((f"the law of flexure {name!r}", str(error), replace(arm, flexures=tuple(rigid))))
     for pulling, effect in zip(arm.pulls, (one for one in arm.effects if _pulls(one)), strict=True):
         if pulling.law.name not in PULLS:
             other = replace(arm, effects=tuple(one for one in arm.effects if one is not effect))
