@@ -58,7 +58,6 @@ class EffectBlock(Block):
 
     @property
     def start(self) -> Array:
-        """The values that give the effect as it is."""
         return np.concatenate([self.effect.acting, np.zeros(len(self.free))])
 
     def columns(self, view: View) -> Array:
@@ -77,16 +76,13 @@ class EffectBlock(Block):
         return replace(self.effect, values=(*amplitudes.tolist(), *inner))
 
     def apply(self, setup: Setup, values: Array) -> Setup:
-        """Return the setup with the effect."""
         return setup.with_effect(self.at(values))
 
     @property
     def looks_like(self) -> EffectLaw:
-        """Its own law."""
         return self.effect.law
 
     def of_rows(self, scene: Scene | None) -> EffectBlock:
-        """Return the block with other rows as effects see them."""
         return replace(self, scene=scene)
 
     def stepped(self, setup: Setup, step: Array) -> Setup:

@@ -123,7 +123,6 @@ class LearnedLaw(Law):
         return self.plain.constant if self.form is None else None
 
     def at(self, values: Array) -> LearnedLaw:
-        """Return the law at other values."""
         return replace(self, values=values, spread=None)
 
     def without_correction(self) -> LearnedLaw:
@@ -133,17 +132,14 @@ class LearnedLaw(Law):
         return replace(self, form=None, values=values, scales=scales, spread=None, reach=None)
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the twist."""
         twist = self.plain.twist(wrench, row)
         return twist if self.correction is None else twist + self.correction.twist(wrench, row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative by the wrench."""
         tangent = np.broadcast_to(self.plain.tangent(wrench, row), (*wrench.shape[:-1], 6, 6))
         return tangent if self.correction is None else tangent + self.correction.tangent(wrench, row)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6, k) derivative of the twist by the values."""
         laws = (None if self.free is None else self.plain, self.correction)
         found = [law.by_values(wrench, row) for law in laws if law is not None]
         return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
@@ -171,7 +167,6 @@ class LearnedLaw(Law):
         return found
 
     def certain(self) -> LearnedLaw:
-        """Return the law with its values taken as known."""
         return replace(self, spread=None)
 
     def settled(self, spread: Array, wrenches: Array, row: Row) -> LearnedLaw:
@@ -200,7 +195,6 @@ class LearnedLaw(Law):
 
     @property
     def trained_on(self) -> Array:
-        """The loads seen."""
         return self.seen.loads
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
