@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
-from armflex.laws.effects.effect import Effect, EffectLaw
+from armflex.laws.effects.effect import Effect, EffectLaw, full
 from armflex.laws.effects.scene import Scene
 from armflex.parameters import ArmParameter, of_effect
 from armflex.setup import Setup
@@ -68,12 +68,11 @@ class EffectBlock(Block):
     def at(self, values: Array) -> Effect:
         """Return the effect at (k,) values of the block."""
         law, location = self.effect.law, self.effect.location
-        amplitudes = np.zeros(len(law.amplitudes))
-        amplitudes[list(location.terms)] = values[: len(location.terms)]
+        amplitudes = full(values[: len(location.terms)], location, len(law.amplitudes))
         inner = list(self.effect.inner)
         for place, i in enumerate(self.free):
             inner[i] = law.inner[i].moved(inner[i], float(values[len(location.terms) + place]))
-        return replace(self.effect, values=(*amplitudes.tolist(), *inner))
+        return replace(self.effect, values=(*amplitudes, *inner))
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         return setup.with_effect(self.at(values))
