@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
-from typing import NamedTuple
 
 import numpy as np
 
@@ -33,14 +32,6 @@ TRAINED_ALONE = ("torch",)
 """Models that stand in a file alone, and stay as they were trained; a correction about them is a network."""
 
 MOST_NEURONS = 64
-
-
-class Group(NamedTuple):
-    """Parameters of one size beforehand: their places among the law's, and the size; `sized` where the data tell it."""
-
-    places: slice
-    std: float
-    sized: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +64,10 @@ class LearnedLaw(Law):
         return tuple(one for law in (self.free, self.form) if law is not None for one in law.parameters)
 
     @cached_property
-    def groups(self) -> tuple[Group, ...]:
-        """Those of one group and size, in order, as expected beforehand."""
-        found, start = [], 0
-        for (_, std, sized), own in groupby(self.expected, key=lambda one: (one.group, one.prior, one.sized)):
-            end = start + len(list(own))
-            found.append(Group(slice(start, end), std, sized))
-            start = end
-        return tuple(found)
+    def groups(self) -> tuple[list[int], ...]:
+        """Places of the parameters of one group and size, in order, as expected beforehand."""
+        kinds = [(one.group, one.prior, one.sized) for one in self.expected]
+        return tuple(list(own) for _, own in groupby(range(len(kinds)), kinds.__getitem__))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -90,7 +77,7 @@ class LearnedLaw(Law):
     @property
     def prior(self) -> Array:
         """(k,) prior standard deviations about zero."""
-        return np.repeat(self.scales, [group.places.stop - group.places.start for group in self.groups])
+        return np.repeat(self.scales, [len(own) for own in self.groups])
 
     @property
     def start(self) -> Array:
@@ -127,7 +114,7 @@ class LearnedLaw(Law):
 
     def without_correction(self) -> LearnedLaw:
         """Return the plain part alone."""
-        count = sum(group.places.stop <= self._count for group in self.groups)
+        count = sum(own[-1] < self._count for own in self.groups)
         values, scales = self.values[: self._count], self.scales[:count]
         return replace(self, form=None, values=values, scales=scales, spread=None, reach=None)
 
@@ -242,4 +229,4 @@ def learned_law(law: Law, learning: Learning, seen: Seen) -> LearnedLaw:
         straight = free is None or set(TWIST_NAMES).isdisjoint(one.name for one in free.parameters)
         form = PolynomialCorrection.start(seen, linear=straight)
     found = LearnedLaw(law, free, form, seen, np.zeros(0), ())
-    return replace(found, values=found.start, scales=tuple(group.std for group in found.groups))
+    return replace(found, values=found.start, scales=tuple(found.expected[own[0]].prior for own in found.groups))
