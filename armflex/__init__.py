@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from armflex.mechanics.deflection_batch import DeflectionBatch as DeflectionBatch
     from armflex.mechanics.loads import Payload as Payload
     from armflex.mechanics.loads import Wrench as Wrench
-    from armflex.plan import draw_plan as draw_plan
-    from armflex.plan import plan as plan
-    from armflex.plan import write_plan as write_plan
+    from armflex.plan.drive import write_plan as write_plan
+    from armflex.plan.picture import draw_plan as draw_plan
+    from armflex.plan.planning import plan as plan
     from armflex.robot import load_robot as load_robot
     from armflex.rows.poses import leaked as leaked
     from armflex.rows.poses import pose_groups as pose_groups
@@ -85,7 +85,9 @@ HOMES = {
     "armflex.mechanics.deflection": "Deflection",
     "armflex.mechanics.deflection_batch": "DeflectionBatch",
     "armflex.mechanics.loads": "Payload Wrench",
-    "armflex.plan": "draw_plan plan write_plan",
+    "armflex.plan.drive": "write_plan",
+    "armflex.plan.picture": "draw_plan",
+    "armflex.plan.planning": "plan",
     "armflex.robot": "load_robot",
     "armflex.rows.poses": "leaked pose_groups",
     "armflex.show.view": "draw_laws view",

@@ -108,5 +108,5 @@ def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequenc
         return ()
     amount = known.conditional(others).solve(normal[others, index])
     effect = np.abs(amount) * np.sqrt(np.diag(normal)[others])
-    strong = [i for i in np.argsort(-effect) if effect[i] > PARTNER * own]
-    return tuple(names[others[i]] for i in strong[:4])
+    strong = [int(i) for i in np.argsort(-effect) if effect[i] > PARTNER * own]
+    return tuple(names[int(others[i])] for i in strong[:4])

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -106,6 +107,10 @@ class Row:
         return Row(self.q[..., None, :], self.joint_index, known)
 
 
+NOWHERE = Row(np.zeros(0), {})
+"""Where no law is asked that depends on more than the load, such as on a bench, which has no joint positions."""
+
+
 class Law(ABC):
     """A joint deformation model. Wrench [N, Nm] is the load on the structure and twist [m, rad] the motion it gives,
     both linear first and in the flexure's own axes.
@@ -189,7 +194,10 @@ class Law(ABC):
 
     def certain(self) -> Law:
         """Return the law with its values taken as known; single readings scatter as before."""
-        return self if self.values_covariance is None else replace(self, relative_std=0.0)
+        if self.values_covariance is None:
+            return self
+        as_dataclass: Any = self  # every law that may be uncertain is one
+        return replace(as_dataclass, relative_std=0.0)
 
     def moved(self, step: Array) -> Law:
         """Return the law a (k,) step of its values away.
@@ -460,11 +468,12 @@ def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
 
 def _told_apart(load: float, low: float, high: float) -> tuple[str, str, str]:
     """Return a load and the ends of what was seen in three digits, or as many as tell it from the end it is beyond."""
+    here, start, end = load, low, high
     for digits in range(3, 16):
-        here, start, end = (f"{float(f'{value:.{digits}g}'):.{digits}g}" for value in (load, low, high))
-        if (float(here) < float(start)) if load < low else (float(here) > float(end)):
+        here, start, end = (float(f"{value:.{digits}g}") for value in (load, low, high))
+        if here < start if load < low else here > end:
             break
-    return tuple(f"{float(text):.15g}" for text in (here, start, end))  # 15300, not 1.53e+04
+    return f"{here:.15g}", f"{start:.15g}", f"{end:.15g}"  # 15300, not 1.53e+04
 
 
 def unturned(size: int, wrench: Array) -> tuple[Flag, ...]:

@@ -34,9 +34,10 @@ from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
 from armflex.laws.effects.remember import settled
-from armflex.trace.findings import Found, Proof, Trace, write_traced
-from armflex.trace.pose_block import PoseBlock
+from armflex.trace.accept import Proof
+from armflex.trace.findings import Found, Trace, write_traced
 from armflex.trace.state import State, begin, refit, with_random
+from armflex.trace.unrecorded import PoseBlock
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
 
@@ -319,7 +320,7 @@ def told(calibration: Calibration, state: State) -> Trace:
     setup, certainty = state.fit.setup, certainty_of(state.fit)
     effects = tuple(one.effect for one in found)
     arm = dataclasses.replace(setup.arm, effects=effects, instrument=setup.instrument, certainty=certainty)
-    return Trace(arm, calibration, calibration.fit, state, found, None, (), (), (), 1.0, 0.0, 0.0, None, ())
+    return Trace(arm, calibration, calibration.fit, state, found, None, (), 1.0, 0.0, 0.0, None)
 
 
 def named(name: str, site: str, **more: object) -> Effect:

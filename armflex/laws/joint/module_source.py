@@ -127,5 +127,5 @@ def _guarded(code: Path | str, run: Callable[[], Any], text: str = "") -> Any:
         raise
     except (Exception, SystemExit) as error:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(code)]
-        place = Place(Path(code), lines[-1] if lines else 0) if isinstance(code, Path) else code
+        place = Place(Path(code), lines[-1] or 0 if lines else 0) if isinstance(code, Path) else code
         raise InputError(f"{place}: {text}{type(error).__name__}: {error}") from None

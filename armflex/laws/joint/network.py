@@ -194,7 +194,7 @@ class NetworkLaw(Law):
         """Return the square of `reach` beyond the loads trained on: a network says nothing there."""
         return np.maximum(1.0, self.reach(wrench[..., : self.size])) ** 2
 
-    def draw(self, rng: np.random.Generator) -> NetworkLaw:
+    def draw(self, rng: np.random.Generator) -> Law:
         """Return one of several networks, or the only one with weights drawn."""
         if len(self.hidden) == 1:
             return super().draw(rng)

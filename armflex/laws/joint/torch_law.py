@@ -80,7 +80,7 @@ class TorchLaw(WithoutParameters):
         object.__setattr__(self, "module", as_answering(self.module).requires_grad_(False))
         check_module(self.module, self.size)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> str | tuple[Any, ...]:
         """Send a law with a source to another process as its file would be kept: the class is made anew there."""
         if self.source is None:
             return super().__reduce__()
@@ -169,7 +169,7 @@ def the_torch() -> Any:
     return torch
 
 
-def as_answering(module: object) -> torch.nn.Module:
+def as_answering(module: Any) -> torch.nn.Module:
     """Return a copy of a module as a law asks it: in evaluation mode, in 64 bits, on the CPU.
 
     Raises:

@@ -13,7 +13,7 @@ from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.svg import AFTER, BEFORE, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import words
 from armflex.trace.findings import Smallest, Trace
-from armflex.trace.localise import NOTICED, RandomTwist
+from armflex.trace.unrecorded import NOTICED, RandomTwist
 
 LONG = 0.09
 """Length of a long residual arrow as a share of the workspace."""
@@ -93,7 +93,7 @@ def by_session_and_pose(accurate: Accuracy, both: bool) -> str:
 
     poses = sorted(accurate.by(accurate.poses), key=lambda pose: -pose[1].rms)
     place = np.arange(len(poses))
-    before, after = (1e3 * np.array([pose[which].rms for pose in poses]) for which in (1, 2))
+    before, after = (1e3 * np.array([pose.rms for pose in either]) for either in list(zip(*poses, strict=True))[1:])
     if both:
         right.vlines(place, before, after, color=RULE, linewidth=1.0, zorder=1)
         right.scatter(place, before, s=11, color=BEFORE, linewidths=0, label="before")

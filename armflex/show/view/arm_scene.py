@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.mechanics.deflection import Deflection
 from armflex.show.view.meshes import read_mesh
-from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, scene_points
+from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, ShapeKind, scene_points
 from armflex.tasks.check import CheckReport
 from armflex.trajectory import Trajectory
 
@@ -109,7 +110,7 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> dict[str, tuple[Shap
         for visual in link.visuals:
             size, color = np.array(visual.size), visual.color or STEEL
             if visual.kind != "mesh" and size.min() > 0.0:
-                shapes.append(Shape(visual.kind, size, visual.pose, color))
+                shapes.append(Shape(cast("ShapeKind", visual.kind), size, visual.pose, color))
             elif visual.kind == "mesh" and meshes and (found := read_mesh(arm.robot.urdf.path, visual.mesh or "")):
                 shapes.append(Shape("mesh", size, visual.pose, color, data=found[0], data_format=found[1]))
         if not shapes:
