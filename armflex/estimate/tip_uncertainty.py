@@ -14,8 +14,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.estimate.spread import displacement_covariance, without_declared_doubt
 from armflex.laws.effects.remember import remembers
-from armflex.mechanics.deflection import Deflection
-from armflex.mechanics.deflection_batch import DeflectionBatch
+from armflex.mechanics.deflection import Deflection, DeflectionBatch
 from armflex.mechanics.loads import Payload
 from armflex.rows import Rows
 
@@ -47,10 +46,9 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
         (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty; and doubts.
     """
     if isinstance(found, DeflectionBatch):
-        case = found.acting
-        certain = without_declared_doubt(cast(Arm, case.arm))
-        laws = replace(found, acting=replace(case, arm=certain)).covariance
-        payloads = [_known_as(certain, certain.payload(case.payload(i))) for i in range(len(found.q))]
+        certain, case = without_declared_doubt(cast(Arm, found.arm)), found.case
+        laws = replace(found, arm=certain).covariance
+        payloads = [_known_as(certain, certain.payload(found.payload(i))) for i in range(len(found.q))]
         covariance, doubts = tip_covariance(certain, found.q, payloads, case.covariates, laws)
     else:
         case, solved = found.solved.case, found.solved
