@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from armflex.measured.joint_data import read_joint_data as read_joint_data
     from armflex.measured.measurements import Measurements as Measurements
     from armflex.measured.measurements import read_measurements as read_measurements
-    from armflex.measured.point_export import PointExport as PointExport
-    from armflex.measured.point_export import read_points as read_points
+    from armflex.measured.points import PointExport as PointExport
+    from armflex.measured.points import read_points as read_points
     from armflex.measured.repeats import Repeats as Repeats
     from armflex.measured.repeats import repeats as repeats
     from armflex.mechanics.deflection import Deflection as Deflection
-    from armflex.mechanics.deflection_batch import DeflectionBatch as DeflectionBatch
+    from armflex.mechanics.deflection import DeflectionBatch as DeflectionBatch
     from armflex.mechanics.loads import Payload as Payload
     from armflex.mechanics.loads import Wrench as Wrench
     from armflex.plan.drive import write_plan as write_plan
@@ -80,10 +80,9 @@ HOMES = {
     "armflex.laws.law_file": "load_law save_law",
     "armflex.measured.joint_data": "read_joint_data",
     "armflex.measured.measurements": "Measurements read_measurements",
-    "armflex.measured.point_export": "PointExport read_points",
+    "armflex.measured.points": "PointExport read_points",
     "armflex.measured.repeats": "Repeats repeats",
-    "armflex.mechanics.deflection": "Deflection",
-    "armflex.mechanics.deflection_batch": "DeflectionBatch",
+    "armflex.mechanics.deflection": "Deflection DeflectionBatch",
     "armflex.mechanics.loads": "Payload Wrench",
     "armflex.plan.drive": "write_plan",
     "armflex.plan.picture": "draw_plan",

@@ -49,6 +49,8 @@ def effects(draw: st.DrawFn) -> Effect:
     number = st.floats(-1e3, 1e3).filter(bool)
     values = [draw(number) if i in location.terms else 0.0 for i in range(len(law.amplitudes))]
     values = [abs(v) if amplitude.positive else v for v, amplitude in zip(values, law.amplitudes, strict=True)]
+    if law.name in ("payload_mass", "link_mass"):
+        values[0] = abs(values[0])  # nothing weighs less than nothing
     inner = [draw(number) for _ in law.inner]
     inner = [abs(v) if one.positive else v for v, one in zip(inner, law.inner, strict=True)]
     return Effect(law, location, (*values, *inner))
@@ -199,6 +201,16 @@ BAD = {
     "payload": (
         'name = "payload_mass"\nsite = "tool"\npartner = "p20"\nparameters = { mass = 1 }',
         "no 'p20', did you mean 'p200'",
+        3,
+    ),
+    "payload of less than nothing": (
+        'name = "payload_mass"\nsite = "tool"\npartner = "p200"\nparameters = { mass = -200.5 }',
+        "payload 'p200' of 200 kg would weigh -0.5 kg, expected 0 kg or more",
+        4,
+    ),
+    "link of less than nothing": (
+        'name = "link_mass"\nsite = "J3"\nparameters = { mass = -1e4 }',
+        r"link '.*' of .* kg would weigh -.* kg, expected 0 kg or more",
         3,
     ),
     "session": ('name = "session_frame"\nsite = "base"\nparameters = { dx = 1e-3 }', "needs 'partner'", 0),
