@@ -300,7 +300,7 @@ class Arm:
         if v is not None or a is not None:
             self.robot.check_motion()
         if not single:
-            case = LoadCase(positions, v, a, tuple(wrenches), known)
+            case = LoadCase(positions, v, a, tuple(wrenches), known)  # pyright: ignore[reportArgumentType] - checked there
             return deflect_batch(self, payload, case, Asked(method, enforce_limits, allow_large, strict), jobs)
         if positions.ndim == 1 and self.within_limits(positions.tolist()):
             checked, flags = positions.copy(), ()

@@ -6,7 +6,7 @@ arrays have no quick way for is asked of a batch's `row`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -482,7 +482,7 @@ class DeflectionBatch:
 
 def deflect_batch(
     arm: Structure,
-    payload: object,
+    payload: str | Payload | Sequence[str | Payload | None] | None,
     case: LoadCase,
     asked: Asked,
     jobs: int | None = None,
@@ -490,7 +490,7 @@ def deflect_batch(
     """Return what the arm does in N rows, whose positions and motion are not yet checked; see `Arm.deflection`."""
     q = check_positions(arm, case.q, asked.enforce_limits)
     single = payload is None or isinstance(payload, str | Payload)
-    payloads = (payload,) if single else tuple(payload)  # type: ignore[arg-type]
+    payloads = (payload,) if single else tuple(payload)
     if not single and len(payloads) != len(q):
         raise ShapeError(f"payload: expected one name or {len(q)}, got {len(payloads)}")
     v, a = _motion(arm, case.v, "v", q), _motion(arm, case.a, "a", q)

@@ -116,7 +116,9 @@ class LawStack:
                 neurons.append(own)
         hardening = np.zeros((n, 7, 6))
         for i, law in self.hardened.items():
-            hardening[i, :6], hardening[i, 6, 0] = law.hardening()
+            own = law.hardening()
+            assert own is not None
+            hardening[i, :6], hardening[i, 6, 0] = own
         return compliance, offset, np.concatenate(neurons), starts, hardening
 
 

@@ -155,9 +155,10 @@ def flexed(
         by_load: (N, 6, n, 6) response to changes of the flexures' loads; only responses need it.
     """
     count, f = len(q), len(frames.numbers)
+    each: dict[str, tuple[int, ...]]
     each = {"poses": (f, 4, 4), "joints": (6, q.shape[1]), "sites": (6, f, 6), "loads": (f, 6), "motions": (f, 6, 6)}
+    each["gravity"] = (6, 3)
     arrays = {name: np.empty((count if name == what else 0, *shape)) for name, shape in each.items()}
-    arrays["gravity"] = np.empty((count if what == "gravity" else 0, 6, 3))
     loads = np.zeros((0, 6, 0, 6)) if by_load is None else by_load
     at = (np.ascontiguousarray(q), np.ascontiguousarray(twists), loads, frames.places, frames.numbers)
     kernel().responses(*chain.numbers, *pushed, *at, *arrays.values())

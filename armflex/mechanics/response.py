@@ -146,6 +146,7 @@ class Response:
             own = flexed(chain, frames(part.loaded), what, self.row.q[rows], twists[rows], part.pushed, by_load)
             found = np.empty((len(self.row.q), *own.shape[1:])) if found is None else found
             found[rows] = own
+        assert found is not None
         return found
 
 
