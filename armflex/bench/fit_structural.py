@@ -7,7 +7,6 @@ so factors have a wide prior about one, and its share shows in their uncertainty
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -39,70 +38,51 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
             readings than compliances.
         IdentifiabilityError: The loads determine none of the compliances.
     """
-    free = _free(assembly)
+    free = []
+    for i, sub in enumerate(assembly.subjoints):
+        if not isinstance(sub.law, LinearLaw):
+            raise InputError(f"the sub-joint at {sub.node!r} is not linear: only linear ones are fitted")
+        free += [(i, a) for a in sub.holds if a < assembly.components and sub.law.compliance[a, a] > 0.0]
     if loads.shape[1] > assembly.components:
         raise InputError("loads and deflections have 6 components, the assembly 3: expected components = 6 in its file")
     if deflections.size <= len(free):
         raise InputError(f"{deflections.size} readings do not determine {len(free)} compliances of sub-joints")
+
+    def fitted(logs: Array) -> StructuralLaw:
+        """Return the assembly with factors on its compliances; couplings go by the root of both."""
+        roots = np.ones((len(assembly.subjoints), 6))
+        for (i, axis), value in zip(free, logs, strict=True):
+            roots[i, axis] = np.exp(0.5 * value)
+        pairs = zip(assembly.subjoints, roots, strict=True)
+        laws = [replace(sub, law=LinearLaw(sub.law.compliance * np.outer(root, root))) for sub, root in pairs]
+        return replace(assembly, subjoints=tuple(laws))
+
     scatter = np.maximum(np.sqrt((deflections**2).mean(axis=0)), 1e-12)
     for _ in range(3):  # columns are weighed by their own scatter, which the fit before gives
 
         def errors(logs: Array, scatter: Array = scatter) -> Array:
-            residual = (deflections - predicted(_with(assembly, free, logs), loads)) / scatter
-            return np.concatenate([residual.ravel(), logs / WIDE])
+            return np.append((deflections - predicted(fitted(logs), loads)) / scatter, logs / WIDE)
 
         solved = least_squares(errors, np.zeros(len(free)))
-        residual = deflections - predicted(_with(assembly, free, solved.x), loads)
+        law = fitted(solved.x)
+        residual = deflections - predicted(law, loads)
         freedom = max(len(loads) - len(free) / deflections.shape[1], 1.0)
         scatter = np.maximum(np.sqrt((residual**2).sum(axis=0) / freedom), 1e-9 * scatter)
-    covariance = np.linalg.inv(solved.jac.T @ solved.jac)
-    stds = np.sqrt(np.diag(covariance))
+    stds = np.sqrt(np.diag(np.linalg.inv(solved.jac.T @ solved.jac)))
     names = [f"{assembly.subjoints[i].node} C_{TWIST_NAMES[axis]}" for i, axis in free]
     if (stds > UNKNOWN).all():
         raise IdentifiabilityError("loads do not determine the compliances of the sub-joints", 0, np.inf, names)
-    law = _certain(_with(assembly, free, solved.x), free, stds, loads, scatter)
-    compliances = [float(law.subjoints[i].law.compliance[axis, axis]) for i, axis in free]
-    found = {
-        name: {"value": value, "relative_std": std, "determined": std <= UNKNOWN}
-        for name, value, std in zip(names, compliances, stds.tolist(), strict=True)
-    }
-    return Fitted(law, found)
-
-
-def _free(assembly: StructuralLaw) -> list[tuple[int, int]]:
-    """Return (sub-joint, axis) of every compliance that may be fitted."""
-    places = []
-    for i, sub in enumerate(assembly.subjoints):
-        if not isinstance(sub.law, LinearLaw):
-            raise InputError(f"the sub-joint at {sub.node!r} is not linear: only linear ones are fitted")
-        places += [(i, a) for a in sub.holds if a < assembly.components and sub.law.compliance[a, a] > 0.0]
-    return places
-
-
-def _with(assembly: StructuralLaw, free: Sequence[tuple[int, int]], logs: Array) -> StructuralLaw:
-    """Return the assembly with factors on its compliances; couplings go by the root of both."""
-    roots = np.ones((len(assembly.subjoints), 6))
-    for (i, axis), value in zip(free, logs, strict=True):
-        roots[i, axis] = np.exp(0.5 * value)
-    subjoints = [
-        replace(sub, law=LinearLaw(sub.law.compliance * np.outer(root, root)))
-        for sub, root in zip(assembly.subjoints, roots, strict=True)
-    ]
-    return replace(assembly, subjoints=tuple(subjoints))
-
-
-def _certain(
-    law: StructuralLaw, free: Sequence[tuple[int, int]], stds: Array, loads: Array, scatter: Array
-) -> StructuralLaw:
-    """Return the law with its sub-joints' uncertainty, the loads that they saw, and the scatter of the tip."""
-    at_subjoints = [[load for _, load in law.shares(wrench, NOWHERE)] for wrench in wrenches(loads)]
-    relative = np.zeros((len(law.subjoints), 6))
-    for (i, axis), std in zip(free, stds, strict=True):
-        relative[i, axis] = std
-    subjoints = []
+    # The law tells its sub-joints' uncertainty, the loads that they saw, and the scatter of the tip.
+    shares = [[load for _, load in law.shares(wrench, NOWHERE)] for wrench in wrenches(loads)]
+    subjoints, found, axes = list(law.subjoints), {}, np.arange(6)
     for i, sub in enumerate(law.subjoints):
-        rows, axes = np.zeros((6, 6, 6)), np.arange(6)
-        rows[axes, axes, axes] = (relative[i] * np.diag(sub.law.compliance)) ** 2
-        fit = LinearFit(rows, np.zeros(6), seen_loads(np.array([one[i] for one in at_subjoints])))
-        subjoints.append(replace(sub, law=replace(sub.law, fit=fit)))
-    return replace(law, subjoints=tuple(subjoints), noise=np.pad(scatter, (0, 6 - len(scatter))))
+        own = {axis: std for (place, axis), std in zip(free, stds.tolist(), strict=True) if place == i}
+        rows = np.zeros((6, 6, 6))
+        rows[axes, axes, axes] = [(own.get(axis, 0.0) * sub.law.compliance[axis, axis]) ** 2 for axis in range(6)]
+        seen = seen_loads(np.array([each[i] for each in shares]))
+        subjoints[i] = replace(sub, law=replace(sub.law, fit=LinearFit(rows, np.zeros(6), seen)))
+    for name, (i, axis), std in zip(names, free, stds.tolist(), strict=True):
+        value = float(law.subjoints[i].law.compliance[axis, axis])
+        found[name] = {"value": value, "relative_std": std, "determined": std <= UNKNOWN}
+    noise = np.pad(scatter, (0, 6 - len(scatter)))
+    return Fitted(replace(law, subjoints=tuple(subjoints), noise=noise), found)
