@@ -7,6 +7,7 @@ so factors have a wide prior about one, and its share shows in their uncertainty
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,33 +39,38 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
             readings than compliances.
         IdentifiabilityError: The loads determine none of the compliances.
     """
-    free = []
+    free: list[tuple[int, int]] = []
+    declared: list[Array] = []
     for i, sub in enumerate(assembly.subjoints):
         if not isinstance(sub.law, LinearLaw):
             raise InputError(f"the sub-joint at {sub.node!r} is not linear: only linear ones are fitted")
+        declared.append(sub.law.compliance)
         free += [(i, a) for a in sub.holds if a < assembly.components and sub.law.compliance[a, a] > 0.0]
     if loads.shape[1] > assembly.components:
         raise InputError("loads and deflections have 6 components, the assembly 3: expected components = 6 in its file")
     if deflections.size <= len(free):
         raise InputError(f"{deflections.size} readings do not determine {len(free)} compliances of sub-joints")
 
-    def fitted(logs: Array) -> StructuralLaw:
-        """Return the assembly with factors on its compliances; couplings go by the root of both."""
-        roots = np.ones((len(assembly.subjoints), 6))
+    def laws(logs: Array) -> list[LinearLaw]:
+        """Return the sub-joints' laws with factors on their compliances; couplings go by the root of both."""
+        roots = np.ones((len(declared), 6))
         for (i, axis), value in zip(free, logs, strict=True):
             roots[i, axis] = np.exp(0.5 * value)
-        pairs = zip(assembly.subjoints, roots, strict=True)
-        laws = [replace(sub, law=LinearLaw(sub.law.compliance * np.outer(root, root))) for sub, root in pairs]
-        return replace(assembly, subjoints=tuple(laws))
+        return [LinearLaw(own * np.outer(root, root)) for own, root in zip(declared, roots, strict=True)]
+
+    def joined(own: Sequence[LinearLaw]) -> StructuralLaw:
+        """Return the assembly with these laws."""
+        pairs = zip(assembly.subjoints, own, strict=True)
+        return replace(assembly, subjoints=tuple(replace(sub, law=law) for sub, law in pairs))
 
     scatter = np.maximum(np.sqrt((deflections**2).mean(axis=0)), 1e-12)
     for _ in range(3):  # columns are weighed by their own scatter, which the fit before gives
 
         def errors(logs: Array, scatter: Array = scatter) -> Array:
-            return np.append((deflections - predicted(fitted(logs), loads)) / scatter, logs / WIDE)
+            return np.append((deflections - predicted(joined(laws(logs)), loads)) / scatter, logs / WIDE)
 
         solved = least_squares(errors, np.zeros(len(free)))
-        law = fitted(solved.x)
+        law = joined(laws(solved.x))
         residual = deflections - predicted(law, loads)
         freedom = max(len(loads) - len(free) / deflections.shape[1], 1.0)
         scatter = np.maximum(np.sqrt((residual**2).sum(axis=0) / freedom), 1e-9 * scatter)
@@ -74,15 +80,14 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
         raise IdentifiabilityError("loads do not determine the compliances of the sub-joints", 0, np.inf, names)
     # The law tells its sub-joints' uncertainty, the loads that they saw, and the scatter of the tip.
     shares = [[load for _, load in law.shares(wrench, NOWHERE)] for wrench in wrenches(loads)]
-    subjoints, found, axes = list(law.subjoints), {}, np.arange(6)
-    for i, sub in enumerate(law.subjoints):
-        own = {axis: std for (place, axis), std in zip(free, stds.tolist(), strict=True) if place == i}
+    fits, found, axes = laws(solved.x), {}, np.arange(6)
+    for i, own in enumerate(fits):
+        known = {axis: std for (place, axis), std in zip(free, stds.tolist(), strict=True) if place == i}
         rows = np.zeros((6, 6, 6))
-        rows[axes, axes, axes] = [(own.get(axis, 0.0) * sub.law.compliance[axis, axis]) ** 2 for axis in range(6)]
+        rows[axes, axes, axes] = [(known.get(axis, 0.0) * own.compliance[axis, axis]) ** 2 for axis in range(6)]
         seen = seen_loads(np.array([each[i] for each in shares]))
-        subjoints[i] = replace(sub, law=replace(sub.law, fit=LinearFit(rows, np.zeros(6), seen)))
+        fits[i] = replace(own, fit=LinearFit(rows, np.zeros(6), seen))
     for name, (i, axis), std in zip(names, free, stds.tolist(), strict=True):
-        value = float(law.subjoints[i].law.compliance[axis, axis])
+        value = float(fits[i].compliance[axis, axis])
         found[name] = {"value": value, "relative_std": std, "determined": std <= UNKNOWN}
-    noise = np.pad(scatter, (0, 6 - len(scatter)))
-    return Fitted(replace(law, subjoints=tuple(subjoints), noise=noise), found)
+    return Fitted(replace(joined(fits), noise=np.pad(scatter, (0, 6 - len(scatter)))), found)
