@@ -215,8 +215,8 @@ def _judged(problem: NetworkProblem, chains: list[Drawn], seconds: float) -> Pos
     lost = [chain.divergences for chain in chains if chain.divergences is not None]
     divergences = sum(lost) if len(lost) == len(chains) else None
     acceptance = float(np.mean([chain.acceptance for chain in chains]))
-    rhat_max = float(np.array([part.rhat_max for part in parts.values()], dtype=float).max())  # which passes NaN on
-    ess_min = float(np.array([part.ess_min for part in parts.values()], dtype=float).min())
+    judged = np.array([(part.rhat_max, part.ess_min) for part in parts.values()], dtype=float)
+    rhat_max, ess_min = float(np.max(judged[:, 0])), float(np.min(judged[:, 1]))  # they pass NaN on
     return Posterior(weights, noise, Diagnostics(rhat_max, ess_min, divergences, acceptance, seconds), parts)
 
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import count
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -137,7 +137,8 @@ def train(
         folds = _folds(data, model, options)
         held = hold_out(learn, data, folds, seed, _counting(progress, len(np.unique(folds))))
         if model == "torch":  # its weights say nothing of what they leave open
-            fitted = replace(fitted, law=replace(cast("Any", fitted.law), noise=held.rms))
+            module: Any = fitted.law
+            fitted = replace(fitted, law=replace(module, noise=held.rms))
             source = f"the Python code of {fitted.parameters['module']}, which must stay as and where it is"
             trust = "take such laws from people you trust alone. A control loop takes about a millisecond for it"
             text = f"to load this law runs {source}; {trust}"

@@ -244,7 +244,7 @@ def with_points(table: Table, points: PointExport) -> tuple[Table, tuple[Flag, .
     exported: dict[str, Sequence[str]] = {
         axis: [repr(float(v)) for v in points.position[:, i]] for i, axis in enumerate(AXES)
     }
-    exported.update(points.extras)
+    exported |= points.extras
     stamps = next((name for name, cells in points.extras.items() if all(map(_ISO.fullmatch, cells))), None)
     if stamps and "time" not in table.columns and None not in point_of:
         exported["time"] = _seconds(points, exported.pop(stamps))

@@ -274,7 +274,8 @@ def _joint(reader: Reader, element: etree._Element) -> Joint:
             master = reader.text(given, "joint")
             mimic = master, reader.number(given, "multiplier", "1"), reader.number(given, "offset", "0")
     place = reader.place(element)
-    return Joint(name, kind, parent, child, origin, rotation, axis, *limits, mimic, place, reader.taken_faults())
+    faults = reader.taken_faults()
+    return Joint(name, kind, parent, child, origin, rotation, axis, *limits, mimic, place, faults)
 
 
 def _axis(reader: Reader, element: etree._Element, name: str, default: Array) -> Array:

@@ -52,11 +52,9 @@ class HardeningLaw(Law):
 
     @property
     def values(self) -> Array:
-        """Their logarithms."""
         return np.log([*np.diag(self.compliance)[self._axes], self.energy])
 
     def at(self, values: Array) -> HardeningLaw:
-        """Return the law with other factors."""
         root = np.ones(6)
         root[self._axes] = np.exp(0.5 * (values - self.values)[:-1])
         return replace(self, compliance=self.compliance * np.outer(root, root), energy=float(np.exp(values[-1])))
@@ -79,6 +77,10 @@ class HardeningLaw(Law):
         by_axes = 0.5 * (np.eye(6) * twist[..., None, :] + tangent * wrench[..., None, :])
         share = self._share(wrench, wrench @ self.compliance)
         return np.concatenate([by_axes[..., self._axes], (twist * 0.5 * share / (1.0 + share))[..., None]], axis=-1)
+
+    def hardening(self) -> tuple[Array, float]:
+        """Return C and 1 / (2 energy)."""
+        return self.compliance, 0.5 / self.energy
 
     def compliance_bound(self, ranges: Ranges) -> Array:
         """Return the norms of C's blocks on the diagonal, their geometric mean beside it: J is positive, C - J, too."""
