@@ -71,8 +71,9 @@ class SessionBlock(Block):
     def columns(self, view: View) -> Array:
         """Return the rigid motions, each for its session's rows only."""
         motion = view.by_frame
-        own = [np.fromiter((self.rows[row] == name for row in view.rows), bool) for name in self.sessions]
-        return np.concatenate([motion * mask[:, None, None] for mask in own], axis=2)
+        number = {name: i for i, name in enumerate(self.sessions)}
+        own = np.array([number.get(self.rows[row], -1) for row in view.rows])[:, None, None]
+        return np.concatenate([motion * (own == i) for i in number.values()], axis=2)
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with every session's shift."""

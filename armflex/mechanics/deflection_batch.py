@@ -14,7 +14,7 @@ from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
 from armflex.mechanics.deflection import Asked, Deflection, deflect
 from armflex.mechanics.equilibrium import Equilibrium
 from armflex.mechanics.laws import RowLaws
-from armflex.mechanics.loaded import SAG_BAND, LoadedArm
+from armflex.mechanics.loaded import SAG_BAND, LoadedArm, rows_by_load
 from armflex.mechanics.loads import Payload, Wrench
 from armflex.mechanics.many_rows import (
     AT_ONCE,
@@ -96,12 +96,11 @@ class Acting:
         if len(self.payloads) == 1:
             yield self.arm.loaded(self.payloads[0]), np.arange(count)
             return
-        found: dict[int, tuple[LoadedArm, list[int]]] = {}
-        for i, payload in enumerate(self.payloads):
-            loaded = self.arm.loaded(payload)
-            found.setdefault(id(loaded), (loaded, []))[1].append(i)
-        for loaded, rows in found.values():
-            yield loaded, np.array(rows)
+        yield from self._groups
+
+    @cached_property
+    def _groups(self) -> list[tuple[LoadedArm, np.ndarray]]:
+        return rows_by_load(self.arm, self.payloads)
 
 
 @dataclass(frozen=True, repr=False, eq=False)

@@ -214,5 +214,17 @@ class LoadedArm:
         return float(pin.computeTotalMass(self.rigid.model))
 
 
+def rows_by_load(arm: Structure, payloads: Sequence[str | Payload | None]) -> list[tuple[LoadedArm, np.ndarray]]:
+    """Return the arm with each of (N) payloads, and the numbers of the rows in which it is carried."""
+    rows: dict[str | int, list[int]] = {}
+    for i, payload in enumerate(payloads):  # a payload has arrays, and goes by its identity
+        rows.setdefault(payload if isinstance(payload, str) else id(payload), []).append(i)
+    found: dict[int, tuple[LoadedArm, list[int]]] = {}
+    for own in rows.values():
+        loaded = arm.loaded(payloads[own[0]])
+        found.setdefault(id(loaded), (loaded, []))[1].extend(own)
+    return [(loaded, np.sort(own)) for loaded, own in found.values()]
+
+
 def _again(arm: Structure, payload: Payload) -> LoadedArm:
     return arm.loaded(payload)

@@ -24,7 +24,7 @@ from armflex.laws import Row
 from armflex.mechanics.chain import Frames
 from armflex.mechanics.equilibrium import MAX_ROTATION, check_small, find_equilibrium
 from armflex.mechanics.laws import RowLaws
-from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loaded import LoadedArm, rows_by_load
 from armflex.mechanics.loads import Payload
 from armflex.mechanics.many_rows import Pushes, RowSolver, Solution, frame_poses, kernel
 from armflex.mechanics.pinocchio_model import LoadCase
@@ -201,6 +201,9 @@ def respond(
     row, n, done, parts = Row(q, arm.joint_index, known), len(arm.sites), 0, []
     wrenches, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
 
+    groups = rows_by_load(arm, payloads)
+    pieces = [(loaded, own[i : i + AT_ONCE]) for loaded, own in groups for i in range(0, len(own), AT_ONCE)]
+
     def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part:
         loaded, rows = asked
         some = row.some(rows)
@@ -208,7 +211,7 @@ def respond(
         wrenches[rows], twists[rows] = found.wrenches, found.twists
         return part
 
-    for part in in_threads(solved, _carrying(arm, payloads)):
+    for part in in_threads(solved, pieces):
         parts.append(part)
         done += len(part.rows)
         if progress:
@@ -216,19 +219,6 @@ def respond(
     frames = arm.loaded(payloads[0] if len(payloads) else None)
     named = (frames.link_frames.names, frames.sites.names)
     return Response(row, wrenches, twists.reshape(len(q), 6 * n), laws, *named, tuple(parts))
-
-
-def _carrying(arm: Structure, payloads: Sequence[str | Payload]) -> list[tuple[LoadedArm, np.ndarray]]:
-    """Return the arm with each payload and numbers of the rows in which it is carried, some at a time."""
-    numbers: dict[str | int, list[int]] = {}
-    for i, payload in enumerate(payloads):
-        numbers.setdefault(payload if isinstance(payload, str) else id(payload), []).append(i)
-    groups: dict[int, tuple[LoadedArm, list[int]]] = {}
-    for own in numbers.values():
-        loaded = arm.loaded(payloads[own[0]])
-        groups.setdefault(id(loaded), (loaded, []))[1].extend(own)
-    ordered = [(loaded, np.sort(own)) for loaded, own in groups.values()]
-    return [(loaded, own[i : i + AT_ONCE]) for loaded, own in ordered for i in range(0, len(own), AT_ONCE)]
 
 
 def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_large: bool) -> tuple[_Part, Solution]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import f
+from scipy.special import fdtrc
 
 from armflex.conventions import TWIST_NAMES
 from armflex.estimate.view import position_rms
@@ -135,7 +135,7 @@ def _beyond_repeats(state: State) -> Unexplained | None:
     squares = fit.view.residual[fit.weights >= 1.0, fit.view.positions] ** 2  # tails make a mean of squares anything
     freedom = max(squares.size - (fit.view.count - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
-    if left < LARGER * noise or f.sf(left / noise, freedom, 3 * scatter.freedom) > UNLIKELY:
+    if left < LARGER * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > UNLIKELY:
         return None
     return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))
 

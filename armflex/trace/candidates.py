@@ -57,6 +57,9 @@ class Candidate:
 FLUSHED = 2**22
 """Numbers of a bank's columns that are made at a time."""
 
+TOLD = 256
+"""Candidates after which it is told how far one has come."""
+
 KEPT = 2**24
 """Numbers up to which a bank keeps its columns; more are made again whenever they are asked for."""
 
@@ -163,20 +166,23 @@ class Bank:
         view, held = self.fit.view, 0
         shared: dict[tuple[str, tuple[str, ...], Values], Array] = {}
         waiting: dict[tuple[Act, bool, str, bytes], list[tuple[int, Array]]] = {}
+        here, of_load, before = None, False, (None, None)
         for index, candidate in enumerate(self.candidates):
-            self.tell("screening candidates", index, len(self.candidates))
+            if index % TOLD == 0:
+                self.tell("screening candidates", index, len(self.candidates))
             law, location, inner = candidate.law, candidate.location, candidate.inner
-            direction = law.direction(self.scene.here(location, view.arm), inner)
+            if before[0] is not law or before[1] is not location:  # they come in a row
+                here, of_load, before = self.scene.here(location, view.arm), law.of_load(location), (law, location)
+            direction = law.direction(here, inner)
             if direction is not None:
-                if law.of_load(location):
-                    found = law.shapes(location, inner, view, self.scene)[list(location.terms)]
+                if of_load:
+                    found = law.shapes(location, inner, view, self.scene)
                 else:  # the same at every site
                     key = (law.name, location.covariates, inner)
-                    if key not in shared:
-                        shared[key] = law.shapes(location, inner, view, self.scene)
-                    found = (
-                        shared[key] if len(location.terms) == len(shared[key]) else shared[key][list(location.terms)]
-                    )
+                    found = shared.get(key)
+                    if found is None:
+                        found = shared[key] = law.shapes(location, inner, view, self.scene)
+                found = found if len(location.terms) == len(found) else found[list(location.terms)]
             else:
                 found = law.features(location, inner, view, self.scene)
             along = b"" if direction is None else direction.tobytes()
