@@ -18,7 +18,7 @@ $(VENV)/.bench: $(VENV)/.test
 	$(PIP) --editable '.[bench]'
 	touch $@
 
-$(VENV)/.lint: $(VENV)/.demo
+$(VENV)/.lint: $(VENV)/.test
 	$(PIP) --editable '.[lint]'
 	touch $@
 

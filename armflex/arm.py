@@ -5,8 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cached_property
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
 import numpy as np
 import pinocchio as pin
@@ -52,11 +51,31 @@ from armflex.parameters import (
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot, Site
-from armflex.robot.elements import Joint
+from armflex.robot.urdf import Joint
+
+if TYPE_CHECKING:
+    cached_property = property  # which a protocol may ask for; pyright takes the other for something that can be set
+else:
+    from functools import cached_property
 
 OneRow = Sequence[float] | np.ndarray[tuple[int], np.dtype[Any]]
 ManyRows = Sequence[Sequence[float]] | np.ndarray[tuple[int, int], np.dtype[Any]]
-"""Joint positions as a type checker tells them apart; of an array of unknown shape it takes either."""
+"""Joint positions as a type checker tells them apart; an array of unknown shape it takes for one row."""
+
+
+class DeflectionOptions(TypedDict, total=False):
+    """What `Arm.deflection` is asked beside positions and payload."""
+
+    v: ArrayLike | None
+    a: ArrayLike | None
+    covariates: Mapping[str, ArrayLike] | None
+    wrenches: Sequence[Wrench]
+    method: str
+    enforce_limits: bool
+    allow_large: bool
+    strict: bool
+    jobs: int | None
+
 
 MAX_PAYLOADS = 64
 """Payloads whose models are kept; objects made in a loop must not fill the memory."""
@@ -230,10 +249,12 @@ class Arm:
         return self.loaded(None).mechanics.rigid_tip_pose(checked)
 
     @overload
-    def deflection(self, q: OneRow, payload: str | Payload | None = None, **options: Any) -> Deflection: ...
+    def deflection(
+        self, q: OneRow, payload: str | Payload | None = None, **options: Unpack[DeflectionOptions]
+    ) -> Deflection: ...
     @overload
     def deflection(
-        self, q: ManyRows, payload: str | Payload | Sequence[str] | None = None, **options: Any
+        self, q: ManyRows, payload: str | Payload | Sequence[str] | None = None, **options: Unpack[DeflectionOptions]
     ) -> DeflectionBatch: ...
     def deflection(
         self,
@@ -287,7 +308,7 @@ class Arm:
             checked, flags = positions.copy(), ()
         else:
             checked, flags = self.check_position(positions, enforce_limits)
-        loaded = self.loaded(payload)
+        loaded = self.loaded(payload)  # pyright: ignore[reportArgumentType] - refused there
         if v is not None or a is not None:
             v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
         found = deflect(loaded, LoadCase(checked, v, a, tuple(wrenches), known), flags, method, allow_large)

@@ -44,7 +44,8 @@ class Configurations:
         """Yield the (n, nq) configurations of every wanted chunk, in order."""
         from scipy.stats import qmc  # takes half a second
 
-        sequence = qmc.Sobol(len(self.lower), seed=np.random.default_rng(self.seed))
+        rng = np.random.default_rng(self.seed)
+        sequence = qmc.Sobol(len(self.lower), seed=rng)  # pyright: ignore[reportCallIssue] - `rng` since SciPy 1.15
         for size, asked in zip(self.sizes, wanted, strict=True):
             if asked:
                 yield self.lower + (self.upper - self.lower) * sequence.random(self.chunk)[:size]

@@ -184,6 +184,13 @@ class Declaration:
             return default
         return float(self._array(key, self.raw(key), ((),)))
 
+    def std(self, key: str, default: float | None = None) -> float:
+        """Return a number that is not below 0."""
+        value = self.number(key, default)
+        if value < 0.0:
+            raise self.fail(key, f"a standard deviation cannot be negative, got {value:g}")
+        return value
+
     def numbers(self, key: str, *shapes: tuple[int, ...]) -> Array:
         """Return finite numbers up to `LARGEST`, of one of the given shapes."""
         return self._array(key, self.raw(key), shapes)

@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from itertools import islice
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
@@ -59,7 +59,8 @@ def in_order(
     """
     from joblib import Parallel, delayed, effective_n_jobs  # takes a tenth of a second
 
-    left, size = iter(tasks), WAVE * effective_n_jobs(jobs)
+    left, size = iter(tasks), WAVE * effective_n_jobs(jobs)  # pyright: ignore[reportArgumentType] - None is the default
+    parallel: Any  # for what it returns depends on `return_as`
     with Parallel(n_jobs=jobs, return_as="generator", prefer="threads" if threads else None) as parallel:
         wave = list(islice(left, size))
         with _deaf_children() if size > WAVE else nullcontext():

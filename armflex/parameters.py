@@ -6,16 +6,15 @@ among those of the arm, see `named`; no label is taken apart.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 
 from armflex.conventions import TWIST_NAMES
+from armflex.laws import Law
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.flexure import Flexure
-from armflex.laws.learned import LearnedLaw
 from armflex.robot import Robot
 
 
@@ -115,14 +114,14 @@ def of_offsets(robot: Robot) -> tuple[ArmParameter, ...]:
     return tuple(ArmParameter(Group(Kind.OFFSET, name), unit=unit) for name, unit in joints)
 
 
-def of_compliance(flexure: str, axes: Sequence[int] = range(6)) -> tuple[ArmParameter, ...]:
-    """Return the logarithmic factors on some axes of a flexure's compliance."""
-    return tuple(ArmParameter(Group(Kind.COMPLIANCE, flexure), TWIST_NAMES[axis]) for axis in axes)
+def of_compliance(flexure: str) -> tuple[ArmParameter, ...]:
+    """Return the logarithmic factors on the axes of a flexure's compliance."""
+    return tuple(ArmParameter(Group(Kind.COMPLIANCE, flexure), axis) for axis in TWIST_NAMES)
 
 
-def of_law(flexure: str, law: LearnedLaw) -> tuple[ArmParameter, ...]:
-    """Return the parameters of a flexure's law that was learned."""
-    return tuple(ArmParameter(Group(Kind.LAW, flexure), label) for label in law.labels)
+def of_law(flexure: str, law: Law, kind: Kind = Kind.LAW) -> tuple[ArmParameter, ...]:
+    """Return the parameters of a flexure's law that was learned, or is scaled (`Kind.COMPLIANCE`)."""
+    return tuple(ArmParameter(Group(kind, flexure), one.name) for one in law.parameters)
 
 
 def fitted_group(flexure: Flexure) -> Group:
@@ -151,12 +150,8 @@ def numbers_of(effects: Sequence[Effect]) -> tuple[int, ...]:
 
     A joint may have several harmonics, and a name tells them apart by nothing else.
     """
-    met: Counter[str] = Counter()
-    numbers = []
-    for effect in effects:
-        met[effect.name] += 1
-        numbers.append(met[effect.name])
-    return tuple(numbers)
+    names = [effect.name for effect in effects]
+    return tuple(names[: i + 1].count(name) for i, name in enumerate(names))
 
 
 def numbered(number: int) -> str:
@@ -181,10 +176,8 @@ def named(labels: Iterable[str], known: Sequence[tuple[ArmParameter, str]]) -> t
         if len(some) > 1:
             last = found[-1].group if found else None
             some = [one for one in some if one.group == last] or [one for one in some if one not in found]
-        found.append(some[0] if some else _foreign(label))
+        if not some:
+            kind = next(kind for kind in Kind if label.startswith(f"{kind} "))
+            some = [ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))]
+        found.append(some[0])
     return tuple(found)
-
-
-def _foreign(label: str) -> ArmParameter:
-    kind = next(kind for kind in Kind if label.startswith(f"{kind} "))
-    return ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from armflex.errors import InputError
 from armflex.storage.whole_file import write_whole
@@ -25,7 +25,8 @@ def styled(style: Mapping[str, object]) -> Iterator[None]:
     """Draw in a style while the context lasts, every text as it is."""
     import matplotlib as mpl
 
-    with mpl.rc_context({**style, **AS_IT_IS}):
+    whole: dict[Any, Any] = {**style, **AS_IT_IS}
+    with mpl.rc_context(whole):
         yield
 
 

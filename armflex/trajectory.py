@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -95,7 +95,7 @@ class Trajectory:
             {name: known(name, values) for name, values in self.covariates.items()},
         )
 
-    def between(self, segments: Array, fractions: Array) -> Points:
+    def between(self, segments: np.ndarray, fractions: Array) -> Points:
         """Return the points at (M,) fractions of the way from (M,) rows to the next, each with its row's payload."""
 
         def part(values: Array) -> Array:
@@ -122,7 +122,7 @@ class Trajectory:
         approach = {f"{APPROACH}{joint}": moved[:, i] for i, joint in enumerate(self.joint_names)}
         return {"time": self.time, **approach, **self.covariates}
 
-    def asked(self, i: int) -> dict[str, object]:
+    def asked(self, i: int) -> dict[str, Any]:
         """Return row i's motion and what else is known of it as `Arm.deflection` takes them."""
         known = {name: values[i] for name, values in self.covariates.items()}
         return {**self.motion(i), "covariates": {"time": self.time[i], **known}}
@@ -187,13 +187,11 @@ class Trajectory:
         moved = {name: None if x is None else x[:, order] for name, x in (("v", self.v), ("a", self.a))}
         return replace(self, joint_names=arm.joint_names, q=self.q[:, order], **moved)
 
-    def with_midpoints(self, segments: Array) -> Trajectory:
+    def with_midpoints(self, segments: np.ndarray) -> Trajectory:
         """Return the trajectory with a row inserted halfway along each segment marked in a (N - 1,) mask."""
         after = np.flatnonzero(segments) + 1
 
-        def insert(values: Array | None) -> Array | None:
-            if values is None:
-                return None
+        def insert(values: Array) -> Array:
             return np.insert(values, after, 0.5 * (values[after - 1] + values[after]), axis=0)
 
         payload, via = list(self.payload), list(self.via)
@@ -204,9 +202,9 @@ class Trajectory:
             name: np.insert(values, after, values[after]) if name.startswith(APPROACH) else insert(values)
             for name, values in self.covariates.items()
         }
-        moved = (insert(values) for values in (self.v, self.a))
+        v, a = (None if values is None else insert(values) for values in (self.v, self.a))
         return Trajectory(
-            self.joint_names, insert(self.time), insert(self.q), tuple(payload), tuple(via), *moved, covariates
+            self.joint_names, insert(self.time), insert(self.q), tuple(payload), tuple(via), v, a, covariates
         )
 
 

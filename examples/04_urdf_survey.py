@@ -6,8 +6,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 
 from armflex import Arm, ArmflexWarning, InputError, load_arm
-from armflex.robot.tree import check_tree, tips_by_depth
-from armflex.robot.urdf import read_urdf
+from armflex.robot.urdf import MOVING, check_tree, read_urdf
 
 
 def main() -> tuple[list[str], dict[str, str]]:
@@ -34,8 +33,16 @@ def main() -> tuple[list[str], dict[str, str]]:
 def deepest(file: Path) -> Arm:
     """Return the arm to the tip with the most joints that loads: fingers without a weight are no tip."""
     document = read_urdf(file)
+    depth, ends = {}, []
+    for link in document.below(check_tree(document)):
+        joint = document.parents.get(link)
+        if joint is None:
+            depth[link] = 0
+        elif joint.parent in depth and not (joint.faults or joint.mimic):
+            depth[link] = depth[joint.parent] + (joint.kind in MOVING)
+    ends = sorted(depth, key=lambda link: (-depth[link], any(one.child in depth for one in document.children[link])))
     first = None
-    for tip in tips_by_depth(document, check_tree(document)):
+    for tip in ends:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ArmflexWarning)

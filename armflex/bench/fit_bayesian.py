@@ -8,23 +8,34 @@ Three ways to find it:
     laplace: a Gaussian about the best maximum, priors and noise by evidence. Fast; its errors are a third larger.
     nuts: hidden layer and noise sampled with the output layer integrated out, which is then drawn exactly.
     metropolis: the paper's adaptive Metropolis on all weights, noise by Gibbs. It does not mix, and says so.
+
+The output layer is integrated out as follows, all in scaled units: y = B v + noise, B the hidden values and a column of
+ones. Given the hidden layer and the noise s_k, output k's weights v_k have a Gaussian prior of precision P, so that
+
+    p(y_k | hidden, s_k) = N(0, s_k^2 I + B P^-1 B^T),    v_k | y_k, hidden, s_k = N(m_k, G_k^-1),
+    G_k = B^T B / s_k^2 + P,    G_k m_k = B^T y_k / s_k^2.
+
+What is left to sample is small and far less curved than the whole; v_k is drawn exactly afterwards. The determinant
+lemma gives |s^2 I + B P^-1 B^T| = s^2N |G| / |P|, and the quadratic form is the least of a sum of squares, written
+as |y - B m|^2 / s^2 + m P m rather than as a difference of large numbers.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtri  # several small factors: numpy's wrappers take longer than the work
+from scipy.optimize import minimize
+from scipy.special import gammaln
 
-from armflex.bench.collapsed import Collapsed, Prior, maximum, whitening
-from armflex.bench.evidence import find_modes
-from armflex.bench.fit_network import fit_network, network_law
+from armflex.bench.fit_network import find_modes, fit_network, laplace, network_law
 from armflex.bench.fitted import Fitted
 from armflex.bench.network_problem import GROUPS, NetworkProblem, predictions, scaled_problem, start_weights
 from armflex.conventions import Array
-from armflex.errors import InputError, UnknownNameError
+from armflex.errors import InputError, NotFiniteError, UnknownNameError
 from armflex.parallel import in_order
 from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose, has_converged, judges
 from armflex.sampling.nuts import no_u_turn
@@ -45,8 +56,45 @@ far more curved, they do not get around at all, and longer steps diverge now and
 NETWORKS = 200
 """Most networks in a law. Their average is within 1/14 of a posterior deviation of that of all."""
 
+KEPT = 1000
+"""Most draws of a Metropolis chain that are looked at: a random walk's neighbours say the same."""
+
+ADAPT_EVERY = 100
 FIRST_NOISE = 0.1
 PRECISIONS = (1e-2, 1e2)
+
+FLOOR = 0.5
+"""Least curvature along which whitening believes the Hessian; a prior of precision 1 alone gives 1."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is believed before any data, in scaled units.
+
+    Attributes:
+        precisions: (4,) of the Gaussian prior of each of `GROUPS`, all with mean zero.
+        noise_shape, noise_scale: Of the inverse gamma prior of each s_k^2. As they stand they are worth one reading
+            with an error of 1/1000 of its column's spread, so that data without noise still have a posterior.
+    """
+
+    precisions: Array = field(default_factory=lambda: np.ones(len(GROUPS)))
+    noise_shape: float = 0.5
+    noise_scale: float = 0.5e-6
+
+    def __post_init__(self) -> None:
+        positive = np.append(self.precisions, [self.noise_shape, self.noise_scale])
+        if np.shape(self.precisions) != (len(GROUPS),) or not (positive > 0.0).all() or np.isinf(positive).any():
+            raise InputError(f"prior of a network: expected {len(GROUPS)} precisions, a shape and a scale above 0")
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One chain: (n, P) `weights`, (n, k) `noise`, and how its steps went."""
+
+    weights: Array
+    noise: Array
+    divergences: int | None
+    acceptance: float
 
 
 @dataclass(frozen=True)
@@ -54,14 +102,12 @@ class Posterior:
     """Draws of a network and its noise, in scaled units.
 
     Attributes:
-        problem: The data.
         weights: (chains, n, P).
         noise: (chains, n, k).
         diagnostics: On predictions at the training loads and log noise.
         parts: "predictions" and "noise", each judged alone.
     """
 
-    problem: NetworkProblem
     weights: Array
     noise: Array
     diagnostics: Diagnostics
@@ -111,7 +157,19 @@ def fit_bayesian(
     weights, noise = (part.reshape(-1, part.shape[-1]) for part in (posterior.weights, posterior.noise))
     chosen = np.unique(np.linspace(0, len(weights) - 1, NETWORKS).round().astype(int))
     law = network_law(weights[chosen], np.sqrt((noise**2).mean(axis=0)), scaling, loads)
-    return Fitted(law, _parameters(posterior, sampler, prior, law.noise, len(chosen)), posterior.diagnostics)
+    parts = posterior.parts.items()
+    parameters = {
+        "neurons": neurons,
+        "weights": problem.count,
+        "noise": law.noise.tolist(),
+        "sampler": sampler,
+        "chains": chains,
+        "draws": posterior.weights.shape[1],
+        "networks": len(chosen),
+        "precisions": dict(zip(GROUPS, prior.precisions.tolist(), strict=True)),
+        "judged": {name: {"rhat_max": part.rhat_max, "ess_min": part.ess_min} for name, part in parts},
+    }
+    return Fitted(law, parameters, posterior.diagnostics)
 
 
 def evident_prior(problem: NetworkProblem, seed: int) -> Prior:
@@ -141,40 +199,12 @@ def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws:
     modes = list(in_order(partial(maximum, density, start) for start in starts))
     for walk in WALKS[sampler]:
         seeds = np.random.SeedSequence(seed).spawn(chains)
-        walks = (partial(walk, density, mode, draws, own) for mode, own in zip(modes, seeds, strict=True))
-        found = list(in_order(walks))
+        pairs = zip(modes, seeds, strict=True)
+        found = list(in_order(partial(walk, density, mode, draws, own) for mode, own in pairs))
         posterior = _judged(problem, found, time.perf_counter() - began)
         if has_converged(posterior.diagnostics):
             break
     return posterior
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """One chain: (n, P) `weights`, (n, k) `noise`, and how its steps went."""
-
-    weights: Array
-    noise: Array
-    divergences: int | None
-    acceptance: float
-
-
-def _nuts_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence, **aims: float) -> Drawn:
-    sampling, drawing = seed.spawn(2)
-    walk = no_u_turn(density, mode, whitening(density, mode), draws, TUNE, sampling, **aims)
-    rng = np.random.default_rng(drawing)
-    weights = np.array([density.redraw(theta, rng) for theta in walk.draws])
-    return Drawn(weights, density.noise(walk.draws), walk.divergences, walk.acceptance)
-
-
-def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence) -> Drawn:
-    from armflex.bench.paper.network_chain import network_chain  # for the paper's reproduction alone
-
-    return network_chain(density, mode, draws, seed)
-
-
-WALKS = {"nuts": tuple(partial(_nuts_chain, **aims) for aims in ATTEMPTS), "metropolis": (_metropolis_chain,)}
-"""Sampler -> ways to draw a chain, tried in turn until one has converged."""
 
 
 def _judged(problem: NetworkProblem, chains: list[Drawn], seconds: float) -> Posterior:
@@ -186,21 +216,163 @@ def _judged(problem: NetworkProblem, chains: list[Drawn], seconds: float) -> Pos
     acceptance = float(np.mean([chain.acceptance for chain in chains]))
     rhat_max = float(np.max([part.rhat_max for part in parts.values()]))  # np.max passes NaN on
     ess_min = float(np.min([part.ess_min for part in parts.values()]))
-    whole = Diagnostics(rhat_max, ess_min, divergences, acceptance, seconds)
-    return Posterior(problem, weights, noise, whole, parts)
+    return Posterior(weights, noise, Diagnostics(rhat_max, ess_min, divergences, acceptance, seconds), parts)
 
 
-def _parameters(posterior: Posterior, sampler: str, prior: Prior, noise: Array, networks: int) -> dict[str, object]:
-    chains, draws, count = posterior.weights.shape
-    judged = {name: {"rhat_max": part.rhat_max, "ess_min": part.ess_min} for name, part in posterior.parts.items()}
-    return {
-        "neurons": posterior.problem.neurons,
-        "weights": count,
-        "noise": noise.tolist(),
-        "sampler": sampler,
-        "chains": chains,
-        "draws": draws,
-        "networks": networks,
-        "precisions": dict(zip(GROUPS, prior.precisions.tolist(), strict=True)),
-        "judged": judged,
-    }
+def _nuts_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence, **aims: float) -> Drawn:
+    sampling, drawing = seed.spawn(2)
+    walk = no_u_turn(density, mode, whitening(density, mode), draws, TUNE, sampling, **aims)
+    rng = np.random.default_rng(drawing)
+    weights = np.array([density.redraw(theta, rng) for theta in walk.draws])
+    return Drawn(weights, density.noise(walk.draws), walk.divergences, walk.acceptance)
+
+
+def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence) -> Drawn:
+    """Return a chain that starts better than the paper's, from a maximum and the covariance there.
+
+    As many steps of burn-in come before its draws.
+    """
+    from armflex.bench.metropolis import Adaptation, adaptive_metropolis, scale_of  # for the paper's reproduction alone
+
+    problem, prior = density.problem, density.prior
+    own, start = prior.precisions[problem.groups], density.mean(mode)
+    covariance = scale_of(problem.count) * laplace(problem, start, prior.precisions, density.noise(mode)).covariance
+    chain = adaptive_metropolis(
+        lambda weights: ((predictions(problem, weights) - problem.y) ** 2).sum(axis=0),
+        len(problem.x),
+        start,
+        2 * draws,
+        seed,
+        Adaptation(covariance, after=10 * problem.count, every=ADAPT_EVERY),
+        burn_in=draws,
+        log_prior=lambda weights: -0.5 * float(own @ weights**2),
+        noise_prior=(prior.noise_shape, prior.noise_scale),
+    )
+    stride = -(-draws // KEPT)
+    return Drawn(chain.draws[::stride], np.sqrt(chain.variances[::stride]), None, chain.acceptance)
+
+
+WALKS = {"nuts": tuple(partial(_nuts_chain, **aims) for aims in ATTEMPTS), "metropolis": (_metropolis_chain,)}
+"""Sampler -> ways to draw a chain, tried in turn until one has converged."""
+
+
+@dataclass(frozen=True)
+class Collapsed:
+    """Density of theta, d = H (k + 1) + k numbers: the hidden layer in the order of `layers`, then k log s.
+
+    Attributes:
+        problem: The data.
+        prior: Of weights and noise.
+    """
+
+    problem: NetworkProblem
+    prior: Prior = field(default_factory=Prior)
+
+    @cached_property
+    def _split(self) -> int:
+        return self.problem.neurons * (self.problem.size + 1)
+
+    @cached_property
+    def _precisions(self) -> tuple[Array, Array]:
+        """(H (k + 1),) of the hidden layer; (H + 1,) of one output's weights and offset, the diagonal of P."""
+        hidden = self.prior.precisions[self.problem.groups[: self._split]]
+        return hidden, self.prior.precisions[[2] * self.problem.neurons + [3]]
+
+    @cached_property
+    def _data(self) -> tuple[Array, Array]:
+        """(k + 1, N) loads with ones and (k, N) deflections, both scaled and with rows last as the sums want them."""
+        return np.ascontiguousarray(self.problem.inputs.T), np.ascontiguousarray(self.problem.y.T)
+
+    @cached_property
+    def _constant(self) -> float:
+        """Logarithm of every factor that depends on the data's and the priors' numbers alone."""
+        shape, scale, (hidden, output) = self.prior.noise_shape, self.prior.noise_scale, self._precisions
+        noise = np.log(2.0) + shape * np.log(scale) - gammaln(shape)
+        each = noise + 0.5 * (np.log(output).sum() - len(self.problem.x) * np.log(2.0 * np.pi))
+        return float(self.problem.size * each + 0.5 * np.log(hidden / (2.0 * np.pi)).sum())
+
+    def __call__(self, theta: Array) -> tuple[float, Array]:
+        """Return log p(y, theta) and its (d,) gradient; NaN where a number overflows, for samplers to turn back."""
+        with np.errstate(all="ignore"):
+            return self._density(theta)
+
+    def _density(self, theta: Array) -> tuple[float, Array]:
+        log_noise, weights, (own, output) = theta[self._split :], theta[: self._split], self._precisions
+        basis, parts, means, halves = self._conditional(theta)
+        errors = self._data[1] - means @ basis
+        squares = np.einsum("kn,kn->k", errors, errors)
+        log_roots = np.log(np.diagonal(halves, 0, 1, 2)).sum()  # of 1 / |G_k|, all outputs
+        rows, pulls = len(self.problem.x) + 2.0 * self.prior.noise_shape, squares + 2.0 * self.prior.noise_scale
+        cost = pulls @ parts + (means**2 @ output).sum() + weights @ (own * weights)
+        taken = np.einsum("kij,kij,j->k", halves, halves, output)  # tr(G^-1 P)
+        # By the basis B it is sum_k ((y - B m) m^T - B G^-1) / s^2.
+        scaled, hidden = (halves * np.sqrt(parts)[:, None, None]).reshape(-1, len(basis)), basis[:-1]
+        slope = (means * parts[:, None])[:, :-1].T @ errors - (scaled[:, :-1].T @ scaled) @ basis
+        slope *= hidden * (1.0 - hidden)
+        pull = (slope @ self._data[0].T).ravel() - own * weights
+        gradient = np.concatenate([pull, pulls * parts + len(basis) - taken - rows])
+        return float(self._constant + log_roots - rows * log_noise.sum() - 0.5 * cost), gradient
+
+    def _conditional(self, theta: Array) -> tuple[Array, Array, Array, Array]:
+        """Return B^T (H + 1, N), (k,) 1 / s_k^2, (k, H + 1) m_k, (k, H + 1, H + 1) inverse lower factors of G_k."""
+        basis = np.ones((self.problem.neurons + 1, len(self.problem.x)))
+        weights = theta[: self._split].reshape(self.problem.neurons, -1)
+        basis[:-1] = 0.5 + 0.5 * np.tanh(0.5 * (weights @ self._data[0]))
+        parts = np.exp(-2.0 * theta[self._split :])
+        wanted = np.multiply.outer(parts, basis @ basis.T) + np.diag(self._precisions[1])
+        halves = np.empty_like(wanted)
+        for half, matrix in zip(halves, wanted, strict=True):
+            factor, failed = dpotrf(matrix.T, lower=1, overwrite_a=1)  # transposed: LAPACK's own order, no copy
+            half[:] = np.nan if failed else dtrtri(factor, lower=1, overwrite_c=1)[0]
+        right = (self._data[1] @ basis.T) * parts[:, None]
+        return basis, parts, ((halves @ right[:, :, None]).transpose(0, 2, 1) @ halves)[:, 0], halves
+
+    def redraw(self, theta: Array, rng: np.random.Generator) -> Array:
+        """Return (P,) weights of the whole network: those of theta, with an output layer drawn from its conditional."""
+        *_, means, halves = self._conditional(theta)
+        drawn = means + (halves.swapaxes(1, 2) @ rng.standard_normal((*means.shape, 1)))[..., 0]
+        return np.concatenate([theta[: self._split], drawn.ravel()])
+
+    def mean(self, theta: Array) -> Array:
+        """Return (P,) weights of the whole network: those of theta, with the mean of the output layer."""
+        return np.concatenate([theta[: self._split], self._conditional(theta)[2].ravel()])
+
+    def noise(self, theta: Array) -> Array:
+        """Return the (..., k) scaled noise in (..., d) thetas."""
+        return np.exp(theta[..., self._split :])
+
+    def start(self, weights: Array, noise: Array) -> Array:
+        """Return the theta of (P,) weights of a whole network and (k,) scaled noise."""
+        return np.concatenate([weights[: self._split], np.log(noise)])
+
+
+def maximum(density: Collapsed, start: Array, iterations: int = 400) -> Array:
+    """Return the (d,) maximum of the density near a start, by quasi-Newton steps (L-BFGS).
+
+    Raises:
+        NotFiniteError: The density is not finite at the start, or where the search ends.
+    """
+
+    def falling(theta: Array) -> tuple[float, Array]:
+        value, gradient = density(theta)
+        return (-value, -gradient) if np.isfinite(value) else (1e300, np.zeros_like(gradient))
+
+    if not np.isfinite(density(start)[0]):
+        raise NotFiniteError("log density of a network is not finite where the search for its maximum starts")
+    options = {"maxiter": iterations, "maxcor": 30}
+    found = minimize(falling, start, jac=True, method="L-BFGS-B", options=options).x
+    if not np.isfinite(density(found)[0]):
+        raise NotFiniteError("log density of a network is not finite where the search for its maximum ended")
+    return found
+
+
+def whitening(density: Collapsed, theta: Array, step: float = 1e-5) -> Array:
+    """Return the (d, d) W for which theta + W z has about unit curvature in every direction of z.
+
+    The Hessian comes from central differences of the gradient. Curvatures of the wrong sign, as a search that ended
+    early leaves them, count by their size.
+    """
+    moves = step * np.eye(len(theta))
+    hessian = np.array([density(theta - move)[1] - density(theta + move)[1] for move in moves]) / (2.0 * step)
+    values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
+    return vectors / np.sqrt(np.maximum(np.abs(values), FLOOR))

@@ -1,29 +1,49 @@
-"""One hidden layer of sigmoids trained on joint data: plainly as the paper does, or weighed by evidence."""
+"""One hidden layer of sigmoids trained on joint data: plainly as the paper does, or weighed by evidence.
+
+Prior precisions and noise come from the data alone then: MacKay's evidence (1992), by Gauss-Newton matrices.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
 
-from armflex.bench.evidence import find_modes
-from armflex.bench.fit_linear import seen_loads
-from armflex.bench.fitted import Fitted
-from armflex.bench.levenberg import PAPER, RELATIVE, Damping, minimise
+from armflex.bench.fitted import Fitted, seen_loads
 from armflex.bench.network_problem import (
     GROUPS,
+    PAPER,
+    RELATIVE,
+    Damping,
     NetworkProblem,
     Scaling,
+    Weighted,
+    jacobian,
     least_squares,
+    minimise,
+    predictions,
     scaled_problem,
     start_weights,
 )
 from armflex.conventions import Array
 from armflex.errors import InputError, did_you_mean
 from armflex.laws.joint.network import NetworkLaw, unpack
+from armflex.parallel import in_order
 
 PRIORS = ("evidence",)
 ITERATIONS, PLAIN_ITERATIONS = 160, 200
+
+PRECISIONS = (1e-6, 1e6)
+NOISES = (1e-6, 1e1)
+"""Bounds of what is re-estimated, in scaled units: a group that is not needed, or data without noise, has no other."""
+
+FIRST_NOISE = 0.3
+"""Scaled, well above what it will be: who begins by following every row stays in a poor maximum."""
+
+STEPS = 20
+"""Of Levenberg-Marquardt between two re-estimations."""
 
 
 def fit_network(
@@ -53,40 +73,26 @@ def fit_network(
         InputError: The loads do not span their components, or an argument is impossible.
     """
     problem, scaling = scaled_problem(loads, deflections, neurons)
-    if prior is None:
-        return _fit_plain(
-            problem,
-            scaling,
-            loads,
-            start_weights(problem, starts, seed),
-            iterations or PLAIN_ITERATIONS,
-            damping or PAPER,
-        )
-    if prior not in PRIORS:
+    if prior is not None and prior not in PRIORS:
         raise InputError(f"prior {prior!r} is not known{did_you_mean(prior, PRIORS)} (known: evidence, None)")
-    best = find_modes(problem, starts, seed, iterations or ITERATIONS, damping or RELATIVE)[0]
-    law = network_law(best.weights, best.noise, scaling, loads, best.covariance)
-    found = {"effective": best.effective, "log_evidence": best.log_evidence}
-    precisions = dict(zip(GROUPS, best.precisions.tolist(), strict=True))
-    return Fitted(law, _described(problem, law) | found | {"prior": prior, "precisions": precisions})
-
-
-def _described(problem: NetworkProblem, law: NetworkLaw) -> dict[str, Any]:
-    return {"neurons": problem.neurons, "weights": problem.count, "noise": law.noise.tolist()}
-
-
-def _fit_plain(
-    problem: NetworkProblem, scaling: Scaling, loads: Array, starts: Array, iterations: int, damping: Damping
-) -> Fitted:
-    objective = least_squares(problem)
-    found = min((minimise(objective, start, iterations, 1e-9, damping) for start in starts), key=lambda m: m.cost)
-    squares = (objective.evaluate(found.weights).rest[1] ** 2).sum(axis=0)
-    freedom = len(loads) - problem.count / problem.size
-    # Fewer data than weights are followed exactly and say nothing of their noise: as doubtful as the data are wide.
-    noise = np.sqrt(squares / freedom) if freedom >= 1.0 else np.ones(problem.size)
-    law = network_law(found.weights, noise, scaling, loads)
-    none = {"effective": float(problem.count), "log_evidence": None, "prior": None, "precisions": None}
-    return Fitted(law, _described(problem, law) | none)
+    if prior:
+        best = find_modes(problem, starts, seed, iterations or ITERATIONS, damping or RELATIVE)[0]
+        law = network_law(best.weights, best.noise, scaling, loads, best.covariance)
+        precisions = dict(zip(GROUPS, best.precisions.tolist(), strict=True))
+        found = {"effective": best.effective, "log_evidence": best.log_evidence}
+    else:
+        objective, most = least_squares(problem), iterations or PLAIN_ITERATIONS
+        begun = start_weights(problem, starts, seed)
+        minima = (minimise(objective, start, most, 1e-9, damping or PAPER) for start in begun)
+        weights = min(minima, key=lambda minimum: minimum.cost).weights
+        squares = (objective.evaluate(weights).rest[1] ** 2).sum(axis=0)
+        freedom = len(loads) - problem.count / problem.size
+        # Fewer data than weights are followed exactly and say nothing of their noise: as doubtful as the data are wide.
+        noise = np.sqrt(squares / freedom) if freedom >= 1.0 else np.ones(problem.size)
+        law, precisions = network_law(weights, noise, scaling, loads), None
+        found = {"effective": float(problem.count), "log_evidence": None}
+    described = {"neurons": neurons, "weights": problem.count, "noise": law.noise.tolist()}
+    return Fitted(law, described | found | {"prior": prior, "precisions": precisions})
 
 
 def network_law(
@@ -106,3 +112,94 @@ def network_law(
         load_precision=0.5 * (precision + precision.T),
         furthest=float(distances.max()),
     )
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One maximum of the posterior, with its Gaussian (Laplace) approximation; all in scaled units.
+
+    Attributes:
+        weights: (P,).
+        precisions: (4,) prior precision of each of `GROUPS`.
+        noise: (k,) standard deviation of scaled deflections.
+        covariance: (P, P) of the weights.
+        log_evidence: Of the scaled deflections, without the equal modes that changing neurons' places gives.
+        effective: Number of weights that the data determine (MacKay's gamma).
+    """
+
+    weights: Array
+    precisions: Array
+    noise: Array
+    covariance: Array
+    log_evidence: float
+    effective: float
+
+
+def find_modes(
+    problem: NetworkProblem,
+    starts: int = 10,
+    seed: int = 0,
+    iterations: int = ITERATIONS,
+    damping: Damping = RELATIVE,
+) -> tuple[Mode, ...]:
+    """Return the posterior's maxima reached from random starts, that of the highest evidence first."""
+    begun = start_weights(problem, starts, seed)
+    modes = in_order(partial(_find_mode, problem, start, iterations, damping) for start in begun)
+    return tuple(sorted(modes, key=lambda mode: -mode.log_evidence))
+
+
+def _find_mode(problem: NetworkProblem, start: Array, iterations: int, damping: Damping) -> Mode:
+    """Return the maximum near (P,) start weights, precisions and noise re-estimated after every few steps.
+
+    That of the highest evidence on the way is taken: the fixed point is approached, but not always uphill.
+    """
+
+    def climbed(weights: Array, precisions: Array, noise: Array, mu: float) -> tuple[Mode, float]:
+        objective = Weighted(problem, precisions[problem.groups], noise, solves=True)
+        found = minimise(objective, weights, STEPS, 1e-6, replace(damping, start=mu))
+        return laplace(problem, found.weights, precisions, noise), min(found.mu, 1.0)
+
+    best, mu, before, weights = None, damping.start, -np.inf, start
+    precisions, noise = np.full(len(GROUPS), 0.1), np.full(problem.size, FIRST_NOISE)
+    for _ in range(0, iterations, STEPS):
+        mode, mu = climbed(weights, precisions, noise, mu)
+        best = mode if best is None or mode.log_evidence > best.log_evidence else best
+        if abs(mode.log_evidence - before) < 0.01:
+            break
+        before, weights, (precisions, noise) = mode.log_evidence, mode.weights, _reestimated(problem, mode)
+    return climbed(best.weights, best.precisions, best.noise, damping.start)[0]
+
+
+def laplace(problem: NetworkProblem, weights: Array, precisions: Array, noise: Array) -> Mode:
+    """Return the Gaussian approximation about (P,) weights at given precisions and noise."""
+    own = precisions[problem.groups]
+    objective = Weighted(problem, own, noise)
+    point = objective.evaluate(weights)
+    lower = np.tril(objective.normal(point)[1]) / objective.unit
+    information = lower + np.tril(lower, -1).T
+    factor, failed = dpotrf(information, lower=1)
+    if failed:  # data almost without noise: the prior is lost beside them
+        values, vectors = np.linalg.eigh(information)
+        values = np.maximum(values, own.min())
+        covariance, log_determinant = (vectors / values) @ vectors.T, np.log(values).sum()
+    else:
+        lower = np.tril(dpotri(factor, lower=1)[0])
+        covariance, log_determinant = lower + np.tril(lower, -1).T, 2.0 * np.log(np.diag(factor)).sum()
+    occam = 0.5 * (np.log(own).sum() - log_determinant)
+    scale = len(problem.x) * np.log(noise * np.sqrt(2.0 * np.pi)).sum()
+    evidence = float(occam - scale - point.cost / objective.unit)
+    effective = float(len(weights) - own @ np.diag(covariance))
+    return Mode(weights, precisions, noise, covariance, evidence, effective)
+
+
+def _reestimated(problem: NetworkProblem, mode: Mode) -> tuple[Array, Array]:
+    """Return (4,) precisions and (k,) noise by MacKay's fixed point: each group's, each output's determined weights."""
+    count = np.bincount(problem.groups)
+    left = np.bincount(problem.groups, np.diag(mode.covariance)) * mode.precisions
+    squares = np.bincount(problem.groups, mode.weights**2)
+    precisions = np.clip((count - left) / np.maximum(squares, 1e-300), *PRECISIONS)
+    errors = predictions(problem, mode.weights) - problem.y
+    gradient = jacobian(problem, mode.weights)
+    used = ((gradient @ mode.covariance) * gradient).sum(axis=(0, 2)) / mode.noise**2
+    variance = (errors**2).sum(axis=0) / np.maximum(len(errors) - used, 1e-3 * len(errors))
+    return precisions, np.clip(np.sqrt(variance), *NOISES)

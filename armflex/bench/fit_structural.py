@@ -13,9 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from armflex.bench.cross_validation import NOWHERE, predicted, wrenches
-from armflex.bench.fit_linear import seen_loads
-from armflex.bench.fitted import Fitted
+from armflex.bench.fitted import NOWHERE, Fitted, predicted, seen_loads, wrenches
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import IdentifiabilityError, InputError
 from armflex.laws.joint.linear import LinearFit, LinearLaw

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armflex.bench.fit_linear import seen_loads
-from armflex.bench.fitted import Fitted
+from armflex.bench.fitted import Fitted, seen_loads
 from armflex.bench.network_problem import scaled_problem
 from armflex.conventions import Array
 from armflex.errors import LawError

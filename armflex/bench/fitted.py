@@ -1,14 +1,29 @@
-"""What learning a joint deformation model gives, whatever the model."""
+"""What every learner of a joint takes, loads and deflections, and what it gives: a law, which answers on a bench."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from armflex.conventions import Array
-from armflex.laws.law import Law
+import numpy as np
+
+from armflex.conventions import WRENCH_NAMES, Array
+from armflex.errors import IdentifiabilityError
+from armflex.laws.law import Law, Row
 from armflex.sampling.diagnostics import Diagnostics
+
+NOWHERE = Row(np.zeros(0), {})
+"""A bench has no joint positions."""
+
+WORST_CONDITION = 1e6
+"""Of columns of equal length; beyond it some mixture of them is as good as zero on all rows."""
+
+ROUNDING = 1e-15
+"""Part of the largest singular value below which a smallest one is none."""
+
+TAKES_PART = 0.1
+"""Share from which a column counts among those of a mixture."""
 
 
 @dataclass(frozen=True)
@@ -28,3 +43,49 @@ class Fitted:
 
 Learner = Callable[[Array, Array, int], Fitted]
 """(N, k) loads [N, Nm], (N, k) deflections [m, rad], seed -> what was learned; k = 3 or 6. Raises InputError."""
+
+
+def wrenches(loads: Array) -> Array:
+    """Return (N, k) loads as (N, 6) wrenches, moments zero where there are none."""
+    return np.pad(loads, ((0, 0), (0, 6 - loads.shape[1])))
+
+
+def predicted(law: Law, loads: Array) -> Array:
+    """Return the (N, k) deflections of (N, k) loads."""
+    return law.twist(wrenches(loads), NOWHERE)[:, : loads.shape[1]]
+
+
+def spread(law: Law, loads: Array) -> Array:
+    """Return the (N, k) standard deviations of what is predicted, nan where the law carries none."""
+    found = np.full(loads.shape, np.nan)
+    for own, wrench in zip(found, wrenches(loads), strict=True):
+        if (covariance := law.covariance(wrench, NOWHERE)) is not None:
+            own[:] = np.sqrt(np.diag(covariance)[: len(own)])
+    return found
+
+
+def seen_loads(loads: Array) -> Array:
+    """Return the (2, k) smallest and largest of (N, k) loads: what a law remembers of its training."""
+    return np.array([loads.min(axis=0), loads.max(axis=0)])
+
+
+def check_span(loads: Array) -> None:
+    """Raise `IdentifiabilityError` where (N, k) loads [N, Nm] do not tell their k components apart."""
+    size = loads.shape[1]
+    check_determined(loads, WRENCH_NAMES[:size], f"loads do not span their {size} components")
+
+
+def check_determined(columns: Array, names: Sequence[str], problem: str) -> None:
+    """Raise where some mixture of (N, P) columns is as good as zero on all rows, naming what takes part in it.
+
+    Raises:
+        IdentifiabilityError: With `problem`, the rank, the condition, and those of the P names.
+    """
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    _, values, directions = np.linalg.svd(scaled, full_matrices=False)
+    lost = values * WORST_CONDITION <= values[0]
+    if lost.any():
+        free = np.abs(directions[lost]).max(axis=0) > TAKES_PART
+        left = [name for name, each in zip(names, free, strict=True) if each]
+        condition = float(values[0] / values[-1]) if values[-1] > ROUNDING * values[0] else np.inf
+        raise IdentifiabilityError(problem, int((~lost).sum()), condition, left)

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Integral
 
-from armflex.bench.fit_linear import fit_compliance
+from armflex.bench.fit_linear import STRUCTURES, fit_compliance, fit_polynomial, fit_terms
 from armflex.bench.fitted import Fitted, Learner
-from armflex.bench.model_choice import Rival
+from armflex.bench.held_out import Rival
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError
 from armflex.laws.joint.module_source import module_source
 from armflex.laws.joint.structural import StructuralLaw
 
 FOUND = "found"
-"""Features that are found in the data; see `armflex.bench.fit_terms`."""
+"""Features that are found in the data; see `armflex.bench.fit_linear.fit_terms`."""
 
 SAMPLERS = ("closed-form", "laplace", "nuts", "metropolis")
 
@@ -76,130 +75,102 @@ CONCERNS = {
 }
 """Option -> the models that it concerns; one that is not here concerns all."""
 
+MODELS = ("linear", "polynomial", "structural", "neural", "bayesian", "torch", "auto")
+
 
 def learner(model: str, options: Options) -> Learner:
     """Return the function that learns a model from loads and deflections.
+
+    What needs SciPy or torch is imported here, where somebody asks for it.
 
     Raises:
         UnknownNameError: No such model.
         InputError: The options do not go with it.
     """
-    if model not in LEARNERS:
-        raise UnknownNameError("joint deformation model to train", model, (*LEARNERS, "auto"))
-    return LEARNERS[model](options)
+    allow = options.allow_unconverged
+    match model:
+        case "linear" if options.sampler in (None, "closed-form"):
+            return lambda loads, deflections, seed: _compliance(loads, deflections, options.structure)
+        case "linear":
+            _one_of(options.sampler, ("closed-form", "metropolis"), model)
+            from armflex.bench.metropolis import fit_linear_chain
+
+            return lambda loads, deflections, seed: fit_linear_chain(
+                loads, deflections, options.structure, seed=seed, allow_unconverged=allow
+            )
+        case "polynomial" if tuple(options.features) == (FOUND,):
+            return fit_terms
+        case "polynomial":
+            if FOUND in options.features:
+                given = ", ".join(options.features)
+                raise InputError(f"features {given}: {FOUND!r} looks for all terms, give it alone")
+            return lambda loads, deflections, seed: _polynomial(loads, deflections, options.features)
+        case "structural":
+            from armflex.bench.fit_structural import fit_structural
+
+            if (assembly := options.assembly) is None:
+                parts = "nodes, sub-joints and beams"
+                raise InputError(f"a structural model needs its assembly: {parts}, as in an arm.toml")
+            return lambda loads, deflections, seed: fit_structural(loads, deflections, assembly)
+        case "neural":
+            from armflex.bench.fit_network import fit_network
+
+            _one_of(options.prior, ("evidence", "none"), model)
+            prior = None if options.prior == "none" else options.prior
+            return lambda loads, deflections, seed: fit_network(
+                loads, deflections, options.neurons, options.starts, seed, prior
+            )
+        case "bayesian":
+            from armflex.bench.fit_bayesian import fit_bayesian
+
+            sampler = options.sampler or "laplace"
+            return lambda loads, deflections, seed: fit_bayesian(
+                loads, deflections, options.neurons, sampler, seed, allow_unconverged=allow
+            )
+        case "torch":
+            from armflex.bench.fit_torch import fit_torch
+
+            if options.module is None:
+                raise InputError("a torch model needs its module: FILE.py:CLASS, or package.module:CLASS")
+            source = module_source(options.module)
+            return lambda loads, deflections, seed: fit_torch(loads, deflections, source, options.starts, seed)
+    raise UnknownNameError("joint deformation model to train", model, MODELS)
 
 
-def _linear(options: Options) -> Learner:
-    if options.sampler in (None, "closed-form"):
-        return lambda loads, deflections, seed: _in_closed_form(loads, deflections, options.structure)
-    _one_of(options.sampler, ("closed-form", "metropolis"), "linear")
-
-    def learn(loads: Array, deflections: Array, seed: int) -> Fitted:
-        from armflex.bench.paper.linear_chain import fit_linear_chain
-
-        return fit_linear_chain(
-            loads, deflections, options.structure, seed=seed, allow_unconverged=options.allow_unconverged
-        )
-
-    return learn
-
-
-def _in_closed_form(loads: Array, deflections: Array, structure: str) -> Fitted:
+def _compliance(loads: Array, deflections: Array, structure: str) -> Fitted:
     found = fit_compliance(loads, deflections, structure)
     parameters = {"structure": structure, "compliance": found.compliance.tolist(), "unit": "m/N, rad/Nm"}
     return Fitted(found.law(loads), parameters)
 
 
-def _polynomial(options: Options) -> Learner:
-    if FOUND in options.features:
-        if tuple(options.features) != (FOUND,):
-            raise InputError(f"features {', '.join(options.features)}: {FOUND!r} looks for all terms, give it alone")
-        from armflex.bench.fit_terms import fit_terms
-
-        return fit_terms
-    from armflex.bench.fit_polynomial import learner as polynomial
-
-    return polynomial(options.features)
+def _polynomial(loads: Array, deflections: Array, features: tuple[str, ...]) -> Fitted:
+    law = fit_polynomial(loads, deflections, features)
+    coefficients = dict(zip(law.features, law.coefficients.tolist(), strict=True))
+    units = "m, rad per N, Nm or their product"
+    return Fitted(law, {"features": list(law.features), "coefficients": coefficients, "unit": units})
 
 
-def _structural(options: Options) -> Learner:
-    from armflex.bench.fit_structural import fit_structural
-
-    assembly = options.assembly
-    if assembly is None:
-        raise InputError("a structural model needs its assembly: nodes, sub-joints and beams, as in an arm.toml")
-    return lambda loads, deflections, seed: fit_structural(loads, deflections, assembly)
-
-
-def _neural(options: Options) -> Learner:
-    from armflex.bench.fit_network import fit_network
-
-    _one_of(options.prior, ("evidence", "none"), "neural")
-    prior = None if options.prior == "none" else options.prior
-    return lambda loads, deflections, seed: fit_network(
-        loads, deflections, options.neurons, starts=options.starts, seed=seed, prior=prior
-    )
-
-
-def _bayesian(options: Options) -> Learner:
-    from armflex.bench.fit_bayesian import fit_bayesian
-
-    return lambda loads, deflections, seed: fit_bayesian(
-        loads,
-        deflections,
-        options.neurons,
-        sampler=options.sampler or "laplace",
-        seed=seed,
-        allow_unconverged=options.allow_unconverged,
-    )
-
-
-def _torch(options: Options) -> Learner:
-    from armflex.bench.fit_torch import fit_torch
-
-    if options.module is None:
-        raise InputError("a torch model needs its module: FILE.py:CLASS, or package.module:CLASS")
-    source = module_source(options.module)
-    return lambda loads, deflections, seed: fit_torch(loads, deflections, source, options.starts, seed)
-
-
-def _one_of(value: str, known: tuple[str, ...], model: str) -> None:
+def _one_of(value: str | None, known: tuple[str, ...], model: str) -> None:
     if value not in known:
-        raise UnknownNameError(f"option of a {model} model", value, known)
-
-
-LEARNERS: dict[str, Callable[[Options], Learner]] = {
-    "linear": _linear,
-    "polynomial": _polynomial,
-    "structural": _structural,
-    "neural": _neural,
-    "bayesian": _bayesian,
-    "torch": _torch,
-}
-"""Model name -> its learner, given options."""
-
-MODELS = (*LEARNERS, "auto")
+        raise UnknownNameError(f"option of a {model} model", str(value), known)
 
 
 def rivals(options: Options) -> tuple[Rival, ...]:
     """Return what `auto` chooses among, the plainest first."""
     ladder = [
-        ("linear, diagonal", "linear", replace(options, structure="diagonal", sampler=None)),
-        ("linear, symmetric", "linear", replace(options, structure="symmetric", sampler=None)),
-        ("linear, full", "linear", replace(options, structure="full", sampler=None)),
-        ("full + radial", "polynomial", replace(options, features=("radial",))),
-        ("full + radial + magnitude", "polynomial", replace(options, features=("radial", "magnitude"))),
-        ("terms as found", "polynomial", replace(options, features=(FOUND,))),
-        ("quadratic", "polynomial", replace(options, features=("quadratic",))),
+        *((f"linear, {each}", "linear", {"structure": each, "sampler": None}) for each in reversed(STRUCTURES)),
+        ("full + radial", "polynomial", {"features": ("radial",)}),
+        ("full + radial + magnitude", "polynomial", {"features": ("radial", "magnitude")}),
+        ("terms as found", "polynomial", {"features": (FOUND,)}),
+        ("quadratic", "polynomial", {"features": ("quadratic",)}),
     ]
-    plain = [Rival(name, model, learner(model, chosen)) for name, model, chosen in ladder]
-    name, neurons = f"network of {options.neurons}", replace(options, prior="evidence")
+    plain = [Rival(name, model, learner(model, replace(options, **changed))) for name, model, changed in ladder]
 
     def network(loads: Array, deflections: Array, seed: int) -> Fitted:
-        starts = affordable_starts(neurons, deflections.size)
-        return learner("neural", replace(neurons, starts=starts))(loads, deflections, seed)
+        starts = affordable_starts(options, deflections.size)
+        return learner("neural", replace(options, prior="evidence", starts=starts))(loads, deflections, seed)
 
-    return (*plain, Rival(name, "neural", network))
+    return (*plain, Rival(f"network of {options.neurons}", "neural", network))
 
 
 def affordable_starts(options: Options, numbers: int) -> int:

@@ -1,4 +1,4 @@
-"""`train`: a joint's table into a law, with the error it has on rows it has not seen."""
+"""`train`: a joint's table into a law, with its error on rows it has not seen, and what is doubtful about both."""
 
 from __future__ import annotations
 
@@ -10,18 +10,28 @@ from typing import Any
 
 import numpy as np
 
-from armflex.bench.cross_validation import HeldOut, hold_out, predicted, random_folds
-from armflex.bench.fitted import Fitted
+from armflex.bench.fitted import NOWHERE, Fitted, check_span, predicted, wrenches
+from armflex.bench.held_out import FOLDS as RIVAL_FOLDS
+from armflex.bench.held_out import (
+    OUTER,
+    REPEATS,
+    Compared,
+    HeldOut,
+    assess,
+    chosen,
+    compare,
+    hold_out,
+    negligible,
+    random_folds,
+)
 from armflex.bench.learners import MODELS, Options, learner, rivals
-from armflex.bench.model_choice import FOLDS as RIVAL_FOLDS
-from armflex.bench.model_choice import OUTER, REPEATS, Compared, assess, chosen, compare, negligible
-from armflex.bench.span import check_span
-from armflex.bench.training_warnings import bench_doubts, law_doubts
-from armflex.conventions import Array
-from armflex.errors import Flag, InputError, UnknownNameError
+from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
+from armflex.errors import Flag, InputError, LawError, UnknownNameError, listing
+from armflex.laws.joint.linear import LinearLaw, softness
+from armflex.laws.law import Law
 from armflex.laws.law_file import TrainedLaw
 from armflex.measured.joint_data import JointData
-from armflex.sampling.diagnostics import Diagnostics
+from armflex.sampling.diagnostics import Diagnostics, shortcomings
 from armflex.version import __version__
 
 LEAVE_ONE_OUT_LIMIT = 500
@@ -35,11 +45,17 @@ SLOW = (*NETWORKS, "structural")
 
 FEW = 25
 
+CHAIN_FOLDS = 5
+"""Of a model that chains are run for: each fit takes seconds to a minute."""
+
 CHOICE = "the choice anew in every fold"
 Progress = Callable[[int, int], None]
 
-CHAIN_FOLDS = 5
-"""Of a model that chains are run for: each fit takes seconds to a minute."""
+AGAINST = -0.5
+"""Correlation of a deflection with its own load from which a sign is believed to be turned."""
+
+ASYMMETRY = 3.0
+"""Standard deviations that two entries of a compliance may differ by."""
 
 
 @dataclass(frozen=True)
@@ -103,18 +119,66 @@ def train(
     if model not in MODELS:
         raise UnknownNameError("joint deformation model to train", str(model), MODELS)
     options = replace(options or Options(), structure=structure)
-    doubts = bench_doubts(data)
+    flags, seconds, seed = bench_flags(data), {}, options.seed
     if model == "auto":
-        return _choose(data, options, doubts, progress)
-    learn = learner(model, options)
-    fitted = learn(data.loads, data.deflections, options.seed)
-    folds = _folds(data, model, options)
-    held = hold_out(learn, data, folds, options.seed, _counting(progress, len(np.unique(folds))))
-    if model == "torch":  # its weights say nothing of what they leave open
-        fitted = replace(fitted, law=replace(fitted.law, noise=held.rms))
-        doubts = (*doubts, _runs(fitted))
-    plain = _plainer(data, model, options)
-    return _result(data, model, fitted, held, options, plain, doubts)
+        check_span(data.loads)  # else the first rival's first fold would be blamed
+        among = rivals(options)
+        step = _counting(progress, REPEATS * min(RIVAL_FOLDS, len(data)) * len(among) + min(OUTER, len(data)))
+        compared = compare(among, data, seed, step=step)
+        best = among[chosen(compared, negligible(data.deflections))]
+        model, fitted = best.model, best.learner(data.loads, data.deflections, seed)
+        began = time.perf_counter()
+        held, times = assess(among, data, seed, step)
+        seconds = {one.name: one.seconds for one in compared} | {CHOICE: time.perf_counter() - began}
+        fitted = replace(fitted, parameters={**fitted.parameters, "chosen": best.name, "chosen_in_folds": times})
+    else:
+        learn = learner(model, options)
+        fitted = learn(data.loads, data.deflections, seed)
+        folds = _folds(data, model, options)
+        held = hold_out(learn, data, folds, seed, _counting(progress, len(np.unique(folds))))
+        if model == "torch":  # its weights say nothing of what they leave open
+            fitted = replace(fitted, law=replace(fitted.law, noise=held.rms))
+            source = f"the Python code of {fitted.parameters['module']}, which must stay as and where it is"
+            trust = "take such laws from people you trust alone. A control loop takes about a millisecond for it"
+            text = f"to load this law runs {source}; {trust}"
+            flags = (*flags, Flag("runs_code", text))
+        # What models without weights do is shown beside a network.
+        plain = [rival for rival in rivals(options) if rival.model != "neural"] if model in NETWORKS else []
+        compared = compare(plain, data, seed)
+    errors = (data.deflections - predicted(fitted.law, data.loads)) / data.factors
+    train_rms, held_out_rms = np.sqrt((errors**2).mean(axis=0)), held.rms / data.factors
+    given = {key: value for key, value in asdict(replace(options, assembly=None)).items() if value is not None}
+    metadata = {
+        "armflex": __version__,
+        "numpy": np.__version__,
+        "data": data.path.name,
+        "sha256": data.sha256,
+        "rows": len(data),
+        "units": list(data.units),
+        "options": {key: list(value) if isinstance(value, tuple) else value for key, value in given.items()},
+        "structure": structure,
+        "train_rms": train_rms.tolist(),
+        "held_out_rms": held_out_rms.tolist(),
+        "held_out": held.how,
+    }
+    # What the sampler says of itself, nothing where none ran; null for what is not finite.
+    said = {key: value for key, value in asdict(fitted.diagnostics).items() if value is not None and key != "seconds"}
+    if said:
+        metadata["diagnostics"] = {name: value if np.isfinite(value) else None for name, value in said.items()}
+    return TrainResult(
+        trained=TrainedLaw(fitted.law, model, metadata),
+        rows=len(data),
+        units=data.units,
+        train_rms=train_rms,
+        held_out_rms=held_out_rms,
+        held_out=held.how,
+        coverage_95=held.coverage,
+        parameters=fitted.parameters,
+        diagnostics=fitted.diagnostics,
+        compared=tuple((one.name, one.rms / data.factors) for one in compared) or ((model, held_out_rms),),
+        flags=(*flags, *law_flags(data, fitted), *_worth(model, held, compared, negligible(data.deflections))),
+        seconds=seconds,
+    )
 
 
 def _counting(progress: Progress | None, total: int) -> Callable[..., None]:
@@ -136,70 +200,73 @@ def _folds(data: JointData, model: str, options: Options) -> np.ndarray:
     return random_folds(len(data), FOLDS, options.seed)
 
 
-def _plainer(data: JointData, model: str, options: Options) -> tuple[Compared, ...]:
-    """Return how models without weights do beside a network, nothing beside other models."""
-    if model not in NETWORKS:
-        return ()
-    return compare([rival for rival in rivals(options) if rival.model != "neural"], data, options.seed)
+def bench_flags(data: JointData) -> tuple[Flag, ...]:
+    """Return flags for rows that are there twice, deflections that never change, and turned signs.
+
+    Raises:
+        LawError: Nothing deflects, or the loads do negative work: a joint cannot give energy to what loads it.
+    """
+    if not data.deflections.any():
+        raise LawError("every deflection is 0: there is nothing to learn")
+    work = (data.loads * data.deflections).sum(axis=1)
+    if work.sum() < 0.0:
+        text = f"loads do negative work on the deflections in {int((work < 0.0).sum())} of {len(data)} rows"
+        raise LawError(f"{text}: expected the load ON the structure, not its reaction")
+    flags = []
+    first = np.unique(np.hstack([data.loads, data.deflections]), axis=0, return_index=True)[1]
+    again = np.setdiff1d(np.arange(len(data)), first)
+    if len(again):
+        text = f"{len(again)} rows repeat an earlier one to the last digit, first data row {again[0] + 1}; each counts"
+        flags.append(Flag("duplicate_rows", f"{text}, and a row held out is known from its copy"))
+    for name, unit, factor, values in zip(TWIST_NAMES, data.units, data.factors, data.deflections.T, strict=False):
+        if (values == values[0]).all():
+            text = f"{name} is {values[0] / factor:g} {unit} on every row: a sensor that was not connected?"
+            flags.append(Flag("constant_column", text))
+    for load, twist, own, moved in zip(WRENCH_NAMES, TWIST_NAMES, data.loads.T, data.deflections.T, strict=False):
+        length = float(np.linalg.norm(own) * np.linalg.norm(moved))
+        along = float(own @ moved) / length if length else 0.0
+        if along < AGAINST:
+            text = f"{twist} goes against {load} (correlation {along:.2f}): is the sign of one of them turned?"
+            flags.append(Flag("against_its_load", text))
+    return tuple(flags)
 
 
-def _choose(data: JointData, options: Options, doubts: tuple[Flag, ...], progress: Progress | None) -> TrainResult:
-    check_span(data.loads)  # else the first rival's first fold would be blamed
-    among = rivals(options)
-    step = _counting(progress, REPEATS * min(RIVAL_FOLDS, len(data)) * len(among) + min(OUTER, len(data)))
-    compared = compare(among, data, options.seed, step=step)
-    best = among[chosen(compared, negligible(data.deflections))]
-    fitted = best.learner(data.loads, data.deflections, options.seed)
-    began = time.perf_counter()
-    held, times = assess(among, data, options.seed, step)
-    seconds = {one.name: one.seconds for one in compared} | {CHOICE: time.perf_counter() - began}
-    parameters = {**fitted.parameters, "chosen": best.name, "chosen_in_folds": times}
-    found = _result(data, best.model, replace(fitted, parameters=parameters), held, options, compared, doubts)
-    return replace(found, seconds=seconds)
+def law_flags(data: JointData, fitted: Fitted) -> tuple[Flag, ...]:
+    """Return the doubts about what was found; the slope at the mean load stands for a compliance."""
+    slope = fitted.law.tangent(wrenches(data.loads.mean(axis=0, keepdims=True))[0], NOWHERE)
+    flags = list(softness(slope))
+    if not slope[3:].any():
+        text = "learned from forces and shifts alone: in an arm this joint does not turn under any load"
+        flags.append(Flag("does_not_turn", text))
+    if text := _asymmetry(fitted.law):
+        flags.append(Flag("asymmetric", text))
+    free = [name for name, one in fitted.parameters.items() if isinstance(one, dict) and one.get("determined") is False]
+    if free:
+        flags.append(Flag("not_identified", f"the loads do not determine {listing(free)}: left about as declared"))
+    if problems := shortcomings(fitted.diagnostics):
+        flags.append(Flag("not_converged", f"chains taken unconverged, as asked: {', '.join(problems)}"))
+    return tuple(flags)
 
 
-def _result(
-    data: JointData,
-    model: str,
-    fitted: Fitted,
-    held: HeldOut,
-    options: Options,
-    others: Sequence[Compared],
-    doubts: tuple[Flag, ...],
-) -> TrainResult:
-    errors = data.deflections - predicted(fitted.law, data.loads)
-    train_rms = np.sqrt((errors**2).mean(axis=0)) / data.factors
-    held_out_rms = held.rms / data.factors
-    compared = tuple((one.name, one.rms / data.factors) for one in others) or ((model, held_out_rms),)
-    metadata = _provenance(data, options, train_rms, held_out_rms, held.how) | _sampled(fitted.diagnostics)
-    return TrainResult(
-        TrainedLaw(fitted.law, model, metadata),
-        len(data),
-        data.units,
-        train_rms,
-        held_out_rms,
-        held.how,
-        held.coverage,
-        fitted.parameters,
-        fitted.diagnostics,
-        compared,
-        (*doubts, *law_doubts(data, fitted), *_worth(model, held, others, negligible(data.deflections))),
-    )
-
-
-def _sampled(diagnostics: Diagnostics) -> dict[str, Any]:
-    """Return what the sampler says of itself for a file, nothing where none ran; null for what is not finite."""
-    said = {name: value for name, value in asdict(diagnostics).items() if value is not None and name != "seconds"}
-    finite = {name: value if np.isfinite(value) else None for name, value in said.items()}
-    return {"diagnostics": finite} if finite else {}
+def _asymmetry(law: Law) -> str:
+    """Return which two entries that Betti says are equal differ by more than their noise explains, '' for none."""
+    if not isinstance(law, LinearLaw) or law.fit is None:
+        return ""
+    size = len(law.fit.residual_std)
+    compliance = law.compliance[:size, :size]
+    variance = np.diagonal(law.fit.row_covariance, axis1=1, axis2=2)
+    difference, deviation = np.abs(compliance - compliance.T), np.sqrt(variance + variance.T)
+    excess = np.where(difference > 0.0, difference / np.maximum(deviation, 1e-300), 0.0)
+    i, j = np.unravel_index(excess.argmax(), excess.shape)
+    one, other = (f"{TWIST_NAMES[a]} per {WRENCH_NAMES[b]} = {compliance[a, b]:.3g}" for a, b in ((i, j), (j, i)))
+    text = f"{one} and {other} differ by {excess[i, j]:.1f} of their standard deviations; Betti has them equal"
+    return text if excess[i, j] >= ASYMMETRY else ""
 
 
 def _worth(model: str, held: HeldOut, others: Sequence[Compared], least: Array) -> tuple[Flag, ...]:
     """Return a flag where a model without weights does as well as a network, by the mean of the columns' ratios."""
     plain = [one for one in others if one.model != "neural" and np.isfinite(one.squares).all()]
-    networks = [one.rms for one in others if one.model == "neural"]
-    if model in NETWORKS:
-        networks = [held.rms]
+    networks = [held.rms] if model in NETWORKS else [one.rms for one in others if one.model == "neural"]
     if not plain or not networks or not np.isfinite(networks[0]).all():
         return ()
     best = min(plain, key=lambda one: float(np.log(np.maximum(one.rms, least)).mean()))
@@ -208,27 +275,3 @@ def _worth(model: str, held: HeldOut, others: Sequence[Compared], least: Array) 
         return ()
     text = f"a network is not worth its weights here: {ratio:.2f} times the held-out error of {best.name!r}"
     return (Flag("not_worth_its_weights", text),)
-
-
-def _runs(fitted: Fitted) -> Flag:
-    """Return what to know of a law that is code of the user's own."""
-    text = f"to load this law runs the Python code of {fitted.parameters['module']}, which must stay as and where it is"
-    text = f"{text}; take such laws from people you trust alone. A control loop takes about a millisecond for it"
-    return Flag("runs_code", text)
-
-
-def _provenance(data: JointData, options: Options, train_rms: Array, held_out_rms: Array, how: str) -> dict[str, Any]:
-    asked = {key: value for key, value in asdict(replace(options, assembly=None)).items() if value is not None}
-    return {
-        "armflex": __version__,
-        "numpy": np.__version__,
-        "data": data.path.name,
-        "sha256": data.sha256,
-        "rows": len(data),
-        "units": list(data.units),
-        "options": {key: list(value) if isinstance(value, tuple) else value for key, value in asked.items()},
-        "structure": options.structure,
-        "train_rms": train_rms.tolist(),
-        "held_out_rms": held_out_rms.tolist(),
-        "held_out": how,
-    }

@@ -54,7 +54,7 @@ class OutputPath(click.Path):
 
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Path:
         """Return the path; fail where no file can be written there."""
-        path = super().convert(value, parameter, context)
+        path = Path(os.fsdecode(super().convert(value, parameter, context)))
         try:
             replaced = is_replaced(path)
             folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent

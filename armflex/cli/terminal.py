@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 
 import click
 from rich import box
@@ -23,9 +24,9 @@ _said: set[str] = set()
 
 def stream(stderr: bool = False) -> Console:
     """Return stdout or stderr, on which text is no markup; a pipe gets plain text wide enough for every table."""
-    plain = {"stderr": stderr, "markup": False, "emoji": False, "highlight": False}
-    out = Console(**plain)
-    return out if out.is_terminal else Console(width=NARROWEST, **plain)
+    plain = partial(Console, stderr=stderr, markup=False, emoji=False, highlight=False)
+    out = plain()
+    return out if out.is_terminal else plain(width=NARROWEST)
 
 
 def say(*lines: str) -> None:
@@ -78,7 +79,7 @@ def no_via_points(shown: str) -> str:
 
 
 @contextmanager
-def progress(title: str) -> Iterator[Callable[[int, int], None]]:
+def progress(title: str) -> Iterator[Callable[[int, int | None], None]]:
     """Yield a function of (done, total) that draws a bar on a terminal's stderr and is silent elsewhere."""
     from rich.progress import Progress
 

@@ -313,10 +313,11 @@ def as_json(found: Trace) -> dict[str, Any]:
         and {"calibrated": found.compared.before * 1e3, "after": found.compared.after * 1e3},
         "withdrawn": [
             {
+                **(_place_json(one.effect) if one.effect is not None else {}),
                 **(
-                    _place_json(one.effect)
-                    if one.effect is not None
-                    else {"effect": "random_twist", "site": one.random.site.removeprefix(LINK), "axis": one.random.axis}
+                    {"effect": "random_twist", "site": one.random.site.removeprefix(LINK), "axis": one.random.axis}
+                    if one.random is not None
+                    else {}
                 ),
                 "held_out_rms_mm": {"calibrated": one.errors[0] * 1e3, "after": one.errors[1] * 1e3},
             }

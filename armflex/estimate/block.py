@@ -52,8 +52,8 @@ class Block(ABC):
         """Whether readings change otherwise than in a straight line where a value moves by a tenth."""
         return self.logarithmic
 
-    def of_rows(self, sessions: tuple[str, ...], scene: Scene | None) -> Block:
-        """Return the block as it is asked about other rows, by the session of each and as effects see them."""
+    def of_rows(self, scene: Scene | None) -> Block:
+        """Return the block as it is asked about other rows, as effects see them."""
         return self
 
     def stepped(self, setup: Setup, step: Array) -> Setup:
@@ -93,6 +93,16 @@ class Block(ABC):
     def units(self) -> tuple[str, ...]:
         """One unit per parameter."""
         return tuple(parameter.unit for parameter in self.parameters)
+
+
+def places_of(block: Block, blocks: Sequence[Block]) -> np.ndarray:
+    """Return the places of one block's parameters among those of all."""
+    start = 0
+    for other in blocks:
+        if other is block:
+            return np.arange(start, start + len(other.parameters))
+        start += len(other.parameters)
+    raise KeyError(block.name)
 
 
 def parameters_of(blocks: Sequence[Block]) -> tuple[ArmParameter, ...]:

@@ -1,22 +1,150 @@
-"""Blocks of parameters that a fit may move: each knows its prior, its columns, and how to apply its values.
+"""Blocks of parameters that a fit may move: what [prior] frees of the instrument, the joints, the frames and the laws.
 
-Everything declared in [prior] is a block, of the instrument (`instrument_blocks`) or of the arm (`arm_blocks`); an
-effect that was added becomes one, too (`effect_block`).
+Laws have a block of their own (`law_block`), as does an effect that was added (`effect_block`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from armflex.estimate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
-from armflex.estimate.block import Block
-from armflex.estimate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.estimate.block import Block, parameters_of
+from armflex.estimate.effect_block import EffectBlock
+from armflex.estimate.law_block import LawBlock, factor_block, learned_laws
+from armflex.estimate.view import View
+from armflex.laws.effects.scene import Scene
 from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
+from armflex.parameters import FRAME, MOUNTED, TARGET, ArmParameter, Kind, numbers_of, of_effect, of_motions, of_offsets
 from armflex.readings import Orientation
 from armflex.setup import Setup
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBlock(Block):
+    """Parameters of the instrument or of the kinematics.
+
+    Attributes:
+        parameters: What they are.
+        prior: (k,) standard deviations about zero.
+        changes: The (M, d, k) changes of a view's readings.
+        moved: The setup with (k,) values added to it.
+    """
+
+    parameters: tuple[ArmParameter, ...]
+    prior: Array
+    changes: Callable[[View], Array]
+    moved: Callable[[Setup, Array], Setup]
+
+    def columns(self, view: View) -> Array:
+        """Return (M, d, k) changes of the readings."""
+        return self.changes(view)
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with the values."""
+        return self.moved(setup, values)
+
+
+def frame_block(setup: Setup) -> Block:
+    """Return the block of the instrument's pose about a first guess: shift and rotation vector in its axes, free.
+
+    The gravity of an arm that is measured by a level instrument turns with that.
+    """
+    guess, level = setup.instrument.pose, setup.arm.measurement.gravity_in == "measurement"
+
+    def changes(view: View) -> Array:
+        columns = view.by_frame
+        if level:
+            rotation, gravity = view.setup.instrument.pose.rotation, view.setup.arm.robot.gravity
+            turned = pin.skew(gravity) @ rotation.T  # base gravity R^T g when R becomes exp(w) R
+            columns[:, :, 3:] += view.answer(view.line.gravity @ turned)
+        return columns
+
+    def moved(setup: Setup, values: Array) -> Setup:
+        rotation = pin.exp3(values[3:]) @ guess.rotation
+        pose = pin.SE3(rotation, pin.exp3(values[3:]) @ guess.translation + values[:3])
+        arm = setup.arm
+        if level:
+            arm = replace(arm, robot=replace(arm.robot, gravity=rotation.T @ arm.robot.gravity))
+        return Setup(arm, replace(setup.instrument, pose=pose))
+
+    return RigidBlock(FRAME, np.full(6, np.inf), changes, moved)
+
+
+def session_block(sessions: tuple[str, ...], translation: float = 0.0, rotation: float = 0.0) -> Block:
+    """Return the block of an instrument that was set up again: a small shift and turn of it for every session."""
+
+    def changes(view: View) -> Array:
+        own = np.array(view.sessions)[:, None] == np.array(sessions)
+        motion = view.by_frame
+        return np.concatenate([motion * mask[:, None, None] for mask in own.T], axis=2)
+
+    def moved(setup: Setup, values: Array) -> Setup:
+        shifts = dict(zip(sessions, values.reshape(-1, 6), strict=True))
+        return replace(setup, instrument=replace(setup.instrument, sessions=shifts))
+
+    std = np.tile(np.repeat([translation, rotation], 3), len(sessions))
+    return RigidBlock(of_motions(Kind.SESSION, sessions), std, changes, moved)
+
+
+def target_block(std: float = 0.0) -> Block:
+    """Return the block of the measured point in the tip frame."""
+
+    def moved(setup: Setup, values: Array) -> Setup:
+        return replace(setup, instrument=replace(setup.instrument, target=setup.instrument.target + values))
+
+    return RigidBlock(TARGET, np.full(3, std), lambda view: view.by_target, moved)
+
+
+def mounting_block(setup: Setup) -> Block:
+    """Return the block of how the target is turned on the tool about a first guess, in tip axes.
+
+    It is free where orientations are read: nobody mounts a target to a milliradian.
+    """
+    guess = pin.exp3(setup.instrument.mounting)
+
+    def moved(setup: Setup, values: Array) -> Setup:
+        return replace(setup, instrument=replace(setup.instrument, mounting=pin.log3(pin.exp3(values) @ guess)))
+
+    return RigidBlock(MOUNTED, np.full(3, np.inf), lambda view: view.by_mounting, moved)
+
+
+def offset_block(setup: Setup, std: float = 0.0) -> Block:
+    """Return the block of a constant error of every joint's position; loads redistribute with it."""
+    joints = setup.arm.joint_names
+
+    def moved(setup: Setup, values: Array) -> Setup:
+        return _corrected(setup, "joint_offset", dict(zip(joints, values.tolist(), strict=True)))
+
+    std_of_each = np.full(len(joints), std)
+    return RigidBlock(of_offsets(setup.arm.robot), std_of_each, lambda view: view.answer(view.line.joints), moved)
+
+
+def geometry_block(setup: Setup, std: float = 0.0) -> Block:
+    """Return the block of a constant twist of every joint's origin frame, in its own axes."""
+    joints = setup.arm.joint_names
+
+    def changes(view: View) -> Array:
+        return np.concatenate([view.answer(view.line.site(f"link:{joint}")) for joint in joints], axis=2)
+
+    def moved(setup: Setup, values: Array) -> Setup:
+        return _corrected(setup, "geometry", dict(zip(joints, values.reshape(-1, 6), strict=True)))
+
+    return RigidBlock(of_motions(Kind.GEOMETRY, joints), np.full(6 * len(joints), std), changes, moved)
+
+
+def _corrected(setup: Setup, part: str, steps: dict[str, Any]) -> Setup:
+    """Return the setup with steps by joint added to a part of the arm's corrections."""
+    corrections = setup.arm.corrections
+    before = getattr(corrections, part)
+    after = {joint: before.get(joint, 0.0) + step for joint, step in steps.items()}
+    return replace(setup, arm=replace(setup.arm, corrections=replace(corrections, **{part: after})))
 
 
 def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ...]:
@@ -24,35 +152,65 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     arm, prior = setup.arm, setup.arm.prior
     blocks: list[Block] = []
     if arm.measurement.frame == "unknown":
-        blocks.append(FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement"))
+        blocks.append(frame_block(setup))
     sessions = tuple(dict.fromkeys(measurements.session))
     if len(sessions) > 1 and (prior.session_translation or prior.session_rotation):
-        blocks.append(SessionBlock(sessions, measurements.session, prior.session_translation, prior.session_rotation))
+        blocks.append(session_block(sessions, prior.session_translation, prior.session_rotation))
     if prior.tool:
-        blocks.append(TargetBlock(prior.tool))
+        blocks.append(target_block(prior.tool))
     if measurements.readings.of(Orientation):
-        blocks.append(MountingBlock(setup.instrument.mounting))
+        blocks.append(mounting_block(setup))
     if prior.joint_offset:
-        blocks.append(OffsetBlock(arm.robot, prior.joint_offset))
+        blocks.append(offset_block(setup, prior.joint_offset))
     if prior.geometry:
-        blocks.append(GeometryBlock(arm.joint_names, prior.geometry))
+        blocks.append(geometry_block(setup, prior.geometry))
     if prior.compliance:
-        blocks += _compliance_block(setup, prior.compliance)
+        row = anywhere(arm.robot)
+        given = {flexure.name: flexure.law.freed(row) for flexure in arm.flexures if flexure.learn is None}
+        if any(given.values()):
+            blocks.append(factor_block(arm, {name: axes for name, axes in given.items() if axes}, prior.compliance))
     return tuple(blocks)
 
 
-def _compliance_block(setup: Setup, std: float) -> Sequence[Block]:
-    row = anywhere(setup.arm.robot)
-    given = {f.name: f.law.freed(row) for f in setup.arm.flexures if f.learn is None}
-    free = {name: axes for name, axes in given.items() if axes}
-    return [ComplianceBlock(tuple(free), tuple(free.values()), std)] if free else []
+def blocks_of(parameters: Sequence[ArmParameter], setup: Setup, scene: Scene | None = None) -> list[Block] | None:
+    """Return the blocks that parameters are of, None where they are not those of this arm.
+
+    `scene` is of the rows that the blocks will be asked about; without it effects can only be applied. Their priors no
+    longer matter.
+    """
+    blocks: list[Block] = []
+    for kind, some in groupby(parameters, key=lambda parameter: parameter.group.kind):
+        blocks += _of_kind(kind, list(some), setup, scene)
+    return blocks if parameters_of(blocks) == tuple(parameters) else None
 
 
-def places_of(block: Block, blocks: Sequence[Block]) -> np.ndarray:
-    """Return the places of one block's parameters among those of all."""
-    start = 0
-    for other in blocks:
-        if other is block:
-            return np.arange(start, start + len(other.parameters))
-        start += len(other.parameters)
-    raise KeyError(block.name)
+def _of_kind(kind: Kind, parameters: list[ArmParameter], setup: Setup, scene: Scene | None) -> list[Block]:
+    """Return the blocks of one kind that come nearest to some parameters."""
+    arm = setup.arm
+    names = tuple(dict.fromkeys(str(parameter.group.of) for parameter in parameters))
+    if kind is Kind.LAW:
+        laws = learned_laws(arm)
+        return [LawBlock(tuple(laws), tuple(laws.values()))] if laws else []
+    if kind is Kind.COMPLIANCE:
+        axes = {name: [one.name for one in parameters if one.group.of == name] for name in names}
+        known = set(names) <= {flexure.name for flexure in arm.flexures}
+        if not known or any(axis not in TWIST_NAMES for some in axes.values() for axis in some):
+            return []
+        return [factor_block(arm, {name: tuple(map(TWIST_NAMES.index, some)) for name, some in axes.items()})]
+    if kind is Kind.EFFECT:
+        blocks: list[Block] = []
+        for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
+            own = of_effect(effect, number)
+            if own[0].group in {parameter.group for parameter in parameters}:
+                free = tuple(i for i, one in enumerate(own[len(effect.location.terms) :]) if one in parameters)
+                blocks.append(EffectBlock(effect, free, scene, ordinal, np.zeros(0), number))
+        return blocks
+    rigid: dict[Kind, Callable[[], Block]] = {
+        Kind.INSTRUMENT: lambda: frame_block(setup),
+        Kind.SESSION: lambda: session_block(names),
+        Kind.TOOL: target_block,
+        Kind.MOUNTING: lambda: mounting_block(setup),
+        Kind.OFFSET: lambda: offset_block(setup),
+        Kind.GEOMETRY: lambda: geometry_block(setup),
+    }
+    return [rigid[kind]()]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -21,7 +21,7 @@ from armflex.parallel import in_order
 from armflex.parameters import Kind
 from armflex.storage.array_file import Layout
 from armflex.storage.digest import digest
-from armflex.storage.kept import Form, Kept, open_kept
+from armflex.storage.kept import Form, open_kept
 from armflex.storage.schema import Numbers
 from armflex.version import __version__
 
@@ -104,15 +104,26 @@ def bootstrap(
     """
     if draws < 2:
         raise InputError(f"{draws} draws: expected 2 or more")
-    poses = _rows_of_poses(measurements)
+    used = np.flatnonzero(measurements.measured)
+    if len(used) < FEWEST_ROWS:
+        raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
+    groups = measurements.pose_number[used]
+    poses = [used[groups == group] for group in np.unique(groups)]
     seen = loads_seen(arm, measurements)  # what a draw leaves out was seen all the same
     tasks = [
         partial(_fitted, arm, measurements, poses, seen, number, own)
         for number, own in enumerate(np.random.SeedSequence(seed).spawn(draws))
     ]
-    kept = None if store is None else open_kept(Path(store), _manifest(arm, measurements, seed), FORM)
+    kept = None
+    if store is not None:  # named by everything that a fit depends on
+        asked = {"format": "armflex-bootstrap-2", "arm": digest(arm), "measurements": digest(measurements)}
+        versions = {"armflex": __version__, "numpy": np.__version__}
+        kept = open_kept(Path(store), {**asked, "seed": seed, **versions}, FORM)
+    names = [f"fit-{i:07d}" for i in range(draws)]
     fits: list[Fitted] = []
-    with closing(_fits(tasks, kept, jobs)) as found:
+    with closing(
+        kept.resumed(names, partial(compress, tasks), jobs) if kept is not None else in_order(tasks, jobs)
+    ) as found:
         for fit in found:
             if kept is not None and fit[0] != (fits or [fit])[0][0]:
                 raise FileError(Place(kept.folder), "holds fits of different parameters: name another folder")
@@ -120,30 +131,6 @@ def bootstrap(
             if progress:
                 progress(len(fits), draws)
     return Bootstrap(fits[0][0], np.array([values for _, values in fits]))
-
-
-def _fits(
-    tasks: Sequence[Callable[[], Fitted]], kept: Kept[Fitted] | None, jobs: int | None
-) -> Generator[Fitted, None, None]:
-    """Yield every fit in order: read where it is kept, else made, and kept."""
-    if kept is None:
-        return in_order(tasks, jobs)
-    return kept.resumed([f"fit-{i:07d}" for i in range(len(tasks))], partial(compress, tasks), jobs)
-
-
-def _manifest(arm: Arm, measurements: Measurements, seed: int) -> dict[str, object]:
-    """Return everything that a fit depends on by name."""
-    asked = {"format": "armflex-bootstrap-2", "arm": digest(arm), "measurements": digest(measurements), "seed": seed}
-    return {**asked, "armflex": __version__, "numpy": np.__version__}
-
-
-def _rows_of_poses(measurements: Measurements) -> list[np.ndarray]:
-    """Return the measured rows of every pose."""
-    used = np.flatnonzero(measurements.measured)
-    if len(used) < FEWEST_ROWS:
-        raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
-    groups = measurements.pose_number[used]
-    return [used[groups == group] for group in np.unique(groups)]
 
 
 def _fitted(

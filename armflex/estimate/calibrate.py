@@ -293,7 +293,7 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
 
 def _mounted(instrument: Instrument, tip: Array, measurements: Measurements, rows: np.ndarray) -> Instrument:
     """Return the instrument with its target turned on the tool as read orientations have it."""
-    if measurements.rotation is None:
+    if measurements.rotation is None or measurements.sigma_r is None:
         return instrument
     read = np.isfinite(measurements.sigma_r[rows])
     if not read.any():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from numbers import Integral
 
@@ -13,8 +13,8 @@ from armflex.arm import Arm
 from armflex.conventions import Array, covariate_array, real_array
 from armflex.covariance import root_of_covariance
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
-from armflex.estimate.block import Block
-from armflex.estimate.spread import blocks_of, without_declared_doubt
+from armflex.estimate.blocks import blocks_of
+from armflex.estimate.spread import without_declared_doubt
 from armflex.mechanics.deflection_batch import check_positions
 from armflex.mechanics.ensemble import draw_laws
 from armflex.mechanics.loads import Payload
@@ -43,16 +43,23 @@ def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     """
     draws, seed = check_draws(draws, seed)
     rng = np.random.default_rng(seed)
-    certain = without_declared_doubt(arm)
-    if arm.certainty is None:
-        return tuple(_with_drawn_laws(certain, rng) for _ in range(draws))
-    setup = Setup(certain, Instrument())
-    blocks = blocks_of(arm.certainty.parameters, setup)
-    if blocks is None:
-        raise UnsupportedError("the arm no longer has every fitted parameter (another preset?): it cannot be drawn")
-    root = root_of_covariance(arm.certainty.covariance)
-    steps = (root @ rng.normal(size=len(root)) for _ in range(draws))
-    return tuple(_with_drawn_laws(_stepped(setup, blocks, step), rng) for step in steps)
+    setup = Setup(without_declared_doubt(arm), Instrument())
+    blocks, root = [], np.zeros((0, 0))
+    if arm.certainty is not None:
+        blocks, root = blocks_of(arm.certainty.parameters, setup), root_of_covariance(arm.certainty.covariance)
+        if blocks is None:
+            raise UnsupportedError("the arm no longer has every fitted parameter (another preset?): it cannot be drawn")
+    ends = np.cumsum([len(block.parameters) for block in blocks])[:-1]
+    drawn = []
+    for _ in range(draws):
+        step, found = root @ rng.normal(size=root.shape[1]), setup
+        for block, own in zip(blocks, np.split(step, ends), strict=False):
+            if block.moves:
+                found = block.stepped(found, own)
+        # What carries an uncertainty of its own is drawn, too, and none is left.
+        flexures = tuple(replace(one, law=one.law.draw(rng)) for one in found.arm.flexures)
+        drawn.append(replace(found.arm, flexures=flexures, certainty=None))
+    return tuple(drawn)
 
 
 def check_draws(draws: int, seed: int) -> tuple[int, int]:
@@ -61,21 +68,6 @@ def check_draws(draws: int, seed: int) -> tuple[int, int]:
         if not isinstance(value, Integral) or value < 0:
             raise InputError(f"{name} is {value!r}, expected a whole number, 0 or more")
     return int(draws), int(seed)
-
-
-def _with_drawn_laws(arm: Arm, rng: np.random.Generator) -> Arm:
-    """Return the arm with the laws that carry an uncertainty of their own drawn, and none left."""
-    flexures = [replace(one, law=one.law.draw(rng)) for one in arm.flexures]
-    return replace(arm, flexures=tuple(flexures), certainty=None)
-
-
-def _stepped(setup: Setup, blocks: Sequence[Block], step: Array) -> Arm:
-    """Return the arm a (P,) step of its parameters away, to first order in how it bends."""
-    parts = np.split(step, np.cumsum([len(block.parameters) for block in blocks])[:-1])
-    for block, own in zip(blocks, parts, strict=True):
-        if block.moves:
-            setup = block.stepped(setup, own)
-    return setup.arm
 
 
 def ensemble(
@@ -119,18 +111,11 @@ def ensemble(
     rows = check_positions(arm, np.atleast_2d(positions), enforce_limits=True)
     count = len(rows) if positions.ndim == 2 else 0
     known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
-    asked = (arm, rows, payload, known, method)
-    plain = arm.certainty is None and not arm.pulls
-    found = draw_laws(*asked, draws, seed) if plain else _by_arms(*asked, draws, seed)
+    if arm.certainty is None and not arm.pulls:
+        found = draw_laws(arm, rows, payload, known, method, draws, seed)
+    else:  # one after the other
+        found = np.empty((draws, len(rows), 6))
+        for number, drawn in enumerate(draw_arms(arm, draws, seed)):
+            with naming(f"draw {number}"):
+                found[number] = drawn.deflection(rows, payload, covariates=known, method=method).displacement
     return found if positions.ndim == 2 else found[:, 0]
-
-
-def _by_arms(
-    arm: Arm, rows: Array, payload: str | Payload | None, known: dict[str, Array], method: str, draws: int, seed: int
-) -> Array:
-    """Return the (draws, N, 6) displacements of drawn arms, one after the other."""
-    found = np.empty((draws, len(rows), 6))
-    for number, drawn in enumerate(draw_arms(arm, draws, seed)):
-        with naming(f"draw {number}"):
-            found[number] = drawn.deflection(rows, payload, covariates=known, method=method).displacement
-    return found

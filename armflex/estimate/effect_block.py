@@ -85,7 +85,7 @@ class EffectBlock(Block):
         """Its own law."""
         return self.effect.law
 
-    def of_rows(self, sessions: tuple[str, ...], scene: Scene | None) -> EffectBlock:
+    def of_rows(self, scene: Scene | None) -> EffectBlock:
         """Return the block with other rows as effects see them."""
         return replace(self, scene=scene)
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
-from armflex.estimate.block import Block, parameters_of
-from armflex.estimate.blocks import places_of
+from armflex.estimate.block import Block, parameters_of, places_of
 from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
 from armflex.estimate.view import Progress, View, look, position_rms
 from armflex.linear_gaussian import LinearGaussian

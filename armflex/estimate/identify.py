@@ -83,30 +83,12 @@ class Parameter:
 
 def parameters(fit: Fit) -> tuple[Parameter, ...]:
     """Return every parameter of a fit with what is known about it."""
-    std = fit.posterior.std
-    partners = _trades(fit)
-    return tuple(
-        Parameter(
-            which,
-            float(fit.values[i]),
-            float(std[i]),
-            float(fit.prior[i]),
-            bool(std[i] < UNDETERMINED * fit.prior[i]),
-            partners[i],
-        )
-        for i, which in enumerate(fit.parameters)
-    )
-
-
-def _trades(fit: Fit) -> list[tuple[str, ...]]:
-    """Return for each parameter the others that can take over its effect on the readings, if any can.
-
-    Its column, moved by one prior deviation, is fitted by the others within their priors.
-    """
-    names = [parameter.label for parameter in fit.parameters]
-    known = LinearGaussian(fit.told).with_precision(fit.precision)
-    determined = fit.posterior.std < UNDETERMINED * fit.prior
-    return [() if determined[i] else partners_of(fit.told, known, i, names) for i in range(len(names))]
+    std, names = fit.posterior.std, [which.label for which in fit.parameters]
+    determined = std < UNDETERMINED * fit.prior
+    known = LinearGaussian(fit.told).with_precision(fit.precision)  # others take over within their priors
+    partners = [() if determined[i] else partners_of(fit.told, known, i, names) for i in range(len(names))]
+    numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
+    return tuple(Parameter(*found) for found in zip(fit.parameters, *numbers, partners, strict=True))
 
 
 def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:
@@ -126,5 +108,5 @@ def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequenc
         return ()
     amount = known.conditional(others).solve(normal[others, index])
     effect = np.abs(amount) * np.sqrt(np.diag(normal)[others])
-    strong = [i for i in np.argsort(-effect) if effect[i] > PARTNER * own]
-    return tuple(names[others[i]] for i in strong[:4])
+    strong = [int(i) for i in np.argsort(-effect) if effect[i] > PARTNER * own]
+    return tuple(names[int(others[i])] for i in strong[:4])

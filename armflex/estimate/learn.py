@@ -7,7 +7,7 @@ squares over the number of values that the data determine), so that what a joint
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,8 +20,6 @@ from armflex.estimate.fit import Effort, Fit, fit
 from armflex.estimate.law_block import LawBlock, learned_laws, with_laws
 from armflex.estimate.view import Progress
 from armflex.estimate.weigh import Weighed
-from armflex.laws.learned import LearnedLaw
-from armflex.measured.measurements import Measurements
 from armflex.setup import Setup
 
 FIRM = 4.0
@@ -73,12 +71,21 @@ def fit_learning(
         ConvergenceError: The last fit ended far from settled.
         ArmflexError: See `fit`.
     """
-    start = _plain_first(declared, blocks, laws, weighed.measurements, rows)
+    # From the best values without corrections, which then have the rest to explain: free from the first step on, a
+    # network that still means nothing may lead compliances far astray.
+    plain = replace(laws, laws=tuple(law.without_correction() for law in laws.laws))
+    values = fit(declared, (*blocks, plain), weighed.measurements, rows, effort=BRISK).values
+    others, own = np.split(values, [len(values) - len(plain.parameters)])
+    pairs = zip(plain.split(own), laws.laws, strict=True)
+    start = np.concatenate([others, *(part for own, law in pairs for part in (own, law.values[len(own) :]))])
+
     for _ in range(ROUNDS):
         found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress, BRISK)
         own, before = found.places(laws), weighed
         better, start = rescaled(laws, found.values[own], np.diag(found.posterior.covariance)[own]), found.values
-        laws, change = better, moved(better, laws)
+        pairs = zip(better.laws, laws.laws, strict=True)
+        change = float(max(np.abs(np.log(np.divide(a.scales, b.scales))).max(initial=0.0) for a, b in pairs))
+        laws = better
         weighed = weighed.again(found) if by_scatter else weighed
         if change < SETTLED and weighed.close_to(before):
             break
@@ -87,77 +94,49 @@ def fit_learning(
         text = f"the learned laws did not settle: -2 log posterior density would fall by {found.left:.3g} or more"
         hint = "a simpler model (polynomial, then linear), fewer flexures that learn, or `armflex trace` may help"
         raise ConvergenceError(f"{text}; {hint}", found.history)
-    return replace(found, factor=weighed.factor), tuple(_unsettled(found, change))
-
-
-def _unsettled(found: Fit, change: float) -> Iterator[Flag]:
-    """Yield doubts about where a search ended: what its last fit left, the last change of its scales."""
+    flags = []
     if found.left > NEARLY:
         text = f"the learned laws may fit a little better: -2 log posterior density would fall by {found.left:.2g} more"
-        yield Flag("unsettled", text)
+        flags.append(Flag("unsettled", text))
     if change >= SETTLED:
         text = f"how large couplings and corrections are still changed by {np.expm1(change):.0%} after {ROUNDS} fits"
-        yield Flag("unsettled", text)
-
-
-def _plain_first(
-    declared: Setup, blocks: Sequence[Block], laws: LawBlock, measurements: Measurements, rows: np.ndarray
-) -> Array:
-    """Return the values from which to learn: the best ones without corrections, which then have the rest to explain.
-
-    Free from the first step on, a network that still means nothing may lead compliances far astray.
-    """
-    plain = replace(laws, laws=tuple(law.without_correction() for law in laws.laws))
-    found = fit(declared, (*blocks, plain), measurements, rows, effort=BRISK).values
-    others, own = np.split(found, [len(found) - len(plain.labels)])
-    pairs = zip(plain.split(own), laws.laws, strict=True)
-    return np.concatenate([others, *(part for values, law in pairs for part in (values, law.values[len(values) :]))])
+        flags.append(Flag("unsettled", text))
+    return replace(found, factor=weighed.factor), tuple(flags)
 
 
 def settled(arm: Arm, found: Fit) -> Arm:
     """Return a fitted arm whose learned laws carry the covariance of their values, and how far corrections go."""
-    for block in found.blocks:
-        if isinstance(block, LawBlock):
-            return with_laws(arm, _settled(arm, found, block))
-    return arm
-
-
-def _settled(arm: Arm, found: Fit, block: LawBlock) -> dict[str, LearnedLaw]:
-    laws, line, names = learned_laws(arm), found.view.line, arm.flexure_names
-    settled, own = {}, block.split(found.places(block))
-    for name, places in zip(block.flexures, own, strict=True):
-        spread = found.posterior.covariance[np.ix_(places, places)]
-        settled[name] = laws[name].settled(spread, line.flexure_wrenches[:, names.index(name)], line.row)
-    return settled
+    block = next((block for block in found.blocks if isinstance(block, LawBlock)), None)
+    if block is None:
+        return arm
+    line, names, covariance = found.view.line, arm.flexure_names, found.posterior.covariance
+    laws, places = learned_laws(arm), dict(zip(block.flexures, block.split(found.places(block)), strict=True))
+    return with_laws(
+        arm,
+        {
+            name: laws[name].settled(
+                covariance[np.ix_(own, own)], line.flexure_wrenches[:, names.index(name)], line.row
+            )
+            for name, own in places.items()
+        },
+    )
 
 
 def rescaled(block: LawBlock, values: Array, variance: Array) -> LawBlock:
-    """Return the block with every group's scale by evidence.
+    """Return the block with every group's scale by evidence, `FIRM` values of the size expected beforehand thrown in.
 
     Args:
         block: The laws and the scales that they were fitted with.
         values: (k,) fitted values.
         variance: (k,) their posterior variances.
     """
-    pairs = zip(block.laws, block.split(values), block.split(variance), strict=True)
-    return replace(block, laws=tuple(_rescaled(law, own, spread) for law, own, spread in pairs))
-
-
-def _rescaled(law: LearnedLaw, values: Array, variance: Array) -> LearnedLaw:
-    pairs = [
-        (group, std, values[group.places], variance[group.places])
-        for group, std in zip(law.groups, law.scales, strict=True)
-    ]
-    return law.rescaled(_scale(group.std, std, own, known) if group.sized else std for group, std, own, known in pairs)
-
-
-def _scale(expected: float, std: float, values: Array, variance: Array) -> float:
-    """Return a group's better scale, with `FIRM` values of the size expected beforehand thrown in."""
-    determined = np.clip(1.0 - variance / std**2, 0.0, 1.0).sum()
-    return min(float(np.sqrt((values @ values + FIRM * expected**2) / (determined + FIRM))), MOST * expected)
-
-
-def moved(block: LawBlock, other: LawBlock) -> float:
-    """Return the largest factor between the scales of two blocks, as a logarithm."""
-    pairs = zip(block.laws, other.laws, strict=True)
-    return float(max(np.abs(np.log(np.divide(a.scales, b.scales))).max(initial=0.0) for a, b in pairs))
+    laws = []
+    for law, own, known in zip(block.laws, block.split(values), block.split(variance), strict=True):
+        scales = list(law.scales)
+        for i, group in enumerate(law.groups):
+            if group.sized:
+                determined = np.clip(1.0 - known[group.places] / scales[i] ** 2, 0.0, 1.0).sum()
+                squares = own[group.places] @ own[group.places] + FIRM * group.std**2
+                scales[i] = min(float(np.sqrt(squares / (determined + FIRM))), MOST * group.std)
+        laws.append(replace(law, scales=tuple(scales)))
+    return replace(block, laws=tuple(laws))

@@ -68,14 +68,15 @@ def _axes(name: str, law: LearnedLaw, loads: Array, fit: Fit, drawn: Array | Non
     row = fit.view.line.row
     start = law.at(law.start)
     declared, learned = start.twist(loads, row), law.twist(loads, row)
-    correction = law.correcting(loads, row)
+    correction = np.zeros_like(loads) if law.correction is None else law.correction.twist(loads, row)
     assert law.spread is not None
-    std, before = law.std(law.spread, loads, row), start.std(np.diag(law.expected_std**2), loads, row)
+    expected = np.diag([one.prior**2 for one in law.expected])
+    std, before = law.std(law.spread, loads, row), start.std(expected, loads, row)
     columns = (declared, learned, learned - declared, correction, std, before)
     rms = [np.sqrt((values**2).mean(axis=0)) for values in columns]
     sampled = None if drawn is None else np.sqrt((drawn**2).mean(axis=0))
     return [
-        LearnedAxis(name, axis, *(float(r[i]) for r in rms), None if sampled is None else float(sampled[i]))
+        LearnedAxis(name, axis, *(float(r[i]) for r in rms), sampled=None if sampled is None else float(sampled[i]))
         for i, axis in enumerate(TWIST_NAMES)
         if rms[0][i] > 0.0
     ]

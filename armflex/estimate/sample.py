@@ -71,7 +71,10 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
 
     if draws < FEWEST_DRAWS:
         raise InputError(f"{draws} draws: expected {FEWEST_DRAWS} or more of each chain, or they cannot be judged")
-    problem = _problem(found)
+    blocks = [block for block in found.blocks if isinstance(block, LawBlock)]
+    if not blocks:
+        raise InputError("no flexure has learn = true: there is no law to sample")
+    problem = _Problem(found, blocks[0], learned_laws(found.setup.arm))
     size = problem.directions.shape[1]
     walks: list[Walk] = []
     for one in np.random.SeedSequence(seed).spawn(CHAINS):
@@ -156,10 +159,3 @@ class _Problem:
         parts = zip(self.seen, self.block.split(values[self.places]), strict=True)
         twists = [law.at(own).twist(loads[some], row.some(some)) for (_, loads, law), own in parts]
         return np.concatenate([twist[:, twist.any(axis=0)].ravel() for twist in twists])
-
-
-def _problem(found: Fit) -> _Problem:
-    blocks = [block for block in found.blocks if isinstance(block, LawBlock)]
-    if not blocks:
-        raise InputError("no flexure has learn = true: there is no law to sample")
-    return _Problem(found, blocks[0], learned_laws(found.setup.arm))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from itertools import groupby
 
 import numpy as np
 
@@ -12,16 +10,13 @@ from armflex.arm import Arm
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import Flag, listing
-from armflex.estimate.arm_blocks import ComplianceBlock, GeometryBlock, OffsetBlock
-from armflex.estimate.block import Block, parameters_of
-from armflex.estimate.effect_block import EffectBlock
+from armflex.estimate.block import parameters_of
+from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
-from armflex.estimate.instrument_blocks import FrameBlock, MountingBlock, SessionBlock, TargetBlock
-from armflex.estimate.law_block import LawBlock, learned_laws
 from armflex.estimate.view import View, look, untold_shifts
 from armflex.laws.effects.scene import Scene, survey
 from armflex.mechanics.history import known_rows
-from armflex.parameters import FRAMES, ArmParameter, Kind, fitted_group, numbers_of, of_effect
+from armflex.parameters import FRAMES, Kind, fitted_group
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.readings.position import rigid_motion
@@ -68,10 +63,9 @@ def fitted_variance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...
         return None, (missing,) if arm.instrument is not None else ()
     setup = Setup(arm, arm.instrument or Instrument())
     view = look(setup, rows, np.arange(len(rows)), readings=unread(len(rows), Position))
-    blocks = rebuilt_blocks(arm.certainty, view, rows)
-    if blocks is None:
+    columns = _columns(arm.certainty, view, rows)
+    if columns is None:
         return None, (OTHER_PARAMETERS,)
-    columns = _columns(blocks, view)
     variance = np.einsum("ndp,pq,ndq->nd", columns, arm.certainty.covariance, columns, optimize=True)
     left = arm.certainty.leaves_open(columns)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)
@@ -89,11 +83,10 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
         return None, ()
     tip = unread(len(rows), Position, Orientation)
     view = look(Setup(arm, Instrument()), rows, np.arange(len(rows)), readings=tip)
-    blocks = rebuilt_blocks(arm.certainty, view, rows)
-    if blocks is None:
+    columns = _columns(arm.certainty, view, rows)
+    if columns is None:
         return None, (OTHER_PARAMETERS,)
-    moving = [parameter.group.moves for parameter in arm.certainty.parameters]
-    columns = np.where(moving, _columns(blocks, view), 0.0)
+    columns = np.where([parameter.group.moves for parameter in arm.certainty.parameters], columns, 0.0)
     covariance = np.einsum("ndp,pq,neq->nde", columns, arm.certainty.covariance, columns, optimize=True)
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
@@ -121,11 +114,6 @@ def _lacking(certainty: Certainty) -> tuple[Flag, ...]:
     return (Flag("lacking", f"{text}, `trace` looks for it"),)
 
 
-def _columns(blocks: Sequence[Block], view: View) -> Array:
-    """Return (N, d, P) changes of what is read."""
-    return np.concatenate([np.zeros((*view.residual.shape, 0)), *(block.columns(view) for block in blocks)], axis=2)
-
-
 def without_declared_doubt(arm: Arm) -> Arm:
     """Return the arm whose fitted compliances carry no declared uncertainty: the fit's covariance stands in for it."""
     known = arm.certainty.groups if arm.certainty else ()
@@ -149,61 +137,13 @@ def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
     return variance
 
 
-def rebuilt_blocks(certainty: Certainty, view: View, rows: Rows) -> list[Block] | None:
-    """Return the blocks of what was fitted, to be asked about some rows; None where this arm has not all of it."""
+def _columns(certainty: Certainty, view: View, rows: Rows) -> Array | None:
+    """Return (N, d, P) changes of what is read per fitted parameter, None where this arm has not all of them."""
     moved = any(group.kind is Kind.EFFECT for group in certainty.groups)
-    return blocks_of(certainty.parameters, view.setup, rows.session, scene_of(view, rows) if moved else None)
-
-
-def blocks_of(
-    parameters: Sequence[ArmParameter], setup: Setup, sessions: tuple[str, ...] = (), scene: Scene | None = None
-) -> list[Block] | None:
-    """Return the blocks that parameters are of, None where they are not those of this arm.
-
-    `sessions` and `scene` are of the rows that the blocks will be asked about; without them they can only be applied.
-    Their priors no longer matter.
-    """
-    blocks: list[Block] = []
-    for kind, some in groupby(parameters, key=lambda parameter: parameter.group.kind):
-        blocks += _of_kind(kind, list(some), setup, sessions, scene)
-    return blocks if parameters_of(blocks) == tuple(parameters) else None
-
-
-def _of_kind(
-    kind: Kind, parameters: list[ArmParameter], setup: Setup, sessions: tuple[str, ...], scene: Scene | None
-) -> list[Block]:
-    """Return the blocks of one kind that come nearest to some parameters."""
-    arm = setup.arm
-    names = tuple(dict.fromkeys(str(parameter.group.of) for parameter in parameters))
-    if kind is Kind.INSTRUMENT:
-        return [FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement")]
-    if kind is Kind.SESSION:
-        return [SessionBlock(names, sessions, 0.0, 0.0)]
-    if kind is Kind.TOOL:
-        return [TargetBlock(0.0)]
-    if kind is Kind.MOUNTING:
-        return [MountingBlock(setup.instrument.mounting)]
-    if kind is Kind.OFFSET:
-        return [OffsetBlock(arm.robot, 0.0)]
-    if kind is Kind.GEOMETRY:
-        return [GeometryBlock(arm.joint_names, 0.0)]
-    if kind is Kind.LAW:
-        laws = learned_laws(arm)
-        return [LawBlock(tuple(laws), tuple(laws.values()))] if laws else []
-    if kind is Kind.COMPLIANCE:
-        flexures = [flexure.name for flexure in arm.flexures if flexure.name in names]
-        axes = [[one.name for one in parameters if one.group.of == name] for name in names]
-        known = set(names) == set(flexures) and all(set(some) <= set(TWIST_NAMES) for some in axes)
-        places = tuple(tuple(TWIST_NAMES.index(str(axis)) for axis in some) for some in axes) if known else ()
-        return [ComplianceBlock(names, places, 0.0)] if known else []
-    blocks: list[Block] = []
-    for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
-        inner = of_effect(effect, number)[len(effect.location.terms) :]
-        block = EffectBlock(effect, (), scene, ordinal, np.zeros(0), number)
-        if block.parameters[0].group in {parameter.group for parameter in parameters}:
-            free = tuple(i for i, one in enumerate(inner) if one in parameters)
-            blocks.append(replace(block, free=free))
-    return blocks
+    blocks = blocks_of(certainty.parameters, view.setup, scene_of(view, rows) if moved else None)
+    if blocks is None:
+        return None
+    return np.concatenate([np.zeros((*view.residual.shape, 0)), *(block.columns(view) for block in blocks)], axis=2)
 
 
 def scene_of(view: View, rows: Rows) -> Scene:

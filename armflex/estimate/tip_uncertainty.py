@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,7 +49,7 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
     if isinstance(found, DeflectionBatch):
         return _of_batch(found)
     solved, payload = found.solved, found.payload
-    certain = without_declared_doubt(solved.loaded.arm)
+    certain = without_declared_doubt(cast(Arm, solved.loaded.arm))
     own = replace(found, solved=solved._replace(loaded=certain.loaded(payload))).covariance
     laws = None if own is None else own[None]
     covariance, doubts = tip_covariance(
@@ -61,7 +62,7 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
 def _of_batch(found: DeflectionBatch) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return the (N, 6, 6) covariance of a batch, and doubts about it."""
     acting = found.acting
-    certain = without_declared_doubt(acting.arm)
+    certain = without_declared_doubt(cast(Arm, acting.arm))
     laws = replace(found, acting=replace(acting, arm=certain)).covariance
     payloads = [_known_as(certain, certain.payload(acting.payload(i))) for i in range(len(found.q))]
     covariance, doubts = tip_covariance(certain, found.q, payloads, acting.covariates, laws)
@@ -97,7 +98,8 @@ def tip_covariance(
     for some in (slice(first, first + AT_ONCE) for first in range(0, len(q), AT_ONCE)):
         given = {name: values[some] for name, values in known.items()}
         # A direction of 0 is one that nothing tells: of effects that derive it, the joint came from either side.
-        rows = Rows.of(arm.joint_names, q[some], payloads[some], {"time": 0.0} | given, derived=derived)
+        carried = cast(Sequence[str], payloads[some])  # one without a name may stand for itself here
+        rows = Rows.of(arm.joint_names, q[some], carried, {"time": 0.0} | given, derived=derived)
         part, flags = displacement_covariance(arm, rows)
         if part is None:
             return laws, flags

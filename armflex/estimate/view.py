@@ -38,6 +38,7 @@ class View:
         readings: What was read in those rows, or is to be: d numbers each.
         residual: (M, d) measured minus predicted, in the units of the readings.
         seen: (M, d, 6) change of a reading per motion of the tip (origin, base axes).
+        sessions: Session of each row.
     """
 
     setup: Setup
@@ -47,12 +48,13 @@ class View:
     readings: Readings
     residual: Array
     seen: Array
+    sessions: tuple[str, ...]
 
     def some(self, which: np.ndarray) -> View:
         """Return the view of (m,) of its rows, counted from 0, none of them twice."""
         line, readings = self.line.some(which), self.readings.some(which)
-        arrays = self.residual[which], self.seen[which]
-        return View(self.setup, self.rows[which], line, self.points[which], readings, *arrays)
+        arrays, sessions = (self.residual[which], self.seen[which]), tuple(self.sessions[i] for i in which)
+        return View(self.setup, self.rows[which], line, self.points[which], readings, *arrays, sessions)
 
     @property
     def sigma(self) -> Array:
@@ -172,13 +174,13 @@ def look(
     payloads = [rows.payload[row] for row in some]
     known = {name: values[some] for name, values in known_rows(setup.arm, rows).items()}
     line = respond(setup.arm, rows.q[some], payloads, known, progress)
-    sessions = [rows.session[row] for row in some]
+    sessions = tuple(rows.session[row] for row in some)
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))
     read, instrument = readings.some(some), setup.instrument
     residual = read.stacked(lambda kind: kind.residual(instrument, line.tip, sessions))
     seen = read.stacked(lambda kind: kind.jacobian(instrument, line.tip))
-    return View(setup, some, line, instrument.points(line.tip), read, residual, seen)
+    return View(setup, some, line, instrument.points(line.tip), read, residual, seen, sessions)
 
 
 def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:

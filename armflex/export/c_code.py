@@ -1,17 +1,47 @@
-"""The arm as one file of C99 for a controller."""
+"""The arm as one file of C99 for a controller: `arm.c` beside this file, with the arm's numbers in its tables.
+
+The algorithm is that of the compiled kernel, for one configuration. Laws reach it as terms, see `c_laws`.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
-from armflex.arm import Arm
-from armflex.errors import InputError, UnsupportedError
+import numpy as np
+
+from armflex.arm import Arm, Flexure
+from armflex.conventions import LARGEST_POSITION, Array
+from armflex.errors import ArmflexError, InputError, UnsupportedError
+from armflex.export.c_laws import Factor, Term, Terms, terms_of
 from armflex.export.exported import Exported
+from armflex.laws import Law, LinearLaw
+from armflex.laws.effects.effect import Act
+from armflex.laws.effects.in_arm import BoundTwist, Pulling
+from armflex.laws.effects.remember import depended_on
+from armflex.laws.effects.scene import MASS
+from armflex.laws.effects.shapes import end_of, middle_of
+from armflex.laws.learned.seen import Seen
+from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Chain, link_frame
+from armflex.version import __version__
+
+TEMPLATE = Path(__file__).with_name("arm.c")
 
 KEYWORDS = (
     "auto break case char const continue default do double else enum extern float for goto if inline int long register "
     "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while"
 )
+
+ELEMENTS = {FLEXURE: "FLEXES", TURNS: "TURNS", SLIDES: "SLIDES", RIGID: "RIGID"}
+
+TRAVEL = 1e-6
+"""By how much of its travel a joint may go beyond that of a polynomial in its position."""
+
+TRIED = 16
+"""Configurations over which what cannot be said in C is measured."""
 
 
 def export(arm: Arm, name: str = "arm") -> Exported:
@@ -23,8 +53,381 @@ def export(arm: Arm, name: str = "arm") -> Exported:
 
     Raises:
         InputError: The name is no identifier of C.
-        UnsupportedError: Something in the arm cannot be said in C; it is named.
+        UnsupportedError: Laws or effects of the arm have no form in C; they are named with what they amount to.
+        PayloadError: A payload's centre of mass is beyond the arm's reach.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in KEYWORDS.split():
         raise InputError(f"--name {name!r} is no name in C: expected letters, digits and _, no keyword")
-    raise UnsupportedError("this version writes no C yet")
+    tables = _tables(arm)
+    text = TEMPLATE.read_text(encoding="utf-8")
+    arm, counts = tables.arm, {count: value for count, (value, _) in tables.counts.items()}
+    text = _chosen(text, counts)
+    stack = 8 * (counts["JOINTS"] + 12 + 79 * counts["FLEXURES"] + counts["FACTORS"] + 3 * counts["PULLS"])
+    text = text.replace("/*@head*/", _head(arm, tables, stack)).replace("/*@constants*/", _constants(arm, tables))
+    text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", text)
+    told = [f"{arm!r} as C: {', '.join(tables.payloads)}; {name}_compensate keeps about {2 * stack / 1024:.0f} KiB"]
+    if tables.covariates:
+        told.append(f"set {name}_covariates before you ask: {', '.join(tables.covariates)}")
+    for payload, proven in zip(tables.payloads, tables.proven, strict=True):
+        if not proven:
+            told.append(f"payload {payload!r}: no bound proves that the arm cannot buckle; every answer is probed")
+    outside = [effect.name for effect in arm.effects if effect.law.act in (Act.FRAME, Act.SCALE)]
+    if outside:
+        told.append(f"of the instrument, and so not in it: {', '.join(outside)}")
+    numbers = {
+        "name": name,
+        "joint_names": list(arm.joint_names),
+        "payloads": list(tables.payloads),
+        "covariates": list(tables.covariates),
+        "state_bytes": stack,
+    }
+    return Exported(text, tuple(told), numbers)
+
+
+@dataclass
+class _Tables:
+    """What becomes the tables of the file, in their order; `rows` of each are finished C with a comment."""
+
+    arm: Arm
+    payloads: tuple[str, ...]
+    proven: tuple[bool, ...]
+    covariates: tuple[str, ...] = ()
+    chain: list[str] = field(default_factory=list)
+    nominal: list[str] = field(default_factory=list)
+    pulls: list[str] = field(default_factory=list)
+    factors: list[Factor] = field(default_factory=list)
+    changing: list[str] = field(default_factory=list)
+    terms: list[str] = field(default_factory=list)
+    curved: list[str] = field(default_factory=list)
+    forms: list[Array] = field(default_factory=list)
+    windows: list[Seen] = field(default_factory=list)
+    offset: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    compliance: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
+    outboard: Array = field(default_factory=lambda: np.zeros(0))
+    gravity: Array = field(default_factory=lambda: np.zeros(3))
+    columns: tuple[str, ...] = ()
+
+    @property
+    def counts(self) -> dict[str, tuple[int, str]]:
+        """How many of each there are, and what they are."""
+        return {
+            "JOINTS": (sum(one.startswith("q_") for one in self.columns), "moving joints"),
+            "ELEMENTS": (len(self.chain), "elements of the chain, the tip last"),
+            "PAYLOADS": (len(self.payloads), "payloads"),
+            "FLEXURES": (len(self.offset), "flexures, from base to tip"),
+            "PULLS": (len(self.pulls), "forces from outside"),
+            "COVARIATES": (len(self.covariates), "covariates"),
+            "FACTORS": (len(self.factors), "functions of a column"),
+            "CHANGING": (len(self.changing), "parts of laws that go with a column"),
+            "TERMS": (len(self.terms), "parts of laws that are not straight in the load"),
+            "CURVED": (len(self.curved), "laws that have such parts"),
+            "FORMS": (len(self.forms), "quadratic forms of the load"),
+            "WINDOWS": (len(self.windows), "learned corrections"),
+            "NOMINAL": (len(self.nominal), "elements of the chain as the controller knows it, where that is another"),
+        }
+
+
+def _tables(arm: Arm) -> _Tables:
+    """Return everything about an arm that its C has; raise what `export` does."""
+    if not arm.modelled:  # in C, which has no arrays without length, a rigid arm has a flexure that does not give
+        arm = replace(arm, flexures=(Flexure("rigid", arm.joint_names[0], _stiff),))
+    bare = arm.loaded(None)
+    payloads = (*(() if "none" in arm.payloads else ("none",)), *arm.payloads)
+    bounds = [arm.loaded(name).stability_bound for name in payloads]
+    for name in payloads:
+        _ = arm.loaded(name).flags  # raises where a payload is impossible
+    tables = _Tables(arm, payloads, tuple(bound is not None and bound.proven for bound in bounds))
+    chain, order = bare.chain, bare.chain.order.tolist()
+    tables.chain = _elements(arm, chain, {number: place for place, number in enumerate(order)})
+    if bare.nominal is not None:
+        tables.nominal = _elements(arm, bare.nominal, {})
+    tables.outboard, tables.gravity = chain.elements[order, 19], chain.elements[-1, 12:15]
+    said = _said(arm)
+    used = dict.fromkeys(factor.column for own in said for _, part in own for term in part for factor in term.factors)
+    known = [*(f"q_{joint}" for joint in arm.joint_names), MASS]
+    tables.covariates = tuple(column for column in used if column not in known)
+    tables.columns = (*known, *tables.covariates)
+    tables.offset, tables.compliance = np.zeros((len(order), 6)), np.zeros((len(order), 6, 6))
+    for place, number in enumerate(order):
+        for label, terms in said[number]:
+            _add(tables, place, f"{arm.flexure_names[number]}: {label}", terms)
+    tables.pulls = [row for pulling in arm.pulls for row in _pull(arm, pulling)]
+    return tables
+
+
+def _said(arm: Arm) -> list[list[tuple[str, Terms]]]:
+    """Return for every flexure what its laws are called, with their terms; refuse all that have none at once."""
+    said: list[list[tuple[str, Terms]]] = [[] for _ in arm.flexure_names]
+    refused = []
+    for number, law in arm.stack.parts:
+        try:
+            terms = terms_of(law)
+            _check_travel(arm, terms)
+            said[number].append((_called(law), terms))
+        except UnsupportedError as error:
+            if isinstance(law, BoundTwist):
+                other = replace(arm, effects=tuple(one for one in arm.effects if one is not law.effect))
+                refused.append((f"effect {law.effect.name!r}", str(error), other))
+            else:
+                name = arm.flexure_names[number]
+                rigid = [replace(one, law=_stiff) if one.name == name else one for one in arm.flexures]
+                refused.append((f"flexure {name!r}", str(error), replace(arm, flexures=tuple(rigid))))
+    for pulling, effect in zip(arm.pulls, (one for one in arm.effects if _pulls(one)), strict=True):
+        if pulling.law.name not in PULLS:
+            other = replace(arm, effects=tuple(one for one in arm.effects if one is not effect))
+            refused.append((f"effect {effect.name!r}", f"is a {pulling.law.name}, which has no form in C", other))
+    if refused:
+        parts = [f"{name} {reason} ({_amount(arm, other)})" for name, reason, other in refused]
+        raise UnsupportedError(f"this arm cannot be written as C: {'; '.join(parts)}")
+    return said
+
+
+def _check_travel(arm: Arm, terms: Terms) -> None:
+    """Raise `UnsupportedError` where a joint goes further than a polynomial in its position holds."""
+    for factor in {factor for term in terms for factor in term.factors if factor.kind == "CHEBYSHEV"}:
+        joint, (middle, reach, _) = arm.joint_index[factor.column.removeprefix("q_")], factor.numbers
+        if max(arm.robot.upper[joint] - middle, middle - arm.robot.lower[joint]) > (1.0 + TRAVEL) * reach:
+            raise UnsupportedError(f"was learned over less than the travel of {arm.joint_names[joint]}")
+
+
+_stiff = LinearLaw(np.zeros((6, 6)))
+
+
+def _pulls(effect: Any) -> bool:
+    return effect.law.act is Act.LOAD and not effect.law.changes_model
+
+
+def _called(law: Law) -> str:
+    return law.effect.title if isinstance(law, BoundTwist) else type(law).__name__
+
+
+def _amount(arm: Arm, other: Arm) -> str:
+    """Return in words how far the tip of two arms is apart at most, over their limits and payloads."""
+    lower, upper = np.array(arm.bounds)
+    q = np.random.default_rng(0).uniform(np.maximum(lower, -np.pi), np.minimum(upper, np.pi), (TRIED, len(lower)))
+    covariates, most = dict.fromkeys(depended_on(arm), 0.0), 0.0
+    try:
+        for payload in ("none", *arm.payloads):
+            tips = [one.deflection(q, payload, covariates=covariates).displacement for one in (arm, other)]
+            most = max(most, float(np.linalg.norm((tips[0] - tips[1])[:, :3], axis=1).max()))
+    except ArmflexError:
+        return "what it amounts to cannot be told"
+    return f"it moves the tip by up to {most * 1e3:.3g} mm{', covariates at 0' if covariates else ''}"
+
+
+def _elements(arm: Arm, chain: Chain, places: dict[int, int]) -> list[str]:
+    """Return the elements of a chain beyond its root, and the tip, as rows of C."""
+    rows = []
+    for k in range(1, len(chain.elements)):
+        numbers, tip = chain.elements[k], k == chain.kinds.shape[1]
+        kind, own = (RIGID, -1) if tip else chain.kinds[:2, k].tolist()
+        rotated = int(kind >= ROTATED or (tip and not np.array_equal(numbers[:9], np.eye(3).ravel())))
+        kind = ELEMENTS[kind % ROTATED]
+        label = "the tip" if tip else "fixed"
+        if kind == "FLEXES":
+            label, own = f"flexure {arm.flexure_names[own]}", places[own]
+        elif kind != "RIGID":
+            label = f"joint {arm.joint_names[own]}"
+        axis, body = (np.zeros(3), np.zeros(4)) if tip else (numbers[12:15], numbers[15:19])
+        parts = [_c(numbers[:9].reshape(3, 3)), _c(numbers[9:12]), _c(axis), _c(body[0]), _c(body[1:])]
+        rows.append(f"{{{kind}, {own}, {rotated}, {', '.join(parts)}}}, /* {_plain(label)} */")
+    return rows
+
+
+def _add(tables: _Tables, place: int, label: str, terms: Terms) -> None:
+    """Add the terms of one law of a flexure to the tables."""
+    parts: dict[tuple[Factor, ...], tuple[Array, Array]] = {}
+    for term in terms:
+        if term.straight:
+            offset, compliance = parts.setdefault(term.factors, (np.zeros(6), np.zeros((6, 6))))
+            if term.kind == "ALONG":
+                compliance += np.outer(term.along, term.u)
+            else:
+                offset += term.along
+    for factors, (offset, compliance) in parts.items():
+        if not factors:
+            tables.offset[place] += offset
+            tables.compliance[place] += compliance
+        else:
+            numbers = f"{_c(offset)}, {_c(compliance)}"
+            tables.changing.append(f"{{{place}, {_two(tables, factors)}, {numbers}}}, /* {_plain(label)} */")
+    rest = [term for term in terms if not term.straight]
+    for window in {id(term.window): term.window for term in rest}.values():
+        own = [term for term in rest if term.window is window]
+        first, number = len(tables.terms), -1
+        if window is not None:
+            number = len(tables.windows)
+            tables.windows.append(window)
+        tables.terms += [_term(tables, term, f" /* {_plain(label)} */" if term is own[0] else "") for term in own]
+        tables.curved.append(f"{{{place}, {number}, {first}, {len(tables.terms)}}}, /* {_plain(label)} */")
+
+
+def _term(tables: _Tables, term: Term, comment: str) -> str:
+    form = -1
+    if term.form is not None:
+        form = next((i for i, one in enumerate(tables.forms) if one is term.form), len(tables.forms))
+        if form == len(tables.forms):
+            tables.forms.append(term.form)
+    parts = f"{_c(term.u)}, {_c(term.v)}, {_c(term.bias)}, {_c(term.along)}"
+    return f"{{{term.kind}, {_two(tables, term.factors)}, {form}, {parts}}},{comment}"
+
+
+def _two(tables: _Tables, factors: Sequence[Factor]) -> str:
+    """Return the numbers of two factors; the first of all is one."""
+    if not tables.factors:
+        tables.factors.append(Factor("ONE", tables.columns[0], ()))
+    for factor in factors:
+        if factor not in tables.factors:
+            tables.factors.append(factor)
+    return ", ".join(str(number) for number in [*(tables.factors.index(one) for one in factors), 0, 0][:2])
+
+
+def _pull(arm: Arm, pulling: Pulling) -> list[str]:
+    """Return a load effect as a row of C, none where it acts on what stands."""
+    bare = arm.loaded(None)
+    _, element, _, placement = link_frame(bare.flex.model, bare.flex.frame(pulling.frame))
+    flexures = bare.chain.flexures_inboard(element)
+    if not flexures:
+        return []
+    kind, hook, anchor, size, reach = PULLS[pulling.law.name](pulling)
+    point = placement.act(hook)
+    numbers = f"{_c(point)}, {_c(anchor)}, {_c(size)}, {_c(reach)}"
+    label = _plain(f"{pulling.law.name} at {pulling.frame}")
+    return [f"{{{kind}, {element - 1}, {flexures}, {numbers}}}, /* {label} */"]
+
+
+Pull = tuple[str, Array, Sequence[float], float, float]
+
+PULLS: dict[str, Callable[[Pulling], Pull]] = {
+    "tip_force": lambda one: ("CONSTANT", np.zeros(3), one.amplitudes, 1.0, 0.0),
+    "umbilical": lambda one: (
+        "SPRING",
+        one.inner[4] * end_of(one.here),
+        one.inner[:3],
+        one.amplitudes[0],
+        one.inner[3],
+    ),
+    "magnetic_pull": lambda one: ("MAGNET", middle_of(one.here), one.inner[:3], one.amplitudes[0], one.inner[3]),
+}
+"""Kind, hook in its link's frame, anchor in base axes, size and reach of effects that are loads."""
+
+
+# The text.
+
+
+def _chosen(text: str, counts: dict[str, int]) -> str:
+    """Return the template without what an arm does not need: between `#if COUNT`, `#else` and `#endif`."""
+    lines, shown = [], [True]
+    for line in text.splitlines():
+        word, _, count = line.partition(" ")
+        if word == "#if":
+            shown.append(shown[-1] and counts[count] > 0)
+        elif word == "#else":
+            shown[-1] = shown[-2] and not shown[-1]
+        elif word == "#endif":
+            shown.pop()
+        elif shown[-1]:
+            lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+def _head(arm: Arm, tables: _Tables, stack: int) -> str:
+    robot = arm.robot
+    lines = [
+        f"The tip of the manipulator {robot.urdf.name!r} as it flexes, and joint positions that make up for it.",
+        "",
+        f"Written by armflex {__version__}: do not edit, export it again. C99; needs math.h alone (link with -lm).",
+        f"Base frame {robot.base!r}, tip {robot.tip!r}. Units are m, rad, kg, N, s. Numbers are IEEE doubles.",
+        "It allocates nothing, calls itself nowhere, and changes no variable outside its functions: any number of",
+        "threads may ask at once. The covariates, where there are any, are read alone.",
+        f"Every loop is bounded: {'a tip takes MOST_STEPS + PROBES evaluations of loads and laws at most.'}",
+        f"A state of the arm takes about {stack} bytes of stack; NAME_tip has one, NAME_compensate two.",
+    ]
+    return "\n".join(
+        ["/* NAME_tip and NAME_compensate.", " *", *(f" * {_plain(line)}".rstrip() for line in lines), " */"]
+    )
+
+
+def _constants(arm: Arm, tables: _Tables) -> str:
+    counts = [f"    {name} = {count}, /* {what} */" for name, (count, what) in tables.counts.items()]
+    bodies = [arm.payload(name) for name in tables.payloads]
+    ends = (np.clip(end, -LARGEST_POSITION, LARGEST_POSITION) for end in (arm.robot.lower, arm.robot.upper))
+    limits = zip(arm.joint_names, *ends, strict=True)
+    unset = ", ".join(["NAN"] * len(tables.covariates)) or "0.0"
+    text = [
+        "enum {\n" + "\n".join(counts) + "\n};",
+        f"const int NAME_nq = {len(arm.joint_names)};",
+        _names("NAME_joints", arm.joint_names),
+        _names("NAME_payloads", tables.payloads),
+        _names("NAME_covariate_names", tables.covariates),
+        f"double NAME_covariates[{max(1, len(tables.covariates))}] = {{{unset}}};",
+        _table("double limits[JOINTS][2]", "lowest and highest position of every joint [rad or m]",
+               [f"{_c(pair)}, /* {_plain(name)} */" for name, *pair in limits]),
+        _table("payload_body payloads[PAYLOADS]", "",
+               [f"{{{_c(body.mass)}, {_c(body.com)}, {int(proven)}}}, /* {_plain(name)} */"
+                for name, body, proven in zip(tables.payloads, bodies, tables.proven, strict=True)]),
+        _table("element chain[ELEMENTS]", "from base to tip, the arm as it is", tables.chain),
+    ]  # fmt: skip
+    names = [f" /* {_plain(arm.flexure_names[i])} */" for i in arm.loaded(None).chain.order]
+    if tables.nominal:
+        what = "the rigid arm as the controller knows it"
+        text.append(_table("element nominal_chain[NOMINAL]", what, tables.nominal))
+    if names:
+        text.append(f"static const double gravity[3] = {_c(tables.gravity)}; /* m/s^2, base axes */")
+    per_flexure = (
+        ("double outboard[FLEXURES]", "mass beyond every flexure, without payload [kg]", tables.outboard),
+        ("double constant_offset[FLEXURES][6]", "twist without load [m, rad], own axes", tables.offset),
+        ("double constant_compliance[FLEXURES][6][6]", "compliance [m/N, rad/Nm and mixed]", tables.compliance),
+    )
+    for declared, what, values in per_flexure:
+        rows = [f"{_c(value)},{name}" for value, name in zip(values, names, strict=True)]
+        text.append(_table(declared, what, rows) if rows else "")
+    columns = {column: i for i, column in enumerate(tables.columns)}
+    factors = []
+    for one in tables.factors:
+        numbers = (*one.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
+        factors.append(f"{{{one.kind}, {columns[one.column]}, {_c(numbers)[1:-1]}}}, /* {_plain(one.column)} */")
+    windows = []
+    for one in tables.windows:
+        energy = one.precision if one.energy is None else one.energy
+        faded = one.faded if np.isfinite(one.faded) else 0.0
+        windows.append(f"{{{_c(one.mean)}, {_c(one.precision)}, {_c(energy)}, {_c(faded)}}},")
+    optional = (
+        ("pull pulls[PULLS]", "", tables.pulls),
+        ("factor factors[FACTORS]", "", factors),
+        ("change changing[CHANGING]", "", tables.changing),
+        ("double forms[FORMS][6][6]", "of the load, own axes", [f"{_c(form)}," for form in tables.forms]),
+        ("window windows[WINDOWS]", "", windows),
+        ("term terms[TERMS]", "", tables.terms),
+        ("group curved[CURVED]", "", tables.curved),
+    )
+    text += [_table(declared, what, rows) for declared, what, rows in optional if rows]
+    return "\n".join(part for part in text if part)
+
+
+def _table(declared: str, what: str, rows: Sequence[str]) -> str:
+    comment = f" /* {what} */" if what else ""
+    return f"static const {declared} = {{{comment}\n" + "\n".join(f"    {row}" for row in rows) + "\n};"
+
+
+def _names(declared: str, names: Iterable[str]) -> str:
+    return f"const char *const {declared}[] = {{{', '.join([*map(_quoted, names), 'NULL'])}}};"
+
+
+def _c(value: Any) -> str:
+    """Return a number, or numbers in braces, so that C reads the same double."""
+    if np.ndim(value):
+        return "{" + ", ".join(_c(part) for part in value) + "}"
+    return repr(float(value) + 0.0)
+
+
+def _quoted(name: str) -> str:
+    """Return a text as C reads it, byte by byte."""
+    plain = {ord(letter) for letter in name if letter.isascii() and letter.isprintable()} - set(b'"\\?')
+    return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in name.encode()) + '"'
+
+
+def _plain(text: str) -> str:
+    """Return a text that ends no comment."""
+    kept = "".join(letter if letter.isascii() and letter.isprintable() else "?" for letter in text)
+    return kept.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")

@@ -13,6 +13,7 @@ from armflex.arm import Arm
 from armflex.conventions import UNITS, Array
 from armflex.errors import InputError, UnsupportedError, listing, naming
 from armflex.export.exported import Exported
+from armflex.export.rigid import require_six_turning
 from armflex.printable import printable
 from armflex.tasks.compensate import compensate
 from armflex.trajectory import Trajectory, read_trajectory
@@ -60,13 +61,7 @@ def urscript(
     """
     path, told = _path(arm, traj, compensate, covariates)
     _check_name(name)
-    sliding = _sliding(arm)
-    if sliding or len(arm.joint_names) != 6:
-        slides = f", {listing(sliding)} sliding" if sliding else ""
-        raise UnsupportedError(
-            f"URScript's movej takes six turning joints; this arm has {len(arm.joint_names)}{slides}: "
-            f"{listing(arm.joint_names)}"
-        )
+    require_six_turning(arm, "URScript's movej")
     lines = [f"def {name}():"]
     lines += [f"  # joint {i} of movej [rad]: {_comment(joint)}" for i, joint in enumerate(arm.joint_names)]
     for i, (q, time, blend) in enumerate(zip(path.q, _durations(path), _blends(path), strict=True)):
@@ -184,10 +179,6 @@ def _check_name(name: str) -> None:
         raise InputError(
             f"--name {name!r}: expected a letter, then up to 23 letters, digits and _, no word of a language"
         )
-
-
-def _sliding(arm: Arm) -> list[str]:
-    return [joint.name for joint in arm.robot.moving if joint.kind == "prismatic"]
 
 
 def _axes(arm: Arm, language: str, turning: list[str], sliding: list[str]) -> list[tuple[str, int, str, float]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,16 +13,16 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.configurations import Configurations, drawn_range
 from armflex.conventions import LARGEST_POSITION, Array
-from armflex.errors import NO_ANSWER, MissingCovariateError, Place, listing, naming
+from armflex.errors import NO_ANSWER, MissingCovariateError, Place, UnsupportedError, listing, naming
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import drive_of, resolve, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
-from armflex.robot.elements import MOVING
+from armflex.robot.urdf import MOVING
 
-POSES = 256
+POSES = 128
 """Configurations within the limits over which it is told what a file leaves out."""
 
 
@@ -79,6 +80,15 @@ def joint_frames(arm: Arm, zeros: bool) -> list[pin.SE3]:
     return [*found, here]
 
 
+def require_six_turning(arm: Arm, format_name: str) -> None:
+    """Raise `UnsupportedError` where an arm has other than the six turning joints that a format is for."""
+    sliding = [joint.name for joint in arm.robot.moving if joint.kind == "prismatic"]
+    if sliding or len(arm.joint_names) != 6:
+        slides = f", {listing(sliding)} sliding" if sliding else ""
+        has = f"this arm has {len(arm.joint_names)}{slides}: {listing(arm.joint_names)}"
+        raise UnsupportedError(f"{format_name} takes six turning joints; {has}")
+
+
 def tips(arm: Arm, frames: Sequence[pin.SE3], q: Array) -> Array:
     """Return the (N, 4, 4) poses of the tip at (N, nq) positions in the sense of `frames`; see `joint_frames`."""
     pose = np.broadcast_to(frames[0].homogeneous, (len(q), 4, 4))
@@ -99,17 +109,6 @@ def configurations(arm: Arm) -> Array:
     lower, upper = (np.clip(limit, -LARGEST_POSITION, LARGEST_POSITION) for limit in drawn_range(arm)[:2])
     (drawn,) = Configurations(lower, upper, POSES, 0, POSES).chunks([True])
     return drawn
-
-
-def roll_pitch_yaw(rotation: Array) -> Array:
-    """Return (3,) fixed-axis angles [rad] of a rotation, exact also where the pitch is a right angle."""
-    across = float(np.hypot(rotation[0, 0], rotation[1, 0]))
-    pitch = np.arctan2(-rotation[2, 0], across)
-    yaw = np.arctan2(rotation[1, 0], rotation[0, 0]) if across > 0.0 else 0.0
-    # The roll is what is left, whatever the yaw: near a right angle only their sum or difference is told.
-    c, s = np.cos(yaw), np.sin(yaw)
-    roll = np.arctan2(s * rotation[0, 2] - c * rotation[1, 2], c * rotation[1, 1] - s * rotation[0, 1])
-    return np.array([roll, pitch, yaw])
 
 
 def needs_columns(arm: Arm, effect: Effect) -> bool:
@@ -154,8 +153,13 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
     Raises:
         MissingCovariateError: An effect needs a column that the rows do not have.
     """
+    unknown: tuple[str, ...] = ()
+    if arm.certainty is not None and arm.certainty.misfit:
+        size = f"{np.sqrt(3.0) * arm.certainty.misfit * 1e3:.3g} mm (RMS)"
+        unknown = (f"The arm lacks something that moved the tip by {size} when it was calibrated: see `trace`.",)
     if not arm.flexures and not arm.effects:
-        return ("The arm gives nowhere: this file leaves nothing out.",), {"left_out": [], "without": []}
+        told = ("The arm gives nowhere: this file leaves out nothing that is known.", *unknown)
+        return told, {"left_out": [], "without": []}
     aside: list[Effect] = []
     if over is None:
         aside = [effect for effect in arm.effects if needs_columns(arm, effect)]
@@ -172,34 +176,45 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
             groups.append((name, over.q[mine], {key: values[mine] for key, values in known.items()}))
         where = f"the {len(over)} rows given"
     found = [_lost(whole, name, q, known) for name, q, known in groups]
-    told = [f"What this file leaves out (compliance, effects, loads) moves the tip, over {where}, by"]
+    at_work = [effect.title for effect in whole.effects if not effect.law.changes_model]
+    lines = [f"What this file leaves out (compliance, effects, loads) moves the tip, over {where}, by"]
     for one in found:
         buckled = f"; {one.unanswered} have no answer" if one.unanswered else ""
-        effects = f", {one.effects * 1e3:.3g} mm at most by effects" if whole.effects else ""
+        effects = f", {one.effects * 1e3:.3g} mm at most by effects" if at_work else ""
         size = f"RMS {one.rms * 1e3:.3g} mm, at most {one.most * 1e3:.3g} mm{effects}"
-        told.append(f"  payload {one.payload!r}: {size if one.rows else 'unknown'} ({one.rows} rows{buckled})")
-    if named := [effect.title for effect in whole.effects if not effect.law.changes_model]:
-        told.append(f"  effects that are left out: {listing(named)}")
+        lines.append(f"  payload {one.payload!r}: {size if one.rows else 'unknown'} ({one.rows} rows{buckled})")
+    if at_work:
+        lines.append(f"  effects that are left out: {listing(at_work)}")
     if aside:
         names = listing(effect.title for effect in aside)
-        told.append(f"  not in these numbers, as they need recorded columns: {names}; --over ROWS.csv has them")
+        lines.append(f"  not in these numbers, as they need recorded columns: {names}; --over ROWS.csv has them")
     numbers = {"left_out": [vars(one) for one in found], "without": [effect.name for effect in aside]}
-    return tuple(told), numbers
+    return (*lines, *unknown), numbers
 
 
 def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Lost:
     """Return how far the arm with a payload is from its rigid self in (N, nq) rows with their (N,) columns."""
     rigid = tips(arm, joint_frames(arm, zeros=True), q)[:, :3, 3]
-    plain = replace(arm, effects=())
-    away, share = [], [0.0]
-    for i, place in enumerate(rigid):
-        given = {"covariates": {name: values[i] for name, values in known.items()}, "enforce_limits": False}
-        try:
-            tip = arm.deflection(q[i], payload, **given).pose.translation
-            if arm.effects:
-                share.append(float(np.linalg.norm(tip - plain.deflection(q[i], payload, **given).pose.translation)))
-        except tuple(NO_ANSWER.values()):
-            continue
-        away.append(float(np.linalg.norm(tip - place)))
-    rms = float(np.sqrt(np.mean(np.square(away)))) if away else 0.0
-    return Lost(payload, len(away), len(q) - len(away), rms, max(away, default=0.0), max(share))
+    tip = _answers(arm, payload, q, known)
+    plain = _answers(replace(arm, effects=()), payload, q, known) if arm.effects else tip
+    answered = np.isfinite(tip).all(axis=1)
+    away = np.linalg.norm(tip - rigid, axis=1)[answered]
+    share = np.linalg.norm(tip - plain, axis=1)[answered & np.isfinite(plain).all(axis=1)]
+    rms = float(np.sqrt(np.mean(np.square(away)))) if len(away) else 0.0
+    return Lost(
+        payload, len(away), len(q) - len(away), rms, float(away.max(initial=0.0)), float(share.max(initial=0.0))
+    )
+
+
+def _answers(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Array:
+    """Return the (N, 3) place of the tip, NaN in rows that have no answer."""
+    loaded = {"payload": payload, "enforce_limits": False}
+    try:
+        return arm.deflection(q, covariates=known, **loaded).pose[:, :3, 3]
+    except tuple(NO_ANSWER.values()):
+        found = np.full((len(q), 3), np.nan)
+    for i in range(len(q)):
+        with suppress(*NO_ANSWER.values()):
+            given = {name: values[i] for name, values in known.items()}
+            found[i] = arm.deflection(q[i], covariates=given, **loaded).pose.translation
+    return found

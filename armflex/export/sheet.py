@@ -32,7 +32,6 @@ from armflex.export.rigid import (
     joint_frames,
     left_out,
     needs_columns,
-    roll_pitch_yaw,
     tips,
     with_constants,
 )
@@ -85,8 +84,8 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     """Return an arm's sheet, as CSV for a file and as a page for a screen.
 
     Standard uncertainties are those of the posterior covariance of the fit, propagated by derivatives: linear in the
-    parameters. A number that depends on what neither campaign nor prior determined has an infinite one; where nothing
-    was fitted there is none, but for declared compliances, which have that of their laws.
+    parameters. A number that depends on what neither campaign nor prior determined has an infinite one; one that
+    depends on nothing that was fitted has none, but for declared compliances, which have that of their laws.
 
     Args:
         arm: The arm.
@@ -100,15 +99,15 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     # As the arm that the controller knows is taken apart, so that its rows can be held against these.
     splits = [choose(frame) for frame in joint_frames(replace(arm, corrections=Corrections()), zeros=False)[1:-1]]
     values = numbers(Setup(arm, arm.instrument or Instrument()), splits)
-    std, doubts = uncertainties(arm, splits, values)
+    std, warnings = uncertainties(arm, splits, values)
     told, lost = left_out(whole, rows)
     parallel = [arm.joint_names[i : i + 2] for i, split in enumerate(splits) if split.hayati]
-    if parallel and (most := _without_beta(whole, values)) > RESOLUTION:
+    if parallel and (most := without_beta(whole, splits)) > RESOLUTION:
         pairs = listing(" and ".join(pair) for pair in parallel)
         text = f"{pairs}: axes are nearly parallel, so their rows have Hayati's beta and common normals that fit it"
         told += (f"{text}; a controller that knows no beta leaves the tip up to {most * 1e3:.3g} mm away",)
         lost |= {"without_beta_m": most}
-    return Exported(_table(values, std), (*doubts, *told), lost, _page(arm, values, std))
+    return Exported(_table(values, std), (*warnings, *told), lost, _page(arm, values, std))
 
 
 def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:
@@ -132,15 +131,13 @@ def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:
                 found[Key(section, name, quantity, "rad" if angle else "m")] = turned + 0.0
     for section, frame in (("base", frames[0]), ("tool", frames[-1])):
         found |= {Key(section, "", axis, "m"): float(x) for axis, x in zip("xyz", frame.translation, strict=True)}
-        angles = zip(("roll", "pitch", "yaw"), roll_pitch_yaw(frame.rotation), strict=True)
+        angles = zip(("roll", "pitch", "yaw"), pin.rpy.matrixToRpy(frame.rotation), strict=True)
         found |= {Key(section, "", name, "rad"): float(x) for name, x in angles}
     if setup.arm.instrument is not None:
         found |= {
             Key("target", "", axis, "m"): float(x) for axis, x in zip("xyz", setup.instrument.target, strict=True)
         }
-    for key, compliance in _compliances(arm).items():
-        found[key] = 1.0 / compliance
-    return found
+    return found | {key: 1.0 / compliance for key, (compliance, *_) in _compliances(arm).items()}
 
 
 def choose(pose: pin.SE3) -> Split:
@@ -173,12 +170,31 @@ def taken_apart(pose: pin.SE3, split: Split) -> Array:
     return np.array([g, c, a, alpha, beta, b, np.arctan2(rest[1, 0], rest[0, 0])])
 
 
+def without_beta(arm: Arm, splits: Sequence[Split]) -> float:
+    """Return the most that the tip moves [m] over configurations within the limits where every beta is left out."""
+    frames, q = joint_frames(arm, zeros=False), configurations(arm)
+    straight = []
+    for frame, split in zip(frames[1:-1], splits, strict=True):
+        g, c, a, alpha, _, b, f = taken_apart(frame, split)
+        x, z = np.eye(3)[0], np.eye(3)[2]
+        parts = ((z, g, c), (x, alpha, a), (z, f, b))
+        first, middle, last = (pin.SE3(pin.exp3(turn * axis), way * axis) for axis, turn, way in parts)
+        straight.append(first * middle * last)
+    moved = tips(arm, frames, q) - tips(arm, [frames[0], *straight, frames[-1]], q)
+    return float(np.linalg.norm(moved[:, :3, 3], axis=1).max())
+
+
 def uncertainties(
     arm: Arm, splits: Sequence[Split], values: Mapping[Key, float]
 ) -> tuple[dict[Key, float], tuple[str, ...]]:
-    """Return the standard uncertainty of each number that has one, and doubts about them."""
-    known = arm.certainty.groups if arm.certainty else frozenset()
-    found = _declared(with_constants(arm), [f.name for f in arm.flexures if fitted_group(f) not in known], values)
+    """Return the standard uncertainty of each number that has one, and warnings about them."""
+    known, found = arm.certainty.groups if arm.certainty else (), {}
+    declared = {flexure.name: flexure.law for flexure in arm.flexures if fitted_group(flexure) not in known}
+    for key, (compliance, axis) in _compliances(with_constants(arm)).items():
+        law = declared.get(key.of)
+        covariance = None if law is None else law.covariance(axis, Row(arm.robot.home, arm.joint_index))
+        if covariance is not None:
+            found[key] = float(np.sqrt(axis @ covariance @ axis)) / compliance**2
     if arm.certainty is None:
         return found, ("Nothing was fitted to this arm: only declared uncertainties are given.",)
     certainty, setup = arm.certainty, Setup(arm, arm.instrument or Instrument())
@@ -201,73 +217,42 @@ def uncertainties(
     jacobian = np.array(columns).T
     variance = np.einsum("dp,pq,dq->d", jacobian, certainty.covariance, jacobian, optimize=True)
     std = np.where(certainty.leaves_open(jacobian[:, None])[:, 0], np.inf, np.sqrt(np.maximum(variance, 0.0)))
-    fitted = {key: float(x) for key, x in zip(values, std, strict=True)}
-    found = {**fitted, **{key: x for key, x in found.items() if key.section == "stiffness"}}
-    doubts = []
+    # What no parameter has a part in is as declared, which is not to say that it is sure.
+    fitted = {
+        k: float(x) for k, x in zip(values, std, strict=True) if x > (RESOLUTION if k.unit in ("m", "rad") else 0)
+    }
+    found |= fitted
+    warnings = []
     if certainty.undetermined:
-        doubts.append(f"Neither campaign nor prior determines {listing(certainty.undetermined)}.")
+        warnings.append(f"Neither campaign nor prior determines {listing(certainty.undetermined)}.")
     if wide := [key for key, x in found.items() if key.unit == "rad" and key.section.startswith("dh") and x > LINEAR]:
         names = listing(dict.fromkeys(f"{key.quantity} of {key.of}" for key in wide))
         text = "are known to no better than 0.1 rad, where a straight line no longer tells how well"
-        doubts.append(f"{names} {text}; what they do against each other cancels, so the arm is known better.")
-    return found, tuple(doubts)
+        warnings.append(f"{names} {text}; what they do against each other cancels, so the arm is known better.")
+    return found, tuple(warnings)
 
 
-def _compliances(arm: Arm) -> dict[Key, float]:
-    """Return the small-load compliance along each axis that gives, drives first, with the joints at home.
+def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
+    """Return the small-load compliance along each axis (6,) that gives, and the axis, with the joints at home.
 
     Effects that are compliances themselves, whatever else is known of a row, have their part in it.
     """
     linear = [effect for effect in arm.effects if effect.law.act is Act.TWIST and effect.law.linear]
-    usable = [effect for effect in linear if not needs_columns(arm, effect)]
-    row, found = Row(arm.robot.home, arm.joint_index), {}
-    joints = {joint.name: joint for joint in arm.robot.moving}
-    for flexure in replace(arm, effects=tuple(usable)).modelled:
-        tangent = flexure.law.tangent(np.zeros(6), row)
-        joint = None if flexure.before else joints.get(flexure.joint or "")
-        axes = {} if joint is None else {"drive": drive_of(joint)}
-        axes |= {name: axis for name, axis in zip(TWIST_NAMES, np.eye(6), strict=True)}
+    usable = tuple(effect for effect in linear if not needs_columns(arm, effect))
+    joints, found = {joint.name: joint for joint in arm.robot.moving}, {}
+    for flexure in replace(arm, effects=usable).modelled:
+        tangent = flexure.law.tangent(np.zeros(6), Row(arm.robot.home, arm.joint_index))
+        axes = dict(zip(TWIST_NAMES, np.eye(6), strict=True))
+        if flexure.joint in joints and not flexure.before:
+            drive = drive_of(joints[flexure.joint])
+            others = {name: axis for name, axis in axes.items() if not np.array_equal(axis, np.abs(drive))}
+            axes = {"drive": drive, **others}
         for name, axis in axes.items():
             compliance = float(axis @ tangent @ axis)
-            if compliance > 0.0 and (
-                name == "drive" or joint is None or not np.array_equal(axis, np.abs(drive_of(joint)))
-            ):
-                found[Key("stiffness", flexure.name, name, "Nm/rad" if axis[3:].any() else "N/m")] = compliance
+            if compliance > 0.0:
+                unit = "Nm/rad" if axis[3:].any() else "N/m"
+                found[Key("stiffness", flexure.name, name, unit)] = compliance, axis
     return found
-
-
-def _declared(arm: Arm, flexures: Sequence[str], values: Mapping[Key, float]) -> dict[Key, float]:
-    """Return the standard uncertainty of the stiffness of flexures whose laws say how well they are known."""
-    row, found = Row(arm.robot.home, arm.joint_index), {}
-    joints = {joint.name: joint for joint in arm.robot.moving}
-    for flexure in arm.flexures:
-        for key in [key for key in values if key[:2] == ("stiffness", flexure.name) and flexure.name in flexures]:
-            axis = drive_of(joints[str(flexure.joint)]) if key.quantity == "drive" else _axis(key.quantity)
-            covariance = flexure.law.covariance(axis, row)
-            if covariance is not None:
-                found[key] = float(np.sqrt(axis @ covariance @ axis)) * values[key] ** 2
-    return found
-
-
-def _axis(name: str) -> Array:
-    return np.eye(6)[TWIST_NAMES.index(name)]
-
-
-def _without_beta(arm: Arm, values: Mapping[Key, float]) -> float:
-    """Return the most that the tip moves [m] over configurations within the limits where every beta is left out."""
-    frames, ends = [], joint_frames(arm, zeros=False)
-    for kept in (1.0, 0.0):
-        found = [ends[0]]
-        for joint in arm.joint_names:
-            units = zip(("theta", "d", "a", "alpha", "beta"), ("rad", "m", "m", "rad", "rad"), strict=True)
-            theta, d, a, alpha, beta = (values[Key("dh_standard", joint, name, unit)] for name, unit in units)
-            turned = pin.SE3(pin.exp3(np.array([0.0, 0.0, theta])), np.array([0.0, 0.0, d]))
-            tilt = pin.exp3(np.array([alpha, 0.0, 0.0])) @ pin.exp3(np.array([0.0, kept * beta, 0.0]))
-            found.append(turned * pin.SE3(tilt, np.array([a, 0.0, 0.0])))
-        frames.append([*found[:-1], found[-1] * ends[-1]])
-    q = configurations(arm)
-    with_beta, without = (tips(arm, one, q)[:, :3, 3] for one in frames)
-    return float(np.linalg.norm(with_beta - without, axis=1).max())
 
 
 def _table(values: Mapping[Key, float], std: Mapping[Key, float]) -> str:
@@ -288,6 +273,7 @@ def _page(arm: Arm, values: Mapping[Key, float], std: Mapping[Key, float]) -> st
     for section, note in NOTES.items():
         keys = [key for key in values if key.section == section]
         columns = list(dict.fromkeys(key.quantity for key in keys))
+        columns.sort(key=lambda name: TWIST_NAMES.index(name) if name in TWIST_NAMES else -1)
         rows = [["", *columns, *(["the same"] if section == "joint_offset" else [])]]
         for of in dict.fromkeys(key.of for key in keys):
             own = {key.quantity: key for key in keys if key.of == of}

@@ -10,10 +10,9 @@ from lxml import etree
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.export.exported import Exported
-from armflex.export.rigid import left_out, roll_pitch_yaw, with_constants
+from armflex.export.rigid import left_out, with_constants
 from armflex.measured.measurements import read_measurements
-from armflex.robot.elements import Joint
-from armflex.robot.xml import parse_xml
+from armflex.robot.reader import parse_xml
 
 
 def export(arm: Arm, over: Path | None = None) -> Exported:
@@ -36,12 +35,12 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     joints = {(element.get("name") or "").strip(): element for element in root.findall("joint")}
     links = {(element.get("name") or "").strip(): element for element in root.findall("link")}
     for joint in whole.robot.chain:
-        moved = corrections.frame(joint) * _zero(whole, joint)
+        moved = corrections.frame(joint) * corrections.zero(joint)
         if not moved.isIdentity(0.0):
             place = pin.SE3(joint.rotation, joint.origin) * moved
             origin = _child(joints[joint.name], "origin")
             origin.set("xyz", _spaced(place.translation))
-            origin.set("rpy", _spaced(roll_pitch_yaw(place.rotation)))
+            origin.set("rpy", _spaced(pin.rpy.matrixToRpy(place.rotation)))
     for name, extra in corrections.bodies.items():
         body = corrections.body(name, whole.robot.urdf.links[name].inertial)
         if body is None:
@@ -63,10 +62,6 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         )
     text = etree.tostring(root.getroottree(), encoding="utf-8", xml_declaration=True).decode()
     return Exported(text + "\n", told, numbers)
-
-
-def _zero(arm: Arm, joint: Joint) -> pin.SE3:
-    return arm.corrections.zero(joint) if joint in arm.robot.moving else pin.SE3.Identity()
 
 
 def _child(element: etree._Element, tag: str) -> etree._Element:

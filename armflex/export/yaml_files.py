@@ -13,9 +13,9 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.errors import InputError, UnsupportedError, listing
 from armflex.export.exported import Exported
-from armflex.export.rigid import joint_frames, left_out, roll_pitch_yaw, with_constants
+from armflex.export.rigid import joint_frames, left_out, require_six_turning, with_constants
 from armflex.measured.measurements import read_measurements
-from armflex.robot.elements import MOVING
+from armflex.robot.urdf import MOVING
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -49,13 +49,7 @@ def export(arm: Arm, flavour: str, over: Path | None = None) -> Exported:
 def _ur(arm: Arm) -> str:
     """Return the poses of six joints, each in the one before and turning about its z; what is before the first joint's
     parent link and beyond the last joint stays the URDF's, and is written in comments."""
-    sliding = [joint.name for joint in arm.robot.moving if joint.kind == "prismatic"]
-    if sliding or len(arm.joint_names) != len(UR_LINKS):
-        slides = f", {listing(sliding)} sliding" if sliding else ""
-        raise UnsupportedError(
-            f"ur_calibration has six turning joints; this arm has {len(arm.joint_names)}{slides}: "
-            f"{listing(arm.joint_names)}"
-        )
+    require_six_turning(arm, "ur_calibration")
     first, *between, last = joint_frames(arm, zeros=True)
     ahead = pin.SE3.Identity()
     for joint in arm.robot.chain:
@@ -97,7 +91,7 @@ def _robot(arm: Arm) -> str:
 
 
 def _numbers(pose: pin.SE3) -> list[str]:
-    return [_plain(value) for value in (*pose.translation, *roll_pitch_yaw(pose.rotation))]
+    return [_plain(value) for value in (*pose.translation, *pin.rpy.matrixToRpy(pose.rotation))]
 
 
 def _plain(value: float) -> str:

@@ -176,11 +176,9 @@ def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:
 
 
 def _read_prior(table: Declaration) -> Prior:
-    values = {field.name: table.number(field.name, 0.0) for field in fields(Prior)}
+    values = {field.name: table.std(field.name, 0.0) for field in fields(Prior)}
     table.finish()
     for name, value in values.items():
-        if value < 0.0:
-            raise table.fail(name, f"a standard deviation cannot be negative, got {value:g}")
         if 0.0 < value < SMALLEST_STD:
             raise table.fail(name, f"{value:g} is less than anything can be known to; 0 keeps it fixed")
     return Prior(**values)

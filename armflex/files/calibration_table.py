@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm, Flexure
+from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean
 from armflex.files.certainty_table import certainty_table, read_certainty
-from armflex.files.law_table import law_table, read_learned
-from armflex.laws.joint.scaled import scaled
+from armflex.laws.flexure import Flexure
+from armflex.laws.joint.carried import scaled
+from armflex.laws.learned import LearnedLaw, Seen, learned_law
+from armflex.laws.learned.correction import NEAREST
 from armflex.parameters import of_law
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
@@ -23,6 +24,13 @@ from armflex.robot import Corrections
 LARGEST_LOGARITHM = 200.0
 """Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""
 UNFINISHED = "written while `armflex trace` was still searching: more effects may be missing, none was compared"
+
+
+SHAPES = {"mean": (6,), "precision": (6, 6), "loads": (2, 6), "load_scale": (6,), "twist_scale": (6,)}
+"""Names and shapes of a `Seen`'s arrays."""
+
+ROUNDING = 1e-6
+"""Of a matrix written and read, relative to its diagonal."""
 
 
 @dataclass(frozen=True)
@@ -75,29 +83,47 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     Raises:
         ArmFileError: A value is of the wrong shape, or names a joint or flexure that the arm does not have.
     """
+    joints, places = arm.joint_names, arm.flexure_names
     offset, geometry, compliance = (table.sub(name) for name in ("joint_offset", "geometry", "compliance"))
-    laws = table.sub("law") if table.has("law") else None
-    if laws is not None:
-        _check_names(laws, arm.flexure_names)
-    for part, known in ((offset, arm.joint_names), (geometry, arm.joint_names), (compliance, arm.flexure_names)):
-        _check_names(part, known)
+    laws = table.subs("law")
+    known = ((table.sub("law"), places),) if laws else ()
+    for part, names in (*known, (offset, joints), (geometry, joints), (compliance, places)):
+        for name in part.table:
+            if name not in names:
+                raise part.fail(name, f"the arm has no {name!r}{did_you_mean(name, names)}")
     instrument = _read_instrument(table)
     corrections = Corrections(
         {name: offset.number(name) for name in offset.table},
         {name: geometry.numbers(name, (6,)) for name in geometry.table},
     )
-    _check_campaign(table)
-    unfinished = [Flag("unfinished", f"{table.place()}: {UNFINISHED}")] if table.flag("unfinished") else []
-    factors = {name: _factors(compliance, name) for name in compliance.table}
-    fitted = replace(
+    if table.has("measurements_sha256") and not isinstance(table.raw("measurements_sha256"), str):
+        raise table.fail("measurements_sha256", "expected a text")
+    for key in ("rows", "rms_m"):  # of which, as of the digest, nothing is computed
+        if table.number(key, 0.0) < 0.0:
+            raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
+    flags = (Flag("unfinished", f"{table.place()}: {UNFINISHED}"),) if table.flag("unfinished") else ()
+    factors = {name: compliance.numbers(name, (6,)) for name in compliance.table}
+    for name, found in factors.items():
+        if np.abs(found).max() > LARGEST_LOGARITHM:
+            text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {found.tolist()}"
+            raise compliance.fail(name, text)
+    flexures = []
+    for flexure in arm.flexures:
+        if flexure.name in factors:
+            flexure = replace(flexure, law=scaled(flexure.law, np.exp(0.5 * factors[flexure.name])))
+        flexures.append(read_learned(flexure, laws[flexure.name]) if flexure.name in laws else flexure)
+    robot = arm.robot
+    if arm.measurement.gravity_in == "measurement":  # known in the level instrument's frame, it is turned into the base
+        robot = replace(robot, gravity=instrument.pose.rotation.T @ robot.gravity)
+    return replace(
         arm,
-        flexures=tuple(_learned(_scaled(flexure, factors), laws) for flexure in arm.flexures),
+        robot=robot,
+        flexures=tuple(flexures),
         corrections=corrections,
         factors=factors,
         instrument=instrument,
-        flags=(*arm.flags, *unfinished),
+        flags=(*arm.flags, *flags),
     )
-    return _level(fitted) if arm.measurement.gravity_in == "measurement" else fitted
 
 
 def _read_instrument(table: Declaration) -> Instrument:
@@ -117,42 +143,6 @@ def _read_instrument(table: Declaration) -> Instrument:
     )
 
 
-def _factors(table: Declaration, key: str) -> Array:
-    """Return the (6,) logarithms of a flexure's factors."""
-    found = table.numbers(key, (6,))
-    if np.abs(found).max() > LARGEST_LOGARITHM:
-        text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {found.tolist()}"
-        raise table.fail(key, text)
-    return found
-
-
-def _check_campaign(table: Declaration) -> None:
-    """Check what the table says of the campaign, of which nothing is computed."""
-    if table.has("measurements_sha256") and not isinstance(table.raw("measurements_sha256"), str):
-        raise table.fail("measurements_sha256", "expected a text")
-    for key in ("rows", "rms_m"):
-        if table.number(key, 0.0) < 0.0:
-            raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
-
-
-def _check_names(table: Declaration, known: tuple[str, ...]) -> None:
-    for name in table.table:
-        if name not in known:
-            raise table.fail(name, f"the arm has no {name!r}{did_you_mean(name, known)}")
-
-
-def _scaled(flexure: Flexure, factors: Mapping[str, Array]) -> Flexure:
-    if flexure.name not in factors:
-        return flexure
-    return replace(flexure, law=scaled(flexure.law, np.exp(0.5 * factors[flexure.name])))
-
-
-def _learned(flexure: Flexure, laws: Declaration | None) -> Flexure:
-    if laws is None or flexure.name not in laws.table:
-        return flexure
-    return read_learned(flexure, laws.sub(flexure.name))
-
-
 def with_certainty(table: Declaration, arm: Arm) -> Arm:
     """Return an arm, its effects in it, with how well its [calibration] table says that it is known.
 
@@ -169,8 +159,74 @@ def with_certainty(table: Declaration, arm: Arm) -> Arm:
     return replace(arm, flexures=tuple(changed), certainty=certainty)
 
 
-def _level(arm: Arm) -> Arm:
-    """Return the arm with gravity, known in the level instrument's frame, turned into its base."""
-    assert arm.instrument is not None
-    down = arm.instrument.pose.rotation.T @ arm.robot.gravity
-    return replace(arm, robot=replace(arm.robot, gravity=down))
+def law_table(law: LearnedLaw) -> dict[str, Any]:
+    """Return the table of a learned law."""
+    found = {"values": law.values.tolist(), "scales": list(law.scales)}
+    found |= {name: getattr(law.seen, name).tolist() for name in SHAPES}
+    if law.reach is None:
+        return found
+    found |= {"reach": law.reach.tolist(), "faded": law.seen.faded}
+    return found | ({} if law.seen.energy is None else {"energy": law.seen.energy.tolist()})
+
+
+def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
+    """Return a flexure with what was learned of its law, but for how well that is known.
+
+    Args:
+        flexure: As declared, with `learn = true`.
+        table: Its [calibration.law.NAME].
+
+    Raises:
+        ArmFileError: The flexure is not learned any more, or is another than the one that was, or a number is none that
+            learning leaves.
+    """
+    if flexure.learn is None:
+        raise table.fail("values", f"flexure {flexure.name!r} has no learn = true: not what was calibrated")
+    law = learned_law(flexure.law, flexure.learn, _seen(table))
+    values, scales = table.numbers("values", law.values.shape), _positive(table, "scales", (len(law.scales),))
+    law = replace(law, values=values, scales=tuple(scales.tolist()))
+    if table.has("reach"):
+        law = _ended(table, law)
+    table.finish()
+    return replace(flexure, law=law)
+
+
+def _seen(table: Declaration) -> Seen:
+    found = {name: table.numbers(name, shape) for name, shape in SHAPES.items()}
+    _positive(table, "load_scale", (6,))
+    _not_below_zero(table, "twist_scale", found["twist_scale"])
+    _definite(table, "precision", found["precision"])
+    return Seen(**found)
+
+
+def _ended(table: Declaration, law: LearnedLaw) -> LearnedLaw:
+    """Return the law with how its correction ends; files before `energy` was part of that have none."""
+    reach, faded = table.numbers("reach", (6,)), table.number("faded")
+    _not_below_zero(table, "reach", reach)
+    if faded < NEAREST:
+        raise table.fail("faded", f"expected {NEAREST:g} or more, got {faded:g}")
+    energy = table.numbers("energy", (6, 6)) if table.has("energy") else None
+    if energy is not None:
+        _definite(table, "energy", energy)
+    return replace(law, reach=reach, seen=replace(law.seen, faded=faded, energy=energy))
+
+
+def _positive(table: Declaration, key: str, shape: tuple[int, ...]) -> Array:
+    found = table.numbers(key, shape)
+    if not (found > 0.0).all():
+        raise table.fail(key, f"expected numbers above 0, got {found.min():g}")
+    return found
+
+
+def _not_below_zero(table: Declaration, key: str, found: Array) -> None:
+    if (found < 0.0).any():
+        raise table.fail(key, f"expected no number below 0, got {found.min():g}")
+
+
+def _definite(table: Declaration, key: str, found: Array) -> None:
+    """Raise where a (6, 6) matrix of forces and moments, in units of its own diagonal, is none of a distance."""
+    size = np.sqrt(np.maximum(np.diag(found), 0.0))
+    unit = np.where(size > 0.0, size, 1.0)
+    scaled = found / np.outer(unit, unit)
+    if np.abs(scaled - scaled.T).max() > ROUNDING or np.linalg.eigvalsh(scaled)[0] < -ROUNDING:
+        raise table.fail(key, "expected a symmetric matrix without negative eigenvalues")

@@ -95,15 +95,24 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
             raise table.fail("parameters", f"{label!r} is no parameter of a fit{hint} (they begin: {listing(BLOCKS)})")
     key = "covariance_file" if table.has("covariance_file") else "covariance"
     covariance = _from_file(table, labels) if key == "covariance_file" else _from_rows(table, labels)
-    directions = _directions(table, len(labels))
+    directions = None
+    if table.has("undetermined"):  # directions that nothing determined
+        given = table.raw("undetermined")
+        lengths = [len(labels)] * len(given) if isinstance(given, list) else []
+        expected = f"rows of {len(labels)} finite numbers, one for each of the parameters"
+        directions = np.array(table.ragged("undetermined", lengths, expected))
+        directions = directions if len(directions) else None
     known = np.ones(len(labels), dtype=bool) if directions is None else ~directions.any(axis=0)
     if (known & (np.diag(covariance) == 0.0)).any():
         label = labels[int((known & (np.diag(covariance) == 0.0)).argmax())]
         raise table.fail(key, f"the variance of {label!r} is zero, which no campaign leaves")
-    misfit = table.number("misfit_m", 0.0)
-    if misfit < 0.0:
-        raise table.fail("misfit_m", f"a standard deviation cannot be negative, got {misfit:g}")
-    return Certainty(arm.named(labels), covariance, _unexplained(table, arm), directions, misfit)
+    misfit, unexplained = table.std("misfit_m", 0.0), None
+    if table.has("unexplained"):
+        part = table.sub("unexplained")
+        site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
+        unexplained = site, axis, part.std("std")
+        part.finish()
+    return Certainty(arm.named(labels), covariance, unexplained, directions, misfit)
 
 
 def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
@@ -132,26 +141,3 @@ def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:
         problem = f"{path.name} is not the file that was written with this table: {LAYOUT.anew}"
         raise table.fail("covariance_file", problem)
     return found.arrays["covariance"]
-
-
-def _directions(table: Declaration, count: int) -> Array | None:
-    """Return the (k, count) directions that nothing determined; None where there are none."""
-    if not table.has("undetermined"):
-        return None
-    given = table.raw("undetermined")
-    lengths = [count] * len(given) if isinstance(given, list) else []
-    expected = f"rows of {count} finite numbers, one for each of the parameters"
-    rows = table.ragged("undetermined", lengths, expected)
-    return np.array(rows) if rows else None
-
-
-def _unexplained(table: Declaration, arm: Arm) -> tuple[str, str, float] | None:
-    if not table.has("unexplained"):
-        return None
-    part = table.sub("unexplained")
-    site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
-    size = part.number("std")
-    part.finish()
-    if size < 0.0:
-        raise part.fail("std", f"a standard deviation cannot be negative, got {size:g}")
-    return site, axis, size

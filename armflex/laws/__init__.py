@@ -2,9 +2,9 @@
 
 from armflex.laws.declared import LAWS as LAWS
 from armflex.laws.declared import read_law as read_law
-from armflex.laws.joint.at_node import AtNode as AtNode
 from armflex.laws.joint.beam import Beam as Beam
 from armflex.laws.joint.beam import Section as Section
+from armflex.laws.joint.carried import AtNode as AtNode
 from armflex.laws.joint.linear import LinearFit as LinearFit
 from armflex.laws.joint.linear import LinearLaw as LinearLaw
 from armflex.laws.joint.position_dependent import PositionDependentLaw as PositionDependentLaw

@@ -11,8 +11,8 @@ import numpy as np
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import LawError, ModelFileError, UnknownNameError
-from armflex.laws.joint.at_node import AtNode
 from armflex.laws.joint.beam import Beam, Section, stiffness
+from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.linear import read_linear
 from armflex.laws.joint.structural import StructuralLaw, SubJoint
 from armflex.laws.law import Law, Ranges
@@ -35,7 +35,14 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     """
     model = model_of(table)
     if table.has("file"):
-        law = _read_file(table, model)
+        path = table.path.parent / table.text("file")
+        try:
+            trained = load_law(path)
+        except ModelFileError as error:
+            raise table.fail("file", str(error)) from None
+        if trained.model != model:
+            raise table.fail("file", f"{path.name} holds a {trained.model} law, but model = {model!r}")
+        law = trained.law
     elif model in LAWS:
         law = LAWS[model](table, joint, ranges)
     elif table.flag("learn") and not FORMS[model].runs_code:
@@ -53,17 +60,6 @@ def model_of(table: Declaration) -> str:
     return table.choice("model", tuple(dict.fromkeys((*LAWS, *FORMS))), "linear")
 
 
-def _read_file(table: Declaration, model: str) -> Law:
-    path = table.path.parent / table.text("file")
-    try:
-        trained = load_law(path)
-    except ModelFileError as error:
-        raise table.fail("file", str(error)) from None
-    if trained.model != model:
-        raise table.fail("file", f"{path.name} holds a {trained.model} law, but model = {model!r}")
-    return trained.law
-
-
 def read_structural(table: Declaration, joint: str, ranges: Ranges) -> StructuralLaw:
     """Return the composed joint of `nodes`, `tip`, [[subjoint]] and [[beam]] tables."""
     nodes_table = table.sub("nodes")
@@ -78,8 +74,7 @@ def read_structural(table: Declaration, joint: str, ranges: Ranges) -> Structura
     components = table.number("components", 6.0)
     if components not in (3.0, 6.0):
         raise table.fail("components", f"expected 3 or 6, got {components:g}")
-    tip = table.text("tip")
-    _check_node(table, "tip", tip, nodes)
+    tip = _known(table, "tip", table.text("tip"), nodes)
     try:
         law = StructuralLaw(nodes, tip, subjoints, beams, int(components))
         if law.constant is not None and not np.isfinite(law.constant).all():
@@ -103,18 +98,12 @@ def read_assembly(path: Path) -> StructuralLaw:
     return law
 
 
-def _check_node(table: Declaration, key: str, name: str, nodes: Mapping[str, Array]) -> None:
-    if name not in nodes:
-        raise table.fail(key, str(UnknownNameError("node", name, nodes)))
-
-
 def _read_subjoint(table: Declaration, joint: str, ranges: Ranges, nodes: Mapping[str, Array]) -> SubJoint:
     law = read_law(table, joint, ranges)
     holds = table.texts("holds") if table.has("holds") else TWIST_NAMES
     if not holds or not set(holds) <= set(TWIST_NAMES):
         raise table.fail("holds", f"expected some of {', '.join(TWIST_NAMES)}, got {list(holds)}")
-    node = table.text("at")
-    _check_node(table, "at", node, nodes)
+    node = _known(table, "at", table.text("at"), nodes)
     table.finish()
     return SubJoint(node, law, tuple(sorted({TWIST_NAMES.index(name) for name in holds})))
 
@@ -123,20 +112,26 @@ def _read_beam(table: Declaration, nodes: Mapping[str, Array]) -> Beam:
     ends = table.texts("between")
     if len(ends) != 2:
         raise table.fail("between", f"expected two node names, got {list(ends)}")
-    for end in ends:
-        _check_node(table, "between", end, nodes)
+    start, end = (_known(table, "between", name, nodes) for name in ends)
     values = {name: table.number(name) for name in ("E", "G", "A", "Iy", "Iz", "J")}
     for name, value in values.items():
         if value <= 0.0:
             raise table.fail(name, f"expected more than 0, got {value:g}")
     up = table.numbers("up", (3,)) if table.has("up") else np.array([0.0, 0.0, 1.0])
     table.finish()
-    beam = Beam(ends[0], ends[1], Section(**values), up)
+    beam = Beam(start, end, Section(**values), up)
     try:
-        stiffness(beam, nodes[beam.start], nodes[beam.end], 6)
+        stiffness(beam, nodes[start], nodes[end], 6)
     except LawError as error:
         raise table.fail("up" if "'up'" in str(error) else "between", str(error)) from None
     return beam
+
+
+def _known(table: Declaration, key: str, name: str, nodes: Mapping[str, Array]) -> str:
+    """Return a node's name; raise where there is no such node."""
+    if name not in nodes:
+        raise table.fail(key, str(UnknownNameError("node", name, nodes)))
+    return name
 
 
 DECLARED = (

@@ -5,14 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from armflex.conventions import WRENCH_NAMES, Array
 from armflex.covariance import root_of_covariance
 from armflex.errors import Flag, LawError, MissingCovariateError
-from armflex.laws.parameter import Parameter, Transform
 from armflex.robot import Robot
 
 NOTHING = np.zeros(6)
@@ -30,6 +31,36 @@ ROUNDING = 1e-9
 
 Ranges = Mapping[str, tuple[float, float]]
 """Moving joints of a chain: lowest and highest position [rad or m]."""
+
+
+class Transform(Enum):
+    """How a parameter's value, which fits and draws move, stands for the number that is meant."""
+
+    IDENTITY = "identity"
+    """The value is the number."""
+    LOG = "log"
+    """The value is the logarithm of a number that stays positive, or of a factor on one."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a law. The object is its identity; text labels are made where files and reports begin.
+
+    Attributes:
+        name: Unique within its law, without blanks.
+        unit: Of the value; "1" of a logarithm.
+        prior: Standard deviation about the value that it has; 0 where it is taken as known.
+        transform: What the value stands for.
+        group: Parameters of one group are of one size beforehand.
+        sized: Whether that size is for the data to tell (by evidence); `prior` is then where the search starts.
+    """
+
+    name: str
+    unit: str
+    prior: float
+    transform: Transform = Transform.IDENTITY
+    group: str = ""
+    sized: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,6 +107,10 @@ class Row:
         return Row(self.q[..., None, :], self.joint_index, known)
 
 
+NOWHERE = Row(np.zeros(0), {})
+"""Where no law is asked that depends on more than the load, such as on a bench, which has no joint positions."""
+
+
 class Law(ABC):
     """A joint deformation model. Wrench [N, Nm] is the load on the structure and twist [m, rad] the motion it gives,
     both linear first and in the flexure's own axes.
@@ -112,10 +147,11 @@ class Law(ABC):
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, k) derivative of the twist with respect to the values; here by central differences."""
         columns = np.zeros((*wrench.shape, len(self.values)))
-        for i, value in enumerate(self.values):
-            step = STEP * max(abs(float(value)), 1.0 if self.parameters[i].transform is Transform.LOG else 1e-300)
-            ends = [self.at(_with(self.values, i, value + side * step)).twist(wrench, row) for side in (1.0, -1.0)]
-            columns[..., i] = (ends[0] - ends[1]) / (2.0 * step)
+        for i, (value, parameter) in enumerate(zip(self.values, self.parameters, strict=True)):
+            step = np.zeros(len(self.values))
+            step[i] = STEP * max(abs(float(value)), 1.0 if parameter.transform is Transform.LOG else 1e-300)
+            ends = [self.at(self.values + side * step).twist(wrench, row) for side in (1.0, -1.0)]
+            columns[..., i] = (ends[0] - ends[1]) / (2.0 * step[i])
         return columns
 
     @property
@@ -158,7 +194,10 @@ class Law(ABC):
 
     def certain(self) -> Law:
         """Return the law with its values taken as known; single readings scatter as before."""
-        return self if self.values_covariance is None else replace(self, relative_std=0.0)
+        if self.values_covariance is None:
+            return self
+        as_dataclass: Any = self  # every law that may be uncertain is one
+        return replace(as_dataclass, relative_std=0.0)
 
     def moved(self, step: Array) -> Law:
         """Return the law a (k,) step of its values away.
@@ -214,7 +253,7 @@ class Law(ABC):
         return () if self.trained else self.gives(row)
 
     def scaled(self, factor: Array) -> Law | None:
-        """Return S f(S w), S = diag of (6,) factors, where that is a law of the same kind; see `joint.scaled`."""
+        """Return S f(S w), S = diag of (6,) factors, where that is a law of the same kind; see `joint.carried`."""
         return None
 
     def learned(self, travel: Ranges) -> Law | None:
@@ -245,18 +284,36 @@ class Law(ABC):
         return () if self.trained_on is None else beyond(self.trained_on, wrench)
 
 
+class Compliance(Law):
+    """For laws whose twist is proportional to the load: C w, C the same everywhere or of the row."""
+
+    @abstractmethod
+    def compliance(self, row: Row) -> Array:
+        """Return the (..., 6, 6) compliance C in a row."""
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return C w."""
+        return (self.compliance(row) @ wrench[..., None])[..., 0]
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return C, of every load and every row."""
+        found = self.compliance(row)
+        return np.broadcast_to(found, np.broadcast_shapes(found.shape, (*wrench.shape, 6)))
+
+    def affine(self, row: Row) -> tuple[Array, Array]:
+        """Return no twist and C."""
+        return NOTHING, self.compliance(row) if self.constant is None else self.constant
+
+
 class WithoutParameters(Law):
     """For laws that have nothing to free, draw or be unsure of but their scatter: they say so by inheriting this."""
+
+    values = np.zeros(0)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """None."""
         return ()
-
-    @property
-    def values(self) -> Array:
-        """Of nothing."""
-        return np.zeros(0)
 
     def at(self, values: Array) -> Law:
         """Return the law."""
@@ -267,13 +324,34 @@ class WithoutParameters(Law):
         return ()
 
 
+@dataclass(frozen=True, eq=False)
+class SteppedLaw(WithoutParameters):
+    """A law as if it were straight in its values, a (k,) step of them away. Draws are such steps where a law is not."""
+
+    law: Law
+    step: Array
+
+    def twist(self, wrench: Array, row: Row) -> Array:
+        """Return the twist, and what the step makes of it."""
+        return self.law.twist(wrench, row) + self._change(wrench, row)
+
+    def tangent(self, wrench: Array, row: Row) -> Array:
+        """Return its derivative by the wrench, that of the step by central differences."""
+        return self.law.tangent(wrench, row) + by_wrench(self._change, wrench, row)
+
+    def scatter(self, wrench: Array, row: Row) -> Array | None:
+        """Return the law's."""
+        return self.law.scatter(wrench, row)
+
+    def _change(self, wrench: Array, row: Row) -> Array:
+        return self.law.by_values(wrench, row) @ self.step
+
+
 class Composed(Law):
     """A law made of others: its parameters are theirs, and its uncertainty, draws and doubts follow from theirs."""
 
-    @property
-    @abstractmethod
-    def laws(self) -> tuple[Law, ...]:
-        """The laws that it is made of."""
+    laws: tuple[Law, ...]
+    """What it is made of: a field or a property."""
 
     @abstractmethod
     def with_laws(self, laws: Sequence[Law]) -> Law:
@@ -351,7 +429,7 @@ class Composed(Law):
         """Return the same made of laws whose values are taken as known."""
         return self.with_laws([law.certain() for law in self.laws])
 
-    @property
+    @cached_property
     def trained(self) -> bool:
         """Whether any of the laws was."""
         return any(law.trained for law in self.laws)
@@ -388,13 +466,6 @@ def by_wrench(twist: Callable[[Array, Row], Array], wrench: Array, row: Row) -> 
     return np.swapaxes((ends[..., :6, :] - ends[..., 6:, :]) / (2.0 * size[..., None]), -1, -2)
 
 
-def _with(values: Array, place: int, value: float) -> Array:
-    """Return values with one of them another."""
-    found = np.array(values)
-    found[place] = value
-    return found
-
-
 def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
     """Return a flag for every component of a (6,) wrench outside the (2, k) smallest and largest loads seen.
 
@@ -413,11 +484,12 @@ def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
 
 def _told_apart(load: float, low: float, high: float) -> tuple[str, str, str]:
     """Return a load and the ends of what was seen in three digits, or as many as tell it from the end it is beyond."""
+    here, start, end = load, low, high
     for digits in range(3, 16):
-        here, start, end = (f"{float(f'{value:.{digits}g}'):.{digits}g}" for value in (load, low, high))
-        if (float(here) < float(start)) if load < low else (float(here) > float(end)):
+        here, start, end = (float(f"{value:.{digits}g}") for value in (load, low, high))
+        if here < start if load < low else here > end:
             break
-    return tuple(f"{float(text):.15g}" for text in (here, start, end))  # 15300, not 1.53e+04
+    return f"{here:.15g}", f"{start:.15g}", f"{end:.15g}"  # 15300, not 1.53e+04
 
 
 def unturned(size: int, wrench: Array) -> tuple[Flag, ...]:
@@ -447,12 +519,12 @@ def block_norms(tangent: Array) -> Array:
     return np.sqrt(summed)
 
 
-def embed(block: Array) -> Array:
-    """Return (..., 3, 3) force-to-translation blocks as 6 x 6 with zeros elsewhere (6 x 6 are returned as they are)."""
+def embed(block: Array, axes: int = 2) -> Array:
+    """Return what has 3 or 6 components, along the last axis or the last two, with 6, zero where it had none."""
     if block.shape[-1] == 6:
         return block
-    whole = np.zeros((*block.shape[:-2], 6, 6))
-    whole[..., :3, :3] = block
+    whole = np.zeros((*block.shape[:-axes], *(6,) * axes))
+    whole[(..., *(slice(3),) * axes)] = block
     return whole
 
 

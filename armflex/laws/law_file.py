@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal, NamedTuple
-
-import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import InputError, LawError, ModelFileError, Place, UnknownNameError
-from armflex.laws.joint import network, polynomial, structural_file, torch_law
-from armflex.laws.joint.linear import LinearFit, LinearLaw
-from armflex.laws.law import Law, check_ordered, embed
+from armflex.laws.joint import linear, network, polynomial, structural, torch_law
+from armflex.laws.law import Law
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
 
@@ -71,19 +69,6 @@ def load_law(path: str | Path) -> TrainedLaw:
         raise ModelFileError(Place(path), str(error)) from None
 
 
-def _write_linear(law: LinearLaw) -> dict[str, Array]:
-    assert law.fit is not None
-    size = len(law.fit.residual_std)
-    arrays = {"compliance": law.compliance[:size, :size], **vars(law.fit)}
-    return {name: np.ascontiguousarray(value) for name, value in arrays.items()}
-
-
-def _read_linear(tensors: Mapping[str, Array]) -> LinearLaw:
-    check_ordered(tensors["loads"])
-    fit = LinearFit(tensors["row_covariance"], tensors["residual_std"], tensors["loads"])
-    return LinearLaw(embed(tensors["compliance"]), fit=fit)
-
-
 class Form(NamedTuple):
     """How the arrays of a model are written and read, and what they are declared to be.
 
@@ -99,28 +84,20 @@ class Form(NamedTuple):
     runs_code: bool = False
 
 
-LINEAR = {
-    "compliance": Numbers(("k", "k")),
-    "row_covariance": Numbers(("k", "k", "k"), covariance=True),
-    "residual_std": Numbers(("k",), least=0.0),
-    "loads": Numbers((2, "k")),
-}
-_NETWORK = Form(network.to_tensors, network.network_from_tensors, network.ARRAYS, network.SIZES)
+def _form(module: ModuleType) -> Form:
+    """Return the form of a law that stands in a module of its own."""
+    return Form(module.to_tensors, module.from_tensors, module.ARRAYS, module.SIZES)
+
 
 FORMS = {
-    "linear": Form(_write_linear, _read_linear, LINEAR, {"k": (3, 6)}),
-    "polynomial": Form(polynomial.to_tensors, polynomial.polynomial_from_tensors, polynomial.ARRAYS, polynomial.SIZES),
-    "structural": Form(
-        structural_file.to_tensors,
-        structural_file.structural_from_tensors,
-        structural_file.ARRAYS,
-        structural_file.SIZES,
-    ),
-    "neural": _NETWORK,
-    "bayesian": _NETWORK,
+    "linear": _form(linear),
+    "polynomial": _form(polynomial),
+    "structural": _form(structural),
+    "neural": _form(network),
+    "bayesian": _form(network),
     "torch": Form(
         torch_law.to_tensors,
-        torch_law.torch_from_tensors,
+        torch_law.from_tensors,
         torch_law.arrays_of,
         torch_law.SIZES,
         torch_law.said_of,

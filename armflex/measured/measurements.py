@@ -133,7 +133,7 @@ def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> 
     for i, (kind, names) in enumerate(LOOSE.items()):
         before = readings.of(kind)
         known = {} if before is None else dict(zip(names, (before.values, before.sigma), strict=True))
-        values, sigma = ((known | given).get(name) for name in names)
+        values, sigma = ({**known, **given}.get(name) for name in names)
         if (values is None) != (sigma is None):
             raise InputError(f"{names[0]} and {names[1]} go together: how well are the {kind.__name__.lower()}s known?")
         if values is not None and sigma is not None:
@@ -196,10 +196,10 @@ def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurement
         found = _measurements(table, arm, first, before)
         known, numbers, levels = _check_columns(table, arm, True, None), {}, {}
         for name in (name for name in table.columns if name not in known):
-            if levels_of[name] is None:
+            if (of := levels_of[name]) is None:
                 numbers[name] = table.numbers(name)
             else:
-                levels |= level_columns(name, table.texts(name), levels_of[name])
+                levels |= level_columns(name, table.texts(name), of)
         first, before = first + len(table), (found.q[-1], last_motion(found.q, before)[-1])
         yield replace(found, covariates=numbers | levels)
 
@@ -330,7 +330,7 @@ def _optional_vectors(table: Table, names: tuple[str, str, str]) -> tuple[np.nda
     if partly.any():
         line = table.lines[int(partly.argmax())]
         raise TableError(Place(table.path, line), f"only some of {', '.join(names)} are given")
-    there = given.all(axis=1)
+    there = np.all(given, axis=1)
     return there, np.column_stack([table.numbers_where(name, there) for name in names])
 
 

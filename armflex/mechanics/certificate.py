@@ -63,7 +63,7 @@ class StabilityBound:
     @cached_property
     def _fine(self) -> np.ndarray:
         """(n,) flexures whose bounds prove what they have to."""
-        return ((self.compliance_bound @ self.change[..., None])[..., 0] <= SHARE * self.reference).all(axis=1)
+        return np.all((self.compliance_bound @ self.change[..., None])[..., 0] <= SHARE * self.reference, axis=1)
 
     @cached_property
     def proven(self) -> bool:
@@ -131,7 +131,7 @@ class StabilityBound:
                 bound = bound + block_norms(tangent(law, load))
             share = bound.dot(self.change[i])
             if share.ndim > 1:
-                whole = whole & (share <= most).all(axis=-1)
+                whole = whole & np.all(share <= most, axis=-1)
             elif not (share[0] <= most[0] and share[1] <= most[1]):
                 return False
         return whole

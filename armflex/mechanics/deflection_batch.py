@@ -88,8 +88,8 @@ class Acting:
 
     def case(self, q: Array, i: int) -> LoadCase:
         """Return what acts in a row, at checked (nq,) positions."""
-        motion = (None if values is None else values[i] for values in self.moving)
-        return LoadCase(q, *motion, self.wrenches, self.known(i))
+        v, a = (None if values is None else values[i] for values in self.moving)
+        return LoadCase(q, v, a, self.wrenches, self.known(i))
 
     def groups(self, count: int) -> Iterator[tuple[LoadedArm, np.ndarray]]:
         """Yield the arm with each payload, and the rows in which it is carried."""
@@ -207,7 +207,7 @@ class DeflectionBatch:
                 if part is not None:
                     found[rows] += gains[:, :, i] @ part @ np.swapaxes(gains[:, :, i], 1, 2)
             left[rows] = ~(distance < 1.0)
-        for i in np.flatnonzero(left):
+        for i in np.flatnonzero(left).tolist():
             one = self.row(i).covariance
             known, found[i] = known or one is not None, 0.0 if one is None else one
         return found if known else None
@@ -269,7 +269,7 @@ def deflect_batch(
     """Return what the arm does at (N, nq) positions; see `Arm.deflection`."""
     q = check_positions(arm, q, asked.enforce_limits)
     names = _payloads(payload, len(q))
-    moving = tuple(_motion(arm, values, name, q) for values, name in zip(motion, "va", strict=True))
+    moving = (_motion(arm, motion[0], "v", q), _motion(arm, motion[1], "a", q))
     acting = Acting(arm, names, moving, covariates, wrenches, asked)
     arm.loaded(None).flags_under(wrenches, accelerated=False)  # raises where a link is not the arm's
     answers = Solution.empty(len(q), len(arm.sites))
@@ -340,14 +340,14 @@ def _answer(acting: Acting, q: Array, first: int, room: Solution | None) -> Solu
         solver = RowSolver(loaded, exact, acting.wrenches)
         for some in chunks(rows, AT_ONCE):
             row, whole = loaded.row(q[some], acting.known(some)), isinstance(some, slice)
-            laws, into = RowLaws(arm.stack, row), found.some(some) if whole else Solution.empty(len(some), n)
+            laws, into = RowLaws(arm.stack, row), found.some(some) if whole else Solution.empty(len(row.q), n)
             fine = solver.solve(row, laws, into)
             left[some] = ~(solver.proven(row, laws, into, solver.bound, fine) if exact else fine)
             if not whole:
                 for part, values in zip(found, into, strict=True):
                     part[some] = values
     asked = acting.asked
-    for i in np.flatnonzero(left):
+    for i in np.flatnonzero(left).tolist():
         with naming(f"row {first + i}"):
             checked, flags = arm.check_position(q[i], asked.enforce_limits)
             loaded, case = arm.loaded(acting.payload(i)), acting.case(checked, i)

@@ -119,8 +119,8 @@ def find_equilibrium(
             found = Equilibrium(loaded, case, rigid, motion, None, "fixed_point", sizes)
         elif method == "fixed_point":
             raise ConvergenceError("the fixed point did not converge; Newton may", np.sqrt(sizes).tolist())
+    found = found or _newton(loaded, case, rigid, load)
     if method != "first_order":
-        found = found or _newton(loaded, case, rigid, load)
         bound = loaded.stability_bound
         if within and bound is not None and found.motion.dot(found.motion) < SMALL:
             known = tame and bound.proven and not case.moves
@@ -225,9 +225,12 @@ def _proven(bound: StabilityBound, found: Equilibrium, load: Callable[[Array], A
     if wrenches:
         if bound.proven_under(wrenches):
             return True
-        bound = bound.under(wrenches)
-    if bound is None or bound.proven:
-        return bound is not None
+        under = bound.under(wrenches)
+        if under is None:
+            return False
+        bound = under
+    if bound.proven:
+        return True
     # What is affine gives the same under every load, so they need not be known.
     torque = load(integrate(loaded.flex.model, found.rigid, found.motion)) if laws.curved else found.motion
     return bool(bound.stays(-torque[loaded.flex.flexure_v], laws.tangent))
@@ -240,9 +243,9 @@ def _checked(found: Equilibrium, load: Callable[[Array], Array]) -> Equilibrium:
         mechanics = found.loaded.mechanics
         torque = load(mechanics.flexed(found.rigid, found.motion))
         found = found._replace(motion=mechanics.laws.motion(torque), torque=torque)
-    found = found._replace(tangent=tangent_of(found))
-    check_stable(found.tangent)
-    return found
+    tangent = tangent_of(found)
+    check_stable(tangent)
+    return found._replace(tangent=tangent)
 
 
 def tangent_of(found: Equilibrium) -> Array:

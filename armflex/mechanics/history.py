@@ -44,6 +44,7 @@ def known_rows(arm: Affected, rows: Driven) -> dict[str, Array]:
     for effect in remembering:
         here = resolve(effect.location, arm.robot, arm.flexures)
         try:
+            assert effect.law.memory is not None
             states[effect.state] = effect.law.memory.remember(here, wrenches[effect.location.site], row, effect.inner)
         except MissingCovariateError as error:
             raise MissingCovariateError(error.name, error.given, effect.name) from None

@@ -69,9 +69,9 @@ class Arm(NamedTuple):
     elements: Array
     kinds: Array
     flexures: int
-    links: Array
+    links: np.ndarray
     wrenches: Array
-    acting: Array
+    acting: Array | tuple[()]
 
 
 class Laws(NamedTuple):

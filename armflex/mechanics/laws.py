@@ -11,7 +11,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Law, Row
-from armflex.laws.law import NOTHING, UNLOADED
+from armflex.laws.law import NOTHING, NOWHERE, UNLOADED
 
 Motion = Callable[[Array], Array]
 
@@ -113,8 +113,8 @@ class LawStack:
         for i, law in self.parts:
             if law.constant is not None:
                 compliance[0, i] += law.constant
-            elif law.neurons() is not None:
-                units, bias, gains, shift = law.neurons()
+            elif (parts := law.neurons()) is not None:
+                units, bias, gains, shift = parts
                 own, size = np.zeros((len(bias), 13)), len(shift)
                 own[:, :size], own[:, 6], own[:, 7 : 7 + size] = units.T, bias, gains
                 offset[0, i, :size] += shift
@@ -136,7 +136,7 @@ class RowLaws:
     """
 
     def __init__(self, stack: LawStack, row: Row | None = None) -> None:
-        self._stack, self._row = stack, row  # laws that are the same everywhere do without a row
+        self._stack, self._row = stack, NOWHERE if row is None else row  # laws that are the same everywhere need none
         compliance, offset, self.neurons, self.starts = stack.numbers
         self.compliance, self.offset = compliance.copy(), offset.copy()
         self.curved: list[tuple[int, Law]] = []
@@ -175,6 +175,7 @@ class RowLaws:
         without `slopes` their tangents stay those of the last expansion (the chord method), which are dear to ask for.
         """
         before = np.einsum("nkij,nkj->nki", self.compliance, loads) + self.offset
+        assert self._affine is not None  # in many rows; in one nothing is expanded
         np.copyto(self.offset, self._affine[1])
         if slopes:
             np.copyto(self.compliance, self._affine[0])
@@ -233,7 +234,7 @@ class PlacedLaws:
         self._stack, self._size, self._same, self._matrix = stack, size, matrix, matrix.copy()
         self._places = [slice(int(here[0]), int(here[5]) + 1) for here in places]
         self._softer: list[slice] = []
-        self._row: Row | None = None
+        self._row = NOWHERE
         self._known: dict[int, Array] = {}
         self.changing, self.curved = bool(stack.changing), False
         self.tame = max(abs(matrix).max(initial=0.0), abs(gains).max(initial=0.0)) < TAME

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -199,7 +199,7 @@ class LoadedArm:
             return None
         return chain_of(self.rigid, ())
 
-    def row(self, q: Array, covariates: dict[str, Array]) -> Row:
+    def row(self, q: Array, covariates: Mapping[str, Array]) -> Row:
         """Return what the laws may know at (nq,) or (N, nq) positions."""
         return Row(q, self.arm.joint_index, {MASS: np.asarray(self.payload.mass), **covariates})
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +12,11 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, finite_array
 from armflex.errors import InputError, PayloadError
+
+if TYPE_CHECKING:
+    cached_property = property  # as in `armflex.arm`
+else:
+    from functools import cached_property
 
 
 @dataclass(frozen=True)

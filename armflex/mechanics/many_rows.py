@@ -223,7 +223,7 @@ class RowSolver:
         """
         if bound is None:
             return np.zeros(len(row.q), dtype=bool)
-        inside = ((row.q >= self._lower) & (row.q <= self._upper)).all(axis=1)
+        inside = np.all((row.q >= self._lower) & (row.q <= self._upper), axis=1)
         if bound.proven:
             return inside
         return inside & bound.stays(found.wrenches.reshape(len(inside), -1), laws.tangent)

@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.mechanics.laws import LawStack, PlacedLaws
-from armflex.mechanics.loads import Load
+from armflex.mechanics.loads import Load, Wrench
 from armflex.robot import FlexModel
 
 gravity, rnea, integrate, frame_jacobian = (
@@ -43,7 +43,7 @@ class LoadCase(NamedTuple):
     q: Array
     v: Array | None = None
     a: Array | None = None
-    wrenches: tuple[Load, ...] = ()
+    wrenches: tuple[Wrench, ...] = ()
     covariates: Mapping[str, Array] = NOTHING_KNOWN
 
     @property
@@ -85,13 +85,15 @@ class Mechanics:
         if case.v is None and case.a is None and not (case.wrenches or self.pulls):
             return self._gravity
         model, data = self.model, self.data
+        bare: Callable[[Array], Array] = self._gravity
         if case.moves:
-            motion = self._velocities(case)
+            v, a = self._velocities(case)
 
-            def bare(configuration: Array) -> Array:
-                return rnea(model, data, configuration, *motion)
-        else:
-            bare = self._gravity
+            def moving(configuration: Array) -> Array:
+                return rnea(model, data, configuration, v, a)
+
+            bare = moving
+
         loads = [(self._frames[load.frame], load) for load in (*case.wrenches, *self.pulls)]
         dead = [(frame, load.at(BASE).dot) for frame, load in loads if load.dead]
         turning = [(frame, load) for frame, load in loads if not load.dead]
@@ -112,8 +114,8 @@ class Mechanics:
         model, data, loads = self.model, self.data, (*case.wrenches, *self.pulls)
         if not (loads or case.moves):
             return np.array(pin.computeGeneralizedGravityDerivatives(model, data, configuration))
-        forces, motion = self._forces(configuration, loads), self._velocities(case)
-        total = np.array(pin.computeRNEADerivatives(model, data, configuration, *motion, forces)[0])
+        forces, (v, a) = self._forces(configuration, loads), self._velocities(case)
+        total = np.array(pin.computeRNEADerivatives(model, data, configuration, v, a, forces)[0])
         for load in loads:
             # What the load adds by changing in its link's axes when the link moves.
             frame = self._frames[load.frame]
@@ -159,8 +161,8 @@ class Mechanics:
 
     def joint_loads(self, configuration: Array, case: LoadCase) -> Array:
         """Return the (nq, 6) wrench on the structure at every joint, in the joint's child frame [N, Nm]."""
-        forces = self._forces(configuration, (*case.wrenches, *self.pulls))
-        rnea(self.model, self.data, configuration, *self._velocities(case), forces)
+        forces, (v, a) = self._forces(configuration, (*case.wrenches, *self.pulls)), self._velocities(case)
+        rnea(self.model, self.data, configuration, v, a, forces)
         return np.array([-self.data.f[self.model.getJointId(name)].vector for name in self.rigid.model.names[1:]])
 
     def _velocities(self, case: LoadCase) -> Array:

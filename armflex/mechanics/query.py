@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -27,7 +28,7 @@ FLOAT = np.dtype(float)
 Answer = tuple[Array, Array, Array]
 """(nq,) joint positions, (n, 6) twists, (6,) displacement."""
 
-Quick = Callable[[Array, dict[str, float]], Answer | None]
+Quick = Callable[[Any, dict[str, float]], Answer | None]
 """From (nq,) positions and covariates; None where the reference must be asked, or what is wrong said."""
 
 

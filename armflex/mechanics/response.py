@@ -234,6 +234,7 @@ def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_la
     for i in left:
         one = find_equilibrium(loaded, LoadCase(q[i], covariates=row.some(int(i)).covariates), allow_large=allow_large)
         places = loaded.flex.flexure_v
+        assert one.torque is not None  # where stability was checked
         found.twists[i], found.wrenches[i] = one.motion[places].reshape(-1, 6), -one.torque[places].reshape(-1, 6)
     if len(left):
         if laws.curved:

@@ -12,13 +12,13 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
-from armflex.estimate.block import Block, parameters_of
-from armflex.estimate.blocks import FrameBlock, declared_blocks, places_of
+from armflex.estimate.block import Block, parameters_of, places_of
+from armflex.estimate.blocks import blocks_of, declared_blocks, frame_block
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior, effect_columns
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
 from armflex.estimate.robust import whitened_columns
-from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of, scene_of
+from armflex.estimate.spread import OTHER_PARAMETERS, scene_of
 from armflex.estimate.view import View, look
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.scene import Scene
@@ -28,7 +28,6 @@ from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ArmParameter, Group, Kind, numbers_of
 from armflex.plan.offer import Offer
 from armflex.readings.instrument import Instrument
-from armflex.rows import Rows
 from armflex.setup import Setup
 
 NOWHERE = -1
@@ -136,7 +135,7 @@ class Model:
 
     def rows(self, offer: Offer) -> Array:
         """Return (N, 3, P) changes of offered readings, in standard deviations of the readings."""
-        return answers(self.blocks, offer.view, offer.rows, offer.scene) * self.scale
+        return answers(self.blocks, offer.view, offer.scene) * self.scale
 
     def std(self, known: LinearGaussian) -> Array:
         """Return the (P,) standard deviations of all parameters in their units."""
@@ -155,9 +154,9 @@ def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
     return before.seen_by(setup), offer.seen_by(setup)
 
 
-def answers(blocks: Sequence[Block], view: View, rows: Rows, scene: Scene) -> Array:
+def answers(blocks: Sequence[Block], view: View, scene: Scene) -> Array:
     """Return (M, d, P) whitened changes of the readings of some rows per parameter of blocks made for others."""
-    here = [block.of_rows(rows.session, scene) for block in blocks]
+    here = [block.of_rows(scene) for block in blocks]
     return whitened_columns(here, view, np.ones(len(view.rows))).reshape(*view.residual.shape, -1)
 
 
@@ -170,7 +169,7 @@ def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model
     scale = _finite(blocks)
     known = LinearGaussian(np.eye(len(scale)))
     if before.campaign is not None:
-        columns = answers(blocks, before.view, before.campaign, before.scene) * scale / before.noise
+        columns = answers(blocks, before.view, before.scene) * scale / before.noise
         known = known.with_rows(columns * np.sqrt(before.weights)[:, None, None])
     return Model(blocks, scale, known, scale)
 
@@ -228,8 +227,7 @@ def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
     parameters = arm.certainty.parameters
     if blocks_of(parameters, setup) is None:
         raise InputError(OTHER_PARAMETERS.text)
-    frame = [FrameBlock(setup.instrument.pose, arm.measurement.gravity_in == "measurement")]
-    frames = frame if arm.measurement.frame == "unknown" else []
+    frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
     places = [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in asked]
     known = arm.certainty.part(places)
     kept = blocks_of(known.parameters, setup, scene=offer.scene)

@@ -132,7 +132,7 @@ def _weight(before: Before, model: Model, trajectory: Trajectory) -> Array:
     payload = tuple(trajectory.payload[i] for i in some)
     rows = rows_at(arm, ordered.q[some], payload, known)
     view = look(before.setup, rows, np.arange(len(some)), readings=unread(len(some), Position))
-    seen = answers(model.blocks, view, rows, scene_of(view, rows)) * model.scale
+    seen = answers(model.blocks, view, scene_of(view, rows)) * model.scale
     return np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some)
 
 

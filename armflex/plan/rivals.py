@@ -170,7 +170,7 @@ def rival_of(suspect: Suspect, fitted: Fit | None, offer: Offer) -> Rival:
 
 def _that_shows(suspect: Suspect, offer: Offer, terms: int) -> Array:
     """Return (terms,) amplitudes that move the readings alike, and together by `SHOWS`."""
-    columns = answers([suspect], offer.view, offer.rows, offer.scene)[:, :, :terms]
+    columns = answers([suspect], offer.view, offer.scene)[:, :, :terms]
     moved = np.sqrt((columns**2).mean(axis=(0, 1)))
     moving = moved > 0.0
     if not moving.any():

@@ -15,9 +15,8 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
-from armflex.robot.elements import MOVING, Inertial, Joint, motion
 from armflex.robot.robot import Robot
-from armflex.robot.tree import joints_by_parent
+from armflex.robot.urdf import MOVING, Inertial, Joint
 
 MAX_FREEDOMS = 1000
 """Joints and six times the flexures; Pinocchio's workspace grows with the cube of it (3500 take 22 s to make)."""
@@ -69,7 +68,7 @@ class Corrections:
 
     def zero(self, joint: Joint) -> pin.SE3:
         """Return the true zero of a moving joint in its origin frame."""
-        return motion(joint, self.joint_offset.get(joint.name, 0.0))
+        return joint.motion(self.joint_offset.get(joint.name, 0.0))
 
 
 @dataclass(frozen=True)
@@ -99,10 +98,6 @@ class FlexModel:
         """Names of the links at and beyond the base."""
         return tuple(frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY)
 
-    def has(self, link: str) -> bool:
-        """Return whether the link is at or beyond the base."""
-        return self.model.existFrame(link, pin.FrameType.BODY)
-
     def frame(self, link: str) -> int:
         """Return the frame id of a link that is known to exist (Pinocchio answers any other name, too)."""
         return self.model.getFrameId(link, pin.FrameType.BODY)
@@ -128,80 +123,55 @@ def build_model(
     freedoms = len(robot.moving) + 6 * len(sites)
     if freedoms > MAX_FREEDOMS:
         raise UnsupportedError(f"{robot.urdf.path}: {freedoms} degrees of freedom, more than {MAX_FREEDOMS}")
-    builder = _Builder(robot, sites, corrections or Corrections())
-    builder.build()
-    model = builder.model
+    corrections, model, on_chain = corrections or Corrections(), pin.Model(), {joint.name for joint in robot.chain}
+    model.name, model.gravity.linear = robot.urdf.name, robot.gravity
+
+    def flexed(joint: str | None, parent: int, place: pin.SE3, before: bool = False) -> tuple[int, pin.SE3]:
+        """Add the flexures at a joint; return the Pinocchio joint of what is beyond them, and its place on that."""
+        for site in sites:
+            if site.joint == joint and site.before == before:
+                parent = model.addJoint(parent, pin.JointModelFreeFlyer(), place, _flexure_name(site))
+                place = pin.SE3.Identity()
+        return parent, place
+
+    def jointed(joint: Joint, parent: int, place: pin.SE3) -> tuple[int, pin.SE3]:
+        """Add a joint and the flexures behind it; return the Pinocchio joint and the child link's place on it."""
+        here = place * pin.SE3(joint.rotation, joint.origin) * corrections.frame(joint)
+        parent, here = flexed(joint.name, parent, here, before=True)
+        if joint.kind not in MOVING:
+            return flexed(joint.name, parent, here)
+        if joint.name not in on_chain:
+            return parent, here * joint.motion(robot.locked[joint.name])
+        zero = joint.motion(corrections.joint_offset.get(joint.name, 0.0))
+        added = model.addJoint(parent, _joint_model(joint), here * zero, joint.name)
+        return flexed(joint.name, added, pin.SE3.Identity())
+
+    stack = [(robot.base, *flexed(None, 0, pin.SE3.Identity()))]
+    while stack:
+        link, parent, place = stack.pop()
+        body = corrections.body(link, robot.urdf.links[link].inertial)
+        if body is not None:
+            model.appendBodyToJoint(parent, body, place)
+        model.addFrame(pin.Frame(link, parent, 0, place, pin.FrameType.BODY))
+        stack.extend((joint.child, *jointed(joint, parent, place)) for joint in robot.urdf.children[link])
     tip = model.getFrameId(robot.tip, pin.FrameType.BODY)
     if payload is not None:
         model.appendBodyToJoint(model.frames[tip].parentJoint, payload, model.frames[tip].placement)
     joints = [model.joints[model.getJointId(name)] for name in robot.joint_names]
+    starts = [model.joints[model.getJointId(_flexure_name(site))].idx_v for site in sites]
     return FlexModel(
         model=model,
         neutral=pin.neutral(model),
         q_index=np.array([joint.idx_q for joint in joints]),
         v_index=np.array([joint.idx_v for joint in joints]),
-        flexure_v=_flexure_places(model, sites),
+        flexure_v=np.array([start + axis for start in starts for axis in range(6)], dtype=int),
         tip=tip,
         base=model.getFrameId(robot.base, pin.FrameType.BODY),
     )
 
 
-def _flexure_places(model: pin.Model, sites: Sequence[Site]) -> np.ndarray:
-    starts = [model.joints[model.getJointId(_flexure_name(site))].idx_v for site in sites]
-    return np.array([start + axis for start in starts for axis in range(6)], dtype=int)
-
-
 def _flexure_name(site: Site) -> str:
     return f"flexure:{site.name}"  # a prefix, because a flexure may have its joint's name
-
-
-class _Builder:
-    """Walks the tree from the base and adds joints, flexures, inertias and frames."""
-
-    def __init__(self, robot: Robot, sites: Sequence[Site], corrections: Corrections) -> None:
-        self.robot = robot
-        self.corrections = corrections
-        self.sites = sites
-        self.model = pin.Model()
-        self.model.name = robot.urdf.name
-        self.model.gravity.linear = robot.gravity
-        self.children = joints_by_parent(robot.urdf)
-        self.on_chain = {joint.name for joint in robot.chain}
-
-    def build(self) -> None:
-        root = self.add_flexures(None, 0, pin.SE3.Identity())
-        stack = [(self.robot.base, *root)]
-        while stack:
-            link, parent, placement = stack.pop()
-            self.add_link(link, parent, placement)
-            stack.extend((joint.child, *self.add_joint(joint, parent, placement)) for joint in self.children[link])
-
-    def add_link(self, link: str, parent: int, placement: pin.SE3) -> None:
-        body = self.corrections.body(link, self.robot.urdf.links[link].inertial)
-        if body is not None:
-            self.model.appendBodyToJoint(parent, body, placement)
-        self.model.addFrame(pin.Frame(link, parent, 0, placement, pin.FrameType.BODY))
-
-    def add_joint(self, joint: Joint, parent: int, placement: pin.SE3) -> tuple[int, pin.SE3]:
-        """Add a joint (and the flexures behind it); return the Pinocchio joint and the child link's place on it."""
-        here = placement * pin.SE3(joint.rotation, joint.origin) * self.corrections.frame(joint)
-        parent, here = self.add_flexures(joint.name, parent, here, before=True)
-        if joint.kind not in MOVING:
-            return self.add_flexures(joint.name, parent, here)
-        if joint.name not in self.on_chain:
-            return parent, here * motion(joint, self.robot.locked[joint.name])
-        here = here * self.corrections.zero(joint)
-        added = self.model.addJoint(parent, _joint_model(joint), here, joint.name)
-        return self.add_flexures(joint.name, added, pin.SE3.Identity())
-
-    def add_flexures(
-        self, joint: str | None, parent: int, placement: pin.SE3, before: bool = False
-    ) -> tuple[int, pin.SE3]:
-        for site in self.sites:
-            if site.joint == joint and site.before == before:
-                parent = self.model.addJoint(parent, pin.JointModelFreeFlyer(), placement, _flexure_name(site))
-                placement = pin.SE3.Identity()
-        return parent, placement
 
 
 def _inertia(inertial: Inertial) -> pin.Inertia:

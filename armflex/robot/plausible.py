@@ -19,10 +19,7 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import Flag, Place, UrdfError
-from armflex.robot.elements import MOVING, Inertial, Joint, Link, Visual, motion
-from armflex.robot.reader import Fault
-from armflex.robot.tree import joints_by_parent, links_below
-from armflex.robot.urdf import Urdf
+from armflex.robot.urdf import MOVING, Inertial, Joint, Link, Urdf, Visual
 
 DENSITY_BAND = (20.0, 23000.0)
 """kg/m^3 of the drawn volume: from a sheet-metal box to solid tungsten."""
@@ -38,18 +35,15 @@ class Scope:
     Attributes:
         chain: Links of the chain but for the base.
         carried: These and all that hangs on them: what loads a place between base and tip.
-        known: Links at and beyond the base: what is in a model at all.
     """
 
     chain: frozenset[str]
     carried: frozenset[str]
-    known: frozenset[str]
 
 
-def scope_of(urdf: Urdf, base: str, chain: Sequence[Joint]) -> Scope:
-    """Return what of a file the chain from a base depends on."""
-    links = frozenset(joint.child for joint in chain)
-    return Scope(links, links_below(urdf, chain[0].child), links_below(urdf, base))
+def scope_of(urdf: Urdf, chain: Sequence[Joint]) -> Scope:
+    """Return what of a file a chain depends on."""
+    return Scope(frozenset(joint.child for joint in chain), frozenset(urdf.below(chain[0].child)))
 
 
 def check_faults(urdf: Urdf, scope: Scope) -> tuple[Flag, ...]:
@@ -59,22 +53,15 @@ def check_faults(urdf: Urdf, scope: Scope) -> tuple[Flag, ...]:
         UrdfError: A link of the chain cannot be read, or what weighs of one that it carries.
     """
     flags = []
-    for link in urdf.links.values():
-        for fault in link.faults:
-            if link.name in scope.chain or (fault.matters == "carried" and link.name in scope.carried):
+    met = [("link", link.name, link.name in scope.chain, link) for link in urdf.links.values()]
+    met += [("joint", joint.child, False, joint) for joint in urdf.joints.values()]
+    for kind, link, on_chain, owner in met:
+        for fault in owner.faults:
+            if on_chain or (fault.matters == "carried" and link in scope.carried):
                 raise fault.error
-            flags.append(_passed_over("link", link.name, fault))
-    for joint in urdf.joints.values():
-        for fault in joint.faults:
-            if fault.matters == "carried" and joint.child in scope.carried:
-                raise fault.error
-            flags.append(_passed_over("joint", joint.name, fault))
+            problem = f"{kind} {owner.name!r} is off the chain: {fault.error.problem}; {fault.instead}"
+            flags.append(Flag("off_the_chain", f"{fault.error.place}: {problem}"))
     return tuple(flags)
-
-
-def _passed_over(kind: str, name: str, fault: Fault) -> Flag:
-    text = f"{fault.error.place}: {kind} {name!r} is off the chain: {fault.error.problem}; {fault.instead}"
-    return Flag("off_the_chain", text)
 
 
 def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, ...]:
@@ -85,26 +72,75 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
             the CoM of what the chain carries lies more than ten link lengths away.
     """
     flags: list[Flag] = []
+    moving = [joint for joint in urdf.joints.values() if joint.kind in MOVING]
+    moved = {joint.child for joint in moving}
     for link in urdf.links.values():
-        if link.inertial:
-            flags += _check_inertial(urdf, link, link.inertial, scope, allow_massless)
-    flags += _check_bodies(urdf, scope, allow_massless)
-    return (*flags, *_check_median(urdf))
+        if (inertial := link.inertial) is None:
+            continue
+        if inertial.mass > 0.0:
+            flags += _check_link(urdf, link, inertial, link.name in scope.carried)
+        elif link.name in moved and link.name in scope.chain and not allow_massless:
+            raise UrdfError(inertial.place, f"link {link.name!r}: mass is {inertial.mass:g} kg, expected more than 0")
+        elif inertial.inertia.any():  # a frame written as a link: real files fix them to others
+            text = f"{inertial.place}: link {link.name!r} has an inertia but no mass; it is left out"
+            flags.append(Flag("massless_inertia", text))
+    masses = {}
+    for joint in moving:
+        link, (masses[joint.child], inertia) = urdf.links[joint.child], _body(urdf, joint.child)
+        if masses[link.name] and (link.inertial is None or (inertia != link.inertial.inertia).any()):
+            flags += _check_inertia(f"{link.name} and what is fixed to it", inertia, link.place)
+        elif not masses[link.name]:
+            text = f"link {link.name!r} moves with joint {joint.name!r} but has no <inertial>, so no weight"
+            ends = urdf.children[link.name]
+            # Where two axes of one joint cross there is but a place: nothing of it could weigh.
+            crossing = not link.visuals and len(ends) == 1 and ends[0].kind in MOVING and not ends[0].origin.any()
+            if link.name in scope.chain and not (allow_massless or crossing):
+                raise UrdfError(link.place, f"{text}; give it one, or set allow_massless = true if that is meant")
+            flags.append(Flag("massless", f"{link.place}: {text}"))
+    median = float(np.median([mass for mass in masses.values() if mass] or [1.0]))
+    for name, mass in masses.items():
+        if mass and not median / MASS_RATIO < mass < median * MASS_RATIO:
+            text = f"{urdf.links[name].place}: link {name!r} is {mass:g} kg, the median is {median:g} kg"
+            flags.append(Flag("implausible_mass", text))
+    return tuple(flags)
 
 
-def _check_inertial(urdf: Urdf, link: Link, inertial: Inertial, scope: Scope, allow_massless: bool) -> list[Flag]:
-    moves = any(joint.child == link.name and joint.kind in MOVING for joint in urdf.joints.values())
-    if inertial.mass == 0.0 and moves and link.name in scope.chain and not allow_massless:
-        raise UrdfError(inertial.place, f"link {link.name!r}: mass is {inertial.mass:g} kg, expected more than 0")
-    if inertial.mass == 0.0:  # a frame written as a link: real files fix them to others
-        text = f"{inertial.place}: link {link.name!r} has an inertia but no mass; it is left out"
-        return [Flag("massless_inertia", text)] if inertial.inertia.any() else []
-    size = _size(urdf, link, inertial)
-    return [
-        *_check_inertia(link.name, inertial.inertia, inertial.place),
-        *_check_com(link, inertial, size, link.name in scope.carried),
-        *_check_density(link, inertial, size),
+def _check_link(urdf: Urdf, link: Link, inertial: Inertial, carried: bool) -> list[Flag]:
+    """Return the doubts about one body; raise where the CoM of one that is carried is far beyond it."""
+    flags, where, mass = _check_inertia(link.name, inertial.inertia, inertial.place), inertial.place, inertial.mass
+    # The roots are taken first, because masses may be next to nothing.
+    gyration = float(np.sqrt(max(np.trace(inertial.inertia), 0.0) / 2.0) / np.sqrt(mass))
+    # A length that the link's CoM should not exceed much: its joints, travel, shapes, or 2 % of the robot.
+    whole = sum(float(np.linalg.norm(joint.origin)) for joint in urdf.joints.values())
+    near = [
+        float(np.linalg.norm(joint.origin))
+        + (max(abs(joint.lower), abs(joint.upper)) if joint.kind == "prismatic" else 0.0)
+        for joint in urdf.joints.values()
+        if link.name in (joint.parent, joint.child)
     ]
+    shapes = [float(np.linalg.norm(visual.pose[:3, 3])) + max(visual.size) for visual in link.visuals]
+    size = max(0.02 * whole, min(gyration, whole), *near, *shapes, 1e-3)
+    distance = float(np.linalg.norm(inertial.origin))
+    text = f"link {link.name!r}: CoM is {distance:.4g} m from the link frame, the link's size is {size:.3g} m"
+    if distance > 10.0 * size and carried:
+        raise UrdfError(where, f"{text}: millimetres?")
+    if distance > 4.0 * size:
+        flags.append(Flag("com_outside", f"{where}: {text}"))
+    volume = sum(map(_volume, link.visuals))
+    density = mass / volume if volume else 1000.0
+    if not DENSITY_BAND[0] <= density <= DENSITY_BAND[1] or gyration > 5.0 * size:
+        text = f"link {link.name!r}: {mass:g} kg over {volume:.3g} m^3, radius of gyration {gyration:.3g} m"
+        flags.append(Flag("implausible_mass", f"{where}: {text}: tonnes or grams?"))
+    return flags
+
+
+def _volume(visual: Visual) -> float:
+    size = visual.size
+    if visual.kind == "box":
+        return size[0] * size[1] * size[2]
+    if visual.kind == "cylinder":
+        return np.pi * size[0] ** 2 * size[1]
+    return 4.0 / 3.0 * np.pi * size[0] ** 3 if visual.kind == "sphere" else 0.0
 
 
 def _check_inertia(name: str, inertia: Array, place: Place) -> list[Flag]:
@@ -137,8 +173,16 @@ def check_motion(urdf: Urdf, scope: Scope, chain: Sequence[Joint], held: Mapping
         for fault in link.faults:
             if fault.matters == "moved":
                 raise fault.error
-        if link.inertial and link.inertial.mass > 0.0 and holds_negative(link.inertial):
-            raise UrdfError(link.inertial.place, f"link {link.name!r}: {_impossible(link.inertial.inertia)}")
+        inertial = link.inertial
+        if (
+            inertial
+            and inertial.mass > 0.0
+            and (
+                # A moment about a link axis that is negative by more than rounding Pinocchio cannot hold.
+                np.diag(inertial.turned).min() < -1e-9 * np.abs(inertial.inertia).max()
+            )
+        ):
+            raise UrdfError(inertial.place, f"link {link.name!r}: {_impossible(inertial.inertia)}")
     ends = {joint.name for joint in chain if joint.kind in MOVING}
     for joint in chain:
         if joint.name in ends and strict:
@@ -148,83 +192,6 @@ def check_motion(urdf: Urdf, scope: Scope, chain: Sequence[Joint], held: Mapping
                 raise UrdfError(urdf.links[joint.child].place, f"{whole}: {problem}; v= and a= need possible ones")
 
 
-def holds_negative(inertial: Inertial) -> bool:
-    """Return whether a moment about a link axis is negative by more than rounding: Pinocchio cannot hold it."""
-    return bool(np.diag(inertial.turned).min() < -1e-9 * np.abs(inertial.inertia).max())
-
-
-def _check_com(link: Link, inertial: Inertial, size: float, carried: bool) -> list[Flag]:
-    distance = float(np.linalg.norm(inertial.origin))
-    text = f"link {link.name!r}: CoM is {distance:.4g} m from the link frame, the link's size is {size:.3g} m"
-    if distance > 10.0 * size and carried:
-        raise UrdfError(inertial.place, f"{text}: millimetres?")
-    return [Flag("com_outside", f"{inertial.place}: {text}")] if distance > 4.0 * size else []
-
-
-def _check_density(link: Link, inertial: Inertial, size: float) -> list[Flag]:
-    volume = sum(map(_volume, link.visuals))
-    density = inertial.mass / volume if volume else 1000.0
-    gyration = _gyration(inertial)
-    if DENSITY_BAND[0] <= density <= DENSITY_BAND[1] and gyration <= 5.0 * size:
-        return []
-    text = f"link {link.name!r}: {inertial.mass:g} kg over {volume:.3g} m^3, radius of gyration {gyration:.3g} m"
-    return [Flag("implausible_mass", f"{inertial.place}: {text}: tonnes or grams?")]
-
-
-def _gyration(inertial: Inertial) -> float:
-    """Return a body's radius of gyration [m]; the roots are taken first, because masses may be next to nothing."""
-    return float(np.sqrt(max(np.trace(inertial.inertia), 0.0) / 2.0) / np.sqrt(inertial.mass))
-
-
-def _volume(visual: Visual) -> float:
-    size = visual.size
-    if visual.kind == "box":
-        return size[0] * size[1] * size[2]
-    if visual.kind == "cylinder":
-        return np.pi * size[0] ** 2 * size[1]
-    return 4.0 / 3.0 * np.pi * size[0] ** 3 if visual.kind == "sphere" else 0.0
-
-
-def _size(urdf: Urdf, link: Link, inertial: Inertial) -> float:
-    """Return a length that the link's CoM should not exceed much: its joints, travel, shapes, or 2 % of the robot."""
-    gyration = _gyration(inertial)
-    whole = sum(float(np.linalg.norm(joint.origin)) for joint in urdf.joints.values())
-    near = [_extent(joint) for joint in urdf.joints.values() if link.name in (joint.parent, joint.child)]
-    shapes = [float(np.linalg.norm(visual.pose[:3, 3])) + max(visual.size) for visual in link.visuals]
-    return max(0.02 * whole, min(gyration, whole), *near, *shapes, 1e-3)
-
-
-def _extent(joint: Joint) -> float:
-    travel = max(abs(joint.lower), abs(joint.upper)) if joint.kind == "prismatic" else 0.0
-    return float(np.linalg.norm(joint.origin)) + travel
-
-
-def _check_bodies(urdf: Urdf, scope: Scope, allow_massless: bool) -> list[Flag]:
-    flags = []
-    for joint in urdf.joints.values():
-        if joint.kind not in MOVING:
-            continue
-        link, mass, inertia = urdf.links[joint.child], *_body(urdf, joint.child)
-        if not mass:
-            flags.append(_massless(urdf, link, joint, allow_massless or link.name not in scope.chain))
-        elif link.inertial is None or (inertia != link.inertial.inertia).any():
-            flags += _check_inertia(f"{link.name} and what is fixed to it", inertia, link.place)
-    return flags
-
-
-def _massless(urdf: Urdf, link: Link, joint: Joint, allowed: bool) -> Flag:
-    text = f"link {link.name!r} moves with joint {joint.name!r} but has no <inertial>, so no weight"
-    if not (allowed or _is_crossing(urdf, link)):
-        raise UrdfError(link.place, f"{text}; give it one, or set allow_massless = true if that is meant")
-    return Flag("massless", f"{link.place}: {text}")
-
-
-def _is_crossing(urdf: Urdf, link: Link) -> bool:
-    """Return whether a link is but the place where two axes of one joint cross: nothing of it could weigh."""
-    ends = joints_by_parent(urdf)[link.name]
-    return not link.visuals and len(ends) == 1 and ends[0].kind in MOVING and not ends[0].origin.any()
-
-
 def _body(
     urdf: Urdf, link: str, ends: Collection[str] | None = None, held: Mapping[str, float] | None = None
 ) -> tuple[float, Array]:
@@ -232,7 +199,6 @@ def _body(
 
     With `ends` what moves hangs on it too, `held` where it is, up to the joints of these names.
     """
-    children = joints_by_parent(urdf)
     parts, stack = [], [(link, pin.SE3.Identity())]
     while stack:
         name, place = stack.pop()
@@ -240,22 +206,10 @@ def _body(
         if inertial and inertial.mass > 0.0:
             turn = place.rotation @ inertial.rotation
             parts.append((inertial.mass, place * inertial.origin, turn @ inertial.inertia @ turn.T))
-        fixed = [joint for joint in children[name] if _hangs(joint, ends)]
-        stack.extend(
-            (
-                joint.child,
-                place * pin.SE3(joint.rotation, joint.origin) * motion(joint, (held or {}).get(joint.name, 0.0)),
-            )
-            for joint in fixed
-        )
-    return _sum_of(parts)
-
-
-def _hangs(joint: Joint, ends: Collection[str] | None) -> bool:
-    return joint.kind not in MOVING if ends is None else joint.name not in ends
-
-
-def _sum_of(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array]:
+        for joint in urdf.children[name]:
+            if joint.kind not in MOVING if ends is None else joint.name not in ends:
+                there = pin.SE3(joint.rotation, joint.origin) * joint.motion((held or {}).get(joint.name, 0.0))
+                stack.append((joint.child, place * there))
     mass = sum(part[0] for part in parts)
     center = sum(part[0] * part[1] for part in parts) / (mass or 1.0)
     inertia = np.zeros((3, 3))
@@ -263,14 +217,3 @@ def _sum_of(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array]:
         arm = pin.skew(position - center)
         inertia += about - own * arm @ arm
     return mass, inertia
-
-
-def _check_median(urdf: Urdf) -> list[Flag]:
-    moved = {joint.child for joint in urdf.joints.values() if joint.kind in MOVING}
-    masses = {name: _body(urdf, name)[0] for name in moved}
-    median = float(np.median([mass for mass in masses.values() if mass] or [1.0]))
-    return [
-        Flag("implausible_mass", f"{urdf.links[name].place}: link {name!r} is {mass:g} kg, the median is {median:g} kg")
-        for name, mass in masses.items()
-        if mass and not median / MASS_RATIO < mass < median * MASS_RATIO
-    ]

@@ -1,7 +1,7 @@
-"""Typed access to a URDF's elements: numbers by an own grammar, known tags, errors with file and line.
+"""Safe reading of a URDF's XML, and typed access to its elements: numbers by an own grammar, known tags, file and line.
 
-`float()` takes '1_000' and full-width digits, C's `strtod` takes '0x64' and stops at the comma of '1,5'; no two
-URDF readers agree on such files, so they are refused.
+There are caps on size and depth, no DTD and no entities. `float()` takes '1_000' and full-width digits, C's `strtod`
+takes '0x64' and stops at the comma of '1,5'; no two URDF readers agree on such files, so they are refused.
 """
 
 from __future__ import annotations
@@ -18,6 +18,10 @@ from lxml import etree
 
 from armflex.conventions import LARGEST, NUMBER, Array
 from armflex.errors import Flag, Place, UrdfError, did_you_mean
+from armflex.printable import unprintable
+
+MAX_BYTES = 5_000_000
+MAX_DEPTH = 64
 
 PASSED_OVER = frozenset(
     {
@@ -46,11 +50,49 @@ ATTRIBUTES = {
 }
 """What an element that has defaults may say; a misspelt one would silently mean the default."""
 
-
 WEIGHING = ("inertial", "mass", "inertia", "origin")
 """Tags without which a body weighs less, or elsewhere."""
 
 Matters = Literal["chain", "carried", "moved"]
+
+
+def parse_xml(path: Path) -> etree._Element:
+    """Return the root element of an XML file.
+
+    Raises:
+        UrdfError: The file is missing, empty, larger than `MAX_BYTES`, not UTF-8, truncated, deeper than
+            `MAX_DEPTH`, has a text that cannot be shown, or a document type definition (entities could read files or
+            explode).
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise UrdfError(Place(path), f"is {path.stat().st_size} bytes, more than the {MAX_BYTES} allowed")
+        data = path.read_bytes()
+        if not data.strip():
+            raise UrdfError(Place(path), "is empty")
+        if "\0" in data.decode("utf-8"):
+            raise UrdfError(Place(path), "holds NUL characters: binary or UTF-16?")
+        parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+        root = etree.fromstring(data, parser)
+    except OSError as error:
+        raise UrdfError(Place(path), f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise UrdfError(Place(path), "is not UTF-8 text (binary or UTF-16?)") from None
+    except etree.XMLSyntaxError as error:
+        raise UrdfError(Place(path, error.lineno or 0), f"not well-formed XML: {error.msg}") from None
+    if root.getroottree().docinfo.doctype:
+        raise UrdfError(Place(path, 1), "has a document type definition (DTD); entities are refused")
+    stack = [(root, 1)]  # the interpreter's own stack must not be the limit
+    while stack:
+        element, depth = stack.pop()
+        where = Place(path, element.sourceline or 0)
+        if depth > MAX_DEPTH:
+            raise UrdfError(where, f"nested deeper than {MAX_DEPTH} elements")
+        for name, text in element.attrib.items():
+            if found := unprintable(text):
+                raise UrdfError(where, f"<{element.tag} {name}={text!r}> {found[1]}")
+        stack.extend((child, depth + 1) for child in element if isinstance(child.tag, str))
+    return root
 
 
 @dataclass(frozen=True)
@@ -73,8 +115,7 @@ class Reader:
     """Typed access to one file's elements; collects flags and words every error with file and line."""
 
     def __init__(self, path: Path, strict: bool) -> None:
-        self.path = path
-        self.strict = strict
+        self.path, self.strict = path, strict
         self.flags: list[Flag] = []
         self.faults: list[Fault] = []
 
@@ -109,29 +150,26 @@ class Reader:
 
     def numbers(self, element: etree._Element, key: str, count: int, default: str | None = None) -> Array:
         """Return `count` finite numbers of an attribute separated by blanks."""
-        text = self.given(element, key, default)
-        words = text.split()
+        text = element.get(key)
+        if text is None:
+            strange = [name for name in element.attrib if name not in ATTRIBUTES.get(element.tag, ())]
+            misspelt = next((name for name in strange if did_you_mean(name, [key])), None)
+            if default is None or misspelt:
+                hint = f"; {misspelt!r} is not known" if misspelt else ""
+                raise self.fail(element, f"<{element.tag}> needs {key!r}{hint}")
+            text = default
+        words, problem = text.split(), ""
         bad = [word for word in words if not NUMBER.fullmatch(word) or not np.isfinite(float(word))]
         if bad:
-            raise self.fail(element, f"<{element.tag} {key}={text!r}>: {bad[0]!r} is not a finite decimal number")
+            problem = f"{bad[0]!r} is not a finite decimal number"
         # Limits of 1e308 stand for none.
-        if element.tag != "limit" and any(abs(float(word)) > LARGEST for word in words):
-            raise self.fail(
-                element, f"<{element.tag} {key}={text!r}>: beyond {LARGEST:g}, which nothing is in SI units"
-            )
-        if len(words) != count:
-            raise self.fail(element, f"<{element.tag} {key}={text!r}>: expected {count} numbers, got {len(words)}")
+        elif element.tag != "limit" and any(abs(float(word)) > LARGEST for word in words):
+            problem = f"beyond {LARGEST:g}, which nothing is in SI units"
+        elif len(words) != count:
+            problem = f"expected {count} numbers, got {len(words)}"
+        if problem:
+            raise self.fail(element, f"<{element.tag} {key}={text!r}>: {problem}")
         return np.array([float(word) for word in words])
-
-    def given(self, element: etree._Element, key: str, default: str | None) -> str:
-        if (text := element.get(key)) is not None:
-            return text
-        strange = [name for name in element.attrib if name not in ATTRIBUTES.get(element.tag, ())]
-        misspelt = next((name for name in strange if did_you_mean(name, [key])), None)
-        if default is None or misspelt:
-            hint = f"; {misspelt!r} is not known" if misspelt else ""
-            raise self.fail(element, f"<{element.tag}> needs {key!r}{hint}")
-        return default
 
     def number(self, element: etree._Element, key: str, default: str | None = None) -> float:
         return float(self.numbers(element, key, 1, default)[0])
@@ -143,11 +181,12 @@ class Reader:
         loop = next((child for child in kept if child.tag == "loop_joint"), None)
         if loop is not None:
             raise self.fail(loop, "<loop_joint> closes a chain of joints; closed loops are not supported")
-        for child in [child for child in kept if child.tag not in allowed | PASSED_OVER]:
-            self.refuse_tag(element, child, allowed)
+        for child in kept:
+            if child.tag not in allowed | PASSED_OVER:
+                self._refuse_tag(element, child, allowed)
         return [child for child in kept if child.tag in allowed]
 
-    def refuse_tag(self, element: etree._Element, child: etree._Element, allowed: frozenset[str]) -> None:
+    def _refuse_tag(self, element: etree._Element, child: etree._Element, allowed: frozenset[str]) -> None:
         """Keep an unknown or misplaced tag as a fault; doubt it where what it could have meant is given anyway."""
         owner = next((tag for tag, inside in CHILDREN.items() if child.tag in inside), None)
         hint = f"; it belongs inside <{owner}>" if owner else did_you_mean(child.tag, allowed)
@@ -173,6 +212,12 @@ class Reader:
         if len(found) > 1:
             raise self.fail(found[1], f"<{element.tag}> has more than one <{tag}>")
         return found[0] if found else None
+
+    def needed(self, element: etree._Element, tag: str) -> etree._Element:
+        found = self.only(element, tag)
+        if found is None:
+            raise self.fail(element, f"<{element.tag}> needs <{tag}>")
+        return found
 
     def pose(self, element: etree._Element) -> tuple[Array, Array]:
         """Return (3,) position and (3, 3) rotation of the element's <origin>, identity when absent."""

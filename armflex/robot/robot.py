@@ -10,12 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
-from armflex.errors import Flag, UnknownNameError, UrdfError
-from armflex.robot.elements import MOVING, Joint
-from armflex.robot.locking import lock_side_joints
+from armflex.errors import Flag, JointLimitError, UnknownNameError, UrdfError, did_you_mean
 from armflex.robot.plausible import check_faults, check_masses, check_motion, scope_of
-from armflex.robot.tree import check_tree, default_tip, find_chain
-from armflex.robot.urdf import Urdf, read_urdf
+from armflex.robot.urdf import MOVING, Joint, Urdf, check_tree, find_chain, read_urdf
 
 
 @dataclass(frozen=True)
@@ -49,9 +46,8 @@ class Robot:
 
     @cached_property
     def _stuck(self) -> UrdfError | None:
-        scope = scope_of(self.urdf, self.base, self.chain)
         try:
-            check_motion(self.urdf, scope, self.chain, self.locked, self.strict)
+            check_motion(self.urdf, scope_of(self.urdf, self.chain), self.chain, self.locked, self.strict)
         except UrdfError as error:
             return error
         return None
@@ -79,13 +75,10 @@ class Robot:
     @cached_property
     def home(self) -> Array:
         """(nq,) positions where none are asked for: 0 where the limits allow it, else the middle between them."""
-        inside = (self.lower <= 0.0) & (self.upper >= 0.0)
         nearest = np.clip(0.0, self.lower, self.upper)
-        bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
-        middle = np.where(
-            bounded, 0.5 * np.where(bounded, self.lower, 0.0) + 0.5 * np.where(bounded, self.upper, 0.0), 0
-        )
-        return np.where(inside, 0.0, np.where(bounded, middle, nearest))
+        bounded = (nearest != 0.0) & np.isfinite(self.lower) & np.isfinite(self.upper)
+        nearest[bounded] = 0.5 * self.lower[bounded] + 0.5 * self.upper[bounded]
+        return nearest
 
     @cached_property
     def reach(self) -> float:
@@ -126,21 +119,73 @@ def load_robot(
     base = base or root
     if base not in document.links:
         raise UnknownNameError("link", base, document.links)
-    chain = find_chain(document, base, tip or default_tip(document, base))
+    chain = find_chain(document, base, tip or None)
     down = np.array([0.0, 0.0, -STANDARD_GRAVITY]) if gravity is None else finite_array(gravity, "gravity", (3,))
-    scope = scope_of(document, base, chain)
+    scope = scope_of(document, chain)
     found = check_faults(document, scope)
-    held, doubts = lock_side_joints(document, base, chain, locked or {})
-    masses = check_masses(document, scope, allow_massless)
-    flags = (*document.flags, *found, *masses, *check_gravity(down), *doubts)
-    return Robot(document, base, chain[-1].child, chain, down, held, flags, strict)
-
-
-def check_gravity(gravity: Array) -> tuple[Flag, ...]:
-    """Return a flag where gravity is not about 9.81 m/s^2 downwards in the base frame."""
-    size = float(np.linalg.norm(gravity))
+    held, mimics = lock_side_joints(document, base, chain, locked or {})
+    flags = [*document.flags, *found, *check_masses(document, scope, allow_massless)]
+    size = float(np.linalg.norm(down))
     if not 9.5 < size < 10.1:
-        return (Flag("gravity", f"gravity is {size:g} m/s^2, expected about {STANDARD_GRAVITY}"),)
-    if gravity[2] > 0.5 * size:
-        return (Flag("gravity", f"gravity {gravity.tolist()} points along +z of the base: upside down on purpose?"),)
-    return ()
+        flags.append(Flag("gravity", f"gravity is {size:g} m/s^2, expected about {STANDARD_GRAVITY}"))
+    elif down[2] > 0.5 * size:
+        text = f"gravity {down.tolist()} points along +z of the base: upside down on purpose?"
+        flags.append(Flag("gravity", text))
+    return Robot(document, base, chain[-1].child, chain, down, held, (*flags, *mimics), strict)
+
+
+def lock_side_joints(
+    urdf: Urdf, base: str, chain: tuple[Joint, ...], locked: Mapping[str, float]
+) -> tuple[dict[str, float], tuple[Flag, ...]]:
+    """Return the position of every moving joint off the chain [rad or m], and the doubts: they weigh but do not move.
+
+    Each is held as asked; else, where it mimics another such joint, as that one says; else at zero or the nearest
+    limit. A joint that mimics one of the chain should move with it, as a counterweight does, so it is flagged.
+
+    Raises:
+        UnknownNameError: A joint to be locked is not off the chain.
+        JointLimitError: A joint is locked outside its limits.
+        UrdfError: A joint is locked that cannot be read.
+    """
+    on_chain, weighing = {joint.name for joint in chain}, set(urdf.below(base))
+    side = {joint.name: joint for joint in urdf.joints.values() if joint.kind in MOVING and joint.name not in on_chain}
+    for name in locked:
+        if name not in side:
+            raise UnknownNameError("joint off the chain", name, side)
+    asked = {}
+    for name, value in locked.items():
+        joint = side[name]
+        if joint.faults:
+            raise joint.faults[0].error
+        asked[name] = float(finite_array(value, f"locked {name}", ()))
+        if not joint.lower <= asked[name] <= joint.upper:
+            limits = f"[{joint.lower:g}, {joint.upper:g}]"
+            raise JointLimitError(f"joint {name!r} is locked at {asked[name]:g}, outside its limits {limits}")
+    held, flags = {}, []
+    for name, joint in side.items():
+        wanted = _wanted(urdf, side, asked, joint)
+        held[name] = float(np.clip(wanted or 0.0, joint.lower, joint.upper))
+        if wanted != held[name] and joint.mimic and joint.child in weighing:
+            master = joint.mimic[0]
+            missing = "" if master in urdf.joints else f", which is no joint{did_you_mean(master, urdf.joints)}"
+            text = f"joint {name!r} off the chain mimics {master!r}{missing} but is held at {held[name]:g}, "
+            text += "and its weight with it; name it in [robot.locked] if that is meant"
+            flags.append(Flag("locked_mimic", f"{joint.place}: {text}"))
+    return held, tuple(flags)
+
+
+def _wanted(urdf: Urdf, side: Mapping[str, Joint], asked: Mapping[str, float], joint: Joint) -> float | None:
+    """Return where a joint wants to be, None where that depends on the chain or on itself."""
+    factor, offset = 1.0, 0.0
+    for _ in range(len(side) + 1):
+        if joint.name in asked:
+            return factor * asked[joint.name] + offset
+        if joint.name not in side:
+            return offset if joint.kind == "fixed" else None
+        if joint.mimic is None:
+            return factor * float(np.clip(0.0, joint.lower, joint.upper)) + offset
+        master, multiplier, shift = joint.mimic
+        if master not in urdf.joints:
+            return None
+        joint, factor, offset = urdf.joints[master], factor * multiplier, factor * shift + offset
+    return None

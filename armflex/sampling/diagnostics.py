@@ -115,7 +115,7 @@ def _standardised(draws: Array) -> Array:
 def judges() -> Any:
     """Return the module that judges chains; raise `UnsupportedError` where it is not installed."""
     try:
-        from arviz_stats.base import array_stats
+        from arviz_stats.base.array import array_stats
     except ImportError:
         raise UnsupportedError("judging chains needs arviz-stats: pip install 'armflex[bayes]'") from None
     return array_stats

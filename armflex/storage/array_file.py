@@ -70,8 +70,8 @@ class Layout:
 
     def of(self, about: About) -> tuple[Mapping[str, Numbers], Mapping[str, Collection[int]]]:
         """Return the arrays and the sizes that go with what is said beside them."""
-        arrays, sizes = (part(about) if callable(part) else part for part in (self.arrays, self.sizes))
-        return arrays, sizes
+        arrays = self.arrays(about) if callable(self.arrays) else self.arrays
+        return arrays, self.sizes(about) if callable(self.sizes) else self.sizes
 
 
 def write_arrays(path: Path, layout: Layout, arrays: Mapping[str, np.ndarray], about: Mapping[str, Any]) -> str:
@@ -218,7 +218,7 @@ def _digest(content: About, arrays: Mapping[str, tuple[str, tuple[int, ...], Any
 
 
 def _bytes(values: np.ndarray) -> memoryview:
-    return memoryview(values.reshape(-1)).cast("B") if values.size else memoryview(b"")
+    return values.reshape(-1).data.cast("B") if values.size else memoryview(b"")
 
 
 def _blocks(file: BinaryIO, start: int, count: int) -> Iterator[bytes]:

@@ -9,6 +9,7 @@ from enum import Enum
 from functools import partial
 from pathlib import PurePath
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -57,7 +58,7 @@ def _pieces(value: object, around: tuple[int, ...]) -> Iterator[bytes]:
             yield from _pieces(part, around)
 
 
-def _parts(value: object) -> tuple:
+def _parts(value: Any) -> tuple:
     """Return the parts of an object that has some."""
     if hasattr(value, "digested") and not isinstance(value, type):
         return (value.digested(),)

@@ -128,7 +128,7 @@ def typed(expected: Any, value: Any, where: str) -> Any:
     origin, parts = get_origin(expected), get_args(expected)
     if isinstance(expected, Mapping):
         return _record(expected, value, where)
-    if is_dataclass(expected):
+    if isinstance(expected, type) and is_dataclass(expected):
         hints = get_type_hints(expected)
         return expected(**_record({field.name: hints[field.name] for field in fields(expected)}, value, where))
     if origin in (Union, types.UnionType):
@@ -160,12 +160,13 @@ def _record(expected: Mapping[str, Any], value: Any, where: str) -> dict[str, An
 
 
 def _any_of(parts: tuple[Any, ...], value: Any, where: str) -> Any:
+    problem = ValueError(f"{where} is {_short(value)}")
     for part in parts:
         try:
             return None if part is type(None) and value is None else typed(part, value, where)
         except ValueError as error:
-            problem = error
-    raise problem if len(parts) == 2 and type(None) in parts else ValueError(f"{where} is {_short(value)}")
+            problem = error if len(parts) == 2 and type(None) in parts else problem
+    raise problem
 
 
 def _short_name(expected: Any) -> str:
@@ -205,7 +206,7 @@ def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _shown(shape: tuple[int | str, ...], known: Mapping[str, int]) -> str:
-    return f"({', '.join(str(known.get(size, size)) for size in shape)})"
+    return f"({', '.join(str(known.get(size, size) if isinstance(size, str) else size) for size in shape)})"
 
 
 def _bounds(numbers: Numbers) -> str:

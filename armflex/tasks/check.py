@@ -142,7 +142,7 @@ def check(
         (between, some), judge = piece, _Judge(certain, trajectory, tolerance, angle, method)
         if between:
             return _worst_between(judge, some), judge
-        found = judge.at(judge.rows(some), [judge.where(i) for i in some])
+        found = judge.at(judge.rows(some), [judge.where(i) for i in some.tolist()])
         return [judge.point(found, i, trajectory.via[row]) for i, row in enumerate(some)], judge
 
     both = ((False, np.arange(count)), (True, np.arange(count - 1)))
@@ -199,9 +199,9 @@ class _Judge:
     def rows(self, some: np.ndarray) -> Points:
         """Return some rows of the trajectory as points."""
         t = self.trajectory
-        moved = (None if values is None else values[some] for values in (t.v, t.a))
+        v, a = (None if values is None else values[some] for values in (t.v, t.a))
         known = {name: values[some] for name, values in t.covariates.items()}
-        return Points(t.time[some], t.q[some], [t.payload[i] for i in some.tolist()], *moved, known)
+        return Points(t.time[some], t.q[some], [t.payload[i] for i in some.tolist()], v, a, known)
 
     def where(self, i: int) -> str:
         """Return what row i is called in an error."""
@@ -221,9 +221,9 @@ class _Judge:
         _, first, back = np.unique(table, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)  # as they come, so that a doubt is about the first of them
         place, first = np.argsort(order)[back.ravel()], first[order]
-        moved = (None if values is None else values[first] for values in (points.v, points.a))
+        v, a = (None if values is None else values[first] for values in (points.v, points.a))
         known = {name: values[first] for name, values in points.covariates.items()}
-        asked = Points(points.time[first], points.q[first], [points.payload[i] for i in first], *moved, known)
+        asked = Points(points.time[first], points.q[first], [points.payload[int(i)] for i in first], v, a, known)
         every, starts = np.arange(len(segments)), np.flatnonzero(np.diff(segments, prepend=-1))
         number = (every - starts[np.searchsorted(starts, every, side="right") - 1])[first]
         found = self.at(asked, [f"row {i} at {time:g} s" for i, time in zip(number, asked.time, strict=True)])
@@ -277,7 +277,7 @@ class _Judge:
         some = np.flatnonzero(fine)
         given = {name: values[some] for name, values in known.items()}
         own = None if laws is None else laws[some]
-        told, flags = tip_covariance(self.arm, points.q[some], [points.payload[i] for i in some], given, own)
+        told, flags = tip_covariance(self.arm, points.q[some], [points.payload[i] for i in some.tolist()], given, own)
         for flag in (*flags, *((AT_REST,) if points.v is not None or points.a is not None else ())):
             self.flags.setdefault(flag.code, flag)
         if told is None:
@@ -354,7 +354,7 @@ def _worst_between(judge: _Judge, segments: np.ndarray) -> list[Point]:
             scores = found.scores.reshape(len(own), here + 1, 3)
             left = ~_settled(scores) if halving < MAX_HALVINGS and here <= FEWEST_STEPS << (MAX_HALVINGS - 1) else None
             done = np.arange(len(own)) if left is None else np.flatnonzero(~left)
-            for j in done:
+            for j in done.tolist():
                 rows = slice(j * (here + 1), (j + 1) * (here + 1))
                 i = rows.start + int(np.lexsort((found.badness[rows], found.verdict[rows]))[0])
                 worst[int(own[j])] = judge.point(found, i)

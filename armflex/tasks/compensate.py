@@ -145,8 +145,8 @@ def compensate(
     poses = _targets(arm, trajectory, targets)
     rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
     gaps = _gaps(arm, trajectory, moved) if targets is None else None
-    for _ in range(MAX_INSERTIONS if between and gaps is not None else 0):
-        if not (gaps > between).any():
+    for _ in range(MAX_INSERTIONS):
+        if between is None or gaps is None or not (gaps > between).any():
             break
         trajectory = trajectory.with_midpoints(gaps > between)
         poses = _targets(arm, trajectory, None)
@@ -268,7 +268,7 @@ class _Solver:
         with np.errstate(all="ignore"), contextlib.suppress(*NO_EQUILIBRIUM):
             for jump in range(MAX_JUMPS + 1):
                 rows, here = some[open_ones], change[open_ones]
-                error, jacobian = self.linearised(rows, here, [targets[i] for i in open_ones])
+                error, jacobian = self.linearised(rows, here, [targets[i] for i in open_ones.tolist()])
                 if not jump:
                     before = error
                 left = np.abs(error[:, :size]).max(axis=1)
@@ -336,15 +336,15 @@ class _Solver:
             corrector = Corrector(ask, *self.box(i), self.scale)
             return (*corrector.find(start), corrector.trouble)
 
-        found = find(start)
-        if start.any() and (found[0] is None or found[0].left > TOLERANCE):
+        point, smallest, trouble = find(start)
+        if start.any() and (point is None or point.left > TOLERANCE):
             # The previous row's change may lead astray where that row was not reached or the payload changes.
             again = find(np.zeros_like(start))
-            if found[0] is None or (again[0] is not None and again[0].left < found[0].left):
-                found = again
-        if found[0] is None:
-            raise InputError(f"row {i} at {self.trajectory.time[i]:g} s: {found[2]}")
-        return found
+            if point is None or (again[0] is not None and again[0].left < point.left):
+                point, smallest, trouble = again
+        if point is None:
+            raise InputError(f"row {i} at {self.trajectory.time[i]:g} s: {trouble}")
+        return point, smallest, trouble
 
     def box(self, i: int) -> tuple[Array, Array]:
         """Return the smallest and largest change of row i: inside the limits, and no more than `LARGEST_CHANGE`."""

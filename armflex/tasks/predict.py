@@ -90,8 +90,10 @@ def predict(
         found.append(one)
         if progress:
             progress(doubts.rows, len(rows))
-    parts = zip(*((one.position, one.rotation, one.sigma, one.displacement) for one in found), strict=True)
-    position, rotation, sigma, displacement = (None if part[0] is None else np.concatenate(part) for part in parts)
+    parts = ([getattr(one, name) for one in found] for name in ("position", "rotation", "displacement"))
+    position, rotation, displacement = (np.concatenate(part) for part in parts)
+    stds = [one.sigma for one in found if one.sigma is not None]  # of all pieces, or of none
+    sigma = np.concatenate(stds) if stds else None
     return Prediction(
         _with_constants(arm, rows, covariates or {}), position, rotation, sigma, displacement, doubts.flags
     )
@@ -243,9 +245,9 @@ class _Doubts:
         for number, flags in found.unseen():
             for key in dict.fromkeys((flag.code, flag.about) for flag in flags):
                 own = max((flag for flag in flags if (flag.code, flag.about) == key), key=lambda flag: flag.size)
-                count, *worst = self._worst.get(key, (0, self.rows + number, own))
-                worst = (self.rows + number, own) if own.size > worst[1].size else worst
-                self._worst[key] = (count + 1, *worst)
+                count, row, worst = self._worst.get(key, (0, self.rows + number, own))
+                row, worst = (self.rows + number, own) if own.size > worst.size else (row, worst)
+                self._worst[key] = (count + 1, row, worst)
         self._fitted |= dict.fromkeys(fitted)
         self.rows += len(rows)
 

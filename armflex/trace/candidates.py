@@ -54,8 +54,8 @@ class Candidate:
         return Effect(self.law, self.location, full(amplitudes, self.location, len(self.law.amplitudes)) + self.inner)
 
 
-FLUSHED = 2**22
-"""Numbers of a bank's columns that are made at a time."""
+FLUSHED, TOGETHER = 2**22, 4096
+"""Numbers of a bank's columns that are made at a time, or so many columns of a long campaign."""
 
 TOLD = 256
 """Candidates after which it is told how far one has come."""
@@ -189,7 +189,7 @@ class Bank:
             waiting.setdefault((law.act, law.changes_model, location.site, along), []).append((index, found))
             # Sums round by where a bank is cut: a law that changes the model counts by its columns.
             held += view.sigma.size * len(location.terms) if law.changes_model else found.size
-            if held > FLUSHED:
+            if held > max(FLUSHED, TOGETHER * len(view.rows)):
                 yield from (self._part(along, some) for (*_, along), some in waiting.items())
                 waiting, held = {}, 0
         yield from (self._part(along, some) for (*_, along), some in waiting.items())
@@ -198,7 +198,7 @@ class Bank:
         """Return the columns of candidates at one site from what each of them brings, by its number."""
         groups, brought = np.array([index for index, _ in some]), [found for _, found in some]
         first, view = self.candidates[groups[0]], self.fit.view
-        places = np.concatenate([np.arange(self.starts[i], self.starts[i + 1]) for i in groups])
+        places = np.concatenate([np.arange(*self.starts[i : i + 2].tolist()) for i in groups.tolist()])
         if direction:
             answer = view.to_twist(first.location.site) @ np.frombuffer(direction) * _scale(self.fit)
             return Part(groups, places, np.concatenate(brought), answer)

@@ -300,11 +300,10 @@ def _twist(said: Table, scene: Scene) -> RandomTwist:
 
 def _step(said: Table, scene: Scene) -> Step:
     optional = {name: said["proof"][name] for name in ("sessions_before", "sessions_after")}
-    proof = Proof(
-        **{name: _number(said["proof"][name], name) for name in ("before", "after", "errors_apart")},
-        null=_numbers([said["proof"]["null"]], "null", infinite=True)[0],
-        **{name: None if value is None else _number(value, name) for name, value in optional.items()},
-    )
+    numbers: dict[str, Any] = {name: _number(said["proof"][name], name) for name in ("before", "after", "errors_apart")}
+    numbers["null"] = _numbers([said["proof"]["null"]], "null", infinite=True)[0]
+    numbers |= {name: None if value is None else _number(value, name) for name, value in optional.items()}
+    proof = Proof(**numbers)
     ranking = tuple(_polished(one, scene) for one in _listed(said["ranking"], dict, "ranking"))
     return Step(ranking, proof, _flag(said["witness"], "witness"))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.errors import ArmflexError
 from armflex.estimate.effect_block import EffectBlock
-from armflex.estimate.fit import robust_limit
+from armflex.estimate.robust import robust_limit
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places
@@ -66,7 +66,13 @@ def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]
     """Return the evidence of some effects beside the others, and the best candidates that could take their place."""
     themselves = [_candidate(state, state.effects[index]) for index in indices]
     projection, worth = _beside_others(state, *indices)
-    screened = screen(sift(bank(_alternatives(themselves, state), state.fit, state.scene, state.tell), projection))
+    others = [one for one in themselves if one.law.shape]
+    # What the search has looked at is looked at again, all but shapes without a name.
+    tried = bank(_alternatives(others, state), state.fit, state.scene, state.tell) if others else state.physical
+    screened = screen(sift(tried, projection))
+    if not others:
+        nameless = [bool(one.law.shape) for one in tried.candidates]
+        screened = replace(screened, evidence=np.where(nameless, -np.inf, screened.evidence))
     rivals = []
     for number, i in enumerate(best_per_spot(screened, COMPARED + 1)):
         candidate = screened.bank.candidates[i]
@@ -96,9 +102,8 @@ def _alternatives(themselves: Sequence[Candidate], state: State) -> Iterator[Can
     """Yield the catalogue, and for a shape without a name the same shape at every other place."""
     yield from candidates_of(CATALOGUE.values(), state.scene)
     for one in themselves:
-        if one.law.shape:
-            for site, axis in shaped_places(state.scene.records):
-                yield replace(one, location=replace(one.location, site=site, axis=axis))
+        for site, axis in shaped_places(state.scene.records):
+            yield replace(one, location=replace(one.location, site=site, axis=axis))
 
 
 def _same_place(one: Candidate, other: Candidate) -> bool:

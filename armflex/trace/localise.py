@@ -64,8 +64,8 @@ def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray)
         scores = np.einsum("md,mda->ma", residual, columns)
         squares = np.einsum("mda,mda->ma", columns, columns)
         for axis, name in enumerate(TWIST_NAMES):
-            score = np.bincount(groups, scores[:, axis], count)
-            square = np.bincount(groups, squares[:, axis], count)
+            score = np.asarray(np.bincount(groups, scores[:, axis], count), float)
+            square = np.asarray(np.bincount(groups, squares[:, axis], count), float)
             ratio, variance = _likelihood(score, square, residual, view.count)
             found.append(RandomTwist(site, name, ratio, float(np.sqrt(variance))))
     # What stands level goes by its joint rather than by the link that ends there.

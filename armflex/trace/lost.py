@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armflex.estimate.fit import huber_weights
+from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import View
 
 LOST = 0.1

@@ -97,7 +97,7 @@ def _offered(state: State, seed: int = 0) -> Rows:
         pose=tuple(f"next {i}" for i in range(OFFERED)),
         session=(known.session[-1],) * OFFERED,
         payload=tuple(known.payload[row] for row in pick[-1]),
-        time=float(known.time.max()) + APART * np.arange(1, OFFERED + 1),
+        time=float(known.time.max()) + APART * np.arange(1, OFFERED + 1, dtype=float),
         q=q,
         covariates=_extremes(known, rng),
         approach=rng.choice([-1.0, 1.0], q.shape),
@@ -141,7 +141,7 @@ def _propose(state: State, index: int, rival: Effect, offer: Rows, view: View, s
     measured = np.hstack([*parts, effect[:, None]])
     precision = np.concatenate([fit.precision[places], np.zeros(len(rival.location.terms) + 1)])
     known = LinearGaussian.of(measured, precision + RIDGE * (measured**2).sum(axis=0))
-    there = [other.of_rows(offer.session, scene).columns(view) for other in kept]
+    there = [other.of_rows(scene).columns(view) for other in kept]
     there.append(view.effect_columns(rival, scene))
     there.append((view.effect_columns(own, scene) @ own.acting)[:, :, None])
     after = np.concatenate(there, axis=2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
-from armflex.laws.effects.effect import Inner, Values
+from armflex.laws.effects.effect import Inner
 from armflex.laws.effects.scene import Scene
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.projection import Projection, evidence
@@ -63,7 +63,7 @@ def _polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection
     return _refine(plain, free, fit, scene, projection)
 
 
-def _weigh(candidate: Candidate, free: Values, fit: Fit, scene: Scene, projection: Projection) -> Polished:
+def _weigh(candidate: Candidate, free: Sequence[int], fit: Fit, scene: Scene, projection: Projection) -> Polished:
     columns = candidate_columns(candidate, fit, scene)
     gain, amplitudes = projection.gain(columns) if np.isfinite(columns).all() else (0.0, np.zeros(columns.shape[1]))
     if gain > 0.0 and not sensible(candidate, amplitudes, fit, scene):

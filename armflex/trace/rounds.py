@@ -14,9 +14,10 @@ from armflex.arm import Arm
 from armflex.errors import ArmflexError, FileError
 from armflex.estimate.calibrate import Calibration, calibrate
 from armflex.estimate.effect_block import EffectBlock
-from armflex.estimate.fit import Fit, robust_limit
+from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import believed, held_out, pose_folds
 from armflex.estimate.learn import settled
+from armflex.estimate.robust import robust_limit
 from armflex.estimate.spread import certainty_of
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect

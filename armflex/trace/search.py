@@ -15,6 +15,7 @@ from armflex.laws.effects.location import LINK, Location
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, suspects
 from armflex.trace.candidates import (
+    Bank,
     Candidate,
     Screening,
     Sifted,
@@ -29,7 +30,7 @@ from armflex.trace.localise import RandomTwist, localise
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import Projection, project
 from armflex.trace.sensible import sensible
-from armflex.trace.telling import Tell, silent
+from armflex.trace.telling import Tell
 
 REFINED = 14
 """Best candidates whose inner parameters are refined."""
@@ -176,17 +177,15 @@ def _size(one: Polished) -> float:
     return float(np.abs(one.amplitudes).sum())
 
 
-def search(fit: Fit, scene: Scene, groups: np.ndarray, tell: Tell = silent) -> Round:
+def search(named: Bank, groups: np.ndarray) -> Round:
     """Return what the catalogue and free shapes could explain of a fit's residual.
 
     Args:
-        fit: The fit with everything that is known so far.
-        scene: The campaign.
+        named: Everything physical, at the fit with everything that is known so far.
         groups: (M,) pose number of every measured row.
-        tell: Called with how far it has come.
     """
+    fit, scene, tell = named.fit, named.scene, named.tell
     projection = project(fit)
-    named = bank(candidates_of((law for law in EVERY.values() if law.physical), scene), fit, scene, tell)
     free = bank(
         candidates_of((law for law in EVERY.values() if not (law.physical or law.sought)), scene), fit, scene, tell
     )

@@ -72,7 +72,7 @@ def _gives(effect: Effect, fit: Fit, scene: Scene, present: bool) -> bool:
 
 def _is_stiff(own: Array) -> np.ndarray:
     """Return (...,) whether a (..., 6) compliance is no softer than a joint can be."""
-    return (own < SOFT * np.repeat(SOFTEST, 3)).all(axis=-1)
+    return np.all(own < SOFT * np.repeat(SOFTEST, 3), axis=-1)
 
 
 def _is_compliance(tangents: Array) -> np.ndarray:

@@ -15,6 +15,7 @@ from armflex.estimate.calibrate import Calibration
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.view import look
+from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.remember import without_direction
 from armflex.laws.effects.scene import Scene, survey
@@ -24,7 +25,7 @@ from armflex.mechanics.response import Response, respond
 from armflex.parameters import numbers_of
 from armflex.rows.rows import POSE
 from armflex.setup import Setup
-from armflex.trace.candidates import Candidate, candidate_columns
+from armflex.trace.candidates import Bank, Candidate, bank, candidate_columns, candidates_of
 from armflex.trace.lost import lost_beams
 from armflex.trace.polish import Polished
 from armflex.trace.pose_block import PoseBlock
@@ -97,7 +98,13 @@ class State:
     @cached_property
     def looked(self) -> Round:
         """What the catalogue and free shapes could still explain."""
-        return search(self.fit, self.scene, self.groups, self.tell)
+        return search(self.physical, self.groups)
+
+    @cached_property
+    def physical(self) -> Bank:
+        """Every candidate that is physics rather than a free shape."""
+        laws = (law for law in EVERY.values() if law.physical)
+        return bank(candidates_of(laws, self.scene), self.fit, self.scene, self.tell)
 
 
 def begin(calibration: Calibration, tell: Tell = silent) -> State:
@@ -141,8 +148,9 @@ def scene_at(fitted: Fit, measurements: Measurements) -> Scene:
     rest = np.setdiff1d(np.arange(len(measurements)), view.rows)
     wrenches = {site: np.empty((len(measurements), 6)) for site in view.line.sites}
     for rows, line in ((view.rows, view.line), (rest, _line(arm, measurements, known, rest))):
-        for site in wrenches if line is not None else ():
-            wrenches[site][rows] = line.load_at(site)
+        if line is not None:
+            for site in wrenches:
+                wrenches[site][rows] = line.load_at(site)
     return survey(measurements, arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 

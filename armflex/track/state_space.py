@@ -13,10 +13,10 @@ from armflex.certainty import Certainty
 from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.estimate.block import Block, parameters_of
-from armflex.estimate.blocks import declared_blocks
+from armflex.estimate.blocks import blocks_of, declared_blocks
 from armflex.estimate.fit import realise
 from armflex.estimate.law_block import learned_laws, with_laws
-from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of
+from armflex.estimate.spread import OTHER_PARAMETERS
 from armflex.parameters import FRAME, Kind, of_law
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup

@@ -9,7 +9,8 @@ import numpy as np
 from a4.study import Trial, average, determined, precisions
 from a4.surrogate import NOISE, Rows
 
-from armflex.bench.cross_validation import BAND, predicted, spread
+from armflex.bench.fitted import predicted, spread
+from armflex.bench.held_out import BAND
 from armflex.laws.law import Law
 
 matplotlib.use("Agg")

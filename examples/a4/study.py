@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from a4.surrogate import NOISE, Bench, Rows, bench
 
-from armflex.bench.cross_validation import BAND, NOWHERE, predicted, spread, wrenches
 from armflex.bench.fit_network import fit_network
-from armflex.bench.fitted import Fitted, Learner
+from armflex.bench.fitted import NOWHERE, Fitted, Learner, predicted, spread, wrenches
+from armflex.bench.held_out import BAND
 from armflex.bench.learners import Options, learner
 from armflex.bench.network_problem import GROUPS
 from armflex.conventions import Array

@@ -19,7 +19,7 @@ from functools import cache
 import numpy as np
 
 import armflex
-from armflex.bench.cross_validation import predicted
+from armflex.bench.fitted import predicted
 from armflex.bench.learners import Options, learner
 from armflex.conventions import Array
 from armflex.laws.law import Law

@@ -18,11 +18,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 from baseline import machine, medians_us
 
 from armflex.bench.fit_network import fit_network, network_law
-from armflex.bench.levenberg import PAPER, minimise
 from armflex.bench.network_problem import (
+    PAPER,
     NetworkProblem,
     jacobian,
     least_squares,
+    minimise,
     predictions,
     scaled_problem,
     start_weights,

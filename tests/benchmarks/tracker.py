@@ -38,7 +38,7 @@ def tracked(boom: Boom, blocks: Sequence[str], compliances: Sequence[str], learn
     for flexure, wrench in zip(boom.arm.flexures, wrenches, strict=True):
         if flexure.name in learned:
             law = learned_law(flexure.law, Learning("linear"), seen_in(flexure.law, wrench[None], row))
-            free |= {f"law {flexure.name} {label}": 0.1 for label in law.labels}
+            free |= {f"law {flexure.name} {one.name}": 0.1 for one in law.parameters}
             flexure = replace(flexure, law=law)
         flexures.append(flexure)
     fixed = {f"instrument {axis}": 1e-4 for axis in TWIST_NAMES} | {f"tool {axis}": 1e-3 for axis in TWIST_NAMES[:3]}

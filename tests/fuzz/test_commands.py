@@ -79,6 +79,26 @@ def test_compensate_a_spoilt_path(spoilt: bytes) -> None:
     judge_command("compensate", plain(), written("path.csv", spoilt), "-o", FOLDER / "out.csv")
 
 
+@cases(20)
+@given(mutated_table(PATH_HEADER, PATH), st.sampled_from(("krl", "rapid", "jointtrajectory")))
+def test_export_a_spoilt_path(spoilt: bytes, language: str) -> None:
+    judge_command(
+        "export", plain(), "--to", language, "--traj", written("path.csv", spoilt), "-o", FOLDER / "out", "--compensate"
+    )
+
+
+@cases(20)
+@given(ARMS, st.sampled_from((("urdf",), ("sheet",), ("yaml", "--flavour", "robot_calibration"))))
+def test_export_a_spoilt_arm(spoilt: str | bytes, asked: tuple[str, ...]) -> None:
+    run("export", spoilt, "--to", *asked, "-o", FOLDER / "out")
+
+
+@cases(20)
+@given(mutated_bytes(URDF.encode()), st.sampled_from(("urdf", "sheet")))
+def test_export_a_spoilt_urdf(spoilt: bytes, form: str) -> None:
+    judge_command("export", written("bare.urdf", spoilt), "--to", form, "-o", FOLDER / "out")
+
+
 @cases(30)
 @given(mutated_bytes((ROBOTS / "tarm_like" / "a4_table_1.csv").read_bytes()))
 def test_train_on_a_spoilt_table(spoilt: bytes) -> None:

@@ -17,7 +17,7 @@ from support.small_arms import ROBOTS
 
 from armflex.errors import UrdfError
 from armflex.robot import FlexModel, Robot, Site, build_model, load_robot
-from armflex.robot.elements import MOVING
+from armflex.robot.urdf import MOVING
 
 
 def example_robots() -> Path | None:

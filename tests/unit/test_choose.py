@@ -12,10 +12,21 @@ from support.command_line import Run, fine, strict_json
 from support.small_arms import ROBOTS
 
 from armflex import InputError, read_joint_data, train
-from armflex.bench.cross_validation import NOWHERE, hold_out, random_folds
-from armflex.bench.fitted import Fitted
+from armflex.bench.fitted import NOWHERE, Fitted
+from armflex.bench.held_out import (
+    INNER,
+    OUTER,
+    Compared,
+    Rival,
+    assess,
+    chosen,
+    compare,
+    hold_out,
+    negligible,
+    race,
+    random_folds,
+)
 from armflex.bench.learners import Options, affordable_starts, learner, rivals
-from armflex.bench.model_choice import INNER, OUTER, Compared, Rival, assess, chosen, compare, negligible, race
 from armflex.bench.training import CHOICE
 from armflex.laws.law_file import load_law
 from armflex.measured.joint_data import JointData

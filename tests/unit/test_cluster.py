@@ -15,8 +15,8 @@ from support.campaigns import draw
 
 from armflex import Arm, bootstrap, load_arm, map_workspace, read_measurements
 from armflex.bench.fit_bayesian import evident_prior, sample
+from armflex.bench.metropolis import sample_compliance
 from armflex.bench.network_problem import scaled_problem
-from armflex.bench.paper.linear_chain import sample_compliance
 from armflex.parallel import in_order
 from armflex.tasks.workspace import WorkspaceMap
 

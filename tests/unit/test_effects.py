@@ -24,7 +24,6 @@ from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.hysteresis import play
-from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
@@ -169,31 +168,6 @@ def test_one_row_and_many_rows_are_alike(name, stage):
         for i in range(ROWS):
             one = replace(row, q=row.q[i], covariates={key: values[i] for key, values in known.items()})
             np.testing.assert_allclose(law.basis(here, wrench[i], one, effect.inner), whole[i], rtol=1e-13)
-
-
-@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if law.act is Act.TWIST])
-def test_a_twist_in_an_arm_is_a_law_with_its_values(name, stage):
-    for effect in some_effects(EVERY[name], stage, 2):
-        setup = stage.with_effect(effect)
-        bound = BoundTwist(effect, stage.scene.here(effect.location, setup.arm))
-        row = replace(stage.scene.row, covariates=known_rows(setup.arm, stage.rows))
-        wrench = stage.scene.wrenches[effect.location.site]
-        again = bound.at(bound.values)
-        np.testing.assert_allclose(again.effect.values, effect.values, rtol=1e-14)
-        assert len(bound.parameters) == len(bound.values) and bound.draw(np.random.default_rng(0)) is bound
-        names = [parameter.name for parameter in bound.parameters]
-        assert names[: len(effect.location.terms)] == [effect.law.amplitudes[i].name for i in effect.location.terms]
-        assert set(names) <= set(effect.named)
-        by_values = bound.by_values(wrench, row)
-        assert by_values.shape == (ROWS, 6, len(names))
-        twist = bound.twist(wrench, row)
-        for k, value in enumerate(bound.values.tolist()):
-            step = np.zeros(len(names))
-            step[k] = 3e-5 * (1.0 if bound.parameters[k].unit == "1" else max(abs(value), 1e-9))
-            ends = [bound.at(bound.values + side * step).twist(wrench, row) for side in (1.0, -1.0)]
-            numeric = (ends[0] - ends[1]) / (2.0 * step[k])
-            allowed = 2e-3 * np.abs(numeric).max() + 1e-12 * np.abs(twist).max() / step[k]
-            np.testing.assert_allclose(by_values[..., k], numeric, rtol=0.0, atol=allowed, err_msg=names[k])
 
 
 @pytest.mark.parametrize("moving", [False, True])

@@ -8,46 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.command_line import Run, fine, strict_json
-from support.effect_arms import BACKLASH, TEXT, arm_with, locations, plain
+from support.effect_arms import BACKLASH, KNOWN, LAWS, TEXT, Q, arm_with, millimetre, plain
 from support.small_arms import central_difference
 
 from armflex import Arm, Trajectory, check, compensate, read_trajectory, view
 from armflex.cli.options import parse_covariates
 from armflex.errors import InputError, MissingCovariateError, TableError
-from armflex.laws.effects import CATALOGUE, Effect
-from armflex.laws.effects.catalogue import SHAPES
 from armflex.tasks.workspace import map_workspace
-
-Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
-KNOWN = {"time": 30.0, "hold": 40.0, "temperature": 27.0, "oil_temp": 27.0, "humidity": 0.4}
-KNOWN |= {f"approach_J{i}": 1.0 for i in range(1, 7)}
-INNER = {"k": 5.0, "tau0": 300.0, "t0": 20.0, "radius": 100.0, "at": 10.0, "since": -1.0, "lag": 0.0, "reference": 20.0}
-INNER |= {"along": 1.0, "rest": 0.2, "reach": 0.3, "low": -2.0, "high": 2.0, "middle": 0.0, "centre": 0.2, "width": 0.5}
-INNER |= {"spare": 0.2, "out": 1.0, "hook": 0.7}
-INNER |= {f"{name}_{axis}": value for name in ("anchor", "point") for axis, value in zip("xyz", (1, 2, 3), strict=True)}
-LAWS = {name: law for name, law in (CATALOGUE | SHAPES).items() if not law.changes_model}
-
-
-def millimetre(name: str) -> Arm:
-    """Return heavy_six with a law at work, scaled so that it moves the tip by about a millimetre."""
-    law = LAWS[name]
-    location = next((one for one in locations(law) if one.place in ("J2", "J3")), locations(law)[0])
-    inner = tuple(INNER[one.name] for one in law.inner)
-
-    def arm(size: float) -> Arm:
-        values = [size if i in location.terms else 0.0 for i in range(len(law.amplitudes))]
-        return dataclasses.replace(plain(), effects=(Effect(law, location, (*values, *inner)),))
-
-    asked = {
-        "payload": "p200",
-        "covariates": KNOWN | {"play_J2_dx_100": 500.0, "play_J2_ry_100": 500.0},
-        "allow_large": True,
-    }
-    there, size = plain().deflection(Q, "p200").displacement[:3], 1e-9
-    for _ in range(4):
-        moved = np.linalg.norm(arm(size).deflection(Q, **asked).displacement[:3] - there)
-        size *= 1e-3 / max(moved, 1e-12)
-    return arm(size)
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from armflex.laws.effects.hysteresis import play
-from armflex.laws.effects.shapes import follow
-from armflex.laws.effects.stepping import play_in, stepper
+from armflex.laws.effects.shapes import follow, play_in, stepper
 
 LAG = 1800.0
 loads = arrays(float, st.integers(1, 40), elements=st.floats(-100.0, 100.0, width=32))

@@ -148,7 +148,7 @@ def renamed(folder: Path, name: str) -> Arm:
 
 
 def test_more_or_other_joints_than_a_ur_has_are_refused_with_their_names(tmp_path: Path) -> None:
-    with pytest.raises(UnsupportedError, match=r"six turning joints; this arm has 3: yaw, pitch, roll"):
+    with pytest.raises(UnsupportedError, match=r"takes six turning joints; this arm has 3: yaw, pitch, roll"):
         export(three_joints(tmp_path, [np.eye(6) * 1e-9] * 3), "ur_calibration")
     with pytest.raises(UnsupportedError, match=r"this arm has 7, M1 sliding: M1, A1"):
         export(bundled("tarm_like"), "ur_calibration")

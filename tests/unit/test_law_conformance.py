@@ -18,10 +18,10 @@ from armflex.conventions import Array
 from armflex.errors import ArmFileError
 from armflex.estimate.calibrate import write_calibrated
 from armflex.laws import LAWS, AtNode, Law, LinearLaw, Row
+from armflex.laws.joint.carried import ScaledLaw, scaled
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.joint.network import weight_count
 from armflex.laws.joint.polynomial import PolynomialLaw
-from armflex.laws.joint.scaled import ScaledLaw, scaled
 from armflex.laws.law import anywhere
 from armflex.readings import Position, Readings
 from armflex.rows import Rows

@@ -37,12 +37,18 @@ from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
 from armflex.parameters import ArmParameter, Group, Kind
 
 
+def ending(law: LearnedLaw, **changed: object) -> LearnedLaw:
+    """Return a law whose correction ends otherwise."""
+    return replace(law, seen=replace(law.seen, **changed))
+
+
 @pytest.mark.parametrize("name", DECLARED)
 def test_a_law_begins_as_it_was_declared(name):
     law, learning = DECLARED[name]
     start = learned_law(law, learning, seen_in(law, LOADS, ROW))
     np.testing.assert_allclose(start.twist(LOADS, ROW), law.twist(LOADS, ROW), rtol=1e-9, atol=1e-15)
-    assert len(start.labels) == len(set(start.labels)) == len(start.values) == len(start.prior)
+    names = [one.name for one in start.parameters]
+    assert len(names) == len(set(names)) == len(start.values) == len(start.prior)
 
 
 @pytest.mark.parametrize("name", DECLARED)
@@ -51,7 +57,7 @@ def test_a_law_begins_as_it_was_declared(name):
 @pytest.mark.parametrize("energy", [None, compliance(rigid=2) / 5.0], ids=["by distance", "by energy"])
 def test_derivatives_by_load_and_by_values(name, number, out, energy):
     """Some of the loads are where a correction is carried on, and fades."""
-    law, row, load = replace(moved(name), faded=3.0, energy=energy), ROW.some(number), out * LOADS[number]
+    law, row, load = ending(moved(name), faded=3.0, energy=energy), ROW.some(number), out * LOADS[number]
     tangent = central_difference(lambda z: law.twist(z * SIZE, row), load / SIZE, 1e-5)
     np.testing.assert_allclose(law.tangent(load, row) * SIZE, tangent, rtol=1e-5, atol=1e-6 * np.abs(tangent).max())
     by_values = central_difference(lambda values: law.at(values).twist(load, row), law.values, 1e-5)
@@ -69,7 +75,7 @@ def test_rows_at_once_are_rows_one_by_one(name):
 
 @pytest.mark.parametrize("name", ["polynomial", "neural"])
 def test_a_row_among_the_loads_seen_is_what_it_is_whatever_the_others_are(name):
-    law, others = replace(moved(name), faded=3.0), LOADS.copy()
+    law, others = ending(moved(name), faded=3.0), LOADS.copy()
     others[-1] *= 20.0
     for ask in (law.twist, law.tangent, law.by_values):
         np.testing.assert_array_equal(ask(others, ROW)[:-1], ask(LOADS, ROW)[:-1])
@@ -91,9 +97,9 @@ def test_a_learned_compliance_is_symmetric_and_gains_no_energy(seed, size):
 def test_a_correction_is_nothing_beyond_the_loads_seen_and_its_doubt_grows(name):
     law = moved(name).settled(1e-4 * np.eye(len(moved(name).values)), LOADS, ROW)
     plain = law.plain
-    row, mean = ROW.some(0), law.window.mean
-    far = mean + 1.001 * law.faded * (LOADS[0] - mean) / law.window.outreach(LOADS[0])
-    assert law.window.weight(LOADS).min() == 1.0
+    row, mean = ROW.some(0), law.seen.mean
+    far = mean + 1.001 * law.seen.faded * (LOADS[0] - mean) / law.seen.outreach(LOADS[0])
+    assert law.seen.weight(LOADS).min() == 1.0
     assert np.abs(law.twist(LOADS, ROW) - plain.twist(LOADS, ROW)).max() > 1e-6
     np.testing.assert_array_equal(law.twist(far, row), plain.twist(far, row))
     near, beyond = (np.diag(law.covariance(load, row)).max() for load in (LOADS[0], far))
@@ -110,10 +116,10 @@ def test_fading_takes_a_quarter_of_the_compliance_at_most(seed, size, name):
     law = law.settled(1e-9 * np.eye(len(law.values)), LOADS, ROW)
     root = np.linalg.pinv(compliance_root(law))
     out = np.random.default_rng(seed).normal(size=(300, 6)) @ np.diag(SIZE)
-    out /= law.window.outreach(law.window.mean + out)[:, None]
-    far = law.window.mean + out * np.geomspace(0.8, 1.2 * law.faded, 300)[:, None]
+    out /= law.seen.outreach(law.seen.mean + out)[:, None]
+    far = law.seen.mean + out * np.geomspace(0.8, 1.2 * law.seen.faded, 300)[:, None]
     for load in far:
-        kept, fading = (least(root, one.tangent(load, ROW.some(0))[None]) for one in (replace(law, faded=np.inf), law))
+        kept, fading = (least(root, one.tangent(load, ROW.some(0))[None]) for one in (ending(law, faded=np.inf), law))
         assert fading > min(1.0, kept) - 0.25 - 1e-9
 
 
@@ -123,12 +129,12 @@ def test_all_loads_seen_are_within_reach_and_others_before_long(learned):
     _, found = learned
     rng = np.random.default_rng(3)
     for law in (flexure.law for flexure in found.arm.flexures if flexure.learn):
-        root = np.linalg.cholesky(np.linalg.inv(law.window.precision))
+        root = np.linalg.cholesky(np.linalg.inv(law.seen.precision))
         out = rng.normal(size=(2000, 6))
-        edge = law.window.mean + (out / np.linalg.norm(out, axis=1)[:, None]) @ root.T
-        np.testing.assert_allclose(law.window.distance(edge), 1.0, rtol=1e-6)
-        assert (law.window.weight(edge) == 1.0).all() and law.window.outreach(edge).max() > 0.8
-        assert law.faded < 20.0
+        edge = law.seen.mean + (out / np.linalg.norm(out, axis=1)[:, None]) @ root.T
+        np.testing.assert_allclose(law.seen.distance(edge), 1.0, rtol=1e-6)
+        assert (law.seen.weight(edge) == 1.0).all() and law.seen.outreach(edge).max() > 0.8
+        assert law.seen.faded < 20.0
 
 
 def compliance_root(law: LearnedLaw) -> np.ndarray:
@@ -266,7 +272,7 @@ def test_what_was_learned_is_written_and_read(six, learned, tmp_path):
         if kept.learn is not None:  # beyond the loads seen, too
             load, row = 3.0 * before.law.seen.loads[1], Row(q, found.arm.joint_index)
             np.testing.assert_allclose(kept.law.covariance(load, row), before.law.covariance(load, row), rtol=1e-6)
-            assert before.law.window.weight(load) < 1.0
+            assert before.law.seen.weight(load) < 1.0
             np.testing.assert_array_equal(kept.law.twist(load, row), before.law.twist(load, row))
     rows = read_measurements(folder / "test.csv", again)
     np.testing.assert_allclose(predict(again, rows).sigma, predict(found.arm, rows).sigma, rtol=1e-6)
@@ -416,7 +422,7 @@ def test_a_correction_of_a_file_without_energy_fades_by_distance(learned, tmp_pa
     path.write_text(re.sub(r"^energy = .*\n", "", path.read_text(), flags=re.M))
     laws = [flexure.law for flexure in load_arm(path).flexures if flexure.learn]
     assert laws and all(
-        law.energy is None and law.window.outreach(LOADS[0]) == law.window.distance(LOADS[0]) for law in laws
+        law.seen.energy is None and law.seen.outreach(LOADS[0]) == law.seen.distance(LOADS[0]) for law in laws
     )
 
 

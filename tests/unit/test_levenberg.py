@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares as scipy_least_squares
 
-from armflex.bench.levenberg import RELATIVE, Damping, Point, damped_step, minimise
 from armflex.bench.network_problem import (
+    RELATIVE,
+    Damping,
     NetworkProblem,
+    Point,
     Weighted,
+    damped_step,
     jacobian,
     least_squares,
+    minimise,
     predictions,
     start_weights,
 )
@@ -96,7 +100,7 @@ def test_schedule_of_the_damping(monkeypatch: pytest.MonkeyPatch) -> None:
         seen.append(mu)
         return gradient
 
-    monkeypatch.setattr("armflex.bench.levenberg.damped_step", one_step)
+    monkeypatch.setattr("armflex.bench.network_problem.damped_step", one_step)
     found = minimise(Never(4), np.zeros(1), 100, damping=Damping(ceiling=1e-3))
     np.testing.assert_allclose(seen, [1e-3, 1e-4, 1e-5, 1e-5, 1e-5, 1e-4, 1e-3], rtol=1e-9)
     assert found.converged and found.mu == pytest.approx(1e-2) and found.cost == 0.0
@@ -130,7 +134,7 @@ class Gains:
 def test_ends_after_three_small_gains_in_a_row(
     parts: tuple[float, ...], steps: int, converged: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("armflex.bench.levenberg.damped_step", lambda gradient, *_: gradient)
+    monkeypatch.setattr("armflex.bench.network_problem.damped_step", lambda gradient, *_: gradient)
     found = minimise(Gains(parts), np.zeros(1), len(parts), tolerance=1e-3)
     assert len(found.costs) == steps + 1 and found.converged == converged
     assert minimise(Gains(parts), np.zeros(1), len(parts)).converged is False  # no tolerance, no end

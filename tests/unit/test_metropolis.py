@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -10,12 +11,13 @@ from scipy.special import digamma, ndtri
 from scipy.stats import rankdata
 
 from armflex.bench.fit_linear import fit_compliance
-from armflex.bench.paper.linear_chain import fit_linear_chain, sample_compliance
-from armflex.bench.paper.metropolis import (
+from armflex.bench.metropolis import (
     Adaptation,
+    Chain,
     Running,
     adaptive_metropolis,
-    adaptive_metropolis_gibbs,
+    fit_linear_chain,
+    sample_compliance,
     scale_of,
     updated,
 )
@@ -23,6 +25,11 @@ from armflex.errors import ConvergenceError, InputError, NotFiniteError, ShapeEr
 from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose, ess, rhat
 
 EPSILON = 1e-3
+
+
+def chain_of(density: Callable[[np.ndarray], float], *given: object, **options: object) -> Chain:
+    """Return a chain whose draws are distributed as a density says: a prior without any residuals."""
+    return adaptive_metropolis(lambda theta: np.zeros(0), 0, *given, **options, log_prior=density)
 
 
 def like_table_1(rows: int = 20, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +94,7 @@ def test_normal_density(every: int) -> None:
     mean, covariance, precision = rng.normal(size=4), root @ root.T, np.linalg.inv(root @ root.T)
     adaptation = Adaptation(0.1 * np.eye(4), after=100, every=every)
     chains = [
-        adaptive_metropolis(lambda x: -0.5 * (x - mean) @ precision @ (x - mean), mean, 8000, seed, adaptation)
+        chain_of(lambda x: -0.5 * (x - mean) @ precision @ (x - mean), mean, 8000, seed, adaptation)
         for seed in range(4)
     ]
     draws = np.array([chain.draws for chain in chains])
@@ -104,10 +111,7 @@ def test_normal_density(every: int) -> None:
 def test_zero_density_is_never_entered() -> None:
     """Exponential, -inf below zero: mean and variance one."""
     draws = np.array(
-        [
-            adaptive_metropolis(lambda x: -x[0] if x[0] > 0.0 else -np.inf, np.ones(1), 6000, seed).draws
-            for seed in range(4)
-        ]
+        [chain_of(lambda x: -x[0] if x[0] > 0.0 else -np.inf, np.ones(1), 6000, seed).draws for seed in range(4)]
     )
     assert draws.min() > 0.0
     assert_mean(draws, np.ones(1))
@@ -115,7 +119,7 @@ def test_zero_density_is_never_entered() -> None:
 
 
 def test_same_seed_same_chain() -> None:
-    first, again, other = (adaptive_metropolis(lambda x: -x @ x, np.zeros(2), 400, seed) for seed in (5, 5, 6))
+    first, again, other = (chain_of(lambda x: -x @ x, np.zeros(2), 400, seed) for seed in (5, 5, 6))
     np.testing.assert_array_equal(first.draws, again.draws)
     assert first.acceptance == again.acceptance and not np.array_equal(first.draws, other.draws)
 
@@ -123,7 +127,7 @@ def test_same_seed_same_chain() -> None:
 def test_burn_in_is_left_out_and_first_steps_keep_their_covariance() -> None:
     """Steps of a millionth, for nothing is adapted before the thousandth."""
     small = Adaptation(1e-12 * np.eye(3), after=1000)
-    chain = adaptive_metropolis(lambda x: -0.5 * x @ x, np.ones(3), 500, 0, small, burn_in=100)
+    chain = chain_of(lambda x: -0.5 * x @ x, np.ones(3), 500, 0, small, burn_in=100)
     assert chain.draws.shape == (400, 3) and chain.acceptance > 0.99
     assert np.abs(chain.draws - 1.0).max() < 1e-3
 
@@ -139,7 +143,7 @@ def test_burn_in_is_left_out_and_first_steps_keep_their_covariance() -> None:
 )
 def test_densities_that_are_no_numbers(density: object, start: float, error: type, complaint: str) -> None:
     with pytest.raises(error, match=complaint):
-        adaptive_metropolis(density, np.array([start]), 1000, 0)
+        chain_of(density, np.array([start]), 1000, 0)
 
 
 def test_bad_arguments() -> None:
@@ -148,13 +152,13 @@ def test_bad_arguments() -> None:
 
     for start in (np.zeros(0), np.zeros((2, 2))):
         with pytest.raises(ShapeError, match="start of a chain"):
-            adaptive_metropolis(flat, start, 10, 0)
+            chain_of(flat, start, 10, 0)
     with pytest.raises(InputError, match="10 steps with a burn-in of 9"):
-        adaptive_metropolis(flat, np.zeros(1), 10, 0, burn_in=9)
+        chain_of(flat, np.zeros(1), 10, 0, burn_in=9)
     with pytest.raises(ShapeError, match=r"start covariance: expected \(2, 2\)"):
-        adaptive_metropolis(flat, np.zeros(2), 10, 0, Adaptation(np.eye(3)))
+        chain_of(flat, np.zeros(2), 10, 0, Adaptation(np.eye(3)))
     with pytest.raises(InputError, match="not positive definite"):
-        adaptive_metropolis(flat, np.zeros(2), 10, 0, Adaptation(-np.eye(2)))
+        chain_of(flat, np.zeros(2), 10, 0, Adaptation(-np.eye(2)))
     for wrong in ({"after": 0}, {"every": 0}, {"epsilon": 0.0}, {"epsilon": np.nan}):
         with pytest.raises(InputError, match="expected more than 0"):
             Adaptation(**wrong)
@@ -165,7 +169,7 @@ def test_gibbs_noise_of_a_mean() -> None:
     readings = np.random.default_rng(7).normal(3.0, 0.5, 12)
     total = ((readings - readings.mean()) ** 2).sum()
     chains = [
-        adaptive_metropolis_gibbs(
+        adaptive_metropolis(
             lambda theta: np.array([((readings - theta[0]) ** 2).sum()]), 12, np.array([3.0]), 6000, seed
         )
         for seed in range(4)
@@ -180,7 +184,7 @@ def test_gibbs_noise_of_a_mean() -> None:
 def test_gibbs_with_priors_alone() -> None:
     """Without residuals to speak of, parameters and variances follow their priors."""
     chains = [
-        adaptive_metropolis_gibbs(
+        adaptive_metropolis(
             lambda theta: np.zeros(2),
             0,
             np.zeros(1),
@@ -292,7 +296,7 @@ def test_rhat_catches_chains_in_different_modes() -> None:
         return float(np.logaddexp(-0.5 * ((x[0] + 5.0) / 0.2) ** 2, -0.5 * ((x[0] - 5.0) / 0.2) ** 2))
 
     draws = np.array(
-        [adaptive_metropolis(two_modes, np.array([start]), 4000, seed).draws for seed, start in enumerate([-5.0, 5.0])]
+        [chain_of(two_modes, np.array([start]), 4000, seed).draws for seed, start in enumerate([-5.0, 5.0])]
     )
     with pytest.raises(ConvergenceError, match="R-hat"):
         check_converged(diagnose(draws))

@@ -16,9 +16,9 @@ from armflex.laws import LinearLaw, Row
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.joint.network import (
     NetworkLaw,
+    from_tensors,
     hidden_values,
     layers,
-    network_from_tensors,
     pack,
     to_tensors,
     unpack,
@@ -148,7 +148,7 @@ def test_tensors_give_the_law_back(size: int, draws: int, laplace: bool) -> None
     law = some_law(size, draws, laplace=laplace)
     tensors = to_tensors(law)
     assert all(tensor.dtype == np.float64 and tensor.flags.c_contiguous for tensor in tensors.values())
-    again, wrench = network_from_tensors(tensors), 0.5 * LARGEST
+    again, wrench = from_tensors(tensors), 0.5 * LARGEST
     assert ("weight_covariance" in tensors) == laplace
     np.testing.assert_array_equal(again.twist(wrench, NOWHERE), law.twist(wrench, NOWHERE))
     np.testing.assert_array_equal(again.covariance(wrench, NOWHERE), law.covariance(wrench, NOWHERE))
@@ -161,11 +161,11 @@ def test_tampered_tensors_are_refused_by_name(name: str) -> None:
     whole = tensors[name]
     for bad in (whole[:0], whole[None], whole.astype(np.float32), np.full_like(whole, np.nan)):
         with pytest.raises(LawError, match="'(hidden|bias|" + name + ")'"):  # other arrays are judged by `hidden`
-            network_from_tensors(tensors | {name: bad})
+            from_tensors(tensors | {name: bad})
     del tensors[name]
     if name != "weight_covariance":
         with pytest.raises(LawError, match=name):
-            network_from_tensors(tensors)
+            from_tensors(tensors)
 
 
 @pytest.mark.parametrize(
@@ -184,13 +184,13 @@ def test_tampered_tensors_are_refused_by_name(name: str) -> None:
 def test_impossible_tensors_are_refused(name: str, change: Callable, match: str) -> None:
     tensors = to_tensors(some_law(3, 1))
     with pytest.raises(LawError, match=match):
-        network_from_tensors(tensors | {name: change(tensors.get(name))})
+        from_tensors(tensors | {name: change(tensors.get(name))})
 
 
 def test_only_a_single_network_has_a_laplace_covariance() -> None:
     tensors = to_tensors(some_law(3, 4)) | {"weight_covariance": np.eye(weight_count(3, 7))}
     with pytest.raises(LawError, match="single network"):
-        network_from_tensors(tensors)
+        from_tensors(tensors)
 
 
 @pytest.mark.slow

@@ -5,15 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armflex.bench.evidence import find_modes, laplace
-from armflex.bench.fit_network import fit_network
-from armflex.bench.network_problem import (
-    GROUPS,
-    jacobian,
-    predictions,
-    scaled_problem,
-    start_weights,
-)
+from armflex.bench.fit_network import find_modes, fit_network, laplace
+from armflex.bench.network_problem import GROUPS, jacobian, predictions, scaled_problem, start_weights
 from armflex.errors import InputError
 from armflex.laws import Row
 from armflex.laws.joint.network import NetworkLaw, layers, pack, weight_jacobian

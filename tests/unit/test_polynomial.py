@@ -15,21 +15,23 @@ from support.bench import made
 from support.small_arms import ROBOTS
 
 from armflex import read_joint_data
-from armflex.bench.cross_validation import NOWHERE, hold_out, predicted
-from armflex.bench.fit_linear import fit_compliance
-from armflex.bench.fit_polynomial import PLAIN, fit_polynomial, learner
+from armflex.bench.fit_linear import fit_compliance, fit_polynomial
+from armflex.bench.fitted import NOWHERE, predicted
+from armflex.bench.held_out import hold_out
+from armflex.bench.learners import Options, learner
 from armflex.errors import IdentifiabilityError, LawError, UnknownNameError
-from armflex.laws.joint.at_node import AtNode
+from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.polynomial import (
     FEATURES,
     PolynomialLaw,
     feature_values,
     features_of,
-    polynomial_from_tensors,
+    from_tensors,
     to_tensors,
 )
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
+PLAIN = ("linear+radial", "linear+radial+magnitude", "quadratic")
 EVERYTHING = "radial+magnitude+absolute+quadratic+odd"
 LOADS = arrays(np.float64, 6, elements=st.floats(-1e4, 1e4).map(lambda x: x if abs(x) > 1e-3 else 0.0))
 
@@ -55,7 +57,7 @@ def test_published_table(features: str, in_sample: list, held_out: list) -> None
     data = read_joint_data(TABLE)
     residual = data.deflections - predicted(fit_polynomial(data.loads, data.deflections, features), data.loads)
     np.testing.assert_array_equal(np.round(1e3 * np.sqrt((residual**2).mean(axis=0)), 3), in_sample)
-    found = hold_out(learner(features), data, np.arange(20))
+    found = hold_out(learner("polynomial", Options(features=features)), data, np.arange(20))
     np.testing.assert_array_equal(np.round(1e3 * found.rms, 3), held_out)
 
 
@@ -76,7 +78,6 @@ def test_names_of_features() -> None:
     assert features_of("squares", 3)[3:] == ("fx*fx", "fy*fy", "fz*fz")
     assert len(features_of("quadratic", 3)) == 9 and len(features_of("quadratic", 6)) == 27
     assert features_of(EVERYTHING, 6)[:6] == FEATURES[:6] and set(features_of(EVERYTHING, 6)) == set(FEATURES)
-    assert PLAIN == ("linear+radial", "linear+radial+magnitude", "quadratic")
     with pytest.raises(UnknownNameError, match="no feature of a load named 'radia', did you mean 'radial'"):
         features_of("linear+radia", 3)
     with pytest.raises(UnknownNameError, match="no feature of a load named 'radial_moment'"):
@@ -126,7 +127,11 @@ def test_prediction_variance_covers_new_readings() -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(LOADS, st.sampled_from([3, 6]), st.sampled_from([*PLAIN, "absolute", EVERYTHING]))
+@given(
+    LOADS,
+    st.sampled_from([3, 6]),
+    st.sampled_from(["linear+radial", "linear+radial+magnitude", "quadratic", "absolute", EVERYTHING]),
+)
 def test_tangent_is_the_derivative(wrench: np.ndarray, size: int, features: str) -> None:
     """Against central differences in the directions in which the law is smooth."""
     law = made(size, features)
@@ -206,7 +211,7 @@ def test_arrays_hold_the_law(size: int) -> None:
     law = made(size, EVERYTHING)
     tensors = to_tensors(law)
     assert all(array.dtype == np.float64 and array.flags.c_contiguous for array in tensors.values())
-    read = polynomial_from_tensors(tensors)
+    read = from_tensors(tensors)
     assert read.features == law.features
     wrench = np.random.default_rng(5).normal(size=6)
     for name in ("twist", "tangent", "covariance"):
@@ -240,7 +245,7 @@ def test_arrays_hold_the_law(size: int) -> None:
 def test_arrays_that_are_no_law(change: dict, complaint: str) -> None:
     tensors = to_tensors(made(3, "linear+radial")) | change
     with pytest.raises(LawError, match=complaint):
-        polynomial_from_tensors({name: array for name, array in tensors.items() if array is not None})
+        from_tensors({name: array for name, array in tensors.items() if array is not None})
 
 
 def test_loads_that_do_not_determine_the_features() -> None:
@@ -271,7 +276,7 @@ def test_a_column_that_is_followed_exactly() -> None:
 
 def test_what_a_learner_says() -> None:
     loads, deflections, _ = bench(3, 20, 0.1)
-    fitted = learner("linear+radial")(loads, deflections, 0)
+    fitted = learner("polynomial", Options(features="linear+radial"))(loads, deflections, 0)
     assert fitted.parameters["features"] == ["fx", "fy", "fz", "radial_force"]
     assert fitted.parameters["coefficients"]["fy"] == fitted.law.coefficients[1].tolist()
     assert fitted.diagnostics.rhat_max is None

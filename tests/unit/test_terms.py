@@ -7,7 +7,7 @@ import pytest
 from support.small_arms import ROBOTS
 
 from armflex import InputError, read_joint_data, train
-from armflex.bench.fit_terms import COUPLING, fit_terms
+from armflex.bench.fit_linear import COUPLING, fit_terms
 from armflex.bench.learners import FOUND, Options
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"

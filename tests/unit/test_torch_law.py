@@ -17,11 +17,11 @@ from support.command_line import Run, fine, strict_json
 
 from armflex import ArmflexError, InputError, Measurements, calibrate, load_arm, load_law, save_law, train
 from armflex.bench import fit_torch
-from armflex.bench.cross_validation import NOWHERE
+from armflex.bench.fitted import NOWHERE
 from armflex.bench.learners import Options
 from armflex.errors import LawError, ModelFileError, NotFiniteError
 from armflex.estimate.calibrate import write_calibrated
-from armflex.laws.joint.scaled import scaled
+from armflex.laws.joint.carried import scaled
 from armflex.laws.law_file import TrainedLaw
 from armflex.readings import Position, Readings
 from armflex.rows import Rows

@@ -14,11 +14,11 @@ from support.structures import ASSEMBLY, BEAM
 
 from armflex import InputError, load_law, read_joint_data, train
 from armflex.bench import fit_bayesian as bayesian
-from armflex.bench.cross_validation import NOWHERE
 from armflex.bench.fit_bayesian import fit_bayesian
 from armflex.bench.fit_linear import fit_compliance
+from armflex.bench.fitted import NOWHERE
 from armflex.bench.learners import Options, learner
-from armflex.bench.training_warnings import bench_doubts, law_doubts
+from armflex.bench.training import bench_flags, law_flags
 from armflex.errors import (
     ArrayTypeError,
     ConvergenceError,
@@ -132,11 +132,11 @@ def test_a_column_that_never_changes_is_said_and_upsets_no_comparison(model: str
 
 def test_doubts_about_a_bench() -> None:
     data, _ = bench(3, 20, 2, 0.01)
-    assert bench_doubts(data) == ()
+    assert bench_flags(data) == ()
     twice = replace(data, loads=data.loads[[*range(20), 4, 4]], deflections=data.deflections[[*range(20), 4, 4]])
-    (flag,) = bench_doubts(twice)
+    (flag,) = bench_flags(twice)
     assert flag.code == "duplicate_rows" and flag.text.startswith("2 rows repeat") and "data row 21" in flag.text
-    (flag,) = bench_doubts(replace(data, deflections=data.deflections * [1.0, 1.0, -1.0]))
+    (flag,) = bench_flags(replace(data, deflections=data.deflections * [1.0, 1.0, -1.0]))
     assert flag.code == "against_its_load" and flag.text.startswith("dz goes against fz")
 
 
@@ -144,7 +144,7 @@ def test_doubts_about_a_bench() -> None:
 def test_every_model_doubts_a_unit_that_makes_no_machine(model: str) -> None:
     for read_as, soft in ((None, True), ({"mm": "um"}, False)):
         data = read_joint_data(TABLE, read_as)
-        found = codes(law_doubts(data, learner(model, Options(**SMALL))(data.loads, data.deflections, 0)))
+        found = codes(law_flags(data, learner(model, Options(**SMALL))(data.loads, data.deflections, 0)))
         assert ("soft" in found) == soft
         assert "does_not_turn" in found
     six, _ = bench(6, 30, 1, 0.01)

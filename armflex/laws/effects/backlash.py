@@ -1,7 +1,5 @@
 """Backlash: (gap / 2) s, s the direction from which the joint came."""
 
-from __future__ import annotations
-
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
 from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive
 

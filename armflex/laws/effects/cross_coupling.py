@@ -6,20 +6,15 @@ from itertools import combinations
 
 import numpy as np
 
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.scene import Records
-
-
-def _places(records: Records) -> list[Location]:
-    pairs = list(combinations(TWIST_NAMES, 2))
-    return [Location(joint, a, partner=b) for joint in records.joints for a, b in pairs]
+from armflex.laws.effects.scene import AXES
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    a, b = TWIST_NAMES.index(str(here.location.axis)), TWIST_NAMES.index(here.location.partner)
+    a, b = AXES.index(str(here.location.axis)), AXES.index(here.location.partner)
     twist = np.zeros_like(wrench)
     twist[..., a], twist[..., b] = wrench[..., b], wrench[..., a]
     return twist[..., None, :]
@@ -29,7 +24,9 @@ CROSS_COUPLING = TwistLaw(
     name="cross_coupling",
     words=Words("cross coupling", "a load along one axis deflects another", "C_ab · w_b"),
     instead="hang a weight that loads one axis of the joint alone and measure a target beside the joint",
-    places=_places,
+    places=lambda records: [
+        Location(joint, a, partner=b) for joint in records.joints for a, b in combinations(AXES, 2)
+    ],
     amplitudes=(Amplitude("C", "{m}/{across}"),),
     basis=_basis,
     loaded=True,

@@ -7,13 +7,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
-from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.scene import Records
+from armflex.laws.effects.location import Here
 from armflex.laws.effects.shapes import at_drives, own_position
-
-
-def _places(records: Records) -> list[Location]:
-    return at_drives(records, "q_{joint}")
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -27,7 +22,7 @@ DRESS_PACK = TwistLaw(
     name="dress_pack",
     words=Words("dress pack pull", "cables turn the joint as it moves", "C · k (q − q₀)"),
     instead="repeat a few poses with the dress pack untied",
-    places=_places,
+    places=lambda records: at_drives(records, "q_{joint}"),
     amplitudes=(Amplitude("k", "{w}/{m}"),),
     basis=_basis,
 )

@@ -14,13 +14,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.location import Here, Location
+from armflex.laws.effects.location import Here, Location, link_of
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
 
@@ -154,6 +154,7 @@ class EffectLaw(ABC):
     """An entry of the catalogue.
 
     Attributes:
+        act: What its features are.
         name: As files name it; 'unnamed_' and more where `shape` is their name for it.
         words: For people.
         instead: What shows it by other means than more rows of the same kind; '' where nobody knows.
@@ -177,6 +178,7 @@ class EffectLaw(ABC):
         columns: How many columns of any name such a shape depends on.
     """
 
+    act: Act
     name: str
     words: Words
     instead: str = ""
@@ -212,19 +214,12 @@ class EffectLaw(ABC):
         """Whether it has neither a free shape nor a place in space to be searched."""
         return self.physical and not self.spatial
 
-    @property
-    @abstractmethod
-    def act(self) -> Act:
-        """What its features are."""
-
     @abstractmethod
     def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return (M, k, n) what it does in some rows per amplitude of `location.terms`; `act` says what that is."""
 
-    @property
-    def changes_model(self) -> bool:
-        """Whether it is in the model that it changed, and not at work in the arm as a twist or a load."""
-        return False
+    changes_model: ClassVar[bool] = False
+    """Whether it is in the model that it changed, and not at work in the arm as a twist or a load."""
 
     def change(self, effect: Effect, model: Model) -> Model:
         """Return the model with the effect in it; what is at work in the arm changes nothing else."""
@@ -371,12 +366,8 @@ class Memory:
 class TwistLaw(EffectLaw):
     """A law that adds a twist at a site: the twist per amplitude is its `basis`."""
 
+    act: Act = Act.TWIST
     basis: Basis
-
-    @property
-    def act(self) -> Act:
-        """A twist."""
-        return Act.TWIST
 
     def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return (M, k, 6) twists per acting amplitude in some rows."""
@@ -407,16 +398,12 @@ Pull = Callable[[Here, Array, Values], Array]
 class LoadLaw(EffectLaw):
     """A law that adds a load on a link: the wrench per amplitude is its `pull`."""
 
+    act: Act = Act.LOAD
     pull: Pull
-
-    @property
-    def act(self) -> Act:
-        """A load."""
-        return Act.LOAD
 
     def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return (M, k, 6) wrenches per acting amplitude in some rows."""
-        pose = view.pose_of(scene.link(location.site))
+        pose = view.pose_of(link_of(location.site, scene.robot))
         return self.pull(scene.here(location, view.arm), pose, inner)[:, list(location.terms)]
 
 
@@ -425,24 +412,13 @@ class ModelLaw(EffectLaw):
     """A law that changes the model itself.
 
     Attributes:
-        acts: What its features are.
         made: (here, rows, scene) -> (M, k, n) features, one per amplitude.
         changed: The model with an effect in it.
     """
 
-    acts: Act
     made: Callable[[Here, Solved, Scene], Array]
     changed: Callable[[Effect, Model], Model]
-
-    @property
-    def act(self) -> Act:
-        """What its features are."""
-        return self.acts
-
-    @property
-    def changes_model(self) -> bool:
-        """It does."""
-        return True
+    changes_model: ClassVar[bool] = True
 
     def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
         """Return (M, k, n) changes per acting amplitude in some rows."""

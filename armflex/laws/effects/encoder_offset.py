@@ -1,7 +1,5 @@
 """Encoder offset: the joint is elsewhere than reported, always by the same amount."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words

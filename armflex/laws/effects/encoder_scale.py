@@ -1,7 +1,5 @@
 """Encoder scale: eps (q - q0); q0 is an encoder offset, which calibration has, and is taken as zero."""
 
-from __future__ import annotations
-
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
 from armflex.laws.effects.shapes import OVER_ITS_RANGE, at_drives, on_drive, own_position
 

@@ -1,7 +1,5 @@
 """Friction wind-up: s (a + b |tau|), the drive train twisted by the friction it had to overcome."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words

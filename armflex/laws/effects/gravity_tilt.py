@@ -9,8 +9,9 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
-from armflex.laws.effects.location import BASE, Here, Location
+from armflex.laws.effects.location import BASE, Here
 from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.shapes import singly_and_together
 
 
 def _turned(here: Here, view: Solved, scene: Scene) -> Array:
@@ -27,13 +28,9 @@ GRAVITY_TILT = ModelLaw(
     name="gravity_tilt",
     words=Words("gravity tilt", "down is not where the frame says", "rotation of gravity"),
     instead="put an inclinometer on the base",
-    places=lambda records: [
-        Location(BASE, "rx", terms=(0,)),
-        Location(BASE, "ry", terms=(1,)),
-        Location(BASE, terms=(0, 1)),
-    ],
+    places=lambda records: singly_and_together((BASE,), (0, 1), axes=("rx", "ry")),
     amplitudes=(Amplitude("rx", "rad", most=0.1), Amplitude("ry", "rad", most=0.1)),
-    acts=Act.GRAVITY,
+    act=Act.GRAVITY,
     made=_turned,
     changed=_change,
 )

@@ -8,7 +8,6 @@ and a position-dependent compliance are what this looks like at one position, or
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
@@ -17,27 +16,8 @@ from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.scene import AXES_TURN, Records, Scene, column_of
-from armflex.laws.effects.shapes import along, on_axis, shares_of_load
-
-
-def _places(records: Records) -> list[Location]:
-    sliding = [joint.name for joint in records.robot.moving if joint.kind == "prismatic"]
-    return [
-        Location(joint, axis, (f"q_{joint}",), terms)
-        for joint in sliding
-        for axis in AXES_TURN
-        for terms in ((0,), (1,), (0, 1))
-    ]
-
-
-def _spare(location: Location, scene: Scene) -> Iterable[float]:
-    return max(float(np.ptp(scene.column(location.covariates[0]))), 1e-3) * np.array([0.05, 0.15, 0.5])
-
-
-def _ends(location: Location, scene: Scene) -> Iterable[float]:
-    values = scene.column(location.covariates[0])
-    return (float(values.max()), float(values.min()))
+from armflex.laws.effects.scene import AXES_TURN, column_of
+from armflex.laws.effects.shapes import along, of_column, on_axis, shares_of_load
 
 
 def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
@@ -53,13 +33,19 @@ GUIDE = TwistLaw(
         "a tube rocks in its guides, the more the less they overlap",
         "(g · clip(τ / τ₀) + c τ) / overlap",
     ),
-    places=_places,
+    places=lambda records: [
+        Location(joint.name, axis, (f"q_{joint.name}",), terms)
+        for joint in records.robot.moving
+        if joint.kind == "prismatic"
+        for axis in AXES_TURN
+        for terms in ((0,), (1,), (0, 1))
+    ],
     amplitudes=(Amplitude("g", "rad m", positive=True), Amplitude("c", "rad m/Nm", positive=True)),
     basis=on_axis(_shapes),
     inner=(
         Inner("tau0", "Nm", partial(shares_of_load, shares=(0.05, 0.2, 0.5))),
-        Inner("spare", "m", _spare),
-        Inner("out", "m", _ends, positive=False, polished=False),
+        Inner("spare", "m", of_column(lambda q: max(float(np.ptp(q)), 1e-3) * np.array([0.05, 0.15, 0.5]))),
+        Inner("out", "m", of_column(lambda q: (float(q.max()), float(q.min()))), positive=False, polished=False),
     ),
     loaded=True,
     shape="guide",

@@ -7,12 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, Inner, Memory, TwistLaw, Values, Words
-from armflex.laws.effects.location import Here, Location
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import AXES, Scene
-from armflex.laws.effects.shapes import along, at_joints, on_axis
-from armflex.laws.effects.stepping import play_in, stepper
+from armflex.laws.effects.shapes import along, at_joints, on_axis, play_in, stepper
 
 
 def play(load: Array, radius: float) -> Array:
@@ -22,10 +20,6 @@ def play(load: Array, radius: float) -> Array:
 
 def _state(location: Location, inner: Values) -> str:
     return f"play_{location.key}_{inner[0]:.4g}"
-
-
-def _remember(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    return play(along(here, wrench), inner[0])
 
 
 def _radii(location: Location, scene: Scene) -> Iterable[float]:
@@ -41,5 +35,5 @@ HYSTERESIS = TwistLaw(
     amplitudes=(Amplitude("gain", "{m}/{w}"),),
     basis=on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.location, inner)),)),
     inner=(Inner("radius", "{w}", _radii),),
-    memory=Memory(_state, _remember, "{w}"),
+    memory=Memory(_state, lambda here, wrench, row, inner: play(along(here, wrench), inner[0]), "{w}"),
 )

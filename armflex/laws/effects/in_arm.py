@@ -13,89 +13,25 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.laws import Law, Row
-from armflex.laws.effects.effect import Act, Effect, LoadLaw, TwistLaw, Values, full
+from armflex.laws.effects.effect import Act, Effect, LoadLaw, TwistLaw, Values
 from armflex.laws.effects.location import Here, link_of, resolve, same_site, site_of
 from armflex.laws.flexure import Flexure
-from armflex.laws.law import NOTHING, STEP, UNLOADED, Composed, Ranges, anywhere, by_wrench
-from armflex.laws.parameter import Parameter, Transform
+from armflex.laws.law import NOTHING, UNLOADED, Composed, Ranges, WithoutParameters, anywhere, by_wrench
 from armflex.robot import Robot
-
-LOG = Transform.LOG
-LEAST = 1e-2
-"""Size that an inner parameter is taken to have at least where a numerical derivative needs a step."""
 
 UNITS = np.eye(6)
 UNITS.flags.writeable = False
 
 
 @dataclass(frozen=True)
-class BoundTwist(Law):
+class BoundTwist(WithoutParameters):
     """An effect's twist at its place on one arm.
 
-    Its parameters are the amplitudes that act, then what of its inner ones it changes smoothly with. How well they are
-    known goes by the calibration's covariance, so none has a prior here.
+    It has no parameters of its own: an effect is moved, and known, as a block of a fit.
     """
 
     effect: Effect
     here: Here
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitudes, then inner parameters; positive ones of these by their logarithm."""
-        effect, units = self.effect, dict(zip(self.effect.named, self.effect.units, strict=True))
-        amplitudes = [effect.law.amplitudes[i].name for i in effect.location.terms]
-        inner = [effect.law.inner[i] for i in self._free]
-        return (
-            *(Parameter(name, units[name], 0.0) for name in amplitudes),
-            *(
-                Parameter(one.name, "1", 0.0, LOG) if one.positive else Parameter(one.name, units[one.name], 0.0)
-                for one in inner
-            ),
-        )
-
-    @cached_property
-    def _free(self) -> tuple[int, ...]:
-        """Inner parameters among the values: not those that are switched off, nor those that a memory goes by."""
-        law, inner = self.effect.law, self.effect.inner
-        free = []
-        for i, (one, value) in enumerate(zip(law.inner, inner, strict=True)):
-            other = (*inner[:i], 2.0 * value + 1.0, *inner[i + 1 :])
-            told = law.memory is not None and law.memory.name(self.effect.location, other) != self.effect.state
-            if one.smooth and not told and np.isfinite(value) and (value > 0.0 or not one.positive):
-                free.append(i)
-        return tuple(free)
-
-    @cached_property
-    def values(self) -> Array:
-        """(k,) values of the parameters."""
-        logs = [self.effect.law.inner[i].positive for i in self._free]
-        inner = [
-            float(np.log(self.effect.inner[i])) if log else self.effect.inner[i]
-            for i, log in zip(self._free, logs, strict=True)
-        ]
-        return np.concatenate([self.effect.acting, inner])
-
-    def at(self, values: Array) -> BoundTwist:
-        """Return the same effect at other (k,) values."""
-        location, law, inner = self.effect.location, self.effect.law, list(self.effect.inner)
-        amplitudes, rest = np.split(np.asarray(values, dtype=float), [len(location.terms)])
-        for i, value in zip(self._free, rest.tolist(), strict=True):
-            inner[i] = float(np.exp(value)) if law.inner[i].positive else value
-        moved = full(amplitudes, location, len(law.amplitudes)) + tuple(inner)
-        return replace(self, effect=replace(self.effect, values=moved))
-
-    def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6, k) derivative by the values: exact for amplitudes, else by central differences."""
-        basis = self.law.basis(self.here, wrench, row, self.effect.inner)[..., list(self.effect.location.terms), :]
-        columns = [np.broadcast_to(np.swapaxes(basis, -1, -2), (*wrench.shape, basis.shape[-2]))]
-        for place in range(basis.shape[-2], len(self.values)):
-            step = np.zeros(len(self.values))
-            step[place] = STEP * (
-                1.0 if self.parameters[place].transform is LOG else max(abs(self.values[place]), LEAST)
-            )
-            ends = [self.at(self.values + side * step).twist(wrench, row) for side in (1.0, -1.0)]
-            columns.append(((ends[0] - ends[1]) / (2.0 * step[place]))[..., None])
-        return np.concatenate(columns, axis=-1)
 
     @cached_property
     def law(self) -> TwistLaw:
@@ -146,24 +82,17 @@ class BoundTwist(Law):
 
 
 @dataclass(frozen=True)
-class WithEffects(Composed):
-    """A flexure's law, if it has one, and what effects add to it.
+class SumOfLaws(Composed):
+    """Laws under one load, whose twists add up: a flexure's, if it has one, and what effects add to it.
 
-    The effects' parameters go by the calibration's covariance.
+    How well effects are known goes by the calibration's covariance.
     """
 
-    law: Law | None
-    effects: tuple[BoundTwist, ...]
+    laws: tuple[Law, ...]
 
-    @cached_property
-    def laws(self) -> tuple[Law, ...]:
-        """The flexure's law, if it has one, and the effects."""
-        return (*(() if self.law is None else (self.law,)), *self.effects)
-
-    def with_laws(self, laws: Sequence[Law]) -> WithEffects:
+    def with_laws(self, laws: Sequence[Law]) -> SumOfLaws:
         """Return the sum of others."""
-        own, effects = laws[: len(laws) - len(self.effects)], laws[len(laws) - len(self.effects) :]
-        return WithEffects(own[0] if own else None, tuple(effects))
+        return SumOfLaws(tuple(laws))
 
     def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
         """Return that all have the same load, and their twists add up."""
@@ -171,22 +100,16 @@ class WithEffects(Composed):
 
     @property
     def parts(self) -> tuple[Law, ...]:
-        """The parts of the flexure's law, if it has one, and the effects."""
-        return (*(() if self.law is None else self.law.parts), *self.effects)
+        """The parts of all laws."""
+        return tuple(part for law in self.laws for part in law.parts)
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the sum of all twists."""
-        total = np.zeros_like(wrench) if self.law is None else self.law.twist(wrench, row)
-        for effect in self.effects:
-            total = total + effect.twist(wrench, row)
-        return total
+        return sum((law.twist(wrench, row) for law in self.laws[1:]), self.laws[0].twist(wrench, row))
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the sum of all derivatives."""
-        total = np.zeros((6, 6)) if self.law is None else self.law.tangent(wrench, row)
-        for effect in self.effects:
-            total = total + effect.tangent(wrench, row)
-        return total
+        return sum((law.tangent(wrench, row) for law in self.laws[1:]), self.laws[0].tangent(wrench, row))
 
 
 def with_twists(flexures: Sequence[Flexure], effects: Sequence[Effect], robot: Robot) -> tuple[Flexure, ...]:
@@ -202,9 +125,9 @@ def with_twists(flexures: Sequence[Flexure], effects: Sequence[Effect], robot: R
         known = [i for i, flexure in enumerate(modelled) if same_site(flexure.site, place)]
         if known:
             old = modelled[known[-1]]
-            modelled[known[-1]] = replace(old, law=WithEffects(old.law, tuple(parts)))
+            modelled[known[-1]] = replace(old, law=SumOfLaws((old.law, *parts)))
         else:
-            modelled.append(Flexure(f"effects at {site}", place.joint, WithEffects(None, tuple(parts)), place.before))
+            modelled.append(Flexure(f"effects at {site}", place.joint, SumOfLaws(tuple(parts)), place.before))
     return tuple(modelled)
 
 

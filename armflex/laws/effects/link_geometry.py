@@ -1,29 +1,16 @@
 """A link that is built otherwise than drawn: a constant twist at its end."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
-from armflex.laws.effects.location import Location
-from armflex.laws.effects.scene import AXES, Records
-from armflex.laws.effects.shapes import ON_THE_LINK, at_links
-
-
-def _places(records: Records) -> list[Location]:
-    single = [
-        Location(location.site, location.axis, terms=(AXES.index(str(location.axis)),))
-        for location in at_links(records)
-    ]
-    whole = [Location(link, None, terms=terms) for link in records.links for terms in ((0, 1, 2), (3, 4, 5))]
-    return single + whole
-
+from armflex.laws.effects.scene import AXES
+from armflex.laws.effects.shapes import ON_THE_LINK, singly_and_together
 
 LINK_GEOMETRY = TwistLaw(
     name="link_geometry",
     words=Words("link geometry correction", "the link is otherwise than drawn", "constant twist"),
     instead=ON_THE_LINK,
-    places=_places,
+    places=lambda records: singly_and_together(records.links, (0, 1, 2), (3, 4, 5)),
     amplitudes=tuple(Amplitude(axis, "m" if axis[0] == "d" else "rad") for axis in AXES),
     basis=lambda here, wrench, row, inner: np.broadcast_to(np.eye(6), (*wrench.shape[:-1], 6, 6)),
     constant=True,

@@ -9,8 +9,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Solved, Words
 from armflex.laws.effects.location import Here, Location, link_of
-from armflex.laws.effects.points import middle_of
 from armflex.laws.effects.scene import Records, Scene
+from armflex.laws.effects.shapes import middle_of
 
 
 def _places(records: Records) -> list[Location]:
@@ -20,7 +20,7 @@ def _places(records: Records) -> list[Location]:
 
 def _weight(here: Here, view: Solved, scene: Scene) -> Array:
     """Return (M, 4, 6) wrenches of gravity per mass, and per shift of the centre in the link's frame."""
-    robot, name = view.arm.robot, scene.link(here.location.site)
+    robot, name = view.arm.robot, link_of(here.location.site, view.arm.robot)
     link, rotation = robot.urdf.links[name], view.pose_of(name)[:, :3, :3]
     mass = link.inertial.mass if link.inertial else 0.0
     levers = np.vstack([middle_of(here), mass * np.eye(3)])
@@ -49,7 +49,7 @@ LINK_MASS = ModelLaw(
     places=_places,
     amplitudes=(Amplitude("mass", "kg"), *(Amplitude(f"com_{a}", "m", most=1.0) for a in "xyz")),
     possible=_weighs,
-    acts=Act.LOAD,
+    act=Act.LOAD,
     made=_weight,
     changed=_change,
 )

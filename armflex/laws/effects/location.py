@@ -12,7 +12,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws import Law
 from armflex.laws.flexure import Flexure
 from armflex.robot import Robot, Site
-from armflex.robot.elements import Joint
+from armflex.robot.urdf import Joint
 
 BASE, TOOL, LINK = "base", "tool", "link:"
 
@@ -98,8 +98,14 @@ class Here:
 
     @cached_property
     def length(self) -> Array:
-        """(3,) vector along the link to its end, in the site's frame [m]."""
-        return _link_vector(self.robot, None if self.location.place == TOOL else self.joint)
+        """(3,) vector along the link to its end, the tip for the last, in the site's frame [m]."""
+        chain, end = self.robot.chain, None if self.location.place == TOOL else self.joint
+        last = len(chain) if end is None else chain.index(end) + 1
+        moving = [i for i, joint in enumerate(chain[: last - (end is not None)]) if joint in self.robot.moving]
+        vector = np.zeros(3)
+        for joint in chain[moving[-1] + 1 if moving else 0 : last]:
+            vector = joint.rotation.T @ (vector + joint.origin)
+        return vector
 
     @cached_property
     def stretch(self) -> Array:
@@ -155,13 +161,3 @@ def site_names(robot: Robot) -> tuple[str, ...]:
     """Return every site of an arm from base to tool: 'base', 'link:A2', 'A2', ..., 'tool'."""
     names = [name for joint in robot.joint_names for name in (LINK + joint, joint)]
     return (BASE, *names, TOOL)
-
-
-def _link_vector(robot: Robot, end: Joint | None) -> Array:
-    """Return the way along a link to its end joint (the tip when None), in that joint's origin frame [m]."""
-    last = len(robot.chain) if end is None else robot.chain.index(end) + 1
-    moving = [i for i, joint in enumerate(robot.chain[: last - (end is not None)]) if joint in robot.moving]
-    vector = np.zeros(3)
-    for joint in robot.chain[moving[-1] + 1 if moving else 0 : last]:
-        vector = joint.rotation.T @ (vector + joint.origin)
-    return vector

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.points import coordinates, force_at, middle_of
-from armflex.laws.effects.scene import Records, Scene
-
-
-def _places(records: Records) -> list[Location]:
-    return [Location(link) for link in records.links]
+from armflex.laws.effects.shapes import coordinates, force_at, middle_of
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
@@ -24,17 +17,15 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
     return force_at(way / np.maximum(distance, 1e-9) / np.maximum(distance**2 + inner[3] ** 2, 1e-6), lever)
 
 
-def _reaches(location: Location, scene: Scene) -> Iterable[float]:
-    return (0.0, 0.15 * float(np.linalg.norm(np.ptp(scene.box, axis=0))))
-
+REACH = Inner("reach", "m", lambda location, scene: (0.0, 0.15 * scene.size), default=0.0)
 
 MAGNETIC_PULL = LoadLaw(
     name="magnetic_pull",
     words=Words("magnetic pull", "a force towards a point that falls with distance", "F / (d² + reach²)"),
     instead="measure again with the field off",
-    places=_places,
+    places=lambda records: [Location(link) for link in records.links],
     amplitudes=(Amplitude("F1", "N m^2", positive=True),),
     pull=_pull,
-    inner=(*coordinates("point", 4), Inner("reach", "m", _reaches, default=0.0)),
+    inner=(*coordinates("point", 4), REACH),
     spatial=True,
 )

@@ -6,13 +6,8 @@ from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location, with_terms
-from armflex.laws.effects.scene import Records
-from armflex.laws.effects.shapes import along, at_joints, on_axis, own_position
-
-
-def _places(records: Records) -> list[Location]:
-    locations = [Location(location.site, location.axis, (f"q_{location.site}",)) for location in at_joints(records)]
-    return with_terms(locations, (0,), (0, 1))
+from armflex.laws.effects.scene import AXES
+from armflex.laws.effects.shapes import along, on_axis, own_position
 
 
 def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
@@ -24,7 +19,9 @@ POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     name="position_dependent_compliance",
     words=Words("position-dependent compliance", "the joint gives more in some positions", "(C₁ q + C₂ q²) · w"),
     instead="hang the same weight on the joint's link at several positions of the joint",
-    places=_places,
+    places=lambda records: with_terms(
+        [Location(joint, axis, (f"q_{joint}",)) for joint in records.joints for axis in AXES], (0,), (0, 1)
+    ),
     amplitudes=(Amplitude("C1", "{m}/{w} per q"), Amplitude("C2", "{m}/{w} per q^2")),
     basis=on_axis(_shapes),
     loaded=True,

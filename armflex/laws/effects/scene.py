@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.location import LINK, TOOL, Here, Location, link_of, resolve, site_names
+from armflex.laws.effects.location import LINK, TOOL, Here, Location, resolve, site_names
 from armflex.robot import Robot
 from armflex.rows import Driven, Rows
 from armflex.rows.rows import LEVEL_OF, POSE
@@ -113,6 +113,11 @@ class Scene:
         """All sites from base to tool."""
         return site_names(self.robot)
 
+    @property
+    def size(self) -> float:
+        """Diagonal of `box` [m]."""
+        return float(np.linalg.norm(np.ptp(self.box, axis=0)))
+
     def column(self, name: str) -> Array:
         """Return the (N,) values of a column or of a joint's position ('q_J')."""
         return column_of(self.row, name)
@@ -158,10 +163,6 @@ class Scene:
         wrench = self.wrenches[site].copy()
         wrench[view.rows] = view.load_at(site)
         return wrench
-
-    def link(self, site: str) -> str:
-        """Return the name of the link that a load effect at a site acts on."""
-        return link_of(site, self.robot)
 
 
 def column_of(row: Row, name: str) -> Array:

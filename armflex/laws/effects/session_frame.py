@@ -39,7 +39,7 @@ SESSION_FRAME = ModelLaw(
     instead=ON_THE_FLOOR,
     places=_places,
     amplitudes=tuple(Amplitude(axis, "m" if axis[0] == "d" else "rad") for axis in AXES),
-    acts=Act.FRAME,
+    act=Act.FRAME,
     made=_moved,
     changed=_change,
     of_session=True,

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.effect import Along, Inner, Memory, Shapes, Values
-from armflex.laws.effects.location import BASE, Here, Location, drive_axis
+from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
 from armflex.laws.effects.scene import AXES, Records, Scene, column_of
-from armflex.laws.effects.stepping import lag_behind, stepper
 
 LAGS = (600.0, 1800.0, 5400.0, 10800.0)
 """Time constants to begin a search with [s]: hours for links of a tonne."""
@@ -100,9 +100,9 @@ LAG = "lag"
 LAGGED = Memory(lagged_name, lagged, "K", LAG)
 
 
-def reference_grid(location: Location, scene: Scene) -> Iterable[float]:
-    """Return the temperature of manufacture and the campaign's mean."""
-    return (REFERENCE, float(scene.column(location.covariates[0]).mean()))
+def of_column(grid: Callable[[Array], Iterable[float]], place: int = 0) -> Callable[[Location, Scene], Iterable[float]]:
+    """Return the values to begin a search with that one of the location's columns gives."""
+    return lambda location, scene: grid(scene.column(location.covariates[place]))
 
 
 def lag_grid(location: Location, scene: Scene) -> Iterable[float]:
@@ -113,8 +113,9 @@ def lag_grid(location: Location, scene: Scene) -> Iterable[float]:
     return (0.0, *(lag for lag in LAGS if lag < span))
 
 
-ABOVE = Inner("reference", "degC", reference_grid, positive=False, polished=False, default=REFERENCE)
-"""The temperature above which a law counts."""
+_MEANS = of_column(lambda kelvin: (REFERENCE, float(kelvin.mean())))
+ABOVE = Inner("reference", "degC", _MEANS, positive=False, polished=False, default=REFERENCE)
+"""The temperature above which a law counts: that of manufacture, or the campaign's mean."""
 
 WARM = (ABOVE, Inner(LAG, "s", lag_grid, default=0.0))
 
@@ -133,14 +134,12 @@ def at_joints(records: Records, axes: Iterable[str] = AXES, covariate: str | Non
     return [Location(joint, axis, covariates) for joint in records.joints for axis in axes]
 
 
-def at_links(records: Records, axes: Iterable[str] = AXES, *covariates: str) -> list[Location]:
-    """Return every link's end with each axis."""
-    return [Location(link, axis, covariates) for link in records.links for axis in axes]
-
-
-def at_base(axes: Iterable[str] = AXES, *covariates: str) -> list[Location]:
-    """Return the base with each axis."""
-    return [Location(BASE, axis, covariates) for axis in axes]
+def singly_and_together(
+    sites: Iterable[str], *together: tuple[int, ...], axes: Sequence[str] = AXES, covariates: tuple[str, ...] = ()
+) -> list[Location]:
+    """Return every site with each axis, which has an amplitude of its own, and then with several amplitudes at once."""
+    single = [Location(site, axis, covariates, (i,)) for site in sites for i, axis in enumerate(axes)]
+    return single + [Location(site, None, covariates, terms) for site in sites for terms in together]
 
 
 def with_temperature(make: Callable[..., list[Location]], records: Records) -> list[Location]:
@@ -151,3 +150,88 @@ def with_temperature(make: Callable[..., list[Location]], records: Records) -> l
 def unit_twists(wrench: Array) -> Array:
     """Return (..., 6, 6) with row a the wrench's component a on axis a: a diagonal compliance's columns."""
     return wrench[..., None] * np.eye(6)
+
+
+@cache
+def stepper(recursion: Callable[..., Array]) -> Callable[..., Array]:
+    """Return a recursion compiled; as it is where numba finds no place to keep its code."""
+    import numba  # half a second that not every command needs
+
+    try:
+        return numba.njit(cache=True)(recursion)
+    except RuntimeError:
+        return recursion
+
+
+def lag_behind(values: Array, ahead: Array, decay: Array) -> Array:
+    """Return (N,) what lags behind (N,) values in the order of time, in equilibrium at the first.
+
+    Args:
+        values: (N,) values, straight between rows.
+        ahead: (N - 1,) their rise within the lag, from each row to the next.
+        decay: (N - 1,) what is left over that time of being off; NaN where no time passes.
+    """
+    state = np.empty(len(values))
+    if len(values):
+        state[0] = values[0]
+    for i in range(1, len(values)):
+        left = decay[i - 1]
+        if np.isnan(left):
+            state[i] = state[i - 1]
+        else:
+            state[i] = values[i] - ahead[i - 1] + (state[i - 1] - values[i - 1] + ahead[i - 1]) * left
+    return state
+
+
+def play_in(load: Array, radius: float) -> Array:
+    """Return the (N,) play operator of a (N,) load: what it drags along once it is a radius away."""
+    found, state = np.empty(len(load)), 0.0
+    for i in range(len(load)):
+        if load[i] - radius > state:
+            state = load[i] - radius
+        if load[i] + radius < state:
+            state = load[i] + radius
+        found[i] = state
+    return found
+
+
+def coordinates(name: str, count: int) -> tuple[Inner, ...]:
+    """Return the three coordinates of a point in base axes, searched from `count` values each."""
+
+    def grid(axis: int) -> Inner:
+        def values(location: Location, scene: Scene) -> Iterable[float]:
+            low, high = scene.box[:, axis]
+            return np.linspace(low - 0.2 * (high - low), high + 0.2 * (high - low), count)
+
+        return Inner(f"{name}_{'xyz'[axis]}", "m", values, positive=False)
+
+    return tuple(grid(axis) for axis in range(3))
+
+
+def end_of(here: Here) -> Array:
+    """Return the (3,) end of the location's link in the link's frame: its end joint's origin, the tip for the last."""
+    if here.location.site == TOOL or here.joint is None:
+        return np.zeros(3)
+    return here.joint.origin
+
+
+def middle_of(here: Here) -> Array:
+    """Return the (3,) centre of mass of the location's link in its frame; the tip for the last."""
+    if here.location.site == TOOL or here.joint is None:
+        return np.zeros(3)
+    inertial = here.robot.urdf.links[here.joint.parent].inertial
+    return np.zeros(3) if inertial is None else inertial.origin
+
+
+def force_at(force: Array, lever: Array) -> Array:
+    """Return the (..., 1, 6) wrench at a link's origin of a force that acts at a lever from it, base axes."""
+    return np.concatenate([force, cross(lever, force)], axis=-1)[..., None, :]
+
+
+def cross(one: Array, other: Array) -> Array:
+    """Return (..., 3) cross products; for single vectors a quarter of numpy's time."""
+    (a, b, c), (x, y, z) = ([part[..., i] for i in range(3)] for part in (one, other))
+    first = np.asarray(b * z - c * y)
+    found = np.empty((*first.shape, 3))
+    found[..., 0], found[..., 1], found[..., 2] = first, c * x - a * z, a * y - b * x
+    return found

@@ -1,7 +1,5 @@
 """A joint that stiffens (or softens) with its load: c2 tau|tau| and c3 tau^3."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words

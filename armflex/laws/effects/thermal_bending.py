@@ -9,9 +9,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Along, Amplitude, Inner, TwistLaw, Values, Words
-from armflex.laws.effects.location import Here
+from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.scene import AXES_TURN
-from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, at_links, warmth, with_temperature
+from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, warmth
 
 
 def _direction(here: Here, inner: Values) -> Array:
@@ -23,7 +23,9 @@ THERMAL_BENDING = TwistLaw(
     name="thermal_bending",
     words=Words("thermal bending", "the link bends as it warms", "β (T − T₀)"),
     instead=f"{ON_THE_LINK} at two temperatures",
-    places=lambda records: with_temperature(lambda name: at_links(records, AXES_TURN, name), records),
+    places=lambda records: [
+        Location(link, axis, (name,)) for name in records.temperatures for link in records.links for axis in AXES_TURN
+    ],
     amplitudes=(Amplitude("beta", "rad/K"),),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
     inner=(Inner("along", "1", lambda location, scene: (1.0, 0.5, 0.0), polished=False, usual=1.0, default=1.0), *WARM),

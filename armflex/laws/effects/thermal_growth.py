@@ -1,22 +1,14 @@
 """A link that grows as it warms: alpha L (T - Tref) along the link."""
 
-from __future__ import annotations
-
 from armflex.laws.effects.effect import Along, Amplitude, TwistLaw, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, warmth
-
-
-def _places(records: Records) -> list[Location]:
-    return [Location(link, None, (name,)) for link in records.links for name in records.temperatures]
-
 
 THERMAL_GROWTH = TwistLaw(
     name="thermal_growth",
     words=Words("thermal growth", "the link grows as it warms", "α L (T − T₀)"),
     instead=f"{ON_THE_LINK} at two temperatures",
-    places=_places,
+    places=lambda records: [Location(link, None, (name,)) for link in records.links for name in records.temperatures],
     amplitudes=(Amplitude("alpha", "1/K"),),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner),), lambda here, inner: here.stretch),
     inner=WARM,

@@ -23,7 +23,7 @@ TRACKER_SCALE = ModelLaw(
     instead="measure a scale bar or a second instrument's distance with the instrument",
     places=lambda records: [Location(BASE)],
     amplitudes=(Amplitude("lambda", "ppm"),),
-    acts=Act.SCALE,
+    act=Act.SCALE,
     made=lambda here, view, scene: np.full((len(view.rows), 1, 1), PPM),
     changed=_change,
 )

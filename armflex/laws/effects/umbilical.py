@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.points import coordinates, end_of, force_at
-from armflex.laws.effects.scene import Records, Scene
-
-
-def _places(records: Records) -> list[Location]:
-    return [Location(link) for link in records.links]
+from armflex.laws.effects.shapes import coordinates, end_of, force_at
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
@@ -26,20 +19,18 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
     return force_at(stretched * way, lever)
 
 
-def _rests(location: Location, scene: Scene) -> Iterable[float]:
-    return (0.0, 0.25 * float(np.linalg.norm(np.ptp(scene.box, axis=0))))
-
-
 HOOK = Inner("hook", "1", lambda location, scene: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0), default=1.0)
 """Where on the link it is hooked, as a part of the way to the link's end."""
+
+REST = Inner("rest", "m", lambda location, scene: (0.0, 0.25 * scene.size), positive=False, default=0.0)
 
 UMBILICAL = LoadLaw(
     name="umbilical",
     words=Words("umbilical pull", "a spring pulls the link towards a fixed point", "k · (distance − rest)"),
     instead="measure again with the umbilical taken off",
-    places=_places,
+    places=lambda records: [Location(link) for link in records.links],
     amplitudes=(Amplitude("k", "N/m", positive=True),),
     pull=_pull,
-    inner=(*coordinates("anchor", 3), Inner("rest", "m", _rests, positive=False, default=0.0), HOOK),
+    inner=(*coordinates("anchor", 3), REST, HOOK),
     spatial=True,
 )

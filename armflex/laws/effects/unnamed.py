@@ -6,17 +6,16 @@ recorded range; outside it they stay at their end values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, TwistLaw, Values, Words
-from armflex.laws.effects.location import BASE, TOOL, Here, Location
+from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
 from armflex.laws.effects.scene import AXES, Records, Scene, column_of
-from armflex.laws.effects.shapes import along, on_axis
+from armflex.laws.effects.shapes import along, of_column, on_axis
 
 KNOTS = 8
 """Hats of a free shape over the recorded range; the mean is left to the constant parameters."""
@@ -37,33 +36,18 @@ def hats(values: Array, low: float, high: float, count: int) -> Array:
     return np.maximum(1.0 - np.abs(place - knots), 0.0)
 
 
-def _spline(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    return hats(column_of(row, here.location.covariates[0]), *inner, KNOTS)
+def _away(here: Here, wrench: Array, row: Row, middle: float = 0.0) -> Array:
+    """Return how far the location's column is from a value, once for every load."""
+    return (column_of(row, here.location.covariates[0]) - middle) * np.ones(wrench.shape[:-1])
 
 
 def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    load = along(here, wrench)
-    values = np.broadcast_to(column_of(row, here.location.covariates[0]), np.shape(load))
-    return hats(values, *inner, KNOTS) * load
-
-
-def _bump(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    away = (column_of(row, here.location.covariates[0]) - inner[0]) / inner[1]
-    return (np.exp(-0.5 * away**2) * np.ones(wrench.shape[:-1]),)
+    return hats(_away(here, wrench, row), *inner, KNOTS) * along(here, wrench)
 
 
 def _wave(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
     angle = inner[0] * column_of(row, here.location.covariates[0])
     return np.sin(angle), np.cos(angle)
-
-
-def _level(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    return (column_of(row, here.location.covariates[0]) * np.ones(wrench.shape[:-1]),)
-
-
-def _line(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    away = column_of(row, here.location.covariates[0]) - inner[0]
-    return away * np.ones(wrench.shape[:-1]), away**2 * np.ones(wrench.shape[:-1])
 
 
 def _product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
@@ -78,42 +62,18 @@ def _wave_product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequenc
     return [wave * factor for factor in (1.0, second - inner[1]) for wave in (sine, cosine)]
 
 
-def lowest(location: Location, scene: Scene, place: int = 0) -> Iterable[float]:
-    """Return the lowest recorded value of one of the location's columns."""
-    return (float(scene.column(location.covariates[place]).min()),)
-
-
-def highest(location: Location, scene: Scene, place: int = 0) -> Iterable[float]:
-    """Return the highest recorded value of one of the location's columns."""
-    return (float(scene.column(location.covariates[place]).max()),)
-
-
-def _middle(location: Location, scene: Scene) -> Iterable[float]:
-    return (float(scene.column(location.covariates[-1]).mean()),)
-
-
-def _centres(location: Location, scene: Scene) -> Iterable[float]:
-    values = scene.column(location.covariates[0])
-    return np.linspace(values.min(), values.max(), 25)
-
-
-def _widths(location: Location, scene: Scene) -> Iterable[float]:
-    return float(np.ptp(scene.column(location.covariates[0]))) * np.array([0.02, 0.05, 0.1])
-
-
-def _waves(location: Location, scene: Scene) -> Iterable[float]:
-    span = float(np.ptp(scene.column(location.covariates[0])))
-    return 2.0 * np.pi / span * np.arange(LEAST_PERIODS, PERIODS, 1.0 / 3.0)
-
-
 def _goes_round(effect: Effect, scene: Scene, arm: Manipulator) -> bool:
     """Return whether a wave goes through `LEAST_PERIODS` over what was recorded of its column."""
     return effect.inner[0] * np.ptp(scene.column(effect.location.covariates[0])) >= 2.0 * np.pi * LEAST_PERIODS
 
 
-LOW = Inner("low", "as recorded", lowest, positive=False, polished=False)
-HIGH = Inner("high", "as recorded", highest, positive=False, polished=False)
-MIDDLE = Inner("middle", "as recorded", _middle, positive=False, polished=False)
+LOW = Inner("low", "as recorded", of_column(lambda x: (float(x.min()),)), positive=False, polished=False)
+HIGH = Inner("high", "as recorded", of_column(lambda x: (float(x.max()),)), positive=False, polished=False)
+MIDDLE = Inner("middle", "as recorded", of_column(lambda x: (float(x.mean()),), -1), positive=False, polished=False)
+CENTRE = Inner("centre", "as recorded", of_column(lambda x: np.linspace(x.min(), x.max(), 25)), positive=False)
+WIDTH = Inner("width", "as recorded", of_column(lambda x: float(np.ptp(x)) * np.array([0.02, 0.05, 0.1])))
+WAVES = np.arange(LEAST_PERIODS, PERIODS, 1.0 / 3.0)
+NUMBER = Inner("k", "per recorded", of_column(lambda x: 2.0 * np.pi / float(np.ptp(x)) * WAVES))
 TENTS = tuple(f"a{i}" for i in range(KNOTS))
 
 
@@ -127,16 +87,17 @@ def everywhere(records: Records) -> list[Location]:
     return [Location(site, axis, (name,)) for site, axis in shaped_places(records) for name in suspects(records)]
 
 
-def _with_all(make: Callable[[Records], list[Location]], count: int, records: Records) -> list[Location]:
-    return [Location(s.site, s.axis, s.covariates, tuple(range(count))) for s in make(records)]
+def _with_all(count: int) -> Callable[[Records], list[Location]]:
+    """Return the same places, at which that many amplitudes act together."""
+    return lambda records: with_terms(everywhere(records), tuple(range(count)))
 
 
 SPLINE = TwistLaw(
     name="unnamed_shape",
     words=Words("unnamed shape", "it follows a column freely", "f(x), straight between knots"),
-    places=partial(_with_all, everywhere, KNOTS),
+    places=_with_all(KNOTS),
     amplitudes=tuple(Amplitude(name, "{m}") for name in TENTS),
-    basis=on_axis(_spline),
+    basis=on_axis(lambda here, wrench, row, inner: hats(column_of(row, here.location.covariates[0]), *inner, KNOTS)),
     inner=(LOW, HIGH),
     physical=False,
     shape="spline",
@@ -144,7 +105,7 @@ SPLINE = TwistLaw(
 SPLINE_COMPLIANCE = TwistLaw(
     name="unnamed_compliance",
     words=Words("unnamed compliance", "it gives with the load, as a column goes", "f(x) · w"),
-    places=partial(_with_all, everywhere, KNOTS),
+    places=_with_all(KNOTS),
     amplitudes=tuple(Amplitude(name, "{m}/{w}") for name in TENTS),
     basis=on_axis(_spline_compliance),
     inner=(LOW, HIGH),
@@ -157,11 +118,10 @@ BUMP = TwistLaw(
     words=Words("unnamed bump", "it happens near one value", "height · exp(−(x − centre)² / 2 width²)"),
     places=everywhere,
     amplitudes=(Amplitude("height", "{m}"),),
-    basis=on_axis(_bump),
-    inner=(
-        Inner("centre", "as recorded", _centres, positive=False),
-        Inner("width", "as recorded", _widths),
+    basis=on_axis(
+        lambda here, wrench, row, inner: (np.exp(-0.5 * (_away(here, wrench, row, inner[0]) / inner[1]) ** 2),)
     ),
+    inner=(CENTRE, WIDTH),
     physical=False,
     shape="bump",
     sought=True,
@@ -169,10 +129,10 @@ BUMP = TwistLaw(
 WAVE = TwistLaw(
     name="unnamed_wave",
     words=Words("unnamed wave", "it goes up and down with a column", "A sin kx + B cos kx"),
-    places=partial(_with_all, everywhere, 2),
+    places=_with_all(2),
     amplitudes=(Amplitude("A", "{m}"), Amplitude("B", "{m}")),
     basis=on_axis(_wave),
-    inner=(Inner("k", "per recorded", _waves),),
+    inner=(NUMBER,),
     physical=False,
     shape="wave",
     sought=True,
@@ -183,7 +143,9 @@ LINE = TwistLaw(
     words=Words("unnamed trend", "it grows steadily with a column", "slope · x + curvature · x²"),
     places=everywhere,
     amplitudes=(Amplitude("slope", "{m} per recorded"), Amplitude("curvature", "{m} per recorded^2")),
-    basis=on_axis(_line),
+    basis=on_axis(
+        lambda here, wrench, row, inner: (_away(here, wrench, row, inner[0]), _away(here, wrench, row, inner[0]) ** 2)
+    ),
     inner=(MIDDLE,),
     physical=False,
     shape="line",
@@ -210,7 +172,7 @@ WAVE_PRODUCT = TwistLaw(
         Amplitude(name, "{m}" + unit) for name, unit in zip("ABCD", ("", "", *2 * (" per recorded",)), strict=True)
     ),
     basis=on_axis(_wave_product),
-    inner=(Inner("k", "per recorded", _waves), MIDDLE),
+    inner=(NUMBER, MIDDLE),
     physical=False,
     shape="wave_product",
     columns=2,
@@ -225,7 +187,7 @@ LEVEL = TwistLaw(
         Location(site, axis, (name,)) for site, axis in shaped_places(records) for name in records.levels
     ],
     amplitudes=(Amplitude("step", "{m}"),),
-    basis=on_axis(_level),
+    basis=on_axis(lambda here, wrench, row, inner: (_away(here, wrench, row),)),
     physical=False,
     shape="level",
 )

@@ -52,17 +52,10 @@ def stiffness(beam: Beam, start: Array, end: Array, components: int) -> Array:
 
     With six components the ends translate and turn; with three they only translate and their rotations are held,
     which is the form of the paper's eqs (1) and (7): axial EA/L, lateral 12 E I / L^3.
+
+    Raises:
+        LawError: The beam has no length, or `up` is along it.
     """
-    axes, length = _axes(beam, start, end)
-    section = beam.section
-    if components == 3:
-        block = axes @ np.diag(_translation_stiffness(section, length)) @ axes.T
-        return np.block([[block, -block], [-block, block]])
-    rotate = np.kron(np.eye(4), axes)
-    return rotate @ _frame_stiffness(section, length) @ rotate.T
-
-
-def _axes(beam: Beam, start: Array, end: Array) -> tuple[Array, float]:
     length = float(np.linalg.norm(end - start))
     if length < 1e-9:
         raise LawError(f"beam {beam.start!r} to {beam.end!r} has no length")
@@ -71,37 +64,15 @@ def _axes(beam: Beam, start: Array, end: Array) -> tuple[Array, float]:
     if np.linalg.norm(y) < 1e-6 * np.linalg.norm(beam.up) or not beam.up.any():
         raise LawError(f"beam {beam.start!r} to {beam.end!r}: 'up' is parallel to the beam")
     y /= np.linalg.norm(y)
-    return np.column_stack([x, y, np.cross(x, y)]), length
 
-
-def _translation_stiffness(section: Section, length: float) -> Array:
-    bending = 12.0 * section.E / length**3
-    return np.array([section.E * section.A / length, bending * section.Iz, bending * section.Iy])
-
-
-def _frame_stiffness(section: Section, length: float) -> Array:
-    """(12, 12) in beam axes, each node linear first: u v w and rotations about x y z."""
-    k = np.zeros((12, 12))
-    _add_spring(k, 0, 6, section.E * section.A / length)
-    _add_spring(k, 3, 9, section.G * section.J / length)
-    _add_bending(k, (1, 5, 7, 11), section.E * section.Iz, length, 1.0)
-    _add_bending(k, (2, 4, 8, 10), section.E * section.Iy, length, -1.0)
-    return k
-
-
-def _add_spring(k: Array, i: int, j: int, value: float) -> None:
-    k[np.ix_((i, j), (i, j))] += value * np.array([[1.0, -1.0], [-1.0, 1.0]])
-
-
-def _add_bending(k: Array, dofs: tuple[int, ...], flexural: float, length: float, sign: float) -> None:
+    section, k = beam.section, np.zeros((12, 12))  # in beam axes, each node linear first: u v w, turns about x y z
+    for i, spring in ((0, section.E * section.A), (3, section.G * section.J)):
+        k[np.ix_((i, i + 6), (i, i + 6))] = spring / length * np.array([[1.0, -1.0], [-1.0, 1.0]])
     # A positive turn about y lowers w where a positive turn about z raises v, hence the sign.
-    s = sign * 6.0 * length
-    block = np.array(
-        [
-            [12.0, s, -12.0, s],
-            [s, 4.0 * length**2, -s, 2.0 * length**2],
-            [-12.0, -s, 12.0, -s],
-            [s, 2.0 * length**2, -s, 4.0 * length**2],
-        ]
-    )
-    k[np.ix_(dofs, dofs)] += flexural / length**3 * block
+    for dofs, inertia, sign in (((1, 5, 7, 11), section.Iz, 1.0), ((2, 4, 8, 10), section.Iy, -1.0)):
+        s, far, near = sign * 6.0 * length, 2.0 * length**2, 4.0 * length**2
+        bending = [[12.0, s, -12.0, s], [s, near, -s, far], [-12.0, -s, 12.0, -s], [s, far, -s, near]]
+        k[np.ix_(dofs, dofs)] = section.E * inertia / length**3 * np.array(bending)
+    turned = np.kron(np.eye(4), np.column_stack([x, y, np.cross(x, y)]))
+    kept = np.arange(12).reshape(2, 6)[:, :components].ravel()
+    return (turned @ k @ turned.T)[np.ix_(kept, kept)]

@@ -16,8 +16,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.laws.joint.linear import declared_std, read_compliance
 from armflex.laws.joint.log_compliance import LOOSE
-from armflex.laws.law import Law, Ranges, Row, block_norms
-from armflex.laws.parameter import Parameter, Transform
+from armflex.laws.law import Law, Parameter, Ranges, Row, Transform, block_norms
 
 EXAMPLE = """
 model = "hardening"

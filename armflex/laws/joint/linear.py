@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,8 +11,8 @@ from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, LawError
 from armflex.laws.joint.log_compliance import LOOSE, LogCompliance
-from armflex.laws.law import Law, Ranges, Row, block_diagonal, embed
-from armflex.laws.parameter import Parameter
+from armflex.laws.law import Law, Parameter, Ranges, Row, block_diagonal, check_ordered, embed
+from armflex.storage.schema import Numbers
 
 SYMMETRY = 1e-9
 
@@ -26,6 +27,15 @@ relative_std = 0.05  # of every entry; optional
 
 FIRMEST = 1e-3
 """Relative standard deviation below which no fit to a bench is taken to know a joint as it is in the arm."""
+
+ARRAYS = {
+    "compliance": Numbers(("k", "k")),
+    "row_covariance": Numbers(("k", "k", "k"), covariance=True),
+    "residual_std": Numbers(("k",), least=0.0),
+    "loads": Numbers((2, "k")),
+}
+SIZES = {"k": (3, 6)}
+"""Arrays of a fitted law's file."""
 
 UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
 """Entries of a symmetric matrix."""
@@ -178,11 +188,6 @@ def check_compliance(compliance: Array) -> tuple[Flag, ...]:
         i, j = np.unravel_index(np.argmax(skew), (6, 6))
         pair = f"C[{i}][{j}] = {compliance[i, j]:g}, C[{j}][{i}] = {compliance[j, i]:g}"
         raise LawError(f"compliance is not symmetric: {pair}")
-    _check_definite(compliance)
-    return softness(compliance)
-
-
-def _check_definite(compliance: Array) -> None:
     diagonal = np.diag(compliance)
     if diagonal.min() < 0.0:
         raise LawError(f"compliance of {TWIST_NAMES[int(diagonal.argmin())]} is negative: {diagonal.min():g}")
@@ -191,6 +196,7 @@ def _check_definite(compliance: Array) -> None:
     scaled = compliance * np.outer(scale, scale)
     if np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < -1e-9:
         raise LawError("compliance is not positive semi-definite: some load would gain energy")
+    return softness(compliance)
 
 
 def softness(compliance: Array) -> tuple[Flag, ...]:
@@ -226,9 +232,22 @@ def read_compliance(table: Declaration) -> Array:
 
 def declared_std(table: Declaration) -> float:
     """Return `relative_std`, 0 when absent."""
-    value = table.number("relative_std", 0.0)
-    if value < 0.0:
-        raise table.fail("relative_std", f"a standard deviation cannot be negative, got {value:g}")
+    value = table.std("relative_std", 0.0)
     if value > 1.0:
         raise table.fail("relative_std", f"a fraction, 0.2 means 20 %, got {value:g}")
     return value
+
+
+def to_tensors(law: LinearLaw) -> dict[str, Array]:
+    """Return a fitted law's arrays."""
+    assert law.fit is not None
+    size = len(law.fit.residual_std)
+    arrays = {"compliance": law.compliance[:size, :size], **vars(law.fit)}
+    return {name: np.ascontiguousarray(value) for name, value in arrays.items()}
+
+
+def from_tensors(tensors: Mapping[str, Array]) -> LinearLaw:
+    """Return the law of arrays as declared; raise `LawError` where their loads are not ordered."""
+    check_ordered(tensors["loads"])
+    fit = LinearFit(*(tensors[name] for name in ("row_covariance", "residual_std", "loads")))
+    return LinearLaw(embed(tensors["compliance"]), fit=fit)

@@ -12,9 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.laws.joint.stepped import SteppedLaw
-from armflex.laws.law import LEAST, NOTHING, Law, Row
-from armflex.laws.parameter import Parameter, Transform
+from armflex.laws.law import LEAST, Compliance, Law, Parameter, Row, SteppedLaw, Transform
 
 LOOSE = 0.5
 """Prior standard deviation of a factor's logarithm where nothing was declared."""
@@ -24,7 +22,7 @@ COUPLED, BENT = 0.05, 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class LogCompliance(Law):
+class LogCompliance(Compliance):
     """A compliance by the entries of T, zero being the declared one.
 
     Attributes:
@@ -65,14 +63,6 @@ class LogCompliance(Law):
         """Return the law at other entries."""
         return replace(self, values=values)
 
-    def twist(self, wrench: Array, row: Row) -> Array:
-        """Return C w."""
-        return (self.tangent(wrench, row) @ wrench[..., None])[..., 0]
-
-    def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return C."""
-        return np.broadcast_to(self.compliance(row), (*wrench.shape[:-1], 6, 6))
-
     def compliance(self, row: Row) -> Array:
         """Return the (..., 6, 6) compliance where the row's joints are."""
         size, vectors = self._eigen(row)
@@ -83,10 +73,6 @@ class LogCompliance(Law):
     def constant(self) -> Array | None:
         """C where no position counts."""
         return None if self.degree or self._same is None else self.compliance(NOWHERE)
-
-    def affine(self, row: Row) -> tuple[Array, Array]:
-        """Return no twist and C."""
-        return NOTHING, self.compliance(row) if self.constant is None else self.constant
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the derivative, exp's being known where T is diagonal (Daleckii and Krein)."""

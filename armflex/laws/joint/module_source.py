@@ -60,7 +60,12 @@ class ModuleSource:
         if found != self.sha256:
             text = f"{self.code} has changed since the law was trained: its SHA-256 is {found[:12]}.., was"
             raise InputError(f"{text} {self.sha256[:12]}..; put it back as it was, or train the law anew")
-        return _called(_class_of(_run(self.code, content), self), self)
+        module = _run(self.code, content)
+        make = getattr(module, self.name, None)
+        if not callable(make):
+            known = [name for name, value in vars(module).items() if callable(value) and not name.startswith("_")]
+            raise UnknownNameError(f"class in {self.code}", self.name, known)
+        return _guarded(self.code, make, f"{self.name}() fails; expected a class or function without arguments: ")
 
 
 def module_source(text: str) -> ModuleSource:
@@ -111,18 +116,6 @@ def _run(code: Path | str, content: bytes) -> ModuleType:
     return module
 
 
-def _class_of(module: ModuleType, source: ModuleSource) -> Callable[[], Any]:
-    found = getattr(module, source.name, None)
-    if not callable(found):
-        known = [name for name, value in vars(module).items() if callable(value) and not name.startswith("_")]
-        raise UnknownNameError(f"class in {source.code}", source.name, known)
-    return found
-
-
-def _called(found: Callable[[], Any], source: ModuleSource) -> Any:
-    return _guarded(source.code, found, f"{source.name}() fails; expected a class or function without arguments: ")
-
-
 def _guarded(code: Path | str, run: Callable[[], Any], text: str = "") -> Any:
     """Return what a user's code gives; raise `InputError` with the file and line where it fails."""
     try:
@@ -134,5 +127,5 @@ def _guarded(code: Path | str, run: Callable[[], Any], text: str = "") -> Any:
         raise
     except (Exception, SystemExit) as error:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(code)]
-        place = Place(Path(code), lines[-1] if lines else 0) if isinstance(code, Path) else code
+        place = Place(Path(code), lines[-1] or 0 if lines else 0) if isinstance(code, Path) else code
         raise InputError(f"{place}: {text}{type(error).__name__}: {error}") from None

@@ -14,8 +14,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag, LawError
-from armflex.laws.law import Law, Ranges, Row, embed
-from armflex.laws.parameter import Parameter
+from armflex.laws.law import Law, Parameter, Ranges, Row, embed
 from armflex.storage.schema import LARGEST, Numbers, check_arrays
 
 CHUNK = 2**17
@@ -110,22 +109,12 @@ class NetworkLaw(Law):
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) average of the networks' answers, zero in components they do not have."""
-        twist = _by_chunks(self._twist, np.asarray(wrench)[..., : self.size], len(self._units[1]))
-        if self.size == 6:
-            return twist
-        whole = np.zeros((*twist.shape[:-1], 6))
-        whole[..., : self.size] = twist
-        return whole
+        return embed(_by_chunks(self._twist, np.asarray(wrench)[..., : self.size], len(self._units[1])), axes=1)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, 6) analytic derivative of `twist`."""
         slopes = _by_chunks(self._tangent, np.asarray(wrench)[..., : self.size], len(self._units[1]))
-        slopes = slopes.reshape(*slopes.shape[:-1], self.size, self.size)
-        if self.size == 6:
-            return slopes
-        whole = np.zeros((*slopes.shape[:-2], 6, 6))
-        whole[..., : self.size, : self.size] = slopes
-        return whole
+        return embed(slopes.reshape(*slopes.shape[:-1], self.size, self.size))
 
     def compliance_bound(self, ranges: Ranges) -> Array:
         """Return the sum over all neurons of what each gives where it is steepest."""
@@ -208,7 +197,7 @@ class NetworkLaw(Law):
         """Return the square of `reach` beyond the loads trained on: a network says nothing there."""
         return np.maximum(1.0, self.reach(wrench[..., : self.size])) ** 2
 
-    def draw(self, rng: np.random.Generator) -> NetworkLaw:
+    def draw(self, rng: np.random.Generator) -> Law:
         """Return one of several networks, or the only one with weights drawn."""
         if len(self.hidden) == 1:
             return super().draw(rng)
@@ -296,15 +285,15 @@ def weight_jacobian(x: Array, weights: Array, size: int) -> Array:
 
 def to_tensors(law: NetworkLaw) -> dict[str, Array]:
     """Return the law as named arrays, for a file; `weight_covariance` is left out where there is none."""
-    arrays = {name: np.atleast_1d(value) for name, value in _fields(law).items() if value is not None}
-    return {name: np.ascontiguousarray(value, dtype=np.float64) for name, value in arrays.items()}
+    arrays = {name: getattr(law, name) for name in ARRAYS}
+    return {
+        name: np.ascontiguousarray(np.atleast_1d(value), dtype=np.float64)
+        for name, value in arrays.items()
+        if value is not None
+    }
 
 
-def _fields(law: NetworkLaw) -> dict[str, Array | None]:
-    return {name: getattr(law, name) for name in NetworkLaw.__dataclass_fields__}
-
-
-def network_from_tensors(tensors: Mapping[str, Array]) -> NetworkLaw:
+def from_tensors(tensors: Mapping[str, Array]) -> NetworkLaw:
     """Return the law that `to_tensors` wrote.
 
     Raises:
@@ -319,9 +308,8 @@ def network_from_tensors(tensors: Mapping[str, Array]) -> NetworkLaw:
         if draws != 1:
             raise LawError(f"'weight_covariance' belongs to a single network, not to {draws}")
         if len(tensors["weight_covariance"]) != weight_count(k, neurons):
-            raise LawError(
-                f"'weight_covariance' is of {len(tensors['weight_covariance'])} weights, not of the network's"
-            )
+            count = len(tensors["weight_covariance"])
+            raise LawError(f"'weight_covariance' is of {count} weights, not of the network's")
     if (tensors["seen"][0] >= tensors["seen"][1]).any():
         raise LawError("'seen' has a smallest load that is not below the largest")
     if not np.diag(tensors["load_precision"]).all():

@@ -14,8 +14,7 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import LawError, UnknownNameError, did_you_mean, listing
-from armflex.laws.law import Law, Row, block_diagonal, check_ordered, embed
-from armflex.laws.parameter import Parameter
+from armflex.laws.law import Law, Parameter, Row, block_diagonal, check_ordered, embed
 from armflex.storage.schema import Numbers, check_arrays, check_shapes
 
 _NORMS = {
@@ -78,8 +77,21 @@ class PolynomialLaw(Law):
     loads: Array
 
     def __post_init__(self) -> None:
-        _check_shapes(self)
-        _check_features(self.features, self.residual_std.size)
+        shapes = {name: ("f8", np.shape(getattr(self, name))) for name in ARRAYS}
+        try:
+            check_shapes(shapes, ARRAYS, SIZES)
+        except ValueError as error:
+            raise LawError(str(error)) from None
+        check_ordered(self.loads)
+        if (self.residual_std < 0.0).any():
+            raise LawError("a scatter is negative")
+        known = _known(self.residual_std.size)
+        for name in self.features:
+            if name not in known:
+                size, hint = self.residual_std.size, did_you_mean(name, known)
+                raise LawError(f"{name!r} is no feature of a load of {size} components{hint}")
+        if len(set(self.features)) < len(self.features):
+            raise LawError(f"a feature is there twice: {listing(self.features)}")
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) twist."""
@@ -222,7 +234,7 @@ def to_tensors(law: PolynomialLaw) -> dict[str, Array]:
     return {name: np.ascontiguousarray(array, dtype=float) for name, array in arrays.items()}
 
 
-def polynomial_from_tensors(tensors: Mapping[str, Array]) -> PolynomialLaw:
+def from_tensors(tensors: Mapping[str, Array]) -> PolynomialLaw:
     """Return the law that `to_tensors` wrote.
 
     Raises:
@@ -263,24 +275,3 @@ def _groups(size: int) -> dict[str, tuple[str, ...]]:
         "quadratic": products,
         "odd": tuple(name for name in known if name[0] != "|" and name[-1] in "|3"),
     }
-
-
-def _check_shapes(law: PolynomialLaw) -> None:
-    arrays = {"features": ("f8", (len(law.features),))}
-    arrays |= {name: ("f8", np.shape(getattr(law, name))) for name in ARRAYS if name != "features"}
-    try:
-        check_shapes(arrays, ARRAYS, SIZES)
-    except ValueError as error:
-        raise LawError(str(error)) from None
-    check_ordered(law.loads)
-    if (law.residual_std < 0.0).any():
-        raise LawError("a scatter is negative")
-
-
-def _check_features(features: Sequence[str], size: int) -> None:
-    known = _known(size)
-    for name in features:
-        if name not in known:
-            raise LawError(f"{name!r} is no feature of a load of {size} components{did_you_mean(name, known)}")
-    if len(set(features)) < len(features):
-        raise LawError(f"a feature is there twice: {listing(features)}")

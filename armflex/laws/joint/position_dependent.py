@@ -14,8 +14,7 @@ from armflex.declaration import Declaration
 from armflex.errors import LawError, did_you_mean
 from armflex.laws.joint.linear import SYMMETRIC, check_compliance, declared_matrix, declared_std, entries
 from armflex.laws.joint.log_compliance import LOOSE, NOWHERE, LogCompliance
-from armflex.laws.law import NOTHING, Law, Ranges, Row, block_norms
-from armflex.laws.parameter import Parameter
+from armflex.laws.law import Compliance, Parameter, Ranges, Row, block_norms
 
 EXAMPLE = """
 model = "position_dependent"
@@ -31,7 +30,7 @@ COEFFICIENTS = ("compliance", "compliance_q1", "compliance_q2", "compliance_q3")
 
 
 @dataclass(frozen=True)
-class PositionDependentLaw(Law):
+class PositionDependentLaw(Compliance):
     """Compliance polynomial in the position of `joint`.
 
     Attributes:
@@ -77,23 +76,11 @@ class PositionDependentLaw(Law):
             total = total * position + coefficient
         return total
 
-    def twist(self, wrench: Array, row: Row) -> Array:
-        """Return C(q) w."""
-        return np.einsum("...ij,...j->...i", self.compliance(row), wrench)
-
-    def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return C(q)."""
-        return self.compliance(row)
-
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the load that each entry multiplies, times the power of the position."""
         position = np.asarray(row.position(self.joint))[..., None, None]
         once = np.swapaxes((SYMMETRIC @ wrench[..., None, :, None])[..., 0], -1, -2)
         return np.concatenate([once * position**power for power in range(len(self.coefficients))], axis=-1)
-
-    def affine(self, row: Row) -> tuple[Array, Array]:
-        """Return no twist and C(q)."""
-        return NOTHING, self.compliance(row)
 
     def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return the sum of the coefficients' norms, each at the largest power that the joint's range allows."""
@@ -130,17 +117,9 @@ def read_position_dependent(table: Declaration, joint: str, ranges: Ranges) -> P
         raise table.fail(
             "depends_on", f"{law.joint!r} is no moving joint of the chain{did_you_mean(law.joint, ranges)}"
         )
-    try:
-        check_range(law, *ranges[law.joint])
-    except LawError as error:
-        raise table.fail("compliance", str(error)) from None
-    return law
-
-
-def check_range(law: PositionDependentLaw, lower: float, upper: float) -> None:
-    """Raise `LawError` where the compliance stops being symmetric or positive anywhere in the joint's range."""
-    for position in np.linspace(lower, upper, 33):
+    for position in np.linspace(*ranges[law.joint], 33):
         try:
             check_compliance(law.compliance(Row(np.array([position]), {law.joint: 0})))
         except LawError as error:
-            raise LawError(f"at {law.joint} = {position:.4g}: {error}") from None
+            raise table.fail("compliance", f"at {law.joint} = {position:.4g}: {error}") from None
+    return law

@@ -21,12 +21,12 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, Flag, LawError, UnknownNameError
-from armflex.laws.joint.beam import Beam, stiffness
+from armflex.laws.joint.beam import Beam, Section, stiffness
+from armflex.laws.joint.carried import ScaledLaw
+from armflex.laws.joint.linear import LinearFit, LinearLaw, check_compliance
 from armflex.laws.joint.log_compliance import LOOSE
-from armflex.laws.joint.scaled import ScaledLaw
-from armflex.laws.joint.stepped import SteppedLaw
-from armflex.laws.law import Composed, Law, Ranges, Row, unturned
-from armflex.laws.parameter import Parameter
+from armflex.laws.law import Composed, Law, Parameter, Ranges, Row, SteppedLaw, check_ordered, unturned
+from armflex.storage.schema import Numbers
 
 EXAMPLE = """
 model = "structural"
@@ -44,6 +44,23 @@ beam = [
 
 MAX_ITERATIONS = 50
 TOLERANCE = 1e-12
+
+MOST = 1000
+"""Nodes, sub-joints and beams at most."""
+
+ARRAYS = {
+    "nodes": Numbers(("nodes", 3)),
+    "tip": Numbers((2,), least=0.0),
+    "noise": Numbers((6,), least=0.0),
+    "at": Numbers(("subjoints",), least=0.0),
+    "holds": Numbers(("subjoints", 6), least=0.0, most=1.0),
+    "compliance": Numbers(("subjoints", 6, 6)),
+    "row_covariance": Numbers(("subjoints", 6, 6, 6), covariance=True),
+    "loads": Numbers(("subjoints", 2, 6)),
+    "beams": Numbers(("beams", 11)),
+}
+SIZES = {"nodes": range(1, MOST + 1), "subjoints": range(MOST + 1), "beams": range(MOST + 1)}
+"""Arrays of a fitted law's file: sub-joints linear, nodes by number."""
 
 
 @dataclass(frozen=True)
@@ -134,8 +151,14 @@ class StructuralLaw(Composed):
     @cached_property
     def constant(self) -> Array | None:
         """(6, 6) condensed compliance when every sub-joint's is constant, else None."""
-        compliances = [sub.law.constant for sub in self.subjoints]
-        return None if any(one is None for one in compliances) else self._condense(compliances)
+        known = [sub.law.constant for sub in self.subjoints]
+        return None if any(one is None for one in known) else self._condense(self._system(known))
+
+    @cached_property
+    def _straight(self) -> tuple[list[Array], list[Array]]:
+        """The gains of a structure of constant compliances, and the (6, 6) load on each sub-joint per load."""
+        system = self._system([sub.law.constant for sub in self.subjoints])
+        return self._gains(system), self._by_subjoint(self._states_per_load(system)[self._size :])
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the twist of the tip node, carried to the flexure's origin.
@@ -155,7 +178,7 @@ class StructuralLaw(Composed):
             return np.broadcast_to(self.constant, (*wrench.shape, 6))
         if wrench.ndim > 1:
             return self._each(self.tangent, wrench, row)
-        return self._condense(self._solve(wrench, row)[1])
+        return self._condense(self._system(self._solve(wrench, row)[1]))
 
     @staticmethod
     def _each(ask: Callable[[Array, Row], Array], wrenches: Array, row: Row) -> Array:
@@ -169,38 +192,14 @@ class StructuralLaw(Composed):
 
     def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
         """Return for each sub-joint the (..., 6, 6) twist of the tip per twist that it gives more, and its load."""
-        if wrench.ndim > 1 and self.constant is None:
+        if self.constant is not None:
+            return [(gain, wrench @ load.T) for gain, load in zip(*self._straight, strict=True)]
+        if wrench.ndim > 1:
             rows, flat = row.spread(len(wrench)), wrench.reshape(-1, 6)
             each = [self.shares(load, rows.some(i)) for i, load in enumerate(flat)]
             return [tuple(np.array(part) for part in zip(*own, strict=True)) for own in zip(*each, strict=True)]
-        if self.constant is not None:
-            gains, loads = self._straight
-            return [(gain, wrench @ load.T) for gain, load in zip(gains, loads, strict=True)]
         _, tangents, loads = self._solve(wrench, row)
-        return list(zip(self._gains(tangents), loads, strict=True))
-
-    @cached_property
-    def _straight(self) -> tuple[list[Array], list[Array]]:
-        """The gains of a structure of constant compliances, and the (6, 6) load on each sub-joint per load."""
-        compliances, loads = [sub.law.constant for sub in self.subjoints], []
-        loaded = np.zeros((len(self._system(compliances)), 6))
-        loaded[: self._size] = self._seen.T / self.scale
-        states = _solved(self._system(compliances), loaded)
-        for start, (_, own) in zip(self._load_places, self.held, strict=True):
-            load = np.zeros((6, 6))
-            load[own] = self.scale * states[start : start + len(own)]
-            loads.append(load)
-        return self._gains(compliances), loads
-
-    def _gains(self, tangents: list[Array]) -> list[Array]:
-        """Return for each sub-joint the (6, 6) twist of the tip per twist that it gives more."""
-        inverse = _solved(self._system(tangents), np.eye(self._size + sum(len(own) for _, own in self.held)))
-        gains = []
-        for start, (_, own) in zip(self._load_places, self.held, strict=True):
-            gain = np.zeros((6, 6))
-            gain[:, own] = self._seen @ inverse[: self._size, start : start + len(own)]
-            gains.append(gain)
-        return gains
+        return list(zip(self._gains(self._system(tangents)), loads, strict=True))
 
     def learned(self, travel: Ranges) -> StructuralLaw | None:
         """Return the structure with a factor on every axis that a sub-joint gives and holds, where all are linear."""
@@ -215,11 +214,6 @@ class StructuralLaw(Composed):
     def moved(self, step: Array) -> Law:
         """Return the structure a step away to first order: what sub-joints do against each other cancels in that."""
         return SteppedLaw(self, step)
-
-    @cached_property
-    def trained(self) -> bool:
-        """Whether any sub-joint was trained."""
-        return any(sub.law.trained for sub in self.subjoints)
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return the doubts about the loads on the sub-joints, and about a moment where nodes only translate."""
@@ -237,10 +231,18 @@ class StructuralLaw(Composed):
     def _size(self) -> int:
         return self.components * len(self.nodes)
 
+    def _by_subjoint(self, held: Array) -> list[Array]:
+        """Return (m, ...) numbers, one for every component that is held, as (6, ...) of each sub-joint."""
+        found = [np.zeros((6, *held.shape[1:])) for _ in self.held]
+        for whole, (places, own) in zip(found, self._held_places, strict=True):
+            whole[own] = held[places - self._size]
+        return found
+
     @cached_property
-    def _load_places(self) -> tuple[int, ...]:
-        counts = [len(own) for _, own in self.held]
-        return tuple(int(start) for start in self._size + np.cumsum([0, *counts])[:-1])
+    def _held_places(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each sub-joint the places of its loads among all unknowns, and the components that they are."""
+        ends = self._size + np.cumsum([len(own) for _, own in self.held])
+        return [(np.arange(end - len(own), end), own) for end, (_, own) in zip(ends, self.held, strict=True)]
 
     @cached_property
     def _seen(self) -> Array:
@@ -252,51 +254,55 @@ class StructuralLaw(Composed):
         seen[:3] += np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ seen[3:]
         return seen
 
-    def _system(self, compliances: list[Array]) -> Array:
+    def _system(self, compliances: Sequence[Array]) -> Array:
         """Return the scaled (kn + m, kn + m) matrix of the two equations above; loads are in units of `scale`."""
-        held = [places for places, _ in self.held]
-        total = self._size + sum(map(len, held))
+        total = self._size + sum(len(own) for _, own in self.held)
         matrix = np.zeros((total, total))
         matrix[: self._size, : self._size] = self.beam_stiffness / self.scale
-        for start, (places, own), compliance in zip(self._load_places, self.held, compliances, strict=True):
-            loads = start + np.arange(len(own))
+        for (places, own), (loads, _), compliance in zip(self.held, self._held_places, compliances, strict=True):
             matrix[places, loads] = matrix[loads, places] = 1.0
             matrix[np.ix_(loads, loads)] = -self.scale * compliance[np.ix_(own, own)]
         return matrix
 
-    def _condense(self, compliances: list[Array]) -> Array:
-        loaded = np.zeros((len(self._system(compliances)), 6))
-        loaded[: self._size] = self._seen.T / self.scale
-        return self._seen @ _solved(self._system(compliances), loaded)[: self._size]
+    @cached_property
+    def _rigid(self) -> Array:
+        """The system of sub-joints that do not give."""
+        return self._system([np.zeros((6, 6))] * len(self.subjoints))
+
+    def _states_per_load(self, system: Array) -> Array:
+        """Return (kn + m, 6) what all nodes do and sub-joints carry [1] per load at the tip."""
+        states = _solved(system, np.vstack([self._seen.T, np.zeros((len(system) - self._size, 6))]) / self.scale)
+        states[self._size :] *= self.scale
+        return states
+
+    def _condense(self, system: Array) -> Array:
+        """Return the (6, 6) compliance at the tip."""
+        return self._seen @ self._states_per_load(system)[: self._size]
+
+    def _gains(self, system: Array) -> list[Array]:
+        """Return for each sub-joint the (6, 6) twist of the tip per twist that it gives more.
+
+        By reciprocity that is its load per load at the tip, transposed, where the compliances are.
+        """
+        return [gain.T for gain in self._by_subjoint(self._states_per_load(system.T)[self._size :])]
 
     def _solve(self, wrench: Array, row: Row) -> tuple[Array, list[Array], list[Array]]:
         """Return the tip twist, the sub-joints' tangents and the loads on them."""
-        state = np.zeros(len(self._system([np.zeros((6, 6))] * len(self.subjoints))))
+        state = np.zeros(len(self._rigid))
         history: list[float] = []
         for _ in range(MAX_ITERATIONS):
-            loads = self._loads(state)
-            tangents = [sub.law.tangent(load, row) for sub, load in zip(self.subjoints, loads, strict=True)]
-            residual = self._residual(state, loads, wrench, row)
+            loads = self._by_subjoint(self.scale * state[self._size :])
+            asked = list(zip(self.subjoints, loads, strict=True))
+            tangents = [sub.law.tangent(load, row) for sub, load in asked]
+            residual = self._rigid @ state
+            residual[: self._size] -= self._seen.T @ wrench / self.scale
+            for (sub, load), (places, own) in zip(asked, self._held_places, strict=True):
+                residual[places] -= sub.law.twist(load, row)[own]
             history.append(float(np.abs(residual).max()))
             if history[-1] <= TOLERANCE * (np.abs(state).max() + np.abs(wrench).max() / self.scale):
                 return self._seen @ state[: self._size], tangents, loads
             state = state - _solved(self._system(tangents), residual)
         raise ConvergenceError("the structure's inner equilibrium did not converge", history)
-
-    def _loads(self, state: Array) -> list[Array]:
-        loads = []
-        for start, (_, own) in zip(self._load_places, self.held, strict=True):
-            load = np.zeros(6)
-            load[own] = self.scale * state[start : start + len(own)]
-            loads.append(load)
-        return loads
-
-    def _residual(self, state: Array, loads: list[Array], wrench: Array, row: Row) -> Array:
-        free = self._system([np.zeros((6, 6))] * len(self.subjoints)) @ state
-        free[: self._size] -= self._seen.T @ wrench / self.scale
-        for start, (_, own), sub, load in zip(self._load_places, self.held, self.subjoints, loads, strict=True):
-            free[start : start + len(own)] -= sub.law.twist(load, row)[own]
-        return free
 
 
 def _solved(system: Array, right: Array) -> Array:
@@ -306,3 +312,43 @@ def _solved(system: Array, right: Array) -> Array:
     except np.linalg.LinAlgError:
         text = "two rigid sub-joints hold one node the same way, or one is softer than numbers can tell beside the rest"
         raise LawError(f"the structure's equations are singular: {text}") from None
+
+
+def to_tensors(law: StructuralLaw) -> dict[str, Array]:
+    """Return a fitted law's arrays."""
+    number, subjoints = {name: float(i) for i, name in enumerate(law.nodes)}, law.subjoints
+    beams = [(number[one.start], number[one.end], *vars(one.section).values(), *one.up) for one in law.beams]
+    return {
+        "nodes": np.array(list(law.nodes.values()), dtype=float),
+        "tip": np.array([number[law.tip], float(law.components)]),
+        "noise": np.zeros(6) if law.noise is None else law.noise,
+        "at": np.array([number[sub.node] for sub in subjoints]),
+        "holds": np.array([[float(axis in sub.holds) for axis in range(6)] for sub in subjoints]),
+        "compliance": np.array([sub.law.compliance for sub in subjoints]),
+        "row_covariance": np.array([sub.law.fit.row_covariance for sub in subjoints]),
+        "loads": np.array([sub.law.fit.loads for sub in subjoints]),
+        "beams": np.array(beams).reshape(-1, 11),
+    }
+
+
+def from_tensors(tensors: Mapping[str, Array]) -> StructuralLaw:
+    """Return the law of arrays as declared; raise `LawError` where their numbers are not those of one."""
+    tip, components = (int(value) for value in tensors["tip"])
+    if components not in (3, 6):
+        raise LawError(f"{components} components, expected 3 or 6")
+    nodes = {str(i): place for i, place in enumerate(tensors["nodes"], 1)}
+
+    def name(number: float) -> str:
+        if not 0 <= number < len(nodes) or number != int(number):
+            raise LawError(f"node {number:g} of {len(nodes)}")
+        return str(int(number) + 1)
+
+    tip_name, subjoints = name(tip), []
+    of_each = (tensors[key] for key in ("at", "holds", "compliance", "row_covariance", "loads"))
+    for at, holds, compliance, known, loads in zip(*of_each, strict=True):
+        check_compliance(0.5 * (compliance + compliance.T))
+        check_ordered(loads)
+        law = LinearLaw(compliance, fit=LinearFit(known, np.zeros(6), loads))
+        subjoints.append(SubJoint(name(float(at)), law, tuple(np.flatnonzero(holds > 0.5).tolist())))
+    beams = tuple(Beam(name(row[0]), name(row[1]), Section(*row[2:8].tolist()), row[8:]) for row in tensors["beams"])
+    return StructuralLaw(nodes, tip_name, tuple(subjoints), beams, components, tensors["noise"])

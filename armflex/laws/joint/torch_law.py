@@ -80,7 +80,7 @@ class TorchLaw(WithoutParameters):
         object.__setattr__(self, "module", as_answering(self.module).requires_grad_(False))
         check_module(self.module, self.size)
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> str | tuple[Any, ...]:
         """Send a law with a source to another process as its file would be kept: the class is made anew there."""
         if self.source is None:
             return super().__reduce__()
@@ -97,14 +97,14 @@ class TorchLaw(WithoutParameters):
         load = np.asarray(wrench)[..., : self.size]
         with torch.no_grad():
             found = self.module(self._scaled(load)).numpy()
-        return self._whole(self.twist_scale * (found - self._unloaded).reshape(load.shape), load)
+        return embed(self._finite(self.twist_scale * (found - self._unloaded).reshape(load.shape), load), axes=1)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, 6) derivative of `twist`, by automatic differentiation."""
         load, k = np.asarray(wrench)[..., : self.size], self.size
         slopes = jacobian(self.module, self._scaled(load)).numpy().reshape(*load.shape, k)
         slopes = slopes * np.broadcast_to(self.twist_scale, k)[:, None] / self.load_scale
-        return self._whole(slopes, load)
+        return embed(self._finite(slopes, load))
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
         """Return the noise, None where it was not given."""
@@ -151,16 +151,11 @@ class TorchLaw(WithoutParameters):
         scaled = (load.reshape(-1, self.size) - self.load_mean) / self.load_scale
         return torch.from_numpy(np.ascontiguousarray(scaled, dtype=np.float64))
 
-    def _whole(self, block: Array, load: Array) -> Array:
-        """Return what the module gives in k components, or k x k, in six."""
+    def _finite(self, block: Array, load: Array) -> Array:
+        """Return what the module gives under a load; raise `NotFiniteError` where that is no number."""
         if not np.isfinite(block).all():
             raise NotFiniteError(f"{_called(self)} gives no number under a load of {load} N, Nm")
-        if self.size == 6:
-            return block
-        shape = block.shape[load.ndim - 1 :]
-        whole = np.zeros((*load.shape[:-1], *(6 for _ in shape)))
-        whole[(..., *(slice(size) for size in shape))] = block
-        return whole
+        return block
 
 
 def _called(law: TorchLaw) -> str:
@@ -176,7 +171,7 @@ def the_torch() -> Any:
     return torch
 
 
-def as_answering(module: object) -> torch.nn.Module:
+def as_answering(module: Any) -> torch.nn.Module:
     """Return a copy of a module as a law asks it: in evaluation mode, in 64 bits, on the CPU.
 
     Raises:
@@ -216,13 +211,8 @@ def check_module(module: torch.nn.Module, size: int) -> None:
         raise LawError(f"{name} gives other numbers when asked again, expected the same in evaluation mode")
     if not torch.allclose(found[1:2], single, rtol=1e-9, atol=1e-12):
         raise LawError(f"{name} gives a row other numbers beside other rows, expected each row by itself")
-    _check_differentiable(module, loads, name)
 
-
-def _check_differentiable(module: torch.nn.Module, loads: torch.Tensor, name: str) -> None:
-    """Raise where automatic differentiation does not give what differences of neighbouring loads say, and theirs."""
-    import torch
-
+    # Automatic differentiation must give what differences of neighbouring loads say, and of neighbouring derivatives.
     here, steps = loads.clone().requires_grad_(True), STEP * torch.eye(loads.shape[1], dtype=loads.dtype)
     ends = [loads[1] + steps, loads[1] - steps]
     try:
@@ -322,7 +312,7 @@ def to_tensors(law: TorchLaw) -> dict[str, Array]:
     return {name: np.ascontiguousarray(value).reshape(np.shape(value)) for name, value in arrays.items()}
 
 
-def torch_from_tensors(tensors: Mapping[str, Array], metadata: Mapping[str, Any], folder: Path) -> TorchLaw:
+def from_tensors(tensors: Mapping[str, Array], metadata: Mapping[str, Any], folder: Path) -> TorchLaw:
     """Return the law that a file in a folder holds; runs the Python code that the file names.
 
     Raises:
@@ -340,21 +330,14 @@ def torch_from_tensors(tensors: Mapping[str, Array], metadata: Mapping[str, Any]
 
 
 def _again(source: ModuleSource, tensors: Mapping[str, Array]) -> TorchLaw:
-    """Return the law of a class and of named arrays; runs the class's code."""
-    check_ordered(tensors["seen"])
-    scales = {name: tensors[name] for name in SCALES}
-    weights = {name.removeprefix(WEIGHT): value for name, value in tensors.items() if name not in SCALES}
-    return TorchLaw(with_weights(source, weights), len(tensors["noise"]), source=source, **scales)
-
-
-def with_weights(source: ModuleSource, weights: Mapping[str, Array]) -> torch.nn.Module:
-    """Return a module that a class makes, with other weights.
+    """Return the law of a class and of named arrays; runs the class's code.
 
     Raises:
         LawError: The class makes no module, or one with weights of other names or shapes.
     """
-    torch = the_torch()
-    module = as_answering(source.made())
+    check_ordered(tensors["seen"])
+    torch, module = the_torch(), as_answering(source.made())
+    weights = {name.removeprefix(WEIGHT): value for name, value in tensors.items() if name not in SCALES}
     own = module.state_dict()
     for name in sorted(own.keys() ^ weights.keys()):
         problem = "is not in the file" if name in own else f"is in the file, but {source} has none of that name"
@@ -364,4 +347,4 @@ def with_weights(source: ModuleSource, weights: Mapping[str, Array]) -> torch.nn
             found = f"{weights[name].shape} in the file, {tuple(value.shape)} in {source}"
             raise LawError(f"weights do not fit {source}: {name!r} is of shape {found}")
     module.load_state_dict({name: torch.from_numpy(np.array(value)) for name, value in weights.items()})
-    return module
+    return TorchLaw(module, len(tensors["noise"]), source=source, **{name: tensors[name] for name in SCALES})

@@ -1,26 +1,38 @@
-"""A law learned on the whole arm: what was declared, with parameters, and a correction at the loads that were seen."""
+"""A law learned on the whole arm: what was declared, with parameters, and a correction at the loads that were seen.
+
+`learn = true` in an arm.toml says that a flexure's law is to be learned.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 
-from armflex.conventions import Array
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.declaration import Declaration
 from armflex.errors import Flag
-from armflex.laws.joint.stepped import SteppedLaw
-from armflex.laws.law import Law, Row, beyond
-from armflex.laws.learned.correction import Correction, fading
+from armflex.laws.law import Law, Parameter, Ranges, Row, SteppedLaw, beyond
+from armflex.laws.learned.correction import Correction, NetworkCorrection, PolynomialCorrection, fading
 from armflex.laws.learned.seen import Seen
-from armflex.laws.learned.window import Window
-from armflex.laws.parameter import Parameter
 
 SLACK = 0.02
 """Of the range of a load, by which it may be beyond those seen: a campaign's loads are those of the arm as it bends."""
+
+
+CORRECTED = ("polynomial", "neural", "bayesian")
+"""Models with a correction on top of a compliance; without a file they are declared by the compliance."""
+
+NETWORKS = ("neural", "bayesian")
+"""Those whose correction is a network."""
+
+TRAINED_ALONE = ("torch",)
+"""Models that stand in a file alone, and stay as they were trained; a correction about them is a network."""
+
+MOST_NEURONS = 64
 
 
 class Group(NamedTuple):
@@ -39,13 +51,11 @@ class LearnedLaw(Law):
         declared: The law that it is learned about.
         free: The same with parameters; values are steps from its own. None where it has none to learn.
         form: The correction as it is where it counts fully, with parameters; None for none.
-        seen: The loads that it was learned under.
+        seen: The loads that it was learned under, and how a correction ends beyond them.
         values: (k,) values of both, those of `free` first.
         scales: Prior standard deviation of every group of parameters.
         spread: (k, k) covariance of the values, None where nobody says.
         reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
-        faded: Reach, see `Window`, from which on a correction is nothing; infinite while it is being learned.
-        energy: (6, 6) matrix of the reach, None where distance is the reach.
     """
 
     declared: Law
@@ -56,13 +66,6 @@ class LearnedLaw(Law):
     scales: tuple[float, ...]
     spread: Array | None = None
     reach: Array | None = None
-    faded: float = np.inf
-    energy: Array | None = None
-
-    @cached_property
-    def window(self) -> Window:
-        """Where the correction counts."""
-        return self.seen.window(self.faded, self.energy)
 
     @cached_property
     def expected(self) -> tuple[Parameter, ...]:
@@ -85,19 +88,9 @@ class LearnedLaw(Law):
         return tuple(replace(one, prior=float(std)) for one, std in zip(self.expected, self.prior, strict=True))
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """One name per parameter."""
-        return tuple(one.name for one in self.expected)
-
-    @property
     def prior(self) -> Array:
         """(k,) prior standard deviations about zero."""
         return np.repeat(self.scales, [group.places.stop - group.places.start for group in self.groups])
-
-    @property
-    def expected_std(self) -> Array:
-        """(k,) the same as expected beforehand."""
-        return np.array([one.prior for one in self.expected])
 
     @property
     def start(self) -> Array:
@@ -112,7 +105,7 @@ class LearnedLaw(Law):
     @cached_property
     def correction(self) -> Correction | None:
         """What counts within the window alone, at its values."""
-        return None if self.form is None else Correction(self.form.at(self.values[self._count :]), self.window)
+        return None if self.form is None else Correction(self.form.at(self.values[self._count :]), self.seen)
 
     @property
     def _count(self) -> int:
@@ -129,22 +122,9 @@ class LearnedLaw(Law):
         """The plain law's where there is no correction."""
         return self.plain.constant if self.form is None else None
 
-    def correcting(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6) twist that the correction adds."""
-        return np.zeros_like(wrench) if self.correction is None else self.correction.twist(wrench, row)
-
-    def std(self, spread: Array, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6) standard deviation of the twist for a (k, k) covariance of the values."""
-        by = self.by_values(wrench, row)
-        return np.sqrt(np.maximum(np.einsum("...ak,kl,...al->...a", by, spread, by, optimize=True), 0.0))
-
     def at(self, values: Array) -> LearnedLaw:
         """Return the law at other values."""
         return replace(self, values=values, spread=None)
-
-    def rescaled(self, scales: Iterable[float]) -> LearnedLaw:
-        """Return the law with other prior standard deviations of its groups."""
-        return replace(self, scales=tuple(scales))
 
     def without_correction(self) -> LearnedLaw:
         """Return the plain part alone."""
@@ -155,7 +135,7 @@ class LearnedLaw(Law):
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the twist."""
         twist = self.plain.twist(wrench, row)
-        return twist if self.form is None else twist + self.correcting(wrench, row)
+        return twist if self.correction is None else twist + self.correction.twist(wrench, row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the derivative by the wrench."""
@@ -167,6 +147,11 @@ class LearnedLaw(Law):
         laws = (None if self.free is None else self.plain, self.correction)
         found = [law.by_values(wrench, row) for law in laws if law is not None]
         return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
+
+    def std(self, spread: Array, wrench: Array, row: Row) -> Array:
+        """Return the (..., 6) standard deviation of the twist for a (k, k) covariance of the values."""
+        by = self.by_values(wrench, row)
+        return np.sqrt(np.maximum(np.einsum("...ak,kl,...al->...a", by, spread, by, optimize=True), 0.0))
 
     @property
     def values_covariance(self) -> Array | None:
@@ -180,7 +165,7 @@ class LearnedLaw(Law):
         """
         found = self.declared.scatter(wrench, row)
         if self.reach is not None:
-            std = self.window.unknown(wrench)[..., None] * self.reach
+            std = self.seen.unknown(wrench)[..., None] * self.reach
             unknown = std[..., None] ** 2 * np.eye(6)
             found = unknown if found is None else found + unknown
         return found
@@ -191,15 +176,16 @@ class LearnedLaw(Law):
 
     def settled(self, spread: Array, wrenches: Array, row: Row) -> LearnedLaw:
         """Return the law with the (k, k) covariance of its values, fitted where its loads were (M, 6) wrenches."""
+        settled = replace(self, spread=spread)
         seen = replace(self.seen, loads=np.array([wrenches.min(axis=0), wrenches.max(axis=0)]))
         if self.correction is None:
-            return replace(self, spread=spread, seen=seen)
+            return replace(settled, seen=seen)
         form, own = self.correction.law, spread[self._count :, self._count :]
         sizes, by = form.twist(wrenches, row), form.by_values(wrenches, row)
         doubt = np.einsum("nak,kl,nal->na", by, own, by, optimize=True)
         faded, energy = fading(self.plain, self.correction, wrenches, row)
         reach = np.sqrt((sizes**2 + doubt).max(axis=0))
-        return replace(self, spread=spread, seen=seen, reach=reach, faded=faded, energy=energy)
+        return replace(settled, seen=replace(seen, faded=faded, energy=energy), reach=reach)
 
     def moved(self, step: Array) -> LearnedLaw:
         """Return the law whose twist is that of a (k,) step of its values away, to first order; it has no parameters.
@@ -215,9 +201,51 @@ class LearnedLaw(Law):
     @property
     def trained_on(self) -> Array:
         """The loads seen."""
-        return self.window.loads
+        return self.seen.loads
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return a flag for every component of the load beyond those seen, by more than anybody knows them."""
-        low, high = self.window.loads
+        low, high = self.seen.loads
         return beyond(np.array([low, high]) + SLACK * (high - low) * np.array([[-1.0], [1.0]]), wrench)
+
+
+@dataclass(frozen=True)
+class Learning:
+    """What is to be learned of a flexure's law.
+
+    Attributes:
+        model: Name of the law, a key of `LAWS` or `FORMS`.
+        neurons: Hidden neurons of a network.
+        travel: Lowest and highest position of every joint [rad or m], where a law may depend on them.
+    """
+
+    model: str
+    neurons: int = 6
+    travel: Ranges = field(default_factory=dict)
+
+
+def read_learning(table: Declaration, model: str, law: Law, ranges: Ranges) -> Learning:
+    """Return what `learn = true` frees; `neurons` is a network's size."""
+    if all(leaf.constant is not None and not leaf.constant.any() for leaf in law.leaves):
+        raise table.fail("compliance", "is zero: there is nothing that could be learned about it, give a rough one")
+    if model not in (*CORRECTED, *TRAINED_ALONE) and law.learned(ranges) is None:
+        text = "has no parameters to learn: its compliance is not symmetric, or a structure not linear"
+        raise table.fail("model", f"{text}; learn a correction about it: {', '.join(CORRECTED)}")
+    if table.has("neurons") and model not in NETWORKS:
+        raise table.fail("neurons", f"a {model} law has none: only {' and '.join(NETWORKS)} laws do")
+    neurons = table.number("neurons", 6.0)
+    if neurons not in range(1, MOST_NEURONS + 1):
+        raise table.fail("neurons", f"expected a whole number from 1 to {MOST_NEURONS}, got {neurons:g}")
+    return Learning(model, int(neurons), ranges)
+
+
+def learned_law(law: Law, learning: Learning, seen: Seen) -> LearnedLaw:
+    """Return a declared law with its parameters, at values that change nothing but a network's hidden weights."""
+    free, form = law.learned(learning.travel), None
+    if learning.model in (*NETWORKS, *TRAINED_ALONE):
+        form = NetworkCorrection.start(seen, learning.neurons)
+    elif learning.model in CORRECTED:
+        straight = free is None or set(TWIST_NAMES).isdisjoint(one.name for one in free.parameters)
+        form = PolynomialCorrection.start(seen, linear=straight)
+    found = LearnedLaw(law, free, form, seen, np.zeros(0), ())
+    return replace(found, values=found.start, scales=tuple(group.std for group in found.groups))

@@ -42,7 +42,8 @@ def render_report(trace: Trace) -> str:
 
     with drawing():
         found = account(trace)
-    text = (resources.files(__package__) / "page.html").read_text(encoding="utf-8")
-    blocks = {"trim_blocks": True, "lstrip_blocks": True}
-    environment = Environment(autoescape=True, undefined=StrictUndefined, finalize=shown, **blocks)
+    text = (resources.files(__name__) / "page.html").read_text(encoding="utf-8")
+    environment = Environment(
+        trim_blocks=True, lstrip_blocks=True, autoescape=True, undefined=StrictUndefined, finalize=shown
+    )
     return environment.from_string(text).render(page=found).lstrip()

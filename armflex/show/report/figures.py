@@ -93,7 +93,7 @@ def by_session_and_pose(accurate: Accuracy, both: bool) -> str:
 
     poses = sorted(accurate.by(accurate.poses), key=lambda pose: -pose[1].rms)
     place = np.arange(len(poses))
-    before, after = (1e3 * np.array([pose[which].rms for pose in poses]) for which in (1, 2))
+    before, after = (1e3 * np.array([pose.rms for pose in either]) for either in list(zip(*poses, strict=True))[1:])
     if both:
         right.vlines(place, before, after, color=RULE, linewidth=1.0, zorder=1)
         right.scatter(place, before, s=11, color=BEFORE, linewidths=0, label="before")

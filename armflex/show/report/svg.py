@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from io import StringIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from armflex.plotting import styled
 
@@ -88,7 +88,7 @@ def inline(figure: Figure, name: str) -> str:
     svg = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
     svg = re.sub(r'(<g) id="[^"]*"', r"\1", svg)  # named by number, alike in every figure, and used by nothing
     svg = re.sub(r"<[^>]*>", _themed, svg)  # no text in between
-    box = re.search(r'viewBox="([^"]*)"', svg)[1]
+    box = re.findall(r'viewBox="([^"]*)"', svg)[0]
     safe = re.sub(r"[^\w ,.-]", " ", name)
     width = PIXELS * float(box.split()[2])
     size = f"min-width:{min(width, NARROW):.0f}px; max-width:{width:.0f}px"
@@ -103,7 +103,7 @@ def _themed(tag: re.Match) -> str:
     return re.sub(r'style="[^"]*"', lambda style: colours(style[0]), plain)
 
 
-def grid(axes: Axes, which: str = "both") -> None:
+def grid(axes: Axes, which: Literal["both", "x", "y"] = "both") -> None:
     """Draw faint lines behind the data and no tick marks."""
     axes.grid(True, axis=which)
     axes.tick_params(length=0)

@@ -57,7 +57,7 @@ def view(
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
     known = covariates or {}
     if trajectory is None:
-        here = arm.position() if q is None else q
+        here = arm.position() if q is None else arm.checked(q, "q")
         motion = Motion(np.zeros(1), (arm.deflection(here, payload, covariates=settled(arm, known)),), 0, 1)
     else:
         trajectory = trajectory.with_constants(arm, known).prepared(arm)

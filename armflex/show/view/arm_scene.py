@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.mechanics.deflection import Deflection
-from armflex.robot.tree import joints_by_parent
 from armflex.show.view.meshes import read_mesh
-from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, scene_points
+from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, ShapeKind, scene_points
 from armflex.tasks.check import CheckReport
 from armflex.trajectory import Trajectory
 
@@ -97,7 +97,7 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> dict[str, tuple[Shap
 
     A link that slides gets a rod back along its slide, too, so that the arm does not fall apart.
     """
-    drawn, children = {}, joints_by_parent(arm.robot.urdf)
+    drawn = {}
     radius = 0.025 * max(arm.robot.reach, 0.1)
     furthest = np.abs([frame.q for frame in motion.frames]).max(axis=0)
     slides = {
@@ -110,11 +110,12 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> dict[str, tuple[Shap
         for visual in link.visuals:
             size, color = np.array(visual.size), visual.color or STEEL
             if visual.kind != "mesh" and size.min() > 0.0:
-                shapes.append(Shape(visual.kind, size, visual.pose, color))
+                shapes.append(Shape(cast("ShapeKind", visual.kind), size, visual.pose, color))
             elif visual.kind == "mesh" and meshes and (found := read_mesh(arm.robot.urdf.path, visual.mesh or "")):
                 shapes.append(Shape("mesh", size, visual.pose, color, data=found[0], data_format=found[1]))
         if not shapes:
-            ends = [*(joint.origin for joint in children[name]), *([slides[name]] if name in slides else [])]
+            ends = [joint.origin for joint in arm.robot.urdf.children[name]]
+            ends += [slides[name]] if name in slides else []
             rods = [(end, float(np.linalg.norm(end))) for end in ends]
             shapes = [
                 Shape("capsule", np.array([radius, length]), _along(end), STEEL)
@@ -181,12 +182,11 @@ def _flexure_of_link(arm: Arm) -> dict[str, str]:
     """Return the flexure that each link hangs on most directly."""
     owner: dict[str, str] = {}
     at_joint = {flexure.joint: flexure.name for flexure in arm.flexures}
-    children = joints_by_parent(arm.robot.urdf)
     stack = [(arm.robot.base, "")]
     while stack:
         link, flexure = stack.pop()
         owner[link] = flexure
-        stack.extend((joint.child, at_joint.get(joint.name, flexure)) for joint in children[link])
+        stack.extend((joint.child, at_joint.get(joint.name, flexure)) for joint in arm.robot.urdf.children[link])
     return owner
 
 

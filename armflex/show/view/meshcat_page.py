@@ -4,6 +4,9 @@ The page holds meshcat's viewer and, instead of a connection to meshcat's server
 would have sent. They are made here, in process, from meshcat's own geometry, command and animation classes.
 """
 
+# pyright: reportArgumentType=false
+# meshcat has no types: those that follow from its defaults are too narrow.
+
 from __future__ import annotations
 
 import base64
@@ -73,7 +76,7 @@ def render_page(scene: Scene) -> str:
     files = [viewer.joinpath(*name.split("/")) for name in _LICENCES]
     licences = ["meshcat viewer", *(file.read_text("utf-8") for file in files if file.is_file())]
     commands = [base64.b64encode(umsgpack.packb(command)).decode() for command in _commands(scene, camera)]
-    template = Template((resources.files(__package__) / "overlay.html").read_text(encoding="utf-8"))
+    template = Template((resources.files("armflex.show.view") / "overlay.html").read_text(encoding="utf-8"))
     return template.substitute(
         title=_html(scene.title),
         subtitle=_html(scene.subtitle),
@@ -208,7 +211,7 @@ def _shape_commands(shape: Shape, place: ScenePath) -> Iterator[Command]:
     elif kind == "capsule":
         geometry = mg.TriangularMeshGeometry(*capsule_mesh(*size))
     else:
-        geometry = _MESH_GEOMETRIES[shape.data_format].from_stream(BytesIO(shape.data))
+        geometry = _MESH_GEOMETRIES[shape.data_format].from_stream(BytesIO(shape.data or b""))
     yield _object_command(mg.Mesh, geometry, _paint(shape.color, shape.opacity), solid)
     if kind == "cylinder":
         yield SetTransform(_Y_TO_Z, solid).lower()  # A cylinder of the viewer stands along y.

@@ -11,7 +11,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, ManyRows
 from armflex.conventions import Array
 from armflex.errors import (
     NO_ANSWER,
@@ -110,7 +110,8 @@ def _outcomes(
 ) -> Iterator[tuple[np.ndarray, _Outcome]]:
     """Yield rows of q and their outcome; where one of them is refused, halves are asked until it stands alone."""
     try:
-        found = arm.deflection(q[rows], payload, **options)
+        some: ManyRows = q[rows]
+        found = arm.deflection(some, payload, **options)
     except tuple(NO_ANSWER.values()) as error:
         if len(rows) == 1:
             yield rows, _refused(arm, q[rows[0]], error)

@@ -76,7 +76,8 @@ def _draw(axes: Axes, found: WorkspaceMap, seen: Callable[[Array], Array], colou
     low, high = place.min(axis=1), place.max(axis=1) + 1
     most = np.full(tuple((high - low)[::-1]), -1.0)
     np.maximum.at(most, tuple((place - low[:, None])[::-1]), np.nan_to_num(found.worst, nan=-1.0))
-    extent = (np.array([low, high]) * found.voxel).T.ravel()
+    (left, bottom), (right, top) = (low * found.voxel).tolist(), (high * found.voxel).tolist()
+    extent = (left, right, bottom, top)
     image = axes.imshow(np.ma.masked_less(most * 1e3, 0.0), extent=extent, origin="lower", cmap=colours, norm=norm)
     axes.plot(*seen(found.centres[found.refused.any(axis=1)]), "x", color="0.3", ms=3)
     return image
