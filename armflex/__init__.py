@@ -33,17 +33,17 @@ if TYPE_CHECKING:
     from armflex.measured.joint_data import read_joint_data as read_joint_data
     from armflex.measured.measurements import Measurements as Measurements
     from armflex.measured.measurements import read_measurements as read_measurements
-    from armflex.measured.point_export import PointExport as PointExport
-    from armflex.measured.point_export import read_points as read_points
+    from armflex.measured.points import PointExport as PointExport
+    from armflex.measured.points import read_points as read_points
     from armflex.measured.repeats import Repeats as Repeats
     from armflex.measured.repeats import repeats as repeats
     from armflex.mechanics.deflection import Deflection as Deflection
     from armflex.mechanics.deflection_batch import DeflectionBatch as DeflectionBatch
     from armflex.mechanics.loads import Payload as Payload
     from armflex.mechanics.loads import Wrench as Wrench
-    from armflex.plan import draw_plan as draw_plan
-    from armflex.plan import plan as plan
-    from armflex.plan import write_plan as write_plan
+    from armflex.plan.drive import write_plan as write_plan
+    from armflex.plan.picture import draw_plan as draw_plan
+    from armflex.plan.planning import plan as plan
     from armflex.robot import load_robot as load_robot
     from armflex.rows.poses import leaked as leaked
     from armflex.rows.poses import pose_groups as pose_groups
@@ -80,12 +80,14 @@ HOMES = {
     "armflex.laws.law_file": "load_law save_law",
     "armflex.measured.joint_data": "read_joint_data",
     "armflex.measured.measurements": "Measurements read_measurements",
-    "armflex.measured.point_export": "PointExport read_points",
+    "armflex.measured.points": "PointExport read_points",
     "armflex.measured.repeats": "Repeats repeats",
     "armflex.mechanics.deflection": "Deflection",
     "armflex.mechanics.deflection_batch": "DeflectionBatch",
     "armflex.mechanics.loads": "Payload Wrench",
-    "armflex.plan": "draw_plan plan write_plan",
+    "armflex.plan.drive": "write_plan",
+    "armflex.plan.picture": "draw_plan",
+    "armflex.plan.planning": "plan",
     "armflex.robot": "load_robot",
     "armflex.rows.poses": "leaked pose_groups",
     "armflex.show.view": "draw_laws view",

@@ -15,7 +15,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, listing
 from armflex.laws.effects.remember import check_covariates, derived_direction
 from armflex.laws.effects.scene import MASS
-from armflex.measured.table import Table, check_payloads, joint_kinds, read_table, write_table
+from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.rows.rows import APPROACH, last_motion
 
@@ -72,29 +72,6 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.time)
 
-    def at(self, segment: int, fraction: Array) -> Trajectory:
-        """Return the points at fractions (M,) of the way from row `segment` to the next, with its payload."""
-
-        def between(values: Array) -> Array:
-            steps = fraction.reshape(-1, *[1] * (values.ndim - 1))
-            return values[segment] + steps * (values[segment + 1] - values[segment])
-
-        def known(name: str, values: Array) -> Array:
-            # On the way to a row the joints move as they do when they get there.
-            return np.full(len(fraction), values[segment + 1]) if name.startswith(APPROACH) else between(values)
-
-        count = len(fraction)
-        return Trajectory(
-            self.joint_names,
-            between(self.time),
-            between(self.q),
-            (self.payload[segment],) * count,
-            ("",) * count,
-            None if self.v is None else between(self.v),
-            None if self.a is None else between(self.a),
-            {name: known(name, values) for name, values in self.covariates.items()},
-        )
-
     def between(self, segments: np.ndarray, fractions: Array) -> Points:
         """Return the points at (M,) fractions of the way from (M,) rows to the next, each with its row's payload."""
 
@@ -104,6 +81,7 @@ class Trajectory:
             return np.where(steps == 1.0, there, values[segments] + steps * (there - values[segments]))
 
         def known(name: str, values: Array) -> Array:
+            # On the way to a row the joints move as they do when they get there.
             return values[segments + 1] if name.startswith(APPROACH) else part(values)
 
         return Points(
@@ -191,21 +169,18 @@ class Trajectory:
         """Return the trajectory with a row inserted halfway along each segment marked in a (N - 1,) mask."""
         after = np.flatnonzero(segments) + 1
 
-        def insert(values: Array) -> Array:
-            return np.insert(values, after, 0.5 * (values[after - 1] + values[after]), axis=0)
+        def insert(values: Array, next_one: bool = False) -> Array:
+            middle = values[after] if next_one else 0.5 * (values[after - 1] + values[after])
+            return np.insert(values, after, middle, axis=0)
 
         payload, via = list(self.payload), list(self.via)
         for place in reversed(after.tolist()):
             payload.insert(place, payload[place - 1])
             via.insert(place, "")
-        covariates = {
-            name: np.insert(values, after, values[after]) if name.startswith(APPROACH) else insert(values)
-            for name, values in self.covariates.items()
-        }
+        covariates = {name: insert(values, name.startswith(APPROACH)) for name, values in self.covariates.items()}
         v, a = (None if values is None else insert(values) for values in (self.v, self.a))
-        return Trajectory(
-            self.joint_names, insert(self.time), insert(self.q), tuple(payload), tuple(via), v, a, covariates
-        )
+        time, q = insert(self.time), insert(self.q)
+        return Trajectory(self.joint_names, time, q, tuple(payload), tuple(via), v, a, covariates)
 
 
 def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
@@ -218,50 +193,43 @@ def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
     table = read_table(path, kinds)
     names = {prefix: [f"{prefix}_{joint}" for joint in arm.joint_names] for prefix in "qva"}
     table.require(["time", *names["q"]])
-    others = _covariates(table, [*kinds, "payload", "via"])
-    if not len(table):
-        raise TableError(Place(table.path), "has a header but no rows")
-    count = len(table)
-    payload = table.texts("payload") if "payload" in table.columns else ("none",) * count
-    via = table.texts("via") if "via" in table.columns else ("",) * count
-    check_payloads(table, payload, arm)
-    _check_time(table)
-    return Trajectory(
-        arm.joint_names,
-        table.numbers("time"),
-        table.matrix(names["q"]),
-        tuple(name or "none" for name in payload),
-        via,
-        _motion(table, names["v"]),
-        _motion(table, names["a"]),
-        others,
-        tuple(Place(table.path, line) for line in table.lines),
-    )
-
-
-def _motion(table: Table, names: list[str]) -> Array | None:
-    if not any(name in table.columns for name in names):
-        return None
-    table.require(names)
-    return table.matrix(names)
-
-
-def _covariates(table: Table, known: list[str]) -> dict[str, Array]:
-    """Return the further columns; one that looks like a known name misspelt is an error."""
+    known = [*kinds, "payload", "via"]
     others = [name for name in table.columns if name not in known]
     for name in others:
         if misspelt(name, known) or name.startswith("q_"):
             hint = did_you_mean(name, known)
             raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
-    found = {name: table.numbers(name) for name in others}
-    joints = [name.removeprefix("q_") for name in known if name.startswith("q_")]
+    covariates = {name: table.numbers(name) for name in others}
     try:
-        for name, values in found.items():
-            for value in values:
-                check_approaches({name: value}, joints)
+        for name, values in covariates.items():
+            for value in dict.fromkeys(values.tolist()):
+                check_approaches({name: value}, arm.joint_names)
     except InputError as error:
         raise TableError(Place(table.path, 1), str(error)) from None
-    return found
+    if not len(table):
+        raise TableError(Place(table.path), "has a header but no rows")
+    payload = table.texts("payload") if "payload" in table.columns else ("none",) * len(table)
+    check_payloads(table, payload, arm)
+    time = table.numbers("time")
+    slow = np.diff(time) >= SHORTEST
+    if not slow.all():
+        line = table.lines[int(np.argmin(slow)) + 1]
+        raise TableError(Place(table.path, line), f"time does not increase, by {SHORTEST:g} s at least")
+    moved: dict[str, Array | None] = {}
+    for prefix in "va":
+        given = any(name in table.columns for name in names[prefix])
+        table.require(names[prefix] if given else ())
+        moved[prefix] = table.matrix(names[prefix]) if given else None
+    return Trajectory(
+        arm.joint_names,
+        time,
+        table.matrix(names["q"]),
+        tuple(name or "none" for name in payload),
+        table.texts("via") if "via" in table.columns else ("",) * len(table),
+        **moved,
+        covariates=covariates,
+        places=tuple(Place(table.path, line) for line in table.lines),
+    )
 
 
 def check_approaches(values: Mapping[str, float], joints: Sequence[str]) -> None:
@@ -279,13 +247,6 @@ def check_approaches(values: Mapping[str, float], joints: Sequence[str]) -> None
 def misspelt(name: str, known: Iterable[str]) -> bool:
     """Return whether a column's name is so near to one with a meaning that it is taken for a mistake."""
     return bool(difflib.get_close_matches(name.lower(), [one.lower() for one in known], n=1, cutoff=0.75))
-
-
-def _check_time(table: Table) -> None:
-    steps = np.diff(table.numbers("time"))
-    if len(steps) and not (steps >= SHORTEST).all():
-        line = table.lines[int(np.argmin(steps >= SHORTEST)) + 1]
-        raise TableError(Place(table.path, line), f"time does not increase, by {SHORTEST:g} s at least")
 
 
 def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:

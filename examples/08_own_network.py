@@ -1,47 +1,41 @@
-"""A joint law of your own: any `torch.nn.Module` that turns loads into deflections, trained and put into the boom."""
+"""A joint law of your own: any `torch.nn.Module` that turns loads into deflections, trained and put into the boom.
+
+On the command line: `armflex train JOINT.csv --model torch --module 08_own_network.py:Bearing -o law.safetensors`.
+"""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import torch
 
 import armflex
-from armflex.laws.joint.torch_law import TorchLaw
-
-LOAD, TWIST = 1e4, 1e-3  # N and m: networks like numbers near one
-
-
-def bench(rows: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return scaled loads and deflections of a bearing that stiffens: d = C F (1 - 0.3 |F|^2), with 1 % noise."""
-    generator = torch.Generator().manual_seed(0)
-    loads = 2.0 * torch.rand((rows, 3), generator=generator, dtype=torch.float64) - 1.0
-    compliance = torch.diag(torch.tensor([0.5, 0.5, 0.3], dtype=torch.float64))
-    exact = loads @ compliance * (1.0 - 0.3 * loads.square().mean(dim=1, keepdim=True))
-    return loads, exact + 0.01 * exact.std() * torch.randn(exact.shape, generator=generator, dtype=torch.float64)
+from armflex.bench.learners import Options
+from armflex.measured.joint_data import JointData
 
 
-def trained() -> torch.nn.Module:
-    """Return a small network that gives nothing without a load: odd functions only, no bias."""
-    torch.manual_seed(1)
-    layers = torch.nn.Linear(3, 24, bias=False), torch.nn.Tanh(), torch.nn.Linear(24, 3, bias=False)
-    network = torch.nn.Sequential(*layers).double()
-    loads, deflections = bench(400)
-    optimiser = torch.optim.LBFGS(network.parameters(), max_iter=400, line_search_fn="strong_wolfe")
+class Bearing(torch.nn.Sequential):
+    """A small network of odd functions: pushed the other way, the bearing gives the other way."""
 
-    def loss() -> torch.Tensor:
-        optimiser.zero_grad()
-        value = (network(loads) - deflections).square().mean() / deflections.square().mean()
-        value.backward()
-        return value
+    def __init__(self) -> None:
+        layers = torch.nn.Linear(3, 24, bias=False), torch.nn.Tanh(), torch.nn.Linear(24, 3, bias=False)
+        super().__init__(*layers)
 
-    optimiser.step(loss)
-    return network
+
+def bench(rows: int) -> JointData:
+    """Return loads and deflections of a bearing that stiffens: d = C F (1 - 0.3 |F|^2), with 1 % noise."""
+    rng = np.random.default_rng(0)
+    loads = rng.uniform(-1.0, 1.0, (rows, 3))  # 10 kN
+    exact = loads * [0.5, 0.5, 0.3] * (1.0 - 0.3 * np.square(loads).mean(axis=1, keepdims=True))  # mm
+    measured = exact + 0.01 * exact.std() * rng.normal(size=exact.shape)
+    return JointData(1e4 * loads, 1e-3 * measured, ("mm",) * 3, np.full(3, 1e-3), "", Path("made"))
 
 
 def main() -> float:
     arm = armflex.load_arm(armflex.bundled_robot("tarm_like") / "arm.toml")
-    law = TorchLaw(trained(), load_scale=LOAD, twist_scale=TWIST)
-    bearing = armflex.Flexure("A4 bearing", "A4", law)
+    trained = armflex.train(bench(100), "torch", options=Options(module=f"{__file__}:Bearing", starts=1))
+    print(f"error on rows not seen: {trained.held_out_rms.round(4)} mm ({trained.held_out})")
+    bearing = armflex.Flexure("A4 bearing", "A4", trained.trained.law)
     there = arm.position(A2=0.2, A4=-0.3)
     plain = arm.deflection(there, payload="p300")
     found = replace(arm, flexures=(*arm.flexures, bearing)).deflection(there, payload="p300")

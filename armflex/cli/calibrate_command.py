@@ -21,7 +21,7 @@ from armflex.estimate.law_block import learned_laws
 from armflex.estimate.learned import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.measured.measurements import read_measurements
-from armflex.measured.point_export import PointExport
+from armflex.measured.points import PointExport
 from armflex.parameters import Kind
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 

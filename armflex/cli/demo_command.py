@@ -26,7 +26,7 @@ from armflex.measured.measurements import read_measurements
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import MAX_ROTATION
 from armflex.show.report import write_report
-from armflex.show.view.arm_page import view
+from armflex.show.view.arm_scene import view
 from armflex.storage.whole_file import write_whole
 from armflex.tasks.check import check
 from armflex.tasks.compensate import compensate

@@ -18,7 +18,7 @@ from armflex.arm import Arm
 from armflex.conventions import NUMBER, Array, parse_quantity
 from armflex.errors import InputError, UnknownNameError, did_you_mean
 from armflex.files.arm_file import load_arm
-from armflex.measured.point_export import read_points
+from armflex.measured.points import read_points
 from armflex.storage.whole_file import is_replaced, write_whole
 
 InputPath = click.Path(path_type=Path)

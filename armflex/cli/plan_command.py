@@ -16,7 +16,8 @@ from armflex.errors import InputError
 from armflex.files.arm_file import load_arm
 from armflex.measured.measurements import read_measurements
 from armflex.parameters import Kind
-from armflex.plan import draw_plan, plan, write_plan
+from armflex.plan.drive import write_plan
+from armflex.plan.planning import plan
 from armflex.plotting import check_ending
 from armflex.trajectory import read_trajectory
 
@@ -100,6 +101,8 @@ def command(
         found = plan(arm, rows, progress=tick, **asked, **given)
     write_plan(found, output)
     if picture is not None:
+        from armflex.plan.picture import draw_plan
+
         draw_plan(found, picture)
     print_plan(found)
     show_flags(found.flags)

@@ -22,7 +22,7 @@ from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import LINK
 from armflex.laws.effects.remember import derived_directions
 from armflex.measured.measurements import read_measurements
-from armflex.measured.point_export import PointExport
+from armflex.measured.points import PointExport
 from armflex.parameters import numbered
 from armflex.show.report import write_report
 from armflex.trace import trace

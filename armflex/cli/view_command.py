@@ -11,7 +11,7 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import progress, say, show_flags
 from armflex.errors import InputError
-from armflex.show.view.arm_page import view
+from armflex.show.view.arm_scene import view
 from armflex.tasks.check import check
 from armflex.trajectory import read_trajectory
 

@@ -36,7 +36,7 @@ def whitened_columns(blocks: Sequence[Block], view: View, weights: Array) -> Arr
     for block, place in placed:
         if (block, place) not in local:
             columns[:, :, place] = block.columns(view) * scale[:, :, None]
-    return columns.reshape(-1, ends[-1])
+    return columns.reshape(view.residual.size, ends[-1])
 
 
 def whitened_residual(view: View, weights: Array) -> Array:

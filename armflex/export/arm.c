@@ -60,11 +60,11 @@ typedef struct {
 #if TERMS
 
 /* A part of a law that is not: a number made of the load, see term_at, times two factors, along a twist; and the terms
- * of one law, at loads drawn in to a window where one counts (-1: none). Parts of the load are u . w and v . w. */
-enum { UNLOADED, ALONG, PRODUCT, SIZE, SIGNED_SQUARE, CUBE, CLIPPED, NEURON, LENGTH, HARDENED };
+ * of one law, at loads drawn in to a window where one counts (-1: none). The part u . w of a load counts, or a form. */
+enum { UNLOADED, ALONG, SIZE, SIGNED_SQUARE, CUBE, CLIPPED, NEURON, QUADRATIC, LENGTH, HARDENED };
 typedef struct {
     int kind, first, second, form;
-    double u[6], v[6], bias, along[6];
+    double u[6], bias, along[6];
 } term;
 typedef struct {
     int flexure, window, first, end;
@@ -462,26 +462,26 @@ static double form_of(const double form[6][6], const double *w)
     for (int a = 0; a < 6; a++) {
         sum += w[a] * dot6(form[a], w);
     }
-    return fmax(sum, 0.0);
+    return sum;
 }
 #endif
 #if TERMS
 
-/* Return what a term makes of a load w: of its part u . w, or of two. */
+/* Return what a term makes of a load w. */
 static double term_at(const term *t, const double *w)
 {
     double part = dot6(t->u, w), value = 1.0;
     switch (t->kind) {
     case ALONG: value = part; break;
-    case PRODUCT: value = part * dot6(t->v, w); break;
     case SIZE: value = fabs(part); break;
     case SIGNED_SQUARE: value = part * fabs(part); break;
     case CUBE: value = part * part * part; break;
     case CLIPPED: value = fmin(fmax(part, -1.0), 1.0); break; /* play that the load takes up */
-    case NEURON: value = tanh(part + t->bias); break;
+    case NEURON: value = 1.0 - 2.0 / (exp(2.0 * (part + t->bias)) + 1.0); break; /* tanh, which takes twice as long */
 #if FORMS
-    case LENGTH: value = sqrt(form_of(forms[t->form], w)); break;
-    case HARDENED: value = part / sqrt(1.0 + form_of(forms[t->form], w)); break;
+    case QUADRATIC: value = form_of(forms[t->form], w); break;
+    case LENGTH: value = sqrt(fmax(form_of(forms[t->form], w), 0.0)); break;
+    case HARDENED: value = part / sqrt(1.0 + fmax(form_of(forms[t->form], w), 0.0)); break;
 #endif
     default: break; /* UNLOADED */
     }
@@ -528,7 +528,7 @@ static void deform(const arm_state *s, twists twist)
 #if TERMS
     for (int g = 0; g < CURVED; g++) {
         const group *law = &curved[g];
-        double w[6], weight = 1.0;
+        double w[6], given[6] = {0.0}, weight = 1.0;
         for (int a = 0; a < 6; a++) {
             w[a] = s->load[law->flexure][a];
         }
@@ -537,14 +537,20 @@ static void deform(const arm_state *s, twists twist)
             weight = draw_in(&windows[law->window], w);
         }
 #endif
-        for (int t = law->first; t < law->end; t++) {
-            double value = weight * term_at(&terms[t], w);
+        for (const term *t = &terms[law->first]; t < &terms[law->end]; t++) {
+            double value = term_at(t, w);
 #if FACTORS
-            value *= s->factor[terms[t].first] * s->factor[terms[t].second];
+            value *= s->factor[t->first] * s->factor[t->second];
 #endif
-            for (int a = 0; a < 6; a++) {
-                twist[law->flexure][a] += value * terms[t].along[a];
-            }
+            given[0] += value * t->along[0];
+            given[1] += value * t->along[1];
+            given[2] += value * t->along[2];
+            given[3] += value * t->along[3];
+            given[4] += value * t->along[4];
+            given[5] += value * t->along[5];
+        }
+        for (int a = 0; a < 6; a++) {
+            twist[law->flexure][a] += weight * given[a];
         }
     }
 #endif

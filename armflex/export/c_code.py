@@ -62,10 +62,16 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     text = TEMPLATE.read_text(encoding="utf-8")
     arm, counts = tables.arm, {count: value for count, (value, _) in tables.counts.items()}
     text = _chosen(text, counts)
-    stack = 8 * (counts["JOINTS"] + 12 + 79 * counts["FLEXURES"] + counts["FACTORS"] + 3 * counts["PULLS"])
+    flexures, joints = counts["FLEXURES"], counts["JOINTS"]
+    state = 8 * (joints + 12 + 79 * flexures + counts["FACTORS"] + 3 * counts["PULLS"])
+    # What functions hold beside states: the changes of the twists per joint, and some sets of twists.
+    stack = {
+        "tip": state + 48 * 6 * flexures + 1024,
+        "compensate": 2 * state + 48 * (joints + 6) * flexures + 2048,
+    }
     text = text.replace("/*@head*/", _head(arm, tables, stack)).replace("/*@constants*/", _constants(arm, tables))
     text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", text)
-    told = [f"{arm!r} as C: {', '.join(tables.payloads)}; {name}_compensate keeps about {2 * stack / 1024:.0f} KiB"]
+    told = [f"{arm!r} as C, payloads {', '.join(tables.payloads)}"]
     if tables.covariates:
         told.append(f"set {name}_covariates before you ask: {', '.join(tables.covariates)}")
     for payload, proven in zip(tables.payloads, tables.proven, strict=True):
@@ -79,7 +85,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         "joint_names": list(arm.joint_names),
         "payloads": list(tables.payloads),
         "covariates": list(tables.covariates),
-        "state_bytes": stack,
+        "stack_bytes": stack,
     }
     return Exported(text, tuple(told), numbers)
 
@@ -198,7 +204,9 @@ def _pulls(effect: Any) -> bool:
 
 
 def _called(law: Law) -> str:
-    return law.effect.title if isinstance(law, BoundTwist) else type(law).__name__
+    if isinstance(law, BoundTwist):
+        return law.effect.title
+    return re.sub(r"(?<!^)(?=[A-Z])", " ", type(law).__name__.removesuffix("Law")).lower()
 
 
 def _amount(arm: Arm, other: Arm) -> str:
@@ -229,7 +237,7 @@ def _elements(arm: Arm, chain: Chain, places: dict[int, int]) -> list[str]:
         elif kind != "RIGID":
             label = f"joint {arm.joint_names[own]}"
         axis, body = (np.zeros(3), np.zeros(4)) if tip else (numbers[12:15], numbers[15:19])
-        parts = [_c(numbers[:9].reshape(3, 3)), _c(numbers[9:12]), _c(axis), _c(body[0]), _c(body[1:])]
+        parts = [_c(rotated * numbers[:9].reshape(3, 3)), _c(numbers[9:12]), _c(axis), _c(body[0]), _c(body[1:])]
         rows.append(f"{{{kind}, {own}, {rotated}, {', '.join(parts)}}}, /* {_plain(label)} */")
     return rows
 
@@ -268,7 +276,7 @@ def _term(tables: _Tables, term: Term, comment: str) -> str:
         form = next((i for i, one in enumerate(tables.forms) if one is term.form), len(tables.forms))
         if form == len(tables.forms):
             tables.forms.append(term.form)
-    parts = f"{_c(term.u)}, {_c(term.v)}, {_c(term.bias)}, {_c(term.along)}"
+    parts = f"{_c(term.u)}, {_c(term.bias)}, {_c(term.along)}"
     return f"{{{term.kind}, {_two(tables, term.factors)}, {form}, {parts}}},{comment}"
 
 
@@ -331,7 +339,7 @@ def _chosen(text: str, counts: dict[str, int]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _head(arm: Arm, tables: _Tables, stack: int) -> str:
+def _head(arm: Arm, tables: _Tables, stack: dict[str, int]) -> str:
     robot = arm.robot
     lines = [
         f"The tip of the manipulator {robot.urdf.name!r} as it flexes, and joint positions that make up for it.",
@@ -340,8 +348,9 @@ def _head(arm: Arm, tables: _Tables, stack: int) -> str:
         f"Base frame {robot.base!r}, tip {robot.tip!r}. Units are m, rad, kg, N, s. Numbers are IEEE doubles.",
         "It allocates nothing, calls itself nowhere, and changes no variable outside its functions: any number of",
         "threads may ask at once. The covariates, where there are any, are read alone.",
-        f"Every loop is bounded: {'a tip takes MOST_STEPS + PROBES evaluations of loads and laws at most.'}",
-        f"A state of the arm takes about {stack} bytes of stack; NAME_tip has one, NAME_compensate two.",
+        "Every loop is bounded: NAME_tip weighs the arm MOST_STEPS + PROBES times at most, and NAME_compensate",
+        "(MOST_JUMPS + 1) (JOINTS + 1) MOST_STEPS + PROBES times; some 5 and some 100 times are usual.",
+        f"Stack: NAME_tip takes up to {stack['tip']} bytes, NAME_compensate up to {stack['compensate']}.",
     ]
     return "\n".join(
         ["/* NAME_tip and NAME_compensate.", " *", *(f" * {_plain(line)}".rstrip() for line in lines), " */"]
@@ -386,7 +395,8 @@ def _constants(arm: Arm, tables: _Tables) -> str:
     factors = []
     for one in tables.factors:
         numbers = (*one.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
-        factors.append(f"{{{one.kind}, {columns[one.column]}, {_c(numbers)[1:-1]}}}, /* {_plain(one.column)} */")
+        values = ", ".join(map(_c, numbers))
+        factors.append(f"{{{one.kind}, {columns[one.column]}, {values}}}, /* {_plain(one.column)} */")
     windows = []
     for one in tables.windows:
         energy = one.precision if one.energy is None else one.energy
@@ -415,10 +425,13 @@ def _names(declared: str, names: Iterable[str]) -> str:
 
 
 def _c(value: Any) -> str:
-    """Return a number, or numbers in braces, so that C reads the same double."""
-    if np.ndim(value):
-        return "{" + ", ".join(_c(part) for part in value) + "}"
-    return repr(float(value) + 0.0)
+    """Return a number, or numbers in braces, so that C reads the same doubles; braces round a zero hold zeros alone."""
+    if np.ndim(value) == 0:
+        return repr(float(value) + 0.0)
+    if not np.any(value):
+        return "{" * np.ndim(value) + "0.0" + "}" * np.ndim(value)
+    between = ",\n        " if np.shape(value) == (6, 6) else ", "
+    return "{" + between.join(map(_c, value)) + "}"
 
 
 def _quoted(name: str) -> str:

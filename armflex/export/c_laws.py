@@ -2,8 +2,8 @@
 
     twist = sum of along * factor(column) * factor(column) * number(load)
 
-A number is what `term_at` of `arm.c` makes of a load w: of its parts u . w and v . w, or of the form w' Q w. What is
-scaled, or carried to another place, stays of this form.
+A number is what `term_at` of `arm.c` makes of a load w: of its part u . w, or of a form w' Q w. What is scaled, or
+carried to another place, stays of this form.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Term:
     Attributes:
         along: (6,) twist [m, rad], the flexure's axes.
         kind: Of the number, as of `term_at` in `arm.c`.
-        u, v: (6,) parts of the load.
+        u: (6,) part of the load.
         form: (6, 6) form of it, None where none counts.
         bias: Of a neuron.
         factors: Two at most.
@@ -63,7 +63,6 @@ class Term:
     along: Array
     kind: str = "UNLOADED"
     u: Array = field(default_factory=lambda: np.zeros(6))
-    v: Array = field(default_factory=lambda: np.zeros(6))
     form: Array | None = None
     bias: float = 0.0
     factors: tuple[Factor, ...] = ()
@@ -89,8 +88,7 @@ class Term:
             energy = None if window.energy is None else action @ window.energy @ action.T
             mean, precision = np.linalg.solve(action.T, window.mean), action @ window.precision @ action.T
             window = replace(window, mean=mean, precision=precision, energy=energy)
-        u, v, along = action @ self.u, action @ self.v, action @ self.along
-        return replace(self, along=along, u=u, v=v, form=form, window=window)
+        return replace(self, along=action @ self.along, u=action @ self.u, form=form, window=window)
 
 
 Terms = list[Term]
@@ -141,7 +139,8 @@ def _features(names: Sequence[str], coefficients: Array, scale: Array) -> Terms:
             found.append(Term(along, "LENGTH", form=np.diag(counts * scale**2)))
         elif "*" in name:
             one, other = name.split("*")
-            found.append(Term(along, "PRODUCT", unit[one], unit[other]))
+            both = np.outer(unit[one], unit[other])
+            found.append(Term(along, "QUADRATIC", form=0.5 * (both + both.T)))
         else:
             kind = "SIZE" if name[0] == "|" else "CUBE" if name.endswith("^3") else "SIGNED_SQUARE"
             found.append(Term(along, kind, unit[name.strip("|").split("|")[0].removesuffix("^3")]))
@@ -277,7 +276,7 @@ def _coupling(law: BoundTwist, here: Here, inner: Sequence[float]) -> list[Terms
 def _even(law: BoundTwist, here: Here, inner: Sequence[float]) -> list[Terms]:
     way, across = here.direction, 1.0 - here.direction
     forms = (np.diag(across * (np.arange(6) < 3)), np.diag(across * (np.arange(6) >= 3)))
-    return [*([Term(way, "LENGTH", form=form)] for form in forms), [Term(way, "PRODUCT", way, way)]]
+    return [*([Term(way, "LENGTH", form=form)] for form in forms), [Term(way, "QUADRATIC", form=np.outer(way, way))]]
 
 
 def _deadband(law: BoundTwist, here: Here, inner: Sequence[float]) -> list[Terms]:

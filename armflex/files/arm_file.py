@@ -32,6 +32,7 @@ from armflex.files.certainty_table import with_covariance
 from armflex.files.effect_file import read_effect
 from armflex.laws import Row, read_law
 from armflex.laws.declared import model_of
+from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.linear import softness
 from armflex.laws.law import anywhere
 from armflex.laws.learned import read_learning
@@ -109,7 +110,18 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
     """Return the arm with its [[effect]] tables applied in order, as a fit does: some change the model itself."""
     setup = start = Setup(arm, arm.instrument or Instrument())
     for table in tables:
-        setup = setup.with_effect(read_effect(table, arm))
+        effect = read_effect(table, arm)
+        masses = masses_with(effect, setup.arm.payloads) if effect.law is PAYLOAD_MASS else {}
+        setup = setup.with_effect(effect)
+        weighed = [("payload", name, arm.payloads[name].mass, mass) for name, mass in masses.items()]
+        for name, extra in setup.arm.corrections.bodies.items():
+            inertial = arm.robot.urdf.links[name].inertial
+            own = inertial.mass if inertial else 0.0
+            weighed.append(("link", name, own, own + float(extra[0])))
+        for kind, name, own, mass in weighed:
+            if mass < 0.0:
+                text = f"{kind} {name!r} of {own:g} kg would weigh {mass:g} kg, expected 0 kg or more"
+                raise table.fail("parameters", text)
     return setup.arm if setup.instrument is start.instrument else replace(setup.arm, instrument=setup.instrument)
 
 

@@ -7,7 +7,7 @@ a lost beam is weighed down in both, so none of them is taken for swapped axes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import permutations, product
 
 import numpy as np
@@ -56,34 +56,34 @@ def check_axes(
     if len(np.unique(np.round(points, 6), axis=0)) < FEWEST_POINTS or _spread(points) < NARROWEST:
         return
     where = f"{places[0]}: " if places else ""
-    _check_scale(points, measured, where)
-    if pose is None:
-        _check_hand(points, measured, where, np.array([0.0, 0.0, 1.0]) if up is None else up)
-    else:
-        _check_named(points @ pose.rotation.T + pose.translation, measured, where)
-
-
-def _check_scale(points: Array, measured: Array, where: str) -> None:
     ratio = _spread(measured) / max(_spread(points), 1e-12)
     low, high = THOUSANDFOLD
     if low < ratio < high or low < 1.0 / max(ratio, 1e-12) < high:
         text = f"measured positions are spread {ratio:.3g} times as wide as the arm's: mm taken for m, or m for mm?"
         raise UnitError(f"{where}{text} (write the unit into the header: x_mm, y_mm, z_mm)")
+    if pose is None:
+        straight, _ = _robust_fit(points, measured, 1.0)
+        best, turn = _robust_fit(points, measured, -1.0)
+        up = np.array([0.0, 0.0, 1.0]) if up is None else up
+        found = f"fit {straight / max(best, 1e-12):.0f} times better mirrored ({_mm(best)} against {_mm(straight)})"
+        swapped = _swapped(turn @ up / np.linalg.norm(up))
+        text = f"{found}: {swapped}? Or gravity, or a joint's positions, have the wrong sign"
+    else:
+        # Readings in a known frame are compared with those in every other order and sign of the axes.
+        expected = points @ pose.rotation.T + pose.translation
+        tries = [
+            (float(np.median(np.linalg.norm(measured[:, list(order)] * signs - expected, axis=1))), order, signs)
+            for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+        ]
+        straight, (best, order, signs) = tries[0][0], min(tries, key=lambda entry: entry[0])
+        said = ", ".join(f"{'-' if sign < 0 else ''}{'xyz'[i]}" for i, sign in zip(order, signs, strict=True))
+        text = f"are off by {_mm(straight)}, but by {_mm(best)} when x, y, z are read as {said}: swapped axes?"
+    if straight > NEGLIGIBLE and best * DROP < straight:
+        raise AxesError(f"{where}measured positions {text}")
 
 
 def _spread(points: Array) -> float:
     return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
-
-
-def _check_hand(points: Array, measured: Array, where: str, up: Array) -> None:
-    straight, _ = _robust_fit(points, measured, 1.0)
-    mirrored, turn = _robust_fit(points, measured, -1.0)
-    if straight > NEGLIGIBLE and mirrored * DROP < straight:
-        found = f"fit {straight / max(mirrored, 1e-12):.0f} times better mirrored ({_mm(mirrored)} against"
-        raise AxesError(
-            f"{where}measured positions {found} {_mm(straight)}): {_swapped(turn @ up / np.linalg.norm(up))}?"
-            " Or gravity, or a joint's positions, have the wrong sign"
-        )
 
 
 def _swapped(vertical: Array) -> str:
@@ -96,45 +96,21 @@ def _swapped(vertical: Array) -> str:
     return f"{'xy'[axis]} and z swapped (the vertical is along {'xy'[axis]})"
 
 
-def _check_named(expected: Array, measured: Array, where: str) -> None:
-    """Compare readings in a known frame with those in every other order and sign of the axes."""
-    straight = float(np.median(np.linalg.norm(measured - expected, axis=1)))
-    tries = [
-        (float(np.median(np.linalg.norm(measured[:, order] * signs - expected, axis=1))), order, signs)
-        for order, signs in _signed_orders()
-    ]
-    best, order, signs = min(tries, key=lambda entry: entry[0])
-    if straight > NEGLIGIBLE and best * DROP < straight:
-        said = ", ".join(f"{'-' if sign < 0 else ''}{'xyz'[i]}" for i, sign in zip(order, signs, strict=True))
-        text = f"measured positions are off by {_mm(straight)}, but by {_mm(best)} when x, y, z are read as {said}"
-        raise AxesError(f"{where}{text}: swapped axes?")
-
-
-def _signed_orders() -> Iterator[tuple[list[int], Array]]:
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        yield list(order), np.array(signs)
-
-
 def _robust_fit(points: Array, measured: Array, hand: float) -> tuple[float, Array]:
     """Return the weighted RMS [m] and the rotation (`hand` 1) or reflection (-1) of the best fit with Huber weights.
 
-    The same weights' rule in both fits: a lost beam then spoils neither.
+    The same weights' rule in both fits: a lost beam then spoils neither. Each is Kabsch's (1976).
     """
     weights, rms, turn = np.ones(len(points)), 0.0, np.eye(3)
     for _ in range(ROUNDS):
-        turn, length = _weighted_fit(points, measured, weights, hand)
+        share = weights / weights.sum()
+        nominal, seen = points - share @ points, measured - share @ measured
+        left, _, right = np.linalg.svd((seen * share[:, None]).T @ nominal)
+        turn = left @ np.diag([1.0, 1.0, hand * np.linalg.det(left @ right)]) @ right
+        length = np.linalg.norm(seen - nominal @ turn.T, axis=1)
         rms = float(np.sqrt((weights * length**2).sum() / weights.sum()))
         weights = np.minimum(1.0, 2.0 * np.median(length) / np.maximum(length, 1e-300)) ** 2
     return rms, turn
-
-
-def _weighted_fit(points: Array, measured: Array, weights: Array, hand: float) -> tuple[Array, Array]:
-    """Return the orthogonal matrix of determinant `hand` and the (N,) residual lengths (Kabsch 1976)."""
-    share = weights / weights.sum()
-    nominal, seen = points - share @ points, measured - share @ measured
-    left, _, right = np.linalg.svd((seen * share[:, None]).T @ nominal)
-    turn = left @ np.diag([1.0, 1.0, hand * np.linalg.det(left @ right)]) @ right
-    return turn, np.linalg.norm(seen - nominal @ turn.T, axis=1)
 
 
 def _mm(length: float) -> str:

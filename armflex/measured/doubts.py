@@ -38,37 +38,34 @@ def check_one_unit(position: Array, rows: np.ndarray, places: Sequence[Place]) -
     seen = position[rows]
     for name, values in (("x y z", seen), *((axis, seen[:, [i]]) for i, axis in enumerate("xyz"))):
         odd = _other_unit(values)
-        if odd.any():
-            found = [places[rows[i]] for i in np.flatnonzero(odd)]
+        if len(odd):
+            found = [places[rows[i]] for i in odd]
             lines = listing((str(place.line) for place in found), 10)
             text = f"{name}: {len(found)} of {len(rows)} rows are about 1000 times as large or small as the others"
             raise TableError(found[0], f"{text} (lines {lines}): mm among m?")
 
 
 def _other_unit(values: Array) -> np.ndarray:
-    """Return (M,) True for the minority of (M, d) values that a factor of a thousand sets apart; mostly none."""
-    size = np.maximum(np.linalg.norm(values, axis=1), 1e-9)
-    order = np.sort(size)
-    if len(size) < 3 or (order[1:] / order[:-1]).max() < GAP:
-        return np.zeros(len(size), dtype=bool)
-    large = size > order[int((order[1:] / order[:-1]).argmax())]
-    ratio = float(np.median(size[large]) / np.median(size[~large]))
-    if not THOUSANDFOLD[0] < ratio < THOUSANDFOLD[1] or not _as_in_another_unit(values, size, large):
-        return np.zeros(len(size), dtype=bool)
-    return large if large.sum() <= (~large).sum() else ~large
+    """Return the numbers of the minority of (M, d) values that a factor of a thousand sets apart; mostly none.
 
-
-def _as_in_another_unit(values: Array, size: Array, large: np.ndarray) -> bool:
-    """Return whether no arm reaches the large ones, or the small ones are spread out just as they are, but smaller.
-
-    Readings of one place near the frame's origin are small as well, yet all alike.
+    No arm reaches the large ones, or the small ones are spread out just as they are, but smaller: readings of one place
+    near the frame's origin are small as well, yet all alike.
     """
-    if np.median(size[large]) > FURTHEST:
-        return True
-    if values.shape[1] == 1 or min(large.sum(), (~large).sum()) < 3:
-        return False
-    spread = [np.sqrt(values[part].var(axis=0).sum()) for part in (large, ~large)]
-    return bool(100.0 < spread[0] / max(spread[1], 1e-12) < 1e4)
+    size, none = np.maximum(np.linalg.norm(values, axis=1), 1e-9), np.zeros(0, dtype=int)
+    order = np.sort(size)
+    steps = order[1:] / order[:-1]
+    if len(size) < 3 or steps.max() < GAP:
+        return none
+    large = size > order[int(steps.argmax())]
+    if not THOUSANDFOLD[0] < np.median(size[large]) / np.median(size[~large]) < THOUSANDFOLD[1]:
+        return none
+    if np.median(size[large]) <= FURTHEST:
+        if values.shape[1] == 1 or min(large.sum(), (~large).sum()) < 3:
+            return none
+        spread = [np.sqrt(values[part].var(axis=0).sum()) for part in (large, ~large)]
+        if not 100.0 < spread[0] / max(spread[1], 1e-12) < 1e4:
+            return none
+    return np.flatnonzero(large if large.sum() <= (~large).sum() else ~large)
 
 
 def check_joint_units(q: Array, arm: Arm, places: Sequence[Place]) -> None:
@@ -93,27 +90,7 @@ def in_other_units(q: Array, arm: Arm) -> np.ndarray:
 
 
 def table_flags(table: Table, found: Measurements) -> tuple[Flag, ...]:
-    """Return the doubts about the order, repetition and gaps of rows that were read."""
-    doubts = [*_unsearched(table, found), _unordered(found), _copies(duplicates(found), found)]
-    return tuple(flag for flag in doubts if flag)
-
-
-def check_no_nan(table: Table, name: str) -> None:
-    """Raise `TableError` where a column of numbers holds nan or inf."""
-    found = first_nan(table, name)
-    if found and any(NUMBER.fullmatch(cell) for cell in table.texts(name)):
-        raise TableError(found[0], f"column {name!r} is {found[1]!r}, not a finite number")
-
-
-def first_nan(table: Table, name: str) -> tuple[Place, str] | None:
-    """Return the first cell of a column that is nan or inf, and its place."""
-    cells = zip(table.lines, table.texts(name), strict=True)
-    odd = ((line, cell) for line, cell in cells if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"))
-    return next(((Place(table.path, line), cell) for line, cell in odd), None)
-
-
-def _unsearched(table: Table, found: Measurements) -> list[Flag]:
-    """Return a flag for every covariate that cannot be a suspect: numbers with gaps, or too many different texts."""
+    """Return the doubts about rows that were read: covariates that cannot be suspects, their order, repetitions."""
     flags = []
     for name, cells in found.covariates.items():
         if not isinstance(cells, tuple) or levels(cells):
@@ -126,14 +103,22 @@ def _unsearched(table: Table, found: Measurements) -> list[Flag]:
         else:
             text = f"{len(set(cells))} different texts, over {MOST_LEVELS}, so it is not searched as a cause"
             flags.append(Flag("covariate_text", f"column {name!r}: {text}"))
-    return flags
+    back, again = np.flatnonzero(np.diff(found.time) < 0.0) + 1, duplicates(found)
+    if len(back):
+        text = f"time goes back at {len(back)} rows, first at {found.places[back[0]]}; kept as is"
+        flags.append(Flag("time_unordered", text))
+    if len(again):
+        first = found.places[again[0]]
+        text = f"{len(again)} rows repeat an earlier one to the last digit, first {first}; each counts"
+        flags.append(Flag("duplicate_rows", text))
+    return tuple(flags)
 
 
-def _unordered(found: Measurements) -> Flag | None:
-    back = np.flatnonzero(np.diff(found.time) < 0.0) + 1
-    if not len(back):
-        return None
-    return Flag("time_unordered", f"time goes back at {len(back)} rows, first at {found.places[back[0]]}; kept as is")
+def first_nan(table: Table, name: str) -> tuple[Place, str] | None:
+    """Return the first cell of a column that is nan or inf, and its place."""
+    cells = zip(table.lines, table.texts(name), strict=True)
+    odd = ((line, cell) for line, cell in cells if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"))
+    return next(((Place(table.path, line), cell) for line, cell in odd), None)
 
 
 def duplicates(found: Measurements) -> np.ndarray:
@@ -145,7 +130,9 @@ def duplicates(found: Measurements) -> np.ndarray:
     numbers = [found.q, *(part for kind in found.readings.kinds for part in (kind.values, kind.sigma))]
     numbers += [values.reshape(len(found), -1) for values in optional if values is not None]
     numbers += [values[:, None] for values in found.covariates.values() if not isinstance(values, tuple)]
-    texts = [found.pose, found.session, found.payload] if _named(found) else [found.session, found.payload]
+    texts = [found.session, found.payload]
+    if found.pose != tuple(str(i) for i in range(len(found))):
+        texts.append(found.pose)
     texts += [values for values in found.covariates.values() if isinstance(values, tuple)]
     rows = np.hstack(numbers)
     seen: set[tuple] = set()
@@ -156,14 +143,3 @@ def duplicates(found: Measurements) -> np.ndarray:
             again.append(i)
         seen.add(key)
     return np.array(again, dtype=int)
-
-
-def _named(found: Measurements) -> bool:
-    return found.pose != tuple(str(i) for i in range(len(found)))
-
-
-def _copies(again: np.ndarray, found: Measurements) -> Flag | None:
-    if not len(again):
-        return None
-    text = f"{len(again)} rows repeat an earlier one to the last digit, first {found.places[again[0]]}; each counts"
-    return Flag("duplicate_rows", text)

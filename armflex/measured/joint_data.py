@@ -85,80 +85,63 @@ def read_joint_data(path: str | Path, read_as: Mapping[str, str] | None = None) 
         UnitError: A column has no unit, or `read_as` names one that is not in the header or not of its kind.
     """
     table, read_as = read_table(path, KINDS), read_as or {}
-    others = _covariates(table)
-    size = _size(table)
-    loads, deflections = WRENCH_NAMES[:size], TWIST_NAMES[:size]
-    table.require([*loads, *deflections])
-    units, factors = _units(table, deflections, read_as)
-    load_factors = _units(table, loads, read_as)[1]
-    _check_read_as(table, (*loads, *deflections), read_as)
-    if len(table) <= size:
-        raise TableError(Place(table.path), f"has {len(table)} rows, {size} components need more")
-    return JointData(
-        _matrix(table, loads, load_factors),
-        _matrix(table, deflections, factors),
-        units,
-        factors,
-        hashlib.sha256(table.path.read_bytes()).hexdigest(),
-        table.path,
-        others,
-    )
-
-
-def _size(table: Table) -> int:
-    """Return 6 where a table has moments and rotations, 3 where it has neither."""
+    others = [name for name in table.columns if name not in KINDS]
+    for name in others:
+        if (meant := _meant(name)) is not None:
+            seen = f"expected: {listing(KINDS)}, the forces and shifts alone or all, each with its unit"
+            text = f"unknown column {table.columns[name].header!r}, did you mean {meant!r}? ({seen})"
+            raise TableError(Place(table.path, 1), text)
+    # Six components where there are moments and rotations, three where there is neither.
     some = [[name for name in names if name in table.columns] for names in (WRENCH_NAMES[3:], TWIST_NAMES[3:])]
     if any(some) and not all(some):
         has, lacks = ("moments", "rotations rx, ry, rz") if some[0] else ("rotations", "moments mx, my, mz")
         problem = f"has no {lacks} beside the {has} {listing(some[0] + some[1])}: give both, or forces and shifts alone"
         raise TableError(Place(table.path, 1), problem)
-    return 6 if all(some) else 3
+    size = 6 if all(some) else 3
+    loads, deflections = WRENCH_NAMES[:size], TWIST_NAMES[:size]
+    table.require([*loads, *deflections])
+    units = {name: _unit(table, name, read_as) for name in (*deflections, *loads)}
+    written = list(dict.fromkeys(table.columns[name].unit for name in (*loads, *deflections)))
+    for unit in read_as:
+        if unit not in written:
+            hint = did_you_mean(unit, written)
+            raise UnitError(f"{Place(table.path, 1)}: no column is in {unit!r}{hint} (its units: {listing(written)})")
+    if len(table) <= size:
+        raise TableError(Place(table.path), f"has {len(table)} rows, {size} components need more")
+    factors = {name: UNITS[KINDS[name]][unit] for name, unit in units.items()}
+    return JointData(
+        _matrix(table, loads, factors),
+        _matrix(table, deflections, factors),
+        tuple(units[name] for name in deflections),
+        np.array([factors[name] for name in deflections]),
+        hashlib.sha256(table.path.read_bytes()).hexdigest(),
+        table.path,
+        {name: table.texts(name) for name in others},
+    )
 
 
-def _matrix(table: Table, names: tuple[str, ...], factors: Array) -> Array:
-    """Return columns as (N, k) in SI by (k,) factors, which may not be those of the header."""
-    written = np.array([table.columns[name].factor for name in names])
+def _unit(table: Table, name: str, read_as: Mapping[str, str]) -> str:
+    """Return the unit that a column is taken to be in."""
+    column, known = table.columns[name], UNITS[KINDS[name]]
+    if not column.unit:
+        problem = f"column {name!r} has no unit; write one in the header, such as {name}_{next(iter(known))}"
+        raise UnitError(f"{Place(table.path, 1)}: {problem}")
+    unit = read_as.get(column.unit, column.unit)
+    if unit not in known:
+        raise UnitError(f"{unit!r} is no unit of {KINDS[name]}{did_you_mean(unit, known)} ({', '.join(known)})")
+    return unit
+
+
+def _matrix(table: Table, names: tuple[str, ...], factors: Mapping[str, float]) -> Array:
+    """Return columns as (N, k) in SI by factors which may not be those of the header."""
     with np.errstate(over="ignore"):  # what overflows is too large, and refused below
-        values = table.matrix(names, TOO_LARGE) * (factors / written)
+        again = np.array([factors[name] / table.columns[name].factor for name in names])
+        values = table.matrix(names, TOO_LARGE) * again
     for row, column in np.argwhere(~(np.abs(values) <= LARGEST))[:1]:
         cell = table.columns[names[column]]
         problem = f"column {cell.header!r} is {cell.cells[row]!r}, {TOO_LARGE}"
         raise TableError(Place(table.path, table.lines[row]), problem)
     return values
-
-
-def _check_read_as(table: Table, names: tuple[str, ...], read_as: Mapping[str, str]) -> None:
-    written = list(dict.fromkeys(table.columns[name].unit for name in names))
-    for unit in read_as:
-        if unit not in written:
-            hint = did_you_mean(unit, written)
-            raise UnitError(f"{Place(table.path, 1)}: no column is in {unit!r}{hint} (its units: {listing(written)})")
-
-
-def _units(table: Table, names: tuple[str, ...], read_as: Mapping[str, str]) -> tuple[tuple[str, ...], Array]:
-    units, factors = [], []
-    for name in names:
-        column, known = table.columns[name], UNITS[KINDS[name]]
-        if not column.unit:
-            example = f"{name}_{next(iter(known))}"
-            problem = f"column {name!r} has no unit; write one in the header, such as {example}"
-            raise UnitError(f"{Place(table.path, 1)}: {problem}")
-        unit = read_as.get(column.unit, column.unit)
-        if unit not in known:
-            raise UnitError(f"{unit!r} is no unit of {KINDS[name]}{did_you_mean(unit, known)} ({', '.join(known)})")
-        units.append(unit)
-        factors.append(known[unit])
-    return tuple(units), np.array(factors)
-
-
-def _covariates(table: Table) -> dict[str, tuple[str, ...]]:
-    others = [name for name in table.columns if name not in KINDS]
-    for name in others:
-        if (meant := _meant(name)) is not None:
-            header = table.columns[name].header
-            seen = f"expected: {listing(KINDS)}, the forces and shifts alone or all, each with its unit"
-            raise TableError(Place(table.path, 1), f"unknown column {header!r}, did you mean {meant!r}? ({seen})")
-    return {name: table.texts(name) for name in others}
 
 
 def _meant(name: str) -> str | None:

@@ -18,16 +18,8 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
-from armflex.measured.doubts import (
-    check_joint_units,
-    check_no_nan,
-    check_one_unit,
-    first_nan,
-    in_other_units,
-    table_flags,
-)
-from armflex.measured.point_export import PointExport, read_points
-from armflex.measured.point_match import with_points
+from armflex.measured.doubts import check_joint_units, check_one_unit, first_nan, in_other_units, table_flags
+from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
 from armflex.rows import Rows
@@ -160,19 +152,23 @@ def read_measurements(
     """
     export = points if isinstance(points, PointExport) or points is None else read_points(points)
     table = read_table(path, KINDS | joint_kinds(arm, "q"))
-    known, flags = _check_columns(table, arm, inputs_only, export), ()
+    known, flags = _known_columns(table, arm, inputs_only, export), ()
     if export:
         table, flags = with_points(table, export)
     found = _measurements(table, arm)
-    found = replace(found, covariates={name: _covariate(table, name) for name in table.columns if name not in known})
-    found = replace(found, sha256=hashlib.sha256(table.path.read_bytes()).hexdigest())
+    covariates = {name: _covariate(table, name) for name in table.columns if name not in known}
+    sha256, frame = hashlib.sha256(table.path.read_bytes()).hexdigest(), ""
+    found = replace(found, covariates=covariates)
     check_joint_units(found.q, arm, found.places)
     check_one_unit(found.position, np.flatnonzero(found.measured), found.places)
     flags += table_flags(table, found)
-    if export is None:
-        return replace(found, flags=flags)
-    both = hashlib.sha256((found.sha256 + export.sha256).encode()).hexdigest()
-    return replace(found, flags=flags + _frame_flags(export, arm), sha256=both, frame=export.frame)
+    if export is not None:
+        sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
+        base = arm.robot.base
+        if arm.measurement.frame == "base" and frame.split("::")[-1].lower() not in (base.lower(), "base"):
+            text = f"points are in frame {frame!r}; the arm file says that measurements are in its base {base!r}"
+            flags += (Flag("points_frame", text),)
+    return replace(found, flags=flags, sha256=sha256, frame=frame)
 
 
 def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurements]:
@@ -189,42 +185,34 @@ def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurement
     if not path.is_file():
         yield read_measurements(path, arm, inputs_only=True).levelled()
         return
-    levels_of = _looked_through(path, arm, most)
+    far, positions = [np.zeros((0, len(arm.joint_names)))], [np.zeros((0, 3))]
+    far_places: list[Place] = []
+    places: list[Place] = []
+    seen: dict[str, _Seen] = {}
+    for table in read_pieces(path, kinds, most):
+        known, found = _known_columns(table, arm, True, None), _measurements(table, arm)
+        for name in (name for name in table.columns if name not in known):
+            seen.setdefault(name, _Seen()).add(table, name)
+        odd, there = np.flatnonzero(in_other_units(found.q, arm).any(axis=1)), np.flatnonzero(found.measured)
+        far.append(found.q[odd])
+        positions.append(found.position[there])
+        far_places += [found.places[row] for row in odd]
+        places += [found.places[row] for row in there]
+    for name, column in seen.items():
+        if column.nan and column.numbers:
+            raise TableError(column.nan[0], f"column {name!r} is {column.nan[1]!r}, not a finite number")
+    check_joint_units(np.vstack(far), arm, far_places)
+    check_one_unit(np.vstack(positions), np.arange(len(places)), places)
     before: tuple[Array, Array] | None = None
     first = 0
     for table in read_pieces(path, kinds, most):
         found = _measurements(table, arm, first, before)
-        known, numbers, levels = _check_columns(table, arm, True, None), {}, {}
-        for name in (name for name in table.columns if name not in known):
-            if (of := levels_of[name]) is None:
-                numbers[name] = table.numbers(name)
-            else:
-                levels |= level_columns(name, table.texts(name), of)
+        known = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
+        for name, column in seen.items():
+            if not column.numeric:
+                known |= level_columns(name, table.texts(name), column.levels)
         first, before = first + len(table), (found.q[-1], last_motion(found.q, before)[-1])
-        yield replace(found, covariates=numbers | levels)
-
-
-def _looked_through(path: Path, arm: Arm, most: int) -> dict[str, tuple[str, ...] | None]:
-    """Return the levels of every covariate that is text, None for one that is numbers; raise as `stream_inputs`."""
-    far, positions = [np.zeros((0, len(arm.joint_names)))], [np.zeros((0, 3))]
-    far_lines: list[int] = []
-    lines: list[int] = []
-    seen: dict[str, _Seen] = {}
-    for table in read_pieces(path, KINDS | joint_kinds(arm, "q"), most):
-        known, found = _check_columns(table, arm, True, None), _measurements(table, arm)
-        for name in (name for name in table.columns if name not in known):
-            seen.setdefault(name, _Seen()).add(table, name)
-        odd = np.flatnonzero(in_other_units(found.q, arm).any(axis=1))
-        far.append(found.q[odd])
-        far_lines += [table.lines[row] for row in odd]
-        positions.append(found.position[found.measured])
-        lines += [table.lines[row] for row in np.flatnonzero(found.measured)]
-    for name, column in seen.items():
-        if column.nan and column.numbers:
-            raise TableError(column.nan[0], f"column {name!r} is {column.nan[1]!r}, not a finite number")
-    check_joint_units(np.vstack(far), arm, [Place(path, line) for line in far_lines])
-    check_one_unit(np.vstack(positions), np.arange(len(lines)), [Place(path, line) for line in lines])
-    return {name: column.levels for name, column in seen.items()}
+        yield replace(found, covariates=known)
 
 
 class _Seen:
@@ -249,143 +237,108 @@ class _Seen:
         self.nan = self.nan or first_nan(table, name)
 
     @property
-    def levels(self) -> tuple[str, ...] | None:
-        """Its levels where it is text."""
-        if self.numeric:
-            return None
+    def levels(self) -> tuple[str, ...]:
+        """Its levels, as it is text."""
         return () if len(self._texts) > MOST_LEVELS or 2 * self.numbers > self.count else tuple(sorted(self._texts))
 
 
-def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, Array] | None = None) -> Measurements:
-    """Return the rows of a table without covariates; `first` is the first's number, `before` as of `last_motion`."""
-    q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
-    measured, position = _optional_vectors(table, POSITION)
-    turned, rotation = _optional_vectors(table, ROTATION)
-    _refuse_alone(table, measured, turned)
-    payload = _names(table, "payload", "none")
-    check_payloads(table, payload, arm)
-    numbers = np.arange(first, first + len(table), dtype=float)
-    return Measurements(
-        joint_names=arm.joint_names,
-        pose=_names(table, "pose", None, first),
-        session=_names(table, "session", "session"),
-        payload=payload,
-        time=table.numbers("time") if "time" in table.columns else numbers,
-        q=q,
-        approach=_approach(table, arm, last_motion(q, before)),
-        measured=measured,
-        position=position,
-        rotation=rotation if turned.any() else None,
-        sigma=_sigma(table, measured),
-        sigma_r=_sigma_r(table, turned) if turned.any() else None,
-        hold=table.numbers("hold") if "hold" in table.columns else None,
-        places=tuple(Place(table.path, line) for line in table.lines),
-        derived=tuple(name for name in _derivable(arm) if name not in table.columns),
-    )
-
-
-def _check_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExport | None) -> list[str]:
-    """Return the columns that have a meaning, after checking that all needed are there."""
+def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExport | None) -> list[str]:
+    """Return the columns that have a meaning, after checking that all needed are there and none is misspelt."""
     known = [*KINDS, *joint_kinds(arm, "q"), *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
     joints = [f"q_{joint}" for joint in arm.joint_names]
     table.require([*joints, *(() if inputs_only or points else POSITION)])
-    _refuse_misspelt(table, [*known, *(("point",) if points else ())])
+    meant = [*known, *(("point",) if points else ())]
+    lowered = [word.lower() for word in meant]
+    for name in table.columns:
+        if name not in meant:
+            long = [word for word in lowered if len(word) > 3]
+            near = difflib.get_close_matches(name.lower(), long, n=1, cutoff=0.85)
+            if near or name.lower() in lowered or name.startswith(("q_", "approach_")):
+                hint = did_you_mean(name, meant)
+                raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
     return known
 
 
-def _frame_flags(points: PointExport, arm: Arm) -> tuple[Flag, ...]:
-    base = arm.robot.base
-    if arm.measurement.frame != "base" or points.frame.split("::")[-1].lower() in (base.lower(), "base"):
-        return ()
-    text = f"points are in frame {points.frame!r}; the arm file says that measurements are in its base {base!r}"
-    return (Flag("points_frame", text),)
+def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, Array] | None = None) -> Measurements:
+    """Return the rows of a table without covariates; `first` is the first's number, `before` as of `last_motion`."""
+    q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
+    measured, position = _vectors(table, POSITION)
+    turned, rotation = _vectors(table, ROTATION)
+    alone = turned & ~measured
+    if alone.any():
+        problem = "has rx ry rz but no x y z: an orientation alone is not used"
+        raise TableError(Place(table.path, table.lines[int(alone.argmax())]), problem)
+
+    def named(column: str, default: str | None) -> tuple[str, ...]:
+        cells = table.texts(column) if column in table.columns else ("",) * len(table)
+        return tuple(cell or (str(i) if default is None else default) for i, cell in enumerate(cells, first))
+
+    payload = named("payload", "none")
+    check_payloads(table, payload, arm)
+    # Recorded directions; where a joint has none, that of its last change of position.
+    approach, directions = last_motion(q, before), [f"approach_{joint}" for joint in arm.joint_names]
+    for index, name in enumerate(directions):
+        if name in table.columns:
+            approach[:, index] = table.numbers(name)
+            bad = ~np.isin(approach[:, index], (-1.0, 0.0, 1.0))
+            if bad.any():
+                row = int(bad.argmax())
+                problem = f"{name} is {approach[row, index]:g}, not -1, 0 or 1"
+                raise TableError(Place(table.path, table.lines[row]), problem)
+    each = ("sigma_x", "sigma_y", "sigma_z")
+    names = each if "sigma" not in table.columns and any(name in table.columns for name in each) else ("sigma",)
+    sigma = _deviations(table, names, measured, "the positions", "m", 1.0)
+    return Measurements(
+        joint_names=arm.joint_names,
+        pose=named("pose", None),
+        session=named("session", "session"),
+        payload=payload,
+        time=table.numbers("time") if "time" in table.columns else np.arange(first, first + len(table), dtype=float),
+        q=q,
+        approach=approach,
+        measured=measured,
+        position=position,
+        rotation=rotation if turned.any() else None,
+        sigma=sigma,
+        sigma_r=_deviations(table, ("sigma_r",), turned, "they", "rad", np.inf)[:, 0] if turned.any() else None,
+        hold=table.numbers("hold") if "hold" in table.columns else None,
+        places=tuple(Place(table.path, line) for line in table.lines),
+        derived=tuple(name for name in ("time", *directions) if name not in table.columns),
+    )
 
 
-def _refuse_misspelt(table: Table, known: list[str]) -> None:
-    for name in table.columns:
-        if name in known:
-            continue
-        lowered = [word.lower() for word in known]
-        near = difflib.get_close_matches(name.lower(), [word for word in lowered if len(word) > 3], n=1, cutoff=0.85)
-        if near or name.lower() in lowered or name.startswith(("q_", "approach_")):
-            hint = did_you_mean(name, known)
-            raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
-
-
-def _names(table: Table, column: str, default: str | None, first: int = 0) -> tuple[str, ...]:
-    cells = table.texts(column) if column in table.columns else ("",) * len(table)
-    return tuple(cell or (str(i) if default is None else default) for i, cell in enumerate(cells, first))
-
-
-def _optional_vectors(table: Table, names: tuple[str, str, str]) -> tuple[np.ndarray, Array]:
-    """Return which rows have all three numbers, and the numbers with zeros elsewhere."""
-    count = len(table)
+def _vectors(table: Table, names: tuple[str, str, str]) -> tuple[np.ndarray, Array]:
+    """Return which rows have all three numbers of columns that may be left out, and these with zeros elsewhere."""
     if not any(name in table.columns for name in names):
-        return np.zeros(count, dtype=bool), np.zeros((count, 3))
+        return np.zeros(len(table), dtype=bool), np.zeros((len(table), 3))
     table.require(names)
     given = np.array([[bool(cell) for cell in table.texts(name)] for name in names]).T
-    partly = given.any(axis=1) & ~given.all(axis=1)
+    there = np.all(given, axis=1)
+    partly = given.any(axis=1) & ~there
     if partly.any():
         line = table.lines[int(partly.argmax())]
         raise TableError(Place(table.path, line), f"only some of {', '.join(names)} are given")
-    there = np.all(given, axis=1)
     return there, np.column_stack([table.numbers_where(name, there) for name in names])
 
 
-def _approach(table: Table, arm: Arm, derived: Array) -> Array:
-    """Return the recorded directions; where a joint has none, that of its last change of position."""
-    for index, joint in enumerate(arm.joint_names):
-        name = f"approach_{joint}"
-        if name in table.columns:
-            derived[:, index] = table.numbers(name)
-            bad = ~np.isin(derived[:, index], (-1.0, 0.0, 1.0))
-            if bad.any():
-                line = table.lines[int(bad.argmax())]
-                raise TableError(Place(table.path, line), f"{name} is {derived[bad.argmax(), index]:g}, not -1, 0 or 1")
-    return derived
-
-
-def _derivable(arm: Arm) -> tuple[str, ...]:
-    """Return the columns that the order of the rows stands in for where they are not given."""
-    return ("time", *(f"approach_{joint}" for joint in arm.joint_names))
-
-
-def _sigma(table: Table, measured: np.ndarray) -> Array:
-    """Return (N, 3) standard deviations; NaN-free: rows without one must not be measured."""
-    single = "sigma" in table.columns
-    names = ("sigma",) * 3 if single else ("sigma_x", "sigma_y", "sigma_z")
-    if not single and not any(name in table.columns for name in names):
-        if measured.any():
-            raise TableError(Place(table.path, 1), "has no column 'sigma': how well are the positions known?")
-        return np.ones((len(table), 3))
+def _deviations(
+    table: Table, names: tuple[str, ...], read: np.ndarray, what: str, unit: str, elsewhere: float
+) -> Array:
+    """Return (N, 1 or 3) standard deviations of what was read in the rows of a mask, and a number elsewhere."""
+    if names[0] not in table.columns and len(names) == 1:
+        if not read.any():
+            return np.full((len(table), 1), elsewhere)
+        also = "" if what == "the positions" else "rx ry rz but "
+        raise TableError(Place(table.path, 1), f"has {also}no column {names[0]!r}: how well are {what} known?")
     table.require(names)
-    sigma = np.column_stack([table.numbers_where(name, measured) for name in names])
-    bad = measured & ~(sigma >= SMALLEST_STD).all(axis=1)
+    sigma = np.column_stack([table.numbers_where(name, read) for name in names])
+    bad = read & ~(sigma >= SMALLEST_STD).all(axis=1)
     if bad.any():
-        text = f"sigma must be positive, {SMALLEST_STD:g} m at least"
-        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), text)
-    return np.where(measured[:, None], sigma, 1.0)
-
-
-def _refuse_alone(table: Table, measured: np.ndarray, turned: np.ndarray) -> None:
-    alone = turned & ~measured
-    if alone.any():
-        line = table.lines[int(alone.argmax())]
-        raise TableError(Place(table.path, line), "has rx ry rz but no x y z: an orientation alone is not used")
-
-
-def _sigma_r(table: Table, turned: np.ndarray) -> Array:
-    """Return (N,) standard deviations of the orientations, infinite in rows that have none."""
-    if "sigma_r" not in table.columns:
-        raise TableError(Place(table.path, 1), "has rx ry rz but no column 'sigma_r': how well are they known?")
-    sigma = table.numbers_where("sigma_r", turned)
-    bad = turned & ~(sigma >= SMALLEST_STD)
-    if bad.any():
-        text = f"sigma_r must be positive, {SMALLEST_STD:g} rad at least"
-        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), text)
-    return np.where(turned, sigma, np.inf)
+        problem = f"{names[0].removesuffix('_x')} must be positive, {SMALLEST_STD:g} {unit} at least"
+        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), problem)
+    return np.where(read[:, None], sigma, elsewhere)
 
 
 def _covariate(table: Table, name: str) -> Array | tuple[str, ...]:
@@ -393,7 +346,9 @@ def _covariate(table: Table, name: str) -> Array | tuple[str, ...]:
     plain = table.plain(name)
     if plain is not None:
         return plain
-    check_no_nan(table, name)
+    found = first_nan(table, name)
+    if found and any(NUMBER.fullmatch(cell) for cell in table.texts(name)):
+        raise TableError(found[0], f"column {name!r} is {found[1]!r}, not a finite number")
     try:
         return table.numbers(name)
     except TableError:

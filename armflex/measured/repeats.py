@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,63 +76,65 @@ def repeats(measurements: Measurements, tolerance: float = REPEATED) -> Repeats 
         tolerance: How near joint positions must be [rad or m].
     """
     place = same_positions(measurements.q, tolerance).tolist()
-    held = list(zip(place, measurements.payload, strict=True))
-    once = numbered(zip(held, measurements.session, strict=True))
+    held = numbered(zip(place, measurements.payload, strict=True))
+    once = numbered(zip(held.tolist(), measurements.session, strict=True))
     sides = (tuple(row) for row in measurements.approach.tolist())
-    same_session = _scatter(measurements, once)
+    rows, position, sigma = np.flatnonzero(measurements.measured), measurements.position, measurements.sigma
+    same_session = _scatter(position, once, rows, sigma)
     if same_session is None:
         return None
-    return Repeats(
-        same_session,
-        _scatter(measurements, numbered(zip(once.tolist(), sides, strict=True))),
-        _between(measurements, numbered(held), once, same_session.lost),
-        _flags(same_session),
-    )
+    same_approach = _scatter(position, numbered(zip(once.tolist(), sides, strict=True)), rows, sigma)
+    kept = np.setdiff1d(rows, same_session.lost)
+    labels, first, back = np.unique(once[kept], return_index=True, return_inverse=True)
+    means = np.array([position[kept[back == i]].mean(axis=0) for i in range(len(labels))])
+    stated = np.broadcast_to(_stated(sigma[kept]), means.shape)
+    across = _scatter(means, held[kept[first]], np.arange(len(labels)), stated)
+    if across is not None:
+        again = kept[np.isin(back, across.lost)]
+        across = replace(across, stated=_stated(sigma[kept]), lost=tuple(again.tolist()))
+    # The stated noise is wrong where it is by more than the repeats' own uncertainty leaves open.
+    flags, ratio = (), float(np.sqrt((same_session.ratio**2).mean()))
+    room = DOUBTFUL * (1.0 + 3.0 * same_session.uncertainty / np.sqrt(3.0))
+    if not 1.0 / room < ratio < room:
+        size, said = (1e3 * np.sqrt((values**2).mean()) for values in (same_session.sigma, same_session.stated))
+        text = f"repeats scatter by {size:.2g} mm per axis, {ratio:.2g} times the {said:.2g} mm stated as sigma"
+        flags = (Flag("stated_noise", text),)
+    return Repeats(same_session, same_approach, across, flags)
 
 
-def _scatter(measurements: Measurements, labels: np.ndarray) -> Scatter | None:
-    """Return the pooled scatter of measured rows that share a label."""
-    sets = _sets(labels, measurements.measured)
-    if not sets:
-        return None
-    lost = _lost(measurements.position, sets, _stated(measurements, np.concatenate(sets)))
-    kept = [rows for rows in (np.setdiff1d(rows, lost) for rows in sets) if len(rows) > 1]
-    if not kept:
-        return None
-    sigma, freedom = _pooled([measurements.position[rows] for rows in kept])
-    return Scatter(sigma, freedom, len(kept), _stated(measurements, np.concatenate(kept)), tuple(lost.tolist()))
+def _scatter(position: Array, labels: np.ndarray, rows: np.ndarray, sigma: Array) -> Scatter | None:
+    """Return the pooled scatter of rows that share a label, None where none do but for lost ones.
 
-
-def _between(measurements: Measurements, held: np.ndarray, once: np.ndarray, lost: tuple[int, ...]) -> Scatter | None:
-    """Return the scatter of each pose's session means about their common mean."""
-    used = measurements.measured.copy()
-    used[list(lost)] = False
-    rows = np.flatnonzero(used)
-    means = np.array([measurements.position[used & (once == label)].mean(axis=0) for label in np.unique(once[rows])])
-    pose = np.array([held[once == label][0] for label in np.unique(once[rows])])
-    sets = _sets(pose, np.ones(len(pose), dtype=bool)) if len(rows) else []
-    if not sets:
-        return None
-    far = _lost(means, sets, _stated(measurements, rows))
-    kept = [own for own in (np.setdiff1d(own, far) for own in sets) if len(own) > 1]
-    if not kept:
-        return None
-    sigma, freedom = _pooled([means[own] for own in kept])
-    again = rows[np.isin(once[rows], np.unique(once[rows])[far])]
-    return Scatter(sigma, freedom, len(kept), _stated(measurements, rows), tuple(again.tolist()))
-
-
-def _sets(labels: np.ndarray, used: np.ndarray) -> list[np.ndarray]:
-    rows = np.flatnonzero(used)
+    Args:
+        position: (N, 3) [m].
+        labels: (N,).
+        rows: Which of them count.
+        sigma: (N, 3) stated standard deviations [m].
+    """
     order = rows[np.argsort(labels[rows], kind="stable")]
-    cuts = np.flatnonzero(np.diff(labels[order])) + 1
-    return [own for own in np.split(order, cuts) if len(own) > 1]
+    sets = [own for own in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(own) > 1]
+    if not sets:
+        return None
+    lost = _lost(position, sets, _stated(sigma[np.concatenate(sets)]))
+    kept = [own for own in (np.setdiff1d(own, lost) for own in sets) if len(own) > 1]
+    if not kept:
+        return None
+    squares = sum(((position[own] - position[own].mean(axis=0)) ** 2).sum(axis=0) for own in kept)
+    freedom = sum(len(own) - 1 for own in kept)
+    stated = _stated(sigma[np.concatenate(kept)])
+    return Scatter(np.sqrt(squares / freedom), freedom, len(kept), stated, tuple(lost.tolist()))
 
 
 def _lost(position: Array, sets: list[np.ndarray], stated: Array) -> np.ndarray:
-    """Return rows further from their set's median than noise goes; of two that disagree nobody knows which is lost."""
+    """Return rows further from their set's median than noise goes; of two that disagree nobody knows which is lost.
+
+    The scale is the median of the differences of readings of one pose, robust but poor when they are few: then the
+    limit is wider, and never below what the stated noise allows. Readings rounded so coarsely that most repeats are
+    equal have no scale: nothing is left out.
+    """
     steps = np.concatenate([np.diff(position[rows], axis=0) for rows in sets])
-    limit = _furthest(steps, stated)
+    scale = np.median(np.abs(steps), axis=0) / (0.6745 * np.sqrt(2.0))
+    limit = np.where(scale > 0.0, LOST * (1.0 + 5.0 / len(steps)) * np.maximum(scale, stated), np.inf)
     far = []
     for rows in sets:
         away = np.abs(position[rows] - np.median(position[rows], axis=0))
@@ -142,33 +144,5 @@ def _lost(position: Array, sets: list[np.ndarray], stated: Array) -> np.ndarray:
     return np.array(sorted(far), dtype=int)
 
 
-def _furthest(steps: Array, stated: Array) -> Array:
-    """Return (3,) deviations that are no noise, from (n, 3) differences of readings of one pose.
-
-    The scale is their median, robust but poor when they are few: then the limit is wider, and never below what the
-    stated noise allows. Readings rounded so coarsely that most repeats are equal have no scale: nothing is left out.
-    """
-    scale = np.median(np.abs(steps), axis=0) / (0.6745 * np.sqrt(2.0))
-    limit = LOST * (1.0 + 5.0 / len(steps)) * np.maximum(scale, stated)
-    return np.where(scale > 0.0, limit, np.inf)
-
-
-def _pooled(sets: list[Array]) -> tuple[Array, int]:
-    squares = sum(((values - values.mean(axis=0)) ** 2).sum(axis=0) for values in sets)
-    freedom = sum(len(values) - 1 for values in sets)
-    return np.sqrt(squares / freedom), freedom
-
-
-def _stated(measurements: Measurements, rows: np.ndarray) -> Array:
-    return np.sqrt((measurements.sigma[rows] ** 2).mean(axis=0))
-
-
-def _flags(scatter: Scatter) -> tuple[Flag, ...]:
-    """Return a flag where the stated noise is wrong by more than the repeats' own uncertainty leaves open."""
-    ratio = float(np.sqrt((scatter.ratio**2).mean()))
-    room = DOUBTFUL * (1.0 + 3.0 * scatter.uncertainty / np.sqrt(3.0))
-    if 1.0 / room < ratio < room:
-        return ()
-    size, stated = (1e3 * np.sqrt((values**2).mean()) for values in (scatter.sigma, scatter.stated))
-    text = f"repeats scatter by {size:.2g} mm per axis, {ratio:.2g} times the {stated:.2g} mm stated as sigma"
-    return (Flag("stated_noise", text),)
+def _stated(sigma: Array) -> Array:
+    return np.sqrt((sigma**2).mean(axis=0))

@@ -153,7 +153,7 @@ def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
     if is_parquet(path):
         yield from parquet_rows(path, most)
         return
-    reader = csv.reader(_lines(path), strict=True)
+    reader = csv.reader(text_lines(path), strict=True)
     try:
         for cells in reader:
             if any(map(str.strip, cells)):
@@ -162,7 +162,7 @@ def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
         raise TableError(Place(path, reader.line_num), f"is not CSV: {error}") from None
 
 
-def _lines(path: Path) -> Iterator[str]:
+def text_lines(path: Path) -> Iterator[str]:
     """Yield the lines of a file, the end of each included; raise where it is no text that can be shown."""
     line = 1
     try:

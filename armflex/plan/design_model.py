@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -81,12 +81,10 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     if after is None:
         return Before(Setup(arm, arm.instrument or Instrument()))
     found = calibrate(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
-    fitted = found.fit
-    view = look(fitted.setup, after, np.arange(len(after)))
-    weights = np.zeros(len(after))
-    weights[fitted.view.rows] = fitted.weights
-    scene, noise = scene_of(view, after), max(found.scatter, 1.0)
-    return Before(fitted.setup, after, view, scene, weights, fitted, noise, found.flags)
+    weights, noise = np.zeros(len(after)), max(found.scatter, 1.0)
+    weights[found.fit.view.rows] = found.fit.weights
+    setup = found.fit.setup
+    return Before(setup, after, weights=weights, fit=found.fit, noise=noise, flags=found.flags).seen_by(setup)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,9 +142,8 @@ class Model:
 
 def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
     """Return both with the laws that are still to be learned free about what was declared, under the offered loads."""
-    arm = before.setup.arm
-    known, block = learned_laws(arm), law_block(before.setup, offer.view)
-    named = () if block is None else zip(block.flexures, block.laws, strict=True)
+    arm, block = before.setup.arm, law_block(before.setup, offer.view)
+    known, named = learned_laws(arm), () if block is None else zip(block.flexures, block.laws, strict=True)
     new = {name: law for name, law in named if name not in known}
     if not new:
         return before, offer
@@ -161,41 +158,40 @@ def answers(blocks: Sequence[Block], view: View, scene: Scene) -> Array:
 
 
 def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model:
-    """Return the model of what is known before, and of rows like those offered."""
-    arm = before.setup.arm
-    if before.campaign is None and arm.certainty is not None:
-        return _stored(before.setup, offer, suspects)
-    blocks = (*_declared(before, offer, suspects), *suspects)
-    scale = _finite(blocks)
-    known = LinearGaussian(np.eye(len(scale)))
-    if before.campaign is not None:
-        columns = answers(blocks, before.view, before.scene) * scale / before.noise
-        known = known.with_rows(columns * np.sqrt(before.weights)[:, None, None])
-    return Model(blocks, scale, known, scale)
+    """Return the model of what is known before, and of rows like those offered.
 
+    Free is what [prior] frees, for the planned session beside the campaign's, learned laws, and the effects of the arm
+    that one row tells something of; those in question come last.
 
-def _declared(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> tuple[Block, ...]:
-    """Return the blocks of [prior], of learned laws and of effects, the planned session beside the campaign's."""
-    known, planned = before.campaign, offer.rows.session[0]
+    Raises:
+        InputError: The covariance of a calibrated arm is of other parameters, or of some of the laws that are learned.
+    """
+    setup, known = before.setup, before.campaign
+    arm, laws = setup.arm, learned_laws(setup.arm)
+    if known is None and arm.certainty is not None:
+        return _stored(setup, offer, suspects)
     if known is None:
         rows = Measurements.of(offer.rows, offer.view.readings)
     else:
-        rows = replace(known, session=(*known.session, planned))
-    arm, laws = before.setup.arm, learned_laws(before.setup.arm)
-    learned = (LawBlock(tuple(laws), tuple(laws.values())),) if laws else ()
-    return (*declared_blocks(before.setup, rows), *learned, *_effect_blocks(arm, offer, suspects))
-
-
-def _effect_blocks(arm: Arm, offer: Offer, suspects: Sequence[Suspect]) -> list[Block]:
-    """Return the blocks of the arm's effects that one row tells something of, without those in question."""
+        rows = replace(known, session=(*known.session, offer.rows.session[0]))
+    blocks = [*declared_blocks(setup, rows), *_law_blocks(laws)]
     asked = {suspect.ordinal for suspect in suspects}
-    blocks: list[Block] = []
     for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
         if ordinal not in asked and not effect.remembers:
             free = free_inner(effect)
             prior = amplitude_prior(effect, free, offer.view, offer.scene)
             blocks.append(EffectBlock(effect, free, offer.scene, ordinal, prior, number=number))
-    return blocks
+    blocks += suspects
+    scale = _finite(blocks)
+    told = LinearGaussian(np.eye(len(scale)))
+    if known is not None:
+        columns = answers(blocks, before.view, before.scene) * scale / before.noise
+        told = told.with_rows(columns * np.sqrt(before.weights)[:, None, None])
+    return Model(tuple(blocks), scale, told, scale)
+
+
+def _law_blocks(laws: Mapping[str, LearnedLaw]) -> list[Block]:
+    return [LawBlock(tuple(laws), tuple(laws.values()))] if laws else []
 
 
 def free_inner(effect: Effect) -> tuple[int, ...]:
@@ -216,45 +212,34 @@ def _finite(blocks: Sequence[Block]) -> Array:
 def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
     """Return the model of a calibrated arm: frames anew, because another instrument may come.
 
-    A law that is to be learned since is as uncertain as it was declared, whatever was known of its compliance.
-
-    Raises:
-        InputError: The covariance is of other parameters, or of some of the laws that are learned.
+    A law that is to be learned since is as uncertain as it was declared, whatever was known of its compliance: all
+    learned laws, or none.
     """
-    arm, new = setup.arm, _new_laws(setup.arm)
-    asked = {suspect.parameters[0].group for suspect in suspects if suspect.ordinal != NOWHERE}
-    asked |= {Group(Kind.COMPLIANCE, name) for name in new}
-    parameters = arm.certainty.parameters
-    if blocks_of(parameters, setup) is None:
-        raise InputError(OTHER_PARAMETERS.text)
-    frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
-    places = [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in asked]
-    known = arm.certainty.part(places)
-    kept = blocks_of(known.parameters, setup, scene=offer.scene)
-    covariance = known.covariance
-    fresh = (*((LawBlock(tuple(new), tuple(new.values())),) if new else ()), *suspects)
-    blocks = (*frames, *kept, *fresh)
-    std = np.sqrt(np.diag(covariance))
-    scale = np.concatenate([_finite(frames), std, _finite(fresh)])
-    normal, first = np.eye(len(scale)), len(scale) - len(std) - len(_finite(fresh))
-    inside = slice(first, first + len(std))
-    normal[inside, inside] = np.linalg.inv(covariance / np.outer(std, std))
-    return Model(blocks, scale, LinearGaussian(normal), np.concatenate([_told(block, arm) for block in blocks]))
-
-
-def _new_laws(arm: Arm) -> dict[str, LearnedLaw]:
-    """Return the learned laws by flexure that a calibrated arm's covariance says nothing of: all, or none."""
-    laws, fitted = learned_laws(arm), arm.certainty.groups
-    new = {name: law for name, law in laws.items() if Group(Kind.LAW, name) not in fitted}
+    arm, laws = setup.arm, learned_laws(setup.arm)
+    new = {name: law for name, law in laws.items() if Group(Kind.LAW, name) not in arm.certainty.groups}
     if new and len(new) < len(laws):
         old = listing(laws.keys() - new.keys())
         text = f"{listing(new)} is to be learned, but the arm was calibrated with the learned laws of {old} alone"
         raise InputError(f"{text}: plan after its campaign, or calibrate anew")
-    return new
-
-
-def _told(block: Block, arm: Arm) -> Array:
-    """Return the standard deviations of a block's parameters before anything was measured."""
-    if block.kind is Kind.LAW:
-        return block.prior
-    return np.full(len(block.parameters), getattr(arm.prior, block.kind, 0.0) or np.inf)
+    parameters = arm.certainty.parameters
+    if blocks_of(parameters, setup) is None:
+        raise InputError(OTHER_PARAMETERS.text)
+    anew = {suspect.parameters[0].group for suspect in suspects if suspect.ordinal != NOWHERE}
+    anew |= {Group(Kind.COMPLIANCE, name) for name in new}
+    known = arm.certainty.part(
+        [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in anew]
+    )
+    frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
+    kept = blocks_of(known.parameters, setup, scene=offer.scene)
+    fresh = [*_law_blocks(new), *suspects]
+    blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(known.covariance)), _finite(frames)
+    scale = np.concatenate([wide, std, _finite(fresh)])
+    normal, inside = np.eye(len(scale)), slice(len(wide), len(wide) + len(std))
+    normal[inside, inside] = np.linalg.inv(known.covariance / np.outer(std, std))
+    prior = [
+        block.prior
+        if block.kind is Kind.LAW
+        else np.full(len(block.parameters), getattr(arm.prior, block.kind, 0.0) or np.inf)
+        for block in blocks
+    ]
+    return Model(blocks, scale, LinearGaussian(normal), np.concatenate(prior))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,56 +57,40 @@ class Reach:
     floor: float = -np.inf
 
     @property
-    def clearance(self) -> Array:
-        """(nq,) what every joint keeps from its limits, so that it can come from either side [rad or m]."""
-        chosen = np.isin(self.arm.joint_names, self.approached)
-        return np.where(chosen, OVERSHOOT * (self.upper - self.lower), 0.0)
-
-    def rows(self, box: Array) -> Rows:
-        """Return the unread rows at (N, b) points of the unit cube: joints, payload, approaches, levels in turn."""
-        joints = len(self.lower)
-        low, high = self.lower + self.clearance, self.upper - self.clearance
-        picked = [_picked(box[:, joints + i], choices) for i, choices in enumerate(self._choices)]
-        names = [*(f"{APPROACH}{joint}" for joint in self.approached), *self.levels]
-        given = {name: values.astype(float) for name, values in zip(names, picked[1:], strict=True)}
-        q = np.clip(low + (high - low) * box[:, :joints], low, high)  # rounding may go past the end
-        return rows_at(self.arm, q, tuple(picked[0].tolist()), given, self.session)
-
-    @property
-    def width(self) -> int:
-        """Number of things that are chosen for a row."""
-        return len(self.lower) + len(self._choices)
-
-    @property
-    def _choices(self) -> list[Sequence]:
+    def choices(self) -> list[Sequence]:
+        """What else is chosen for a row, one of some each: payload, approaches, levels."""
         return [self.payloads, *((-1.0, 1.0) for _ in self.approached), *self.levels.values()]
 
-
-def _picked(share: Array, choices: Sequence) -> np.ndarray:
-    """Return which of some choices (N,) shares from 0 to 1 stand for."""
-    return np.array(choices)[np.minimum((share * len(choices)).astype(int), len(choices) - 1)]
+    def rows(self, box: Array) -> Rows:
+        """Return the unread rows at (N, b) points of the unit cube: joints, then `choices` in turn."""
+        joints = len(self.lower)
+        # What is to come from either side keeps clear of its limits.
+        chosen = np.isin(self.arm.joint_names, self.approached)
+        clearance = np.where(chosen, OVERSHOOT * (self.upper - self.lower), 0.0)
+        low, high = self.lower + clearance, self.upper - clearance
+        payload, *picked = (
+            np.array(some)[np.minimum((share * len(some)).astype(int), len(some) - 1)]
+            for share, some in zip(box.T[joints:], self.choices, strict=True)
+        )
+        names = [*(f"{APPROACH}{joint}" for joint in self.approached), *self.levels]
+        given = {name: values.astype(float) for name, values in zip(names, picked, strict=True)}
+        q = np.clip(low + (high - low) * box[:, :joints], low, high)  # rounding may go past the end
+        return rows_at(self.arm, q, tuple(payload.tolist()), given, self.session)
 
 
 def rows_at(arm: Arm, q: Array, payload: tuple[str, ...], given: Mapping[str, Array], session: str = "") -> Rows:
     """Return (N, nq) joint positions, and what else is known, as rows at which nothing was read yet.
 
-    An effect with a memory is taken where it settles.
+    An effect with a memory is taken where it settles: a lagging column at its value, play at rest.
     """
-    given = {**_settled(arm, given, len(q)), **given}
+    settled = {}
+    for effect in arm.effects:
+        if effect.remembers:
+            columns = effect.location.covariates
+            settled[effect.state] = given.get(columns[0], np.zeros(len(q))) if columns else np.zeros(len(q))
+    given = {**settled, **given}
     pose = [f"offer {i}" for i in range(len(q))]
     return Rows.of(arm.joint_names, q, payload, given, pose, session, () if "time" in given else ("time",))
-
-
-def _settled(arm: Arm, given: Mapping[str, Array], count: int) -> dict[str, Array]:
-    """Return the states that effects remember, as they settle: a lagging column at its value, play at rest."""
-    states = {}
-    for effect in arm.effects:
-        if not effect.remembers:
-            continue
-        columns = effect.location.covariates
-        state = given.get(columns[0], np.zeros(count)) if columns else np.zeros(count)
-        states[effect.state] = state
-    return states
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +109,7 @@ class Offer:
     rows: Rows
     view: View
     scene: Scene
-    dropped: Counter[str] = field(default_factory=Counter)
+    dropped: Counter[str]
 
     def with_sigma(self, sigma: Array) -> Offer:
         """Return the same rows read with another (3,) standard deviation [m]."""
@@ -143,8 +127,8 @@ def spread(reach: Reach, setup: Setup, count: int, seed: int) -> Offer:
     Raises:
         InputError: The arm can hold none of them.
     """
-    unit = np.zeros(reach.width), np.ones(reach.width)
-    box = next(Configurations(*unit, count, seed, count).chunks([True]))
+    width = len(reach.lower) + len(reach.choices)
+    box = next(Configurations(np.zeros(width), np.ones(width), count, seed, count).chunks([True]))
     _held(setup.arm, reach.rows(box[:FEW]))  # an arm too soft for anything says so at once
     return _offer(reach, setup, box)
 
@@ -161,21 +145,20 @@ def around(reach: Reach, setup: Setup, box: Array, width: float, each: int, rng:
 
 
 def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
+    """Return those of (N, b) rows that the arm can hold above the floor; raise `InputError` where there are none."""
     rows = reach.rows(box)
     held, dropped = _held(setup.arm, rows)
-    rows = rows.some(held)
-    readings = unread(len(held), Position, sigma=reach.sigma)
+    rows, readings = rows.some(held), unread(len(held), Position, sigma=reach.sigma)
     view = look(setup, rows, np.arange(len(held)), readings=readings)
-    high = view.line.tip[:, 2, 3] >= reach.floor
-    dropped[FLOOR] += int((~high).sum())
-    if not high.any():
-        highest = float(view.line.tip[:, 2, 3].max())
-        raise InputError(
-            f"no tip of {len(high)} is above the floor at {reach.floor:g} m; the highest is {highest:.3g} m"
-        )
-    if not high.all():
-        held, rows, readings = held[high], rows.some(np.flatnonzero(high)), readings.some(np.flatnonzero(high))
-        view = look(setup, rows, np.arange(len(held)), readings=readings)
+    height = view.line.tip[:, 2, 3]
+    high = np.flatnonzero(height >= reach.floor)
+    dropped[FLOOR] += len(held) - len(high)
+    if not len(high):
+        text = f"no tip of {len(held)} is above the floor at {reach.floor:g} m"
+        raise InputError(f"{text}; the highest is {float(height.max()):.3g} m")
+    if len(high) < len(held):
+        held, rows = held[high], rows.some(high)
+        view = look(setup, rows, np.arange(len(held)), readings=readings.some(high))
     return Offer(box[held], rows, view, scene_of(view, rows), +dropped)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.plan.information import TOptimal
+from armflex.plan.design import TOptimal
 from armflex.plotting import picture
 
 if TYPE_CHECKING:

@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from armflex.arm import Arm
+from armflex.configurations import drawn_range
 from armflex.conventions import Array
-from armflex.errors import Flag, InputError
+from armflex.errors import Flag, InputError, did_you_mean, listing
 from armflex.estimate.spread import scene_of
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
-from armflex.linear_gaussian import LinearGaussian
+from armflex.laws.effects.scene import MASS, TEMPERATURE
 from armflex.measured.measurements import Measurements
 from armflex.parameters import Kind
-from armflex.plan.choose import exchanged, greedy, path
+from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.drive import driven
-from armflex.plan.information import DsOptimal, Goal, IOptimal, TOptimal, Truth
-from armflex.plan.offer import Offer, Reach, around, rows_at, spread
-from armflex.plan.question import Question, check, reach_of, sigma_of
-from armflex.plan.recommend import blind_spots
-from armflex.plan.result import TOLD, UNKNOWN, Plan
+from armflex.plan.offer import Reach, around, rows_at, spread
+from armflex.plan.result import TOLD, UNKNOWN, Plan, blind_spots
 from armflex.plan.rivals import Rival, named_effect, refitted, rival_of, spelled, suspect_of
 from armflex.readings import Position, unread
-from armflex.rows import Rows
+from armflex.rows.rows import APPROACH
 from armflex.trajectory import Trajectory
 
-Progress = Callable[[int, int], None]
+MOST_ROWS = 500
+
+COARSEST = 0.01
+"""Standard deviation of a position read, as a share of the arm's reach, beyond which it is no measurement."""
+
+READING = 2e-4
+"""Standard deviation of a position read [m] where nobody says: a laser tracker some metres away."""
 
 OFFERED = 1024
 """Rows among which the first choice is made, a power of two."""
@@ -48,143 +53,236 @@ SCATTER = 1.5
 """Noise over the stated one beyond which a plan that goes by it is doubtful."""
 
 
-def make(arm: Arm, after: Measurements | None, asked: Question, progress: Progress | None) -> Plan:
-    """Return the plan; `armflex.plan` says what goes in."""
-    check(asked)
-    tick = progress or (lambda done, total: None)
-    effects = [named_effect(text, arm, tuple(asked.covariates)) for text in asked.between or ()]
+def plan(
+    arm: Arm,
+    rows: int = 20,
+    *,
+    after: Measurements | None = None,
+    along: Trajectory | None = None,
+    between: tuple[str, str] | None = None,
+    payloads: Sequence[str] | None = None,
+    covariates: Mapping[str, Sequence[float]] | None = None,
+    sigma: float | None = None,
+    floor: float = -np.inf,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Plan:
+    """Return the rows to measure next, in the order to drive them, and what they are expected to tell.
+
+    Without `along` or `between` the rows make the parameters that [prior] frees, and those of the arm's effects, as
+    certain as can be, wherever the instrument stands.
+
+    Args:
+        arm: The arm, declared or calibrated; of a calibrated one the stored covariance is what is known before.
+        rows: How many positions will be read.
+        after: What was measured already; an arm that is not calibrated is calibrated with it.
+        along: Make the predicted readings along this trajectory as certain as can be instead.
+        between: Tell these two effects apart instead, each spelled LAW:SITE[:AXIS[:PARTNER]], as `trace` names them;
+            the second effect of the arm with such a spelling ends in #2.
+        payloads: What may be carried; every payload of the arm, and nothing, when not given.
+        covariates: Values that can be set of what effects depend on, by name.
+        sigma: Standard deviation of a position read [m]; that of `after`, else 0.2 mm, when not given.
+        floor: Lowest height of the tip in the base frame [m].
+        seed: Of the rows that are offered.
+        progress: Called with (steps done, steps in all).
+
+    Raises:
+        InputError: Nothing is free, no row is possible, a number is out of its range, or no values are given of what an
+            effect depends on.
+        UnknownNameError: No such payload, effect or site.
+        UnsupportedError: What an effect in question does depends on the rows before.
+        ArmflexError: The campaign cannot be that of this arm, see `calibrate`.
+    """
+    settable, tick = covariates or {}, progress or (lambda done, total: None)
+    _check(rows, along, between, sigma, floor, settable)
+    effects = [named_effect(text, arm, tuple(settable)) for text in between or ()]
     if effects and effects[0] == effects[1]:
         raise InputError(f"{spelled(effects[0])} is to be told from itself: name two effects")
-    task = _task(known_before(arm, after, as_stated=bool(effects)), asked, effects)
-    tick(1, ROUNDS + 1)
-    return _concluded(task, *_chosen(task, tick))
-
-
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """A question with everything that is known about it; see `Plan`."""
-
-    asked: Question
-    before: Before
-    reach: Reach
-    doubts: tuple[Flag, ...]
-    offer: Offer
-    model: Model
-    rivals: tuple[Rival, ...]
-    goal: Goal
-
-
-def _task(before: Before, asked: Question, effects: Sequence[Effect]) -> _Task:
-    arm = before.setup.arm
-    reach, doubts = reach_of(before, asked, effects)
-    path = () if asked.along is None else asked.along.derived_directions(arm)
-    doubts = (*before.flags, *path, *doubts)
-    offer = spread(reach, before.setup, OFFERED, asked.seed)
-    if len(offer.rows) < asked.rows:
-        raise InputError(f"{asked.rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")
+    before = known_before(arm, after, as_stated=bool(effects))
+    reach, flags = _reach_of(before, effects, payloads, settable, sigma, floor)
+    path_flags = () if along is None else along.derived_directions(before.setup.arm)
+    flags = (*before.flags, *path_flags, *flags)
+    offer = spread(reach, before.setup, OFFERED, seed)
+    if len(offer.rows) < rows:
+        raise InputError(f"{rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")
     before, offer = learning(before, offer)
-    suspects = [suspect_of(effect, arm, offer) for effect in effects]
+    suspects = [suspect_of(effect, reach.arm, offer) for effect in effects]
     refits = [refitted(suspect, before) for suspect in suspects]
     explained = min((max(found.noise, 1.0) for found in refits if found), default=before.noise)
     if explained < before.noise:  # one of them is what makes readings scatter
         before = replace(before, noise=explained)
-        reach = replace(reach, sigma=sigma_of(before, asked.sigma))
+        reach = replace(reach, sigma=_sigma_of(before, sigma))
         offer = offer.with_sigma(reach.sigma)
     model = model_of(before, offer, suspects)
     if before.noise > SCATTER:
         text = f"readings scatter {before.noise:.2g} times as much as stated: something is missing, trace it first"
-        doubts = (*doubts, Flag("unexplained_residual", text))
+        flags = (*flags, Flag("unexplained_residual", text))
     rivals = tuple(rival_of(suspect, found, offer) for suspect, found in zip(suspects, refits, strict=True))
-    return _Task(asked, before, reach, doubts, offer, model, rivals, _goal(before, model, offer, rivals, asked))
-
-
-def _goal(before: Before, model: Model, offer: Offer, rivals: Sequence[Rival], asked: Question) -> Goal:
-    """Return what is to be made as large as can be."""
-    if rivals:
-        truths = tuple(_truth(model, rival) for rival in rivals)
-        every = model.known.with_rows(model.rows(offer))
-        # One law may hold the other as a special case: then rows are for the case that the wider one is true.
-        tellable = tuple(truth for truth in truths if TOptimal((truth,)).value(every) >= TOLD**2)
-        return TOptimal(tellable or truths)
-    if not model.moving.any():
+    if not rivals and not model.moving.any():
         raise InputError(
             "nothing is free: [prior] has neither joint_offset, compliance nor geometry, no law is to be learned, and "
             "the arm has no effect"
         )
-    if asked.along is None:
-        return DsOptimal(np.flatnonzero(model.moving))
-    return IOptimal(_weight(before, model, asked.along))
+    every = model.rows(offer)
+    goal = _goal(before, model, every, rivals, along)
+    tick(1, ROUNDS + 1)
 
-
-def _truth(model: Model, rival: Rival) -> Truth:
-    places = model.place(rival.suspect)
-    own = np.zeros(len(model.scale))
-    own[places] = rival.size / model.scale[places]
-    return Truth(own, np.setdiff1d(np.arange(len(own)), places), float(own @ own))
-
-
-def _weight(before: Before, model: Model, trajectory: Trajectory) -> Array:
-    """Return the (P, P) mean over a trajectory of what parameters do to its readings, squared [m^2]."""
-    arm = before.setup.arm
-    some = np.unique(np.linspace(0, len(trajectory) - 1, min(len(trajectory), PATH_ROWS)).astype(int))
-    ordered = trajectory.for_arm(arm)
-    known = {name: values[some] for name, values in ordered.known.items()}
-    payload = tuple(trajectory.payload[i] for i in some)
-    rows = rows_at(arm, ordered.q[some], payload, known)
-    view = look(before.setup, rows, np.arange(len(some)), readings=unread(len(some), Position))
-    seen = answers(model.blocks, view, scene_of(view, rows)) * model.scale
-    return np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some)
-
-
-def _chosen(task: _Task, tick: Progress) -> tuple[Rows, Array]:
-    """Return the rows chosen, and their (n, 3, P) changes; first of all that are offered, then of what is near."""
-    goal, known, offer, count = task.goal, task.model.known, task.offer, task.asked.rows
-    rng = np.random.default_rng(task.asked.seed)
-    rows = task.model.rows(offer)
-    chosen = exchanged(goal, known, rows, greedy(goal, known, rows, count), 3)
-    width = WIDTH
+    # The best of all that is offered, then of what is near it; the most telling first.
+    rng, here, known, width = np.random.default_rng(seed), offer, model.known, WIDTH
+    chosen = exchanged(goal, known, every, greedy(goal, known, every, rows), 3)
     for number in range(ROUNDS):
-        offer = around(task.reach, task.before.setup, offer.box[chosen], width, NEAR, rng)
-        rows = task.model.rows(offer)
-        chosen = exchanged(goal, known, rows, range(count), 2)
+        here = around(reach, before.setup, here.box[chosen], width, NEAR, rng)
+        near = model.rows(here)
+        chosen = exchanged(goal, known, near, range(rows), 2)
         width *= NARROWER
         tick(number + 2, ROUNDS + 1)
-    told = rows[chosen]
-    best = greedy(goal, known, told, count)
-    return offer.rows.some(np.array(chosen)[best]), told[best]
+    best = np.array(chosen)[greedy(goal, known, near[chosen], rows)]
+    told = near[best]
 
-
-def _concluded(task: _Task, chosen: Rows, rows: Array) -> Plan:
-    """Return the plan of rows chosen, the most telling first, and their (n, 3, P) changes."""
-    model, reach, goal, campaign = task.model, task.reach, task.goal, task.before.campaign
-    every, known = model.rows(task.offer), model.known.with_rows(rows)
-    reached = path(goal, model.known, rows)
+    reached = path(goal, known, told)
     start = np.clip(np.zeros(len(reach.lower)), reach.lower, reach.upper)
-    stops, order, way = driven(chosen, reach, start if campaign is None else campaign.q[-1])
+    stops, order, way = driven(here.rows.some(best), reach, start if before.campaign is None else before.campaign.q[-1])
+    rng, most = np.random.default_rng(seed), min(FURTHER * rows, len(every))
+    draws = [rng.choice(len(every), most, False) for _ in range(DRAWS)]
     return Plan(
         rows=stops,
         reach=reach,
         goal=goal,
         model=model,
-        known=known,
+        known=known.with_rows(told),
         worth=np.diff(reached)[order],
         reached=reached,
-        random=_at_random(goal, model, every, FURTHER * len(rows), task.asked.seed),
-        everything=goal.value(model.known.with_rows(every)),
-        rivals=task.rivals,
+        random=np.array([path(goal, known, every[some]) for some in draws]),
+        everything=goal.value(known.with_rows(every)),
+        rivals=rivals,
         blind=blind_spots(model, every, float(reach.sigma.max())),
-        offered=task.offer,
-        doubt=_doubts(model, reach, every, rows, task.asked.seed),
+        offered=offer,
+        doubt=_doubts(model, reach, every, told, seed),
         way=way,
-        flags=task.doubts,
+        flags=flags,
     )
 
 
-def _at_random(goal: Goal, model: Model, rows: Array, count: int, seed: int) -> Array:
-    """Return (DRAWS, m + 1) what the goal reaches with rows at random."""
-    rng = np.random.default_rng(seed)
-    most = min(count, len(rows))
-    return np.array([path(goal, model.known, rows[rng.choice(len(rows), most, False)]) for _ in range(DRAWS)])
+def _check(
+    rows: int,
+    along: Trajectory | None,
+    between: tuple[str, str] | None,
+    sigma: float | None,
+    floor: float,
+    covariates: Mapping[str, Sequence[float]],
+) -> None:
+    """Raise `InputError` where a number is out of its range, or two goals are asked for."""
+    try:
+        count = operator.index(rows)
+    except TypeError:
+        raise InputError(f"rows is {rows!r}, expected a whole number") from None
+    if not 1 <= count <= MOST_ROWS:
+        raise InputError(f"rows is {count}, expected 1 to {MOST_ROWS}")
+    if along is not None and between:
+        raise InputError("a plan is for a trajectory or for two effects, not for both")
+    if sigma is not None and not 0.0 < sigma < np.inf:
+        raise InputError(f"sigma is {sigma:g} m, expected more than 0")
+    if np.isnan(floor):
+        raise InputError("floor is not a number")
+    for name, values in covariates.items():
+        if not len(values) or not np.isfinite(values).all():
+            raise InputError(f"covariate {name!r}: expected the values that can be set, got {list(values)}")
+
+
+def _reach_of(
+    before: Before,
+    effects: Sequence[Effect],
+    payloads: Sequence[str] | None,
+    covariates: Mapping[str, Sequence[float]],
+    sigma: float | None,
+    floor: float,
+) -> tuple[Reach, tuple[Flag, ...]]:
+    """Return what may be asked of the arm, and doubts.
+
+    Raises:
+        InputError: Values of what an effect depends on are missing, or given for what none does; payloads are given
+            twice; sigma is absurd.
+        UnknownNameError: No such payload.
+    """
+    arm, campaign = before.setup.arm, before.campaign
+    approached = _approached(arm, effects, covariates)
+    lower, upper, flags = drawn_range(arm)
+    kept = [effect.title for effect in arm.effects if effect.remembers]
+    if kept:
+        text = f"{listing(kept)} depends on the rows before: kept as it is, where it settles"
+        flags = (*flags, Flag("memory_settled", text))
+    session = "planned"
+    while campaign is not None and session in campaign.session:
+        session += "'"
+    if payloads is None:  # all that is declared, and nothing where none of it is nothing
+        empty = any(payload.mass == 0.0 for payload in arm.payloads.values())
+        payloads = (*arm.payloads, *(() if empty else ("none",)))
+    else:
+        if not payloads or len(set(payloads)) < len(payloads):
+            raise InputError(f"payloads {list(payloads)}: expected one name or several different ones")
+        for name in payloads:
+            arm.payload(name)
+    spread = _sigma_of(before, sigma)
+    if spread.max() > COARSEST * arm.robot.reach:
+        text = f"sigma is {spread.max():.3g} m, more than {COARSEST:.0%} of the arm's reach of {arm.robot.reach:.3g} m"
+        raise InputError(f"{text}: is it in another unit?")
+    levels = {name: tuple(float(x) for x in dict.fromkeys(values)) for name, values in covariates.items()}
+    return Reach(arm, lower, upper, tuple(payloads), approached, levels, session, spread, floor), flags
+
+
+def _approached(arm: Arm, effects: Sequence[Effect], covariates: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
+    """Return the joints whose approach effects depend on; raise where no values of what else they do are given."""
+    needed = [  # beside joint positions and payloads
+        (effect, name)
+        for effect in (*arm.effects, *effects)
+        for name in effect.location.covariates
+        if not name.startswith("q_") and name != MASS
+    ]
+    settable = list(dict.fromkeys(name for _, name in needed if not name.startswith(APPROACH)))
+    for name in covariates:
+        if name not in settable:
+            hint = did_you_mean(name, settable)
+            raise InputError(f"no effect depends on {name!r}{hint} (values can be set of: {listing(settable)})")
+    for effect, name in needed:
+        if name in settable and name not in covariates:
+            example = "10,35" if TEMPERATURE.search(name) else "LOW,HIGH"
+            text = f"{effect.title} depends on {name!r}: give values of it that can be set"
+            raise InputError(f"{text}, such as --covariates {name}={example}")
+    columns = {name for _, name in needed}
+    return tuple(name for name in arm.joint_names if f"{APPROACH}{name}" in columns)
+
+
+def _sigma_of(before: Before, sigma: float | None) -> Array:
+    """Return (3,) the standard deviation of a position read [m]: as asked, as was found, or that of a tracker."""
+    if sigma is not None:
+        return np.full(3, sigma)
+    if before.campaign is None:
+        return np.full(3, READING)
+    return before.noise * np.median(before.campaign.sigma[before.campaign.measured], axis=0)
+
+
+def _goal(before: Before, model: Model, every: Array, rivals: Sequence[Rival], along: Trajectory | None) -> Goal:
+    """Return what is to be made as large as can be, where (N, 3, P) changes of the readings are offered."""
+    if rivals:
+        truths = []
+        for rival in rivals:
+            own, places = np.zeros(len(model.scale)), model.place(rival.suspect)
+            own[places] = rival.size / model.scale[places]
+            truths.append(Truth(own, np.setdiff1d(np.arange(len(own)), places), float(own @ own)))
+        # One law may hold the other as a special case: then rows are for the case that the wider one is true.
+        whole = model.known.with_rows(every)
+        tellable = [truth for truth in truths if TOptimal((truth,)).value(whole) >= TOLD**2]
+        return TOptimal(tuple(tellable or truths))
+    if along is None:
+        return DsOptimal(np.flatnonzero(model.moving))
+    # The (P, P) mean over the trajectory of what parameters do to its readings, squared [m^2].
+    some = np.unique(np.linspace(0, len(along) - 1, min(len(along), PATH_ROWS)).astype(int))
+    ordered = along.for_arm(before.setup.arm)
+    known = {name: values[some] for name, values in ordered.known.items()}
+    rows = rows_at(before.setup.arm, ordered.q[some], tuple(along.payload[i] for i in some), known)
+    view = look(before.setup, rows, np.arange(len(some)), readings=unread(len(some), Position))
+    seen = answers(model.blocks, view, scene_of(view, rows)) * model.scale
+    return IOptimal(np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some))
 
 
 def _doubts(model: Model, reach: Reach, every: Array, rows: Array, seed: int) -> dict[str, Array]:
@@ -192,15 +290,16 @@ def _doubts(model: Model, reach: Reach, every: Array, rows: Array, seed: int) ->
 
     How the next session moves the instrument is no part of it: that is not of the arm.
     """
-    chosen = np.random.default_rng(seed).choice(len(every), len(rows), False)
-    states, measured = {"known now": model.known}, every
-    every = every * np.array([one.group.kind is not Kind.SESSION for one in model.parameters])
-    if _doubt(reach, every, model.known).min() > UNKNOWN:
-        states = {f"after {len(rows)} readings at random": model.known.with_rows(measured[chosen])}
-    states[f"after {len(rows)} planned readings"] = model.known.with_rows(rows)
-    return {title: _doubt(reach, every, known) for title, known in states.items()}
-
-
-def _doubt(reach: Reach, rows: Array, known: LinearGaussian) -> Array:
-    seen = rows * reach.sigma[:, None]
-    return np.sqrt(np.maximum(np.einsum("ndp,pq,ndq->n", seen, known.covariance, seen, optimize=True), 0.0))
+    shown = every * np.array([one.group.kind is not Kind.SESSION for one in model.parameters]) * reach.sigma[:, None]
+    states = {
+        "known now": model.known,
+        f"after {len(rows)} readings at random": model.known.with_rows(
+            every[np.random.default_rng(seed).choice(len(every), len(rows), False)]
+        ),
+        f"after {len(rows)} planned readings": model.known.with_rows(rows),
+    }
+    now, at_random, planned = (
+        (title, np.sqrt(np.maximum(np.einsum("ndp,pq,ndq->n", shown, one.covariance, shown, optimize=True), 0.0)))
+        for title, one in states.items()
+    )
+    return dict((at_random if now[1].min() > UNKNOWN else now, planned))

@@ -1,4 +1,4 @@
-"""What a plan is: rows in the order to drive them, and what they are expected to tell."""
+"""What a plan is: rows in the order to drive them, what they are expected to tell, and what no tip reading can."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
+from armflex.estimate.identify import UNDETERMINED, partners_of
+from armflex.laws.effects.compliance import COMPLIANCE
+from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
-from armflex.parameters import numbered
-from armflex.plan.design_model import Model
-from armflex.plan.information import Goal, IOptimal
+from armflex.parameters import FRAMES, numbered
+from armflex.plan.design import Goal, IOptimal, instead
+from armflex.plan.design_model import Model, Suspect
 from armflex.plan.offer import Offer, Reach
-from armflex.plan.recommend import Blind, in_words, instead
 from armflex.plan.rivals import Rival
 from armflex.rows import Rows
 
@@ -24,6 +26,53 @@ TOLD = 3.0
 
 UNKNOWN = 1.0
 """Standard deviation of a reading [m] beyond which nothing is known of where the instrument stands."""
+
+UNLOADED = "pull the tip sideways with a known force"
+"""For compliances that weight alone does not load enough to be seen."""
+
+MOST_NAMES = 6
+"""Parameters that one line of advice names."""
+
+
+@dataclass(frozen=True)
+class Blind:
+    """A parameter of which no tip reading tells anything.
+
+    Attributes:
+        name: Block and label.
+        moves: What one standard deviation of it moves a reading by at most [m].
+        partners: Parameters that it can be exchanged for without the readings noticing; empty where it moves them too
+            little to be seen beside the noise.
+        instead: What would tell.
+    """
+
+    name: str
+    moves: float
+    partners: tuple[str, ...]
+    instead: str
+
+
+def blind_spots(model: Model, rows: Array, sigma: float) -> tuple[Blind, ...]:
+    """Return the parameters that stay as uncertain as [prior] has them though all of (N, 3, P) rows were measured.
+
+    Only those of the arm: neither where the instrument stands nor what is in question.
+    """
+    seen = np.tensordot(rows, rows, axes=([0, 1], [0, 1]))
+    whole = model.known.with_rows(rows)
+    left = model.std(whole) > UNDETERMINED * model.prior
+    most = np.sqrt((rows**2).sum(axis=1)).max(axis=0)
+    found = []
+    for block in model.blocks:
+        if block.kind in FRAMES or isinstance(block, Suspect):
+            continue
+        law = block.looks_like
+        for place in model.place(block)[left[model.place(block)]].tolist():
+            faint = seen[place, place] < 1.0
+            partners = () if faint else partners_of(seen, whole, place, model.names)
+            unloaded = faint and block.kind in COMPLIANCE.stands_for
+            how = UNLOADED if unloaded else (law.instead if law is not None else "") or ON_THE_LINK
+            found.append(Blind(model.names[place], float(most[place] * sigma), partners, how))
+    return tuple(found)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -94,8 +143,16 @@ class Plan:
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
-        """What no tip reading tells, and what would."""
-        return (*_between(self), *in_words(self.blind))
+        """What no tip reading tells, and what would: a line for all that the same measurement would tell."""
+        told = list(_between(self))
+        for how in dict.fromkeys(one.instead for one in self.blind):
+            alike = [one for one in self.blind if one.instead == how]
+            names, more = ", ".join(one.name for one in alike[:MOST_NAMES]), len(alike) - MOST_NAMES
+            names += f", and {more} more" if more > 0 else ""
+            most = max(one.moves for one in alike) * 1e3
+            weight = f"under weight alone each moves the tip by {most:.1g} mm at most; where it matters"
+            told.append(f"No tip reading tells {names}; {weight if how == UNLOADED else 'instead'}, {how}.")
+        return tuple(told)
 
 
 def _between(plan: Plan) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ first ends in #2: gear_harmonic:A2:rz#2.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,9 +20,9 @@ from armflex.estimate.fit import ROUGH, Fit, fit
 from armflex.files.effect_file import TEMPERATURE as USUAL_TEMPERATURE
 from armflex.files.effect_file import locations_on, names_of
 from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.effect import Effect, EffectLaw, Inner
+from armflex.laws.effects.effect import Effect, Inner
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.scene import MASS, TEMPERATURE, Scene
+from armflex.laws.effects.scene import TEMPERATURE, Scene
 from armflex.parameters import numbered, numbers_of
 from armflex.plan.design_model import NOWHERE, Before, Suspect, answers, free_inner
 from armflex.plan.offer import Offer
@@ -47,7 +47,8 @@ def _spelled(name: str, location: Location) -> str:
 def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
     """Return an effect of the arm, or one that it might have with all its amplitudes at zero, by how it is written.
 
-    A law that depends on a temperature takes the one of the `columns` whose name is that of one.
+    It has as many terms as may act at its place. A law that depends on a temperature takes the one of the `columns`
+    whose name is that of one.
 
     Raises:
         UnknownNameError: No such law, or it makes no sense at such a place of the arm.
@@ -55,40 +56,35 @@ def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
         UnsupportedError: What it does depends on the rows before, or on a session that has been.
     """
     known = dict(zip(map(spelled, arm.effects, numbers_of(arm.effects)), arm.effects, strict=True))
-    own = [text.strip()] if text.strip() in known else [name for name in known if _means(text, name)]
-    if len(own) > 1:
-        raise InputError(f"{text!r} may be {' or '.join(own[:6])}: say which")
-    if own:
-        return known[own[0]]
+    own = _meant(text, known)
+    if own is not None:
+        return known[own]
     name = text.partition(":")[0].strip()
     if name not in CATALOGUE:
         raise UnknownNameError("effect", name, [*CATALOGUE, *known])
     law = CATALOGUE[name]
     if law.of_session:
         raise UnsupportedError(f"{name} is of a session that has been: no row still to be measured tells of it")
-    location = _spot(text, law, arm)
+    locations = {}
+    for location in sorted(locations_on(law, arm), key=lambda location: len(location.terms)):
+        locations[_spelled(law.name, location)] = location
+    place = _meant(text, locations)
+    if place is None:
+        raise UnknownNameError(f"place of {law.name}", text, locations)
+    location = locations[place]
     warm = [column for column in columns if TEMPERATURE.search(column)]
     if location.covariates == (USUAL_TEMPERATURE,) and len(warm) == 1:
         location = replace(location, covariates=(warm[0],))
     return Effect(law, location, (0.0,) * (len(law.amplitudes) + len(law.inner)))
 
 
-def _spot(text: str, law: EffectLaw, arm: Arm) -> Location:
-    """Return the place meant, with as many terms as may act there."""
-    locations = {}
-    for location in sorted(locations_on(law, arm), key=lambda location: len(location.terms)):
-        locations[_spelled(law.name, location)] = location
-    meant = [text] if text in locations else [name for name in locations if _means(text, name)]
-    if not meant:
-        raise UnknownNameError(f"place of {law.name}", text, locations)
-    if len(meant) > 1:
-        raise InputError(f"{text!r} may be {' or '.join(meant[:6])}: say which")
-    return locations[meant[0]]
-
-
-def _means(text: str, name: str) -> bool:
-    """Return whether a name is what a text says, as far as it goes."""
-    return f"{name}:".startswith(f"{text.strip().rstrip(':')}:")
+def _meant(text: str, names: Collection[str]) -> str | None:
+    """Return which of some names a text says, as far as it goes; raise `InputError` where it may be several."""
+    text = text.strip()
+    found = [text] if text in names else [name for name in names if f"{name}:".startswith(f"{text.rstrip(':')}:")]
+    if len(found) > 1:
+        raise InputError(f"{text!r} may be {' or '.join(found[:6])}: say which")
+    return found[0] if found else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,68 +113,59 @@ def suspect_of(effect: Effect, arm: Arm, offer: Offer) -> Suspect:
     Raises:
         UnsupportedError: What it does depends on the rows before.
     """
-    law, location, scene = effect.law, effect.location, offer.scene
     ordinal = arm.effects.index(effect) if effect in arm.effects else NOWHERE
     number = 1 if ordinal == NOWHERE else numbers_of(arm.effects)[ordinal]
-    if not any(effect.amplitudes):
-        inner = tuple(_usual(one, law, location, scene) for one in law.inner)
+    known = any(effect.amplitudes)
+    if not known:
+        inner = tuple(_usual(one, effect, offer.scene) for one in effect.law.inner)
         effect = replace(effect, values=(*effect.amplitudes, *inner))
     if effect.remembers:
         text = f"{effect.title} depends on the rows before: no choice of single rows tells it from another effect"
         raise UnsupportedError(text)
-    free = free_inner(effect) if any(effect.amplitudes) else ()
-    return Suspect(effect, free, scene, ordinal, amplitude_prior(effect, free, offer.view, scene), number=number)
+    free = free_inner(effect) if known else ()
+    prior = amplitude_prior(effect, free, offer.view, offer.scene)
+    return Suspect(effect, free, offer.scene, ordinal, prior, number=number)
 
 
-def _usual(inner: Inner, law: EffectLaw, location: Location, scene: Scene) -> float:
+def _usual(inner: Inner, effect: Effect, scene: Scene) -> float:
     """Return what an inner parameter is taken to be while nobody has searched for it: nothing lags."""
-    if law.memory is not None and inner.name == law.memory.lag:
+    if effect.law.memory is not None and inner.name == effect.law.memory.lag:
         return 0.0
     if inner.usual is not None:
         return inner.usual
-    values = sorted(float(value) for value in inner.grid(location, scene))
+    values = sorted(float(value) for value in inner.grid(effect.location, scene))
     return values[len(values) // 2] if values else inner.default or 0.0
 
 
 def refitted(suspect: Suspect, before: Before) -> Fit | None:
     """Return the campaign's fit with a suspect added, None where there is no campaign or the arm has it already."""
-    effect, arm = suspect.effect, before.setup.arm
-    if before.fit is None or suspect.ordinal != NOWHERE:
+    known, arm = before.fit, before.setup.arm
+    if known is None or suspect.ordinal != NOWHERE:
         return None
-    prior = amplitude_prior(effect, (), before.view, before.scene)
-    block = EffectBlock(effect, (), before.scene, len(arm.effects), prior)
-    start = np.concatenate([before.fit.values, np.zeros(len(prior))])
-    known = before.fit
+    prior = amplitude_prior(suspect.effect, (), before.view, before.scene)
+    block = EffectBlock(suspect.effect, (), before.scene, len(arm.effects), prior)
+    start = np.concatenate([known.values, np.zeros(len(prior))])
     return fit(known.declared, (*known.blocks, block), before.campaign, known.view.rows, start, effort=ROUGH)
 
 
 def rival_of(suspect: Suspect, fitted: Fit | None, offer: Offer) -> Rival:
-    """Return the rival with its size: that of the arm, that of a refit if it is clear, or one that shows."""
+    """Return the rival with its size: that of the arm, that of a refit if it is clear, or one that shows.
+
+    What shows moves the readings by `SHOWS`, every term as much as the others.
+    """
     effect, terms = suspect.effect, len(suspect.effect.location.terms)
-    size = np.zeros(len(suspect.labels))
+    inner = np.zeros(len(suspect.labels) - terms)
     if any(effect.amplitudes):
-        size[:terms] = [effect.amplitudes[i] for i in effect.location.terms]
-        return Rival(suspect, size, "of the arm")
+        return Rival(suspect, np.append(effect.acting, inner), "of the arm")
     if fitted is not None:
         found, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
         if np.linalg.norm(found / std) > CLEAR * np.sqrt(terms):
-            size[:terms] = found
-            return Rival(suspect, size, "estimated from what was measured")
-    size[:terms] = _that_shows(suspect, offer, terms)
-    return Rival(suspect, size, f"taken so large that it moves readings by {SHOWS:g} standard deviations")
-
-
-def _that_shows(suspect: Suspect, offer: Offer, terms: int) -> Array:
-    """Return (terms,) amplitudes that move the readings alike, and together by `SHOWS`."""
+            return Rival(suspect, np.append(found, inner), "estimated from what was measured")
     columns = answers([suspect], offer.view, offer.scene)[:, :, :terms]
     moved = np.sqrt((columns**2).mean(axis=(0, 1)))
     moving = moved > 0.0
     if not moving.any():
-        raise InputError(f"{suspect.effect.title} moves the tip in none of the rows that can be measured")
-    return np.where(moving, SHOWS / np.where(moving, moved, 1.0), 0.0) / np.sqrt(moving.sum())
-
-
-def needed(effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Return the columns that effects depend on beside joint positions and payloads, each once."""
-    names = [name for effect in effects for name in effect.location.covariates]
-    return tuple(dict.fromkeys(name for name in names if not name.startswith("q_") and name != MASS))
+        raise InputError(f"{effect.title} moves the tip in none of the rows that can be measured")
+    shown = np.where(moving, SHOWS / np.where(moving, moved, 1.0), 0.0) / np.sqrt(moving.sum())
+    source = f"taken so large that it moves readings by {SHOWS:g} standard deviations"
+    return Rival(suspect, np.append(shown, inner), source)

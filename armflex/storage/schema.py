@@ -160,13 +160,13 @@ def _record(expected: Mapping[str, Any], value: Any, where: str) -> dict[str, An
 
 
 def _any_of(parts: tuple[Any, ...], value: Any, where: str) -> Any:
-    problem = ValueError(f"{where} is {_short(value)}")
+    problems = []
     for part in parts:
         try:
             return None if part is type(None) and value is None else typed(part, value, where)
         except ValueError as error:
-            problem = error if len(parts) == 2 and type(None) in parts else problem
-    raise problem
+            problems.append(error)
+    raise problems[0] if len(parts) == 2 and parts[1] is type(None) else ValueError(f"{where} is {_short(value)}")
 
 
 def _short_name(expected: Any) -> str:

@@ -7,7 +7,7 @@ inside the limits, with the Jacobian of the deflected arm. What cannot be reache
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,7 +20,6 @@ from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
-from armflex.tasks.compensate_doubts import doubts, too_fast, too_wide
 from armflex.tasks.inverse_kinematics import (
     AIMED_AT,
     LEAST_DAMPING,
@@ -141,7 +140,10 @@ def compensate(
     if between is not None and not between > 0.0:
         raise InputError(f"between must be positive, got {between} m")
     trajectory = trajectory.with_constants(arm, covariates or {})
-    scale = _scale(arm, weights)
+    costs = np.ones(len(arm.joint_names)) if weights is None else np.asarray(weights, dtype=float)
+    if costs.shape != (len(arm.joint_names),) or not (costs > 0.0).all() or not np.isfinite(costs).all():
+        raise InputError(f"weights: expected {len(arm.joint_names)} positive numbers")
+    scale = np.sqrt(costs.min() / costs)
     poses = _targets(arm, trajectory, targets)
     rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
     gaps = _gaps(arm, trajectory, moved) if targets is None else None
@@ -153,12 +155,49 @@ def compensate(
         rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
         gaps = _gaps(arm, trajectory, moved)
     widest = None if gaps is None else float(gaps.max(initial=0.0))
-    derived = moved.derived_directions(arm)
-    flags = (*derived, *doubts(moved, rows), *too_fast(arm, trajectory, moved), *too_wide(widest, between))
-    result = Compensation(moved, rows, match, widest, flags)
+    flags = [*moved.derived_directions(arm), *_doubts(arm, trajectory, moved, rows)]
+    if between is not None and (widest is None or widest > between):
+        left = "is not looked at with targets of one's own" if widest is None else f"is still {widest:.3g} m"
+        text = f"the error halfway between rows {left}; at most {between:g} m was asked"
+        flags.append(Flag("between", text))
+    result = Compensation(moved, rows, match, widest, tuple(flags))
     if not (result.ok or best_effort):
-        raise UnreachableError(_summary(result), result)
+        lost = [row for row in rows if not row.reached]
+        worst = max(lost, key=lambda row: float(np.linalg.norm(row.after[:3])))
+        left = number(float(np.linalg.norm(worst.after[:3])) * 1e3, 3)
+        place = f"{worst.time:g} s {worst.via}".rstrip()
+        text = f"{len(lost)} of {len(rows)} rows cannot be reached; worst at {place}: {left} mm remain, {worst.reason}"
+        raise UnreachableError(text, result)
     return result
+
+
+def _doubts(arm: Arm, commanded: Trajectory, moved: Trajectory, rows: Sequence[CompensatedRow]) -> Iterator[Flag]:
+    """Yield where joints move far for little or too fast, changes may not be the smallest, and payloads change."""
+    near = min(rows, key=lambda row: row.sigma_min)
+    if near.sigma_min < NEAR_SINGULAR:
+        text = f"at {near.time:g} s the smallest singular value is {near.sigma_min:.2g}: joints move far for little"
+        yield Flag("near_singular", text)
+    doubtful = [row for row in rows if row.reached and not row.smallest]
+    if doubtful:
+        text = f"{len(doubtful)} rows, the first at {doubtful[0].time:g} s, are reached; smaller changes may do as well"
+        yield Flag("not_smallest", text)
+    for i in range(1, len(moved)):
+        if moved.payload[i] != moved.payload[i - 1]:
+            jump = float(np.linalg.norm(rows[i].before[:3] - rows[i - 1].before[:3]))
+            change = f"from {moved.payload[i - 1]} to {moved.payload[i]} at {moved.time[i]:g} s"
+            between = f"between the rows at {moved.time[i - 1]:g} s and {moved.time[i]:g} s"
+            text = f"{change} the tip springs by {jump * 1e3:.3g} mm; {between} it is off by up to as much"
+            yield Flag("payload_change", f"{text}, which the error halfway between rows leaves out")
+    if len(moved) > 1:
+        limits = np.array([joint.velocity for joint in arm.robot.moving])
+        given, share = (np.abs(np.diff(t.q, axis=0)) / np.diff(t.time)[:, None] / limits for t in (commanded, moved))
+        # A path that was too fast before is not held against the compensation.
+        worse = np.where(share > 1.001 * np.maximum(given, 1.0), share, 0.0)
+        segment, joint = np.unravel_index(int(np.argmax(worse)), worse.shape)
+        if worse.any():
+            where = f"{arm.joint_names[joint]} would move at {share[segment, joint]:.2g} times its speed limit"
+            times = f"at {moved.time[segment]:g} s (commanded path: {given[segment, joint]:.2g} times)"
+            yield Flag("too_fast", f"{where} {times}")
 
 
 def _solve_rows(
@@ -172,7 +211,8 @@ def _solve_rows(
         solver = replace(solver, trajectory=replace(bare, covariates=history))
         rows, moved = _solve_each(solver, poses, progress)
         moved = replace(moved, covariates=bare.covariates)
-        if not arm.effects or _same(history, moved.prepared(arm).covariates):
+        after = moved.prepared(arm).covariates
+        if all(np.allclose(history[name], after[name], rtol=SAME_STATE, atol=0.0) for name in history):
             return rows, moved
     return _as_driven(solver, rows, moved, poses), moved
 
@@ -194,10 +234,6 @@ def _solve_each(
     return tuple(rows), replace(solver.trajectory, q=moved)
 
 
-def _same(before: Mapping[str, Array], after: Mapping[str, Array]) -> bool:
-    return all(np.allclose(before[name], after[name], rtol=SAME_STATE, atol=0.0) for name in before)
-
-
 def _as_driven(
     solver: _Solver, rows: Sequence[CompensatedRow], moved: Trajectory, poses: list[pin.SE3]
 ) -> tuple[CompensatedRow, ...]:
@@ -215,26 +251,18 @@ def _as_driven(
 
 def _targets(arm: Arm, trajectory: Trajectory, targets: Sequence[object] | None) -> list[pin.SE3]:
     if targets is None:
-        return [_rigid_pose(arm, trajectory, i) for i in range(len(trajectory))]
+        poses = []
+        for i, q in enumerate(trajectory.q):
+            with naming(_where(trajectory, i)):
+                poses.append(arm.rigid_pose(q))
+        return poses
     if len(targets) != len(trajectory):
         raise InputError(f"targets: expected {len(trajectory)} poses, one per row, got {len(targets)}")
     return [as_pose(target, f"target {i}") for i, target in enumerate(targets)]
 
 
-def _rigid_pose(arm: Arm, trajectory: Trajectory, i: int) -> pin.SE3:
-    with naming(_where(trajectory, i)):
-        return arm.rigid_pose(trajectory.q[i])
-
-
 def _where(trajectory: Trajectory, i: int) -> str:
     return f"row {i} at {trajectory.time[i]:g} s"
-
-
-def _scale(arm: Arm, weights: Array | None) -> Array:
-    scale = np.ones(len(arm.joint_names)) if weights is None else np.asarray(weights, dtype=float)
-    if scale.shape != (len(arm.joint_names),) or not (scale > 0.0).all() or not np.isfinite(scale).all():
-        raise InputError(f"weights: expected {len(arm.joint_names)} positive numbers")
-    return np.sqrt(scale.min() / scale)
 
 
 @dataclass(frozen=True)
@@ -343,7 +371,7 @@ class _Solver:
             if point is None or (again[0] is not None and again[0].left < point.left):
                 point, smallest, trouble = again
         if point is None:
-            raise InputError(f"row {i} at {self.trajectory.time[i]:g} s: {trouble}")
+            raise InputError(f"{_where(self.trajectory, i)}: {trouble}")
         return point, smallest, trouble
 
     def box(self, i: int) -> tuple[Array, Array]:
@@ -404,12 +432,3 @@ def _gaps(arm: Arm, commanded: Trajectory, moved: Trajectory) -> Array:
         found = arm.deflection(middle.q, middle.payload, **asked)
         gaps[some] = np.linalg.norm(found.pose[:, :3, 3] - target[:, :3, 3], axis=1)
     return gaps
-
-
-def _summary(result: Compensation) -> str:
-    lost = [row for row in result.rows if not row.reached]
-    worst = max(lost, key=lambda row: float(np.linalg.norm(row.after[:3])))
-    left = float(np.linalg.norm(worst.after[:3]))
-    what = f"{len(lost)} of {len(result.rows)} rows cannot be reached"
-    place = f"{worst.time:g} s {worst.via}".rstrip()
-    return f"{what}; worst at {place}: {number(left * 1e3, 3)} mm remain, {worst.reason}"

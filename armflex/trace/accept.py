@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
-from armflex.estimate.held_out import HeldOut, believed, held_out, told_by_others
+from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds, told_by_others
 from armflex.parameters import Kind
 from armflex.trace.candidates import Sifted
-from armflex.trace.projection import evidence
+from armflex.trace.polish import Polished
+
+if TYPE_CHECKING:
+    from armflex.trace.state import State
 
 FLIPS = 200
 
@@ -21,6 +26,58 @@ SHOWN = 2.0
 
 FARTHEST = 5.0
 """Times the median error beyond which an error is no larger for the proof: about where a row is believed no more."""
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Errors of rows that were not used, before and after an effect [m].
+
+    Attributes:
+        before, after: RMS of the 3-D error, poses held out.
+        sessions_before, sessions_after: The same with whole sessions held out, over those without which it
+            still shows; None where there are none.
+        errors_apart: Standard errors by which the mean squared error falls.
+        null: Best evidence that any competing candidate had under random signs of the residual, 200 times.
+    """
+
+    before: float
+    after: float
+    sessions_before: float | None
+    sessions_after: float | None
+    errors_apart: float
+    null: float
+
+    @property
+    def sessions_agree(self) -> bool:
+        """Whether whole sessions, where any can judge, are predicted better."""
+        if self.sessions_before is None or self.sessions_after is None:
+            return True
+        return self.sessions_after < self.sessions_before
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What is kept of an accepted effect; a search itself is hundreds of megabytes.
+
+    Attributes:
+        ranking: What was considered when it was added, the best first.
+        proof: Held-out rows.
+        witness: Whether it is believed for the priors' sake: held-out errors barely move, parameters no longer do.
+        exchanged: Whether another effect has taken its place since, so that the proof is of what stood there before.
+    """
+
+    ranking: tuple[Polished, ...]
+    proof: Proof
+    witness: bool
+    exchanged: bool = False
+
+
+def prove(before: State, after: State, null: float, new: Sequence[Block]) -> Proof:
+    """Return the errors of held-out poses and sessions before and after, and with what became `new` between them."""
+    folds, judged = pose_folds(before.groups), believed(before.fit, after.fit)
+    poses = [held_out(state.fit, folds, judged=judged) for state in (before, after)]
+    sessions = sessions_held_out(before.fit, after.fit, new, after.sessions)
+    return Proof(poses[0].rms, poses[1].rms, *(sessions or (None, None)), improvement(*poses), null)
 
 
 def null_maximum(
@@ -38,13 +95,10 @@ def null_maximum(
         flips: How many.
     """
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (int(groups.max()) + 1, flips))
-    projection = sifted.projection
     competes = [laws is None or candidate.law.name in laws for candidate in sifted.bank.candidates]
     if not any(competes):
         return np.full(flips, -np.inf)
-    gains = sifted.gains(signs[groups])
-    worth = evidence(gains, projection.objective, projection.count, sifted.bank.parameters[:, None])
-    return np.asarray(worth)[competes].max(axis=0)
+    return sifted.evidence_of(sifted.gains(signs[groups]))[competes].max(axis=0)
 
 
 def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[np.ndarray]]:

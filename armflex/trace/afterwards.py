@@ -1,19 +1,32 @@
-"""What could not be told: effects that calibration hides, the least that would have shown, and what is left."""
+"""The account of a search: what every effect is worth, what else would do, what could not be told, and what is left."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import fdtrc
 
 from armflex.conventions import TWIST_NAMES
-from armflex.estimate.view import position_rms
+from armflex.estimate.calibrate import Calibration
+from armflex.estimate.fit import Fit
+from armflex.estimate.held_out import believed, held_out, pose_folds
+from armflex.estimate.learn import settled
+from armflex.estimate.spread import certainty_of
+from armflex.estimate.view import look, position_rms
+from armflex.laws.effects.effect import Effect
 from armflex.measured.repeats import repeats
 from armflex.parameters import ArmParameter
-from armflex.trace.candidates import Bank
-from armflex.trace.findings import Smallest, Unexplained, Unidentifiable, predictable_residual
-from armflex.trace.localise import NOTICED, RandomTwist
+from armflex.trace.accept import prove, sessions_held_out
+from armflex.trace.exchange import equivalents, exchanged, worth_of
+from armflex.trace.findings import Found, Smallest, Trace, Unexplained, Unidentifiable, predictable_residual
+from armflex.trace.next_measurement import lacking, next_rows
+from armflex.trace.projection import project
 from armflex.trace.search import Round
-from armflex.trace.state import State
+from armflex.trace.state import State, fitted_to, lost_rows, sorted_out, without
+from armflex.trace.telling import Report
+from armflex.trace.unrecorded import NOTICED, RandomTwist, as_likely, localise
+from armflex.trace.withdraw import never_worse
 
 ALMOST = 1e-4
 """Share of a column's square below which what is left of it cannot be seen at any plausible size."""
@@ -30,47 +43,132 @@ UNLIKELY = 1e-4
 LARGER = 2.0
 """Variance over that of repeats from which a residual without a place is told at all."""
 
-AS_LIKELY = 3.0
-"""Log-likelihood within which places are not told apart."""
+
+def so_far(calibration: Calibration, first: Fit, state: State, places: tuple[RandomTwist, ...]) -> Trace:
+    """Return the account of a search that goes on: what was accepted, with what is known without comparing it.
+
+    Args:
+        calibration: Before anything was added, lost beams and all.
+        first: The same without lost beams.
+        state: What was accepted.
+        places: Likeliest places of what was left at first.
+    """
+    worths = [worth_of(state, index)[0] for index in range(len(state.effects))]
+    left = unexplained(state, localise(state.fit, state.scene, project(state.fit), state.groups))
+    found = tuple(_found(state, index, worth, ()) for index, worth in enumerate(worths))
+    return replace(_summed_up(calibration, first, state, places, found, left), unfinished=True)
+
+
+def conclude(calibration: Calibration, first: Fit, state: State, places: tuple[RandomTwist, ...], say: Report) -> Trace:
+    """Return the account of a search that has come to its end, after second thoughts about what it added.
+
+    Args: See `so_far`; `say` is called with what is being done.
+    """
+    say("putting effects in each other's places")
+    state = sorted_out(exchanged(state, say))
+    state, withdrawn, compared = never_worse(first, state, say)
+    say(f"searching what {len(state.rows)} rows still show")
+    looked = state.looked  # which costs nothing where nothing changed
+    say("comparing what else would do")
+    found = tuple(_found(state, index, *equivalents(state, index)) for index in range(len(state.effects)))
+    left = unexplained(state, looked.places)
+    together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
+    if left is None and len(together):  # rows left out although their neighbours are far off, too
+        view = look(state.fit.setup, state.measurements, together)
+        errors = view.residual[:, view.positions]
+        left = Unexplained(None, None, None, None, float(np.sqrt((errors**2).sum() / len(state.asked))))
+    summed = _summed_up(calibration, first, state, places, found, left)
+    say("looking what could not be told, and what to measure next")
+    rivals = [[rival for rival, _ in one.equivalent] for one in found]
+    return replace(
+        summed,
+        not_identifiable=not_identifiable(looked, state),
+        smallest=smallest(looked, state),
+        next_measurement=(*next_rows(state, rivals), *lacking(state.measurements)),
+        compared=compared,
+        withdrawn=withdrawn,
+    )
+
+
+def _summed_up(
+    calibration: Calibration,
+    first: Fit,
+    state: State,
+    places: tuple[RandomTwist, ...],
+    found: tuple[Found, ...],
+    left: Unexplained | None,
+) -> Trace:
+    """Return the account without what a search for more, and for what else would do, has to tell."""
+    before = fitted_to(first, state.measurements, state.rows)
+    folds, judged = pose_folds(state.groups), believed(before, state.fit)
+    final = state.fit.setup
+    # A random twist stays behind, because nobody can foresee it.
+    effects = (*calibration.arm.effects, *(one.effect for one in found))
+    arm = replace(
+        settled(final.arm, state.fit), effects=effects, instrument=final.instrument, certainty=certainty_of(state.fit)
+    )
+    return Trace(
+        arm=arm,
+        calibration=calibration,
+        before=before,
+        state=state,
+        found=found,
+        unexplained=left,
+        places=places,
+        noise=state.fit.noise,
+        held_out_before=held_out(before, folds, judged=judged).rms,
+        held_out_after=held_out(state.fit, folds, judged=judged).rms,
+        held_out_sessions=sessions_held_out(before, state.fit, state.effects, state.sessions),
+    )
+
+
+def _found(state: State, index: int, worth: float, others: tuple[tuple[Effect, float], ...]) -> Found:
+    block, step = state.effects[index], state.steps[index]
+    assert step is not None
+    proof = step.proof
+    if step.exchanged:
+        proof = prove(without(state, index), state, proof.null, [block])
+    std = block.std(state.values_of(block), state.stds_of(block))
+    return Found(state.fitted[index], std, worth, proof, others, step.ranking, step.witness)
 
 
 def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
     """Return laws and sites of which fitted parameters take over all but nothing, with the parameter that does most."""
-    bank, projection = looked.named.bank, looked.projection
+    bank, columns = looked.sifted[0].bank, looked.projection.columns
     whole, inside = _left_over(looked)
-    sizes = np.sqrt((projection.columns**2).sum(axis=0))
+    sizes = np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
     found: dict[tuple[str, str], Unidentifiable] = {}
-    added = {(block.effect.law.name, block.effect.location) for block in state.effects}
+    added = {(effect.law.name, effect.location) for effect in state.fitted}
     for index, candidate in enumerate(bank.candidates):
         key = (candidate.law.name, candidate.location.place)
         if key in found or bank.sizes[index] != 1 or (candidate.law.name, candidate.location) in added:
             continue
         if whole[index] > 0.0 and inside[index] > ALMOST * whole[index]:
             continue
-        still = whole[index] <= 0.0
-        partner = None if still else _partner(bank.group(index)[:, 0], projection.columns, sizes, state)
+        partner: ArmParameter | None = None
+        if whole[index] > 0.0:  # the parameter whose column is most like its own
+            own = bank.group(index)[:, 0]
+            likeness = np.abs(columns.T @ own) / (sizes * float(np.linalg.norm(own)))
+            partner = state.fit.parameters[int(likeness.argmax())]
         found[key] = Unidentifiable(*key, partner)
     return tuple(found.values())
 
 
-def _partner(column: np.ndarray, columns: np.ndarray, sizes: np.ndarray, state: State) -> ArmParameter:
-    """Return the fitted parameter whose column is most like one."""
-    likeness = np.abs(columns.T @ column) / (np.maximum(sizes, 1e-300) * float(np.linalg.norm(column)))
-    return state.fit.parameters[int(likeness.argmax())]
-
-
 def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
     """Return for every law the range over its places of the tip motion (RMS) that would just have been accepted."""
-    bank = looked.named.bank
+    bank, fit, where = looked.sifted[0].bank, state.fit, state.fit.view.positions
     noise = max(1.0, looked.projection.objective / looked.projection.count)
+    # (G,) RMS of the 3-D motion of the target per unit of each group's first amplitude [m].
+    raw, scale = np.zeros(len(bank.candidates)), fit.view.sigma[:, where] / np.sqrt(fit.weights)[:, None]
+    for part in bank.parts:
+        first = np.isin(part.places, bank.starts[:-1])
+        columns = part.columns[:, first].reshape(*fit.view.sigma.shape, -1)[:, where] * scale[:, :, None]
+        raw[part.groups] = np.sqrt((columns**2).sum(axis=1).mean(axis=0))
     found: dict[str, list[float]] = {}
-    single = np.flatnonzero(bank.sizes == 1)
     whole, inside = _left_over(looked)
-    raw = _raw_rms(bank, state)
-    for index in single:
-        if inside[index] > ALMOST * whole[index]:
-            size = float(np.sqrt(SHOWN * noise / inside[index]) * raw[index])
-            found.setdefault(bank.candidates[index].law.name, []).append(size)
+    for index in np.flatnonzero((bank.sizes == 1) & (inside > ALMOST * whole)):
+        size = float(np.sqrt(SHOWN * noise / inside[index]) * raw[index])
+        found.setdefault(bank.candidates[index].law.name, []).append(size)
     return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in found.items())
 
 
@@ -83,26 +181,12 @@ def _left_over(looked: Round) -> tuple[np.ndarray, np.ndarray]:
     whole, most = np.zeros(len(named.bank.candidates)), {}
     for groups, squares in named.squares:
         whole[groups] = squares[:, 0, 0]
-    alike = [
-        (one.law.name, one.location.turns, one.location.terms) for one in named.bank.candidates
-    ]  # of the same units
+    alike = [(one.law.name, one.location.turns, one.location.terms) for one in named.bank.candidates]  # of a unit
     for kind, square in zip(alike, whole.tolist(), strict=True):
         most[kind] = max(square, most.get(kind, 0.0))
     moves = whole > STILL**2 * np.array([most[kind] for kind in alike])
     inside = whole - (named.seen[named.bank.starts[:-1]] ** 2).sum(axis=1)
     return np.where(moves, whole, 0.0), np.where(moves, inside, 0.0)
-
-
-def _raw_rms(bank: Bank, state: State) -> np.ndarray:
-    """Return the (G,) RMS of the 3-D motion of the target per unit of each group's first amplitude [m]."""
-    fit, sizes = state.fit, np.zeros(len(bank.candidates))
-    where = fit.view.positions
-    scale = fit.view.sigma[:, where] / np.sqrt(fit.weights)[:, None]
-    for part in bank.parts:
-        first = np.isin(part.places, bank.starts[:-1])
-        columns = part.columns[:, first].reshape(*fit.view.sigma.shape, -1)[:, where] * scale[:, :, None]
-        sizes[part.groups] = np.sqrt((columns**2).sum(axis=1).mean(axis=0))
-    return sizes
 
 
 def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | None:
@@ -114,19 +198,14 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
     """
     if state.random is not None:
         random = state.random
-        left = predictable_residual(state) - state.fit.view.residual
-        rms = position_rms(left)
+        rms = position_rms(predictable_residual(state) - state.fit.view.residual)
         return Unexplained(random.site, random.axis, random.std, random.units[0], rms, random.alike)
     place = places[0]
-    if place.ratio < NOTICED:
-        return _beyond_repeats(state)
-    unit = "m" if place.axis.startswith("d") else "rad"
-    rms = place.std * _lever(state, place)
-    return Unexplained(place.site, place.axis, place.std, unit, rms, as_likely(places))
-
-
-def _beyond_repeats(state: State) -> Unexplained | None:
-    """Return a residual without a place where it is larger than what repeats show, by an F test; else None."""
+    if place.ratio >= NOTICED:
+        lever = state.fit.view.to_twist(place.site)[:, :3, TWIST_NAMES.index(place.axis)]
+        rms = place.std * float(np.sqrt((lever**2).sum(axis=1).mean()))
+        return Unexplained(place.site, place.axis, place.std, place.unit, rms, as_likely(places))
+    # Without a place, where it is larger than what repeats show, by an F test.
     known = repeats(state.measurements)
     if known is None:
         return None
@@ -138,13 +217,3 @@ def _beyond_repeats(state: State) -> Unexplained | None:
     if left < LARGER * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > UNLIKELY:
         return None
     return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))
-
-
-def as_likely(places: tuple[RandomTwist, ...]) -> tuple[RandomTwist, ...]:
-    """Return the places that the residual does not tell from the first."""
-    return tuple(place for place in places[1:] if place.ratio > places[0].ratio - AS_LIKELY)
-
-
-def _lever(state: State, place: RandomTwist) -> float:
-    columns = state.fit.view.to_twist(place.site)[:, :3, TWIST_NAMES.index(place.axis)]
-    return float(np.sqrt((columns**2).sum(axis=1).mean()))

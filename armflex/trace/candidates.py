@@ -246,25 +246,6 @@ def bank(candidates: Iterable[Candidate], fit: Fit, scene: Scene, tell: Tell = s
 
 
 @dataclass(frozen=True, eq=False)
-class Screening:
-    """What every candidate of a bank could explain.
-
-    Attributes:
-        bank: The candidates.
-        gains: (G,) falls of the objective.
-        evidence: (G,) falls of the information criterion.
-    """
-
-    bank: Bank
-    gains: Array
-    evidence: Array
-
-    def ranked(self) -> np.ndarray:
-        """Return the candidates' numbers, the best evidence first."""
-        return np.argsort(-self.evidence, kind="stable")
-
-
-@dataclass(frozen=True, eq=False)
 class Sifted:
     """A bank, projected: what later steps need of its columns.
 
@@ -281,6 +262,21 @@ class Sifted:
     seen: Array
     scores: Array
     squares: tuple[tuple[np.ndarray, Array], ...]
+
+    @cached_property
+    def evidence(self) -> Array:
+        """(G,) falls of the information criterion by what every candidate explains of the fit's own residual."""
+        return self.evidence_of(self.gain)[:, 0]
+
+    @cached_property
+    def gain(self) -> Array:
+        """(G, 1) falls of the objective by the same."""
+        return self.gains()
+
+    def evidence_of(self, gains: Array) -> Array:
+        """Return the (G, F) falls of the information criterion of (G, F) gains."""
+        projection, parameters = self.projection, self.bank.parameters[:, None]
+        return np.asarray(evidence(gains, projection.objective, projection.count, parameters))
 
     @cached_property
     def solvers(self) -> list[tuple[np.ndarray, Array]]:
@@ -345,19 +341,11 @@ def sift(candidates: Bank, projection: Projection) -> Sifted:
     return Sifted(candidates, projection, seen, scores, joined)
 
 
-def screen(sifted: Sifted) -> Screening:
-    """Return what every candidate could explain of the fit's residual."""
-    gains = sifted.gains()[:, 0]
-    projection, parameters = sifted.projection, sifted.bank.parameters
-    worth = evidence(gains, projection.objective, projection.count, parameters)
-    return Screening(sifted.bank, gains, np.asarray(worth))
-
-
-def best_per_spot(screening: Screening, most: int) -> Sequence[int]:
+def best_per_spot(sifted: Sifted, most: int) -> Sequence[int]:
     """Return the numbers of the best candidates, one per law and location, the best first."""
     chosen: dict[tuple[str, Location], int] = {}
-    for index in screening.ranked():
-        candidate = screening.bank.candidates[index]
+    for index in np.argsort(-sifted.evidence, kind="stable"):
+        candidate = sifted.bank.candidates[index]
         chosen.setdefault((candidate.law.name, candidate.location), int(index))
         if len(chosen) >= most:
             break

@@ -12,7 +12,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.estimate.calibrate import Calibration, Outlier
-from armflex.estimate.fit import Fit
+from armflex.estimate.fit import Fit, realise
 from armflex.estimate.held_out import believed
 from armflex.estimate.learn import settled
 from armflex.estimate.spread import certainty_of
@@ -21,93 +21,12 @@ from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects.effect import Effect
-from armflex.parameters import ArmParameter, Kind, numbers_of
-from armflex.trace.localise import RandomTwist
+from armflex.parameters import ArmParameter, numbers_of
+from armflex.trace.accept import Proof
 from armflex.trace.polish import Polished
-from armflex.trace.pose_block import PoseBlock
 from armflex.trace.state import State, lost_rows
-
-
-@dataclass(frozen=True)
-class Proof:
-    """Errors of rows that were not used, before and after an effect [m].
-
-    Attributes:
-        before, after: RMS of the 3-D error, poses held out.
-        sessions_before, sessions_after: The same with whole sessions held out, over those without which it
-            still shows; None where there are none.
-        errors_apart: Standard errors by which the mean squared error falls.
-        null: Best evidence that any competing candidate had under random signs of the residual, 200 times.
-    """
-
-    before: float
-    after: float
-    sessions_before: float | None
-    sessions_after: float | None
-    errors_apart: float
-    null: float
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """What is kept of an accepted effect; a search itself is hundreds of megabytes."""
-
-    ranking: tuple[Polished, ...]
-    proof: Proof
-    witness: bool
-
-
-@dataclass(frozen=True)
-class Compared:
-    """RMS of the 3-D error on held-out poses, of the calibrated arm and with what was found [m].
-
-    Attributes:
-        before, after: Laws, places and values inside laws chosen, and all fitted, without the poses; over every row
-            that either comes near.
-        linear_before, linear_after: Values inside laws as they are, all else fitted without the poses; over the rows
-            that the fits use.
-    """
-
-    before: float
-    after: float
-    linear_before: float
-    linear_after: float
-
-    @property
-    def worse(self) -> bool:
-        """Whether what was found makes it worse, in either way."""
-        return self.after > self.before or self.linear_after > self.linear_before
-
-
-@dataclass(frozen=True, eq=False)
-class Withdrawn:
-    """What was accepted and taken out again, because held-out poses were predicted worse with it.
-
-    Attributes:
-        effect: With the values that it had; None where it was a random twist.
-        random: The random twist.
-        compared: The errors with it.
-    """
-
-    effect: Effect | None
-    random: PoseBlock | None
-    compared: Compared
-
-    @property
-    def title(self) -> str:
-        """What it is in words."""
-        if self.effect is not None:
-            return self.effect.title
-        assert self.random is not None
-        return f"random twist at {self.random.site} ({self.random.axis})"
-
-    @property
-    def errors(self) -> tuple[float, float]:
-        """RMS on held-out poses of the calibrated arm and with it [m], as it is worse."""
-        found = self.compared
-        if found.after > found.before:
-            return found.before, found.after
-        return found.linear_before, found.linear_after
+from armflex.trace.unrecorded import RandomTwist
+from armflex.trace.withdraw import Compared, Withdrawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,11 +121,11 @@ class Trace:
         found: Effects in the order added.
         unexplained: What is left above the noise, None when nothing is.
         places: Likeliest places of what was left at first.
-        not_identifiable: Effects that could not have been told.
-        smallest: What the campaign could have shown at least.
         noise: Standard deviation of the readings over the stated one, from the final residual.
         held_out_before, held_out_after: RMS of the 3-D error on held-out poses [m].
         held_out_sessions: The same before and after with whole sessions held out, None where none can judge.
+        not_identifiable: Effects that could not have been told.
+        smallest: What the campaign could have shown at least.
         next_measurement: What to measure next, in words.
         compared: Held-out poses, everything chosen and fitted without them; None where nothing was added.
         withdrawn: What was accepted and taken out again, because held-out poses were predicted worse with it.
@@ -223,13 +142,13 @@ class Trace:
     found: tuple[Found, ...]
     unexplained: Unexplained | None
     places: tuple[RandomTwist, ...]
-    not_identifiable: tuple[Unidentifiable, ...]
-    smallest: tuple[Smallest, ...]
     noise: float
     held_out_before: float
     held_out_after: float
     held_out_sessions: tuple[float, float] | None
-    next_measurement: tuple[str, ...]
+    not_identifiable: tuple[Unidentifiable, ...] = ()
+    smallest: tuple[Smallest, ...] = ()
+    next_measurement: tuple[str, ...] = ()
     compared: Compared | None = None
     withdrawn: tuple[Withdrawn, ...] = ()
     unfinished: bool = False
@@ -332,18 +251,10 @@ def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
         trace: What was found.
         path: The arm.toml to write; files named in it are named relative to its folder.
     """
+    fit = trace.state.fit
     campaign = Campaign(trace.state.measurements.sha256, len(trace.rows), trace.rms)
     stated = [{name: std for name, std in found.std.items() if np.isfinite(std)} for found in trace.found]
     effects = [effect_table(found.effect, std) for found, std in zip(trace.found, stated, strict=True)]
-    return write_arm(declared, _declared_part(trace.state.fit), campaign, path, effects, trace.unfinished)
-
-
-def _declared_part(fit: Fit) -> Arm:
-    """Return the declared arm with the fitted values of declared blocks alone; effects are written by themselves."""
-    setup, start = fit.declared, 0
-    for block in fit.blocks:
-        count = len(block.parameters)
-        if block.kind not in (Kind.EFFECT, Kind.UNEXPLAINED):
-            setup = block.apply(setup, fit.values[start : start + count])
-        start += count
-    return replace(settled(setup.arm, fit), instrument=setup.instrument, certainty=certainty_of(fit))
+    setup = realise(fit.declared, trace.state.blocks, fit.values)  # effects are written by themselves
+    arm = replace(settled(setup.arm, fit), instrument=setup.instrument, certainty=certainty_of(fit))
+    return write_arm(declared, arm, campaign, path, effects, trace.unfinished)

@@ -1,8 +1,12 @@
-"""Inner parameters, refined in the projected linear problem before anything is refitted."""
+"""A candidate at its best: inner parameters refined in the projected linear problem, where it is possible at all.
+
+Signs must be those of nature, and a joint must give the way it is pushed: a compliance must stay positive semidefinite
+or the joint would make energy. A coupling needs compliance on both of its axes, a law that softens must not turn
+around. Half of the rows must agree, because a polynomial fits them, not its end.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,14 +14,28 @@ from scipy.optimize import minimize
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
-from armflex.laws.effects.effect import Inner
+from armflex.laws.effects.effect import Act, Effect
+from armflex.laws.effects.in_arm import BoundTwist
+from armflex.laws.effects.location import resolve
 from armflex.laws.effects.scene import Scene
+from armflex.laws.joint.linear import SOFTEST
 from armflex.trace.candidates import Candidate, candidate_columns
 from armflex.trace.projection import Projection, evidence
-from armflex.trace.sensible import sensible
 
 FINE = 1e-3
 """Relative precision to which inner parameters are refined before the full fit takes over."""
+
+ROWS = 15
+"""Rows looked at."""
+
+LARGEST_SHIFT, LARGEST_TURN = 0.05, 0.03
+"""RMS of a twist [m, rad] beyond which it is no small effect any more."""
+
+SOFT = 100.0
+"""Times the softest joint of steel that is believed: what would have to give more is no compliance."""
+
+SLACK = 2.0
+"""Coupling over the most that two compliances allow: while it is missing, calibration bends them to make up for it."""
 
 
 @dataclass(frozen=True)
@@ -38,79 +56,113 @@ class Polished:
     amplitudes: Array
     free: tuple[int, ...]
 
+    @property
+    def effect(self) -> Effect:
+        """What it would add to the arm."""
+        return self.candidate.effect(self.amplitudes)
+
 
 def polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection) -> Polished:
     """Return a candidate with those inner parameters refined that are worth their number."""
-    return max((_polish(one, fit, scene, projection) for one in _variants(candidate)), key=lambda one: one.evidence)
+    law = candidate.law
+
+    def with_inner(one: Candidate, index: int, value: float) -> Candidate:
+        return replace(one, inner=(*one.inner[:index], value, *one.inner[index + 1 :]))
+
+    def weighed(one: Candidate, free: tuple[int, ...] = ()) -> Polished:
+        columns = candidate_columns(one, fit, scene)
+        gain, amplitudes = projection.gain(columns) if np.isfinite(columns).all() else (0.0, np.zeros(columns.shape[1]))
+        if gain > 0.0 and not sensible(one, amplitudes, fit, scene):
+            gain, amplitudes = 0.0, np.zeros(len(amplitudes))
+        worth = float(evidence(gain, projection.objective, projection.count, one.parameters))
+        return Polished(one, gain, worth, amplitudes, free)
+
+    def refined(start: Polished, free: tuple[int, ...]) -> Polished:
+        inners = [law.inner[i] for i in free]
+        # A first step: half the distance to the next value of the search grid.
+        sizes = []
+        for inner, i in zip(inners, free, strict=True):
+            grid = {float(value) for value in inner.grid(candidate.location, scene)}
+            values = np.array(sorted(grid - ({0.0} if inner.positive else set())))
+            raw, here = np.log(values) if inner.positive else values, start.candidate.inner[i]
+            alone = 0.3 if inner.positive else max(abs(here), 1.0) * 0.3
+            sizes.append(0.5 * float(np.median(np.diff(raw))) if len(raw) > 1 else alone)
+
+        def placed(steps: Array) -> Candidate:
+            one = start.candidate
+            for inner, i, size, step in zip(inners, free, sizes, steps, strict=True):
+                one = with_inner(one, i, inner.moved(one.inner[i], float(size * step)))
+            return one
+
+        simplex = np.vstack([np.zeros(len(free)), np.eye(len(free))])
+        options = {"xatol": FINE, "fatol": 1e-2, "maxfev": 40 * len(free), "initial_simplex": simplex}
+        best = minimize(lambda x: -weighed(placed(x)).gain, simplex[0], method="Nelder-Mead", options=options)
+        return weighed(placed(best.x), free)
+
+    # Some inner parameters are chosen rather than refined.
+    variants = [candidate]
+    variants += [with_inner(candidate, i, value) for i, inner in enumerate(law.inner) for value in inner.tried]
+    found = []
+    for one in variants:
+        best = weighed(one)
+        for index, inner in enumerate(law.inner):
+            if inner.polished and not inner.smooth:  # all moments between two rows around the coarse grid's choice
+                time = np.unique(scene.column("time"))
+                between = 0.5 * (time[1:] + time[:-1])
+                reach, middle = max(1, len(between) // 20), int(np.searchsorted(between, best.candidate.inner[index]))
+                near = between[max(0, middle - reach) : middle + reach + 1].tolist()
+                moments = [weighed(with_inner(best.candidate, index, moment)) for moment in near]
+                best = max([best, *moments], key=lambda one: one.gain)
+        free = tuple(i for i in best.candidate.searched if law.inner[i].smooth)
+        found.append(refined(best, free) if free and best.gain > 0.0 else best)
+    return max(found, key=lambda one: one.evidence)
 
 
-def _variants(candidate: Candidate) -> Iterator[Candidate]:
-    """Yield a candidate, and the same with other values of inner parameters that are chosen rather than refined."""
-    yield candidate
-    for index, inner in enumerate(candidate.law.inner):
-        for value in inner.tried:
-            yield replace(candidate, inner=(*candidate.inner[:index], value, *candidate.inner[index + 1 :]))
+def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, present: bool = False) -> bool:
+    """Return whether a candidate with these amplitudes is possible on the fitted arm, or is `present` in it."""
+    law, location, arm = candidate.law, candidate.location, fit.setup.arm
+    acting = [law.amplitudes[i] for i in location.terms]
+    for amplitude, value in zip(acting, amplitudes.tolist(), strict=True):
+        if (value < 0.0 and amplitude.positive) or abs(value) > amplitude.most:
+            return False
+    effect = candidate.effect(amplitudes)
+    if not law.possible(effect, scene, arm):
+        return False
+    if law.act is not Act.TWIST:
+        return True
+    features = law.features(location, candidate.inner, fit.view, scene)
+    sizes = np.sqrt((np.einsum("mka,k->ma", features, amplitudes) ** 2).mean(axis=0))
+    if not ((sizes[:3] < LARGEST_SHIFT).all() and (sizes[3:] < LARGEST_TURN).all()):
+        return False
+    if law.remembers_load(location):
+        return bool(_is_stiff(np.abs(amplitudes[0]) * resolve(location, arm.robot, ()).direction))
+    if not law.loaded or law.memory is not None:
+        return True
+    return _gives(effect, fit, scene, present)
 
 
-def _polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection) -> Polished:
-    plain = _weigh(candidate, (), fit, scene, projection)
-    for index, inner in enumerate(candidate.law.inner):
-        if inner.polished and not inner.smooth:
-            plain = _scan(plain, index, fit, scene, projection)
-    free = tuple(i for i in plain.candidate.searched if candidate.law.inner[i].smooth)
-    if not free or plain.gain <= 0.0:
-        return plain
-    return _refine(plain, free, fit, scene, projection)
+def _gives(effect: Effect, fit: Fit, scene: Scene, present: bool) -> bool:
+    """Return whether in most rows the joint gives the way it is pushed, and no more than a joint can."""
+    arm, view = fit.setup.arm, fit.view
+    here = resolve(effect.location, arm.robot, arm.modelled)
+    bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
+    some = np.unique(np.linspace(0, len(view.rows) - 1, ROWS).astype(int))
+    wrenches, row = view.line.load_at(effect.location.site)[some], scene.row.some(view.rows[some])
+    own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
+    good = _is_stiff(np.einsum("...ii->...i", own))
+    if effect.law.passive:  # the whole compliance has a positive diagonal, and couplings within it
+        total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
+        total = np.broadcast_to(total, own.shape) + (0.0 if present else own)
+        along = np.einsum("rii->ri", total)
+        held = np.maximum(along, 0.0)
+        most = SLACK * np.sqrt(held[:, :, None] * held[:, None, :])
+        coupled = np.abs(0.5 * (total + total.transpose(0, 2, 1))) - np.abs(along)[:, :, None] * np.eye(6)
+        least = 1e-9 * np.abs(total).max(axis=(1, 2), keepdims=True)
+        good &= (along >= -1e-9 * np.abs(along).max(axis=1, keepdims=True)).all(axis=1)
+        good &= (coupled <= most + least).all(axis=(1, 2))
+    return bool(2 * good.sum() >= len(some))
 
 
-def _weigh(candidate: Candidate, free: Sequence[int], fit: Fit, scene: Scene, projection: Projection) -> Polished:
-    columns = candidate_columns(candidate, fit, scene)
-    gain, amplitudes = projection.gain(columns) if np.isfinite(columns).all() else (0.0, np.zeros(columns.shape[1]))
-    if gain > 0.0 and not sensible(candidate, amplitudes, fit, scene):
-        gain, amplitudes = 0.0, np.zeros(len(amplitudes))
-    worth = float(evidence(gain, projection.objective, projection.count, candidate.parameters))
-    return Polished(candidate, gain, worth, amplitudes, tuple(free))
-
-
-def _scan(start: Polished, index: int, fit: Fit, scene: Scene, projection: Projection) -> Polished:
-    """Return the best of all moments between two rows around the coarse grid's choice."""
-    time = np.unique(scene.column("time"))
-    between = 0.5 * (time[1:] + time[:-1])
-    here = start.candidate.inner[index]
-    reach = max(1, len(between) // 20)
-    middle = int(np.searchsorted(between, here))
-    tried = [start]
-    for moment in between[max(0, middle - reach) : middle + reach + 1]:
-        inner = (*start.candidate.inner[:index], float(moment), *start.candidate.inner[index + 1 :])
-        tried.append(_weigh(replace(start.candidate, inner=inner), (), fit, scene, projection))
-    return max(tried, key=lambda one: one.gain)
-
-
-def _refine(start: Polished, free: tuple[int, ...], fit: Fit, scene: Scene, projection: Projection) -> Polished:
-    inners = [start.candidate.law.inner[i] for i in free]
-    size = np.array([_size(inner, i, start.candidate, scene) for inner, i in zip(inners, free, strict=True)])
-
-    def placed(steps: Array) -> Candidate:
-        inner = list(start.candidate.inner)
-        for place, i in enumerate(free):
-            inner[i] = inners[place].moved(inner[i], float(size[place] * steps[place]))
-        return replace(start.candidate, inner=tuple(inner))
-
-    def loss(steps: Array) -> float:
-        return -_weigh(placed(steps), free, fit, scene, projection).gain
-
-    simplex = np.vstack([np.zeros(len(free)), np.eye(len(free))])
-    options = {"xatol": FINE, "fatol": 1e-2, "maxfev": 40 * len(free), "initial_simplex": simplex}
-    found = minimize(loss, np.zeros(len(free)), method="Nelder-Mead", options=options)
-    return _weigh(placed(found.x), free, fit, scene, projection)
-
-
-def _size(inner: Inner, index: int, candidate: Candidate, scene: Scene) -> float:
-    """Return a first step: half the distance to the next value of the search grid."""
-    values = np.array(
-        sorted({float(v) for v in inner.grid(candidate.location, scene)} - ({0.0} if inner.positive else set()))
-    )
-    raw = np.log(values) if inner.positive else values
-    if len(raw) < 2:
-        return 0.3 if inner.positive else max(abs(candidate.inner[index]), 1.0) * 0.3
-    return 0.5 * float(np.median(np.diff(raw)))
+def _is_stiff(own: Array) -> np.ndarray:
+    """Return (...,) whether a (..., 6) compliance is no softer than a joint can be."""
+    return np.all(own < SOFT * np.repeat(SOFTEST, 3), axis=-1)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
@@ -17,20 +17,16 @@ from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUC
 from armflex.trace.candidates import (
     Bank,
     Candidate,
-    Screening,
     Sifted,
     bank,
     best_per_spot,
     candidates_of,
     grid,
-    screen,
     sift,
 )
-from armflex.trace.localise import RandomTwist, localise
-from armflex.trace.polish import Polished, polish
+from armflex.trace.polish import Polished, polish, sensible
 from armflex.trace.projection import Projection, project
-from armflex.trace.sensible import sensible
-from armflex.trace.telling import Tell
+from armflex.trace.unrecorded import RandomTwist, localise
 
 REFINED = 14
 """Best candidates whose inner parameters are refined."""
@@ -75,15 +71,13 @@ class Round:
 
     Attributes:
         projection: Of the fit that was searched.
-        named: The catalogue, screened.
-        sifted: Everything that was tried, projected: for nulls.
+        sifted: Everything that was tried, projected: the catalogue first.
         places: Where a random twist would explain the residual, the likeliest first.
         ranking: Refined candidates, the best first.
         plain: Laws that are tried first.
     """
 
     projection: Projection
-    named: Screening
     sifted: tuple[Sifted, ...]
     places: tuple[RandomTwist, ...]
     ranking: tuple[Polished, ...]
@@ -100,26 +94,32 @@ class Round:
     @property
     def eligible(self) -> tuple[Polished, ...]:
         """The candidates among which `best` is, the best first."""
-        first = self.ranking[0]
-        return (
-            self._some(self._is_plain, TRIED_FIRST * first.evidence)
-            or self._some(_is_physical, first.evidence - PREFERRED)
-            or self.ranking
-        )
+        plain = tuple(one for one in self.ranking if one.candidate.law.name in self.plain)
+        if plain and plain[0].evidence > TRIED_FIRST * self.ranking[0].evidence:
+            return plain
+        return self._physical
+
+    @property
+    def _physical(self) -> tuple[Polished, ...]:
+        """The candidates of the catalogue; all where its best has clearly less evidence."""
+        some = tuple(one for one in self.ranking if one.candidate.law.physical)
+        return some if some and some[0].evidence > self.ranking[0].evidence - PREFERRED else self.ranking
 
     @property
     def contender(self) -> Polished | None:
         """What bends more than `best` and explains clearly more; to be believed where it leaves nothing unexplained."""
-        first = self.ranking[0]
-        if first.evidence < self.best.evidence + PREFERRED:
-            return None
-        return preferred(self._some(_is_physical, first.evidence - PREFERRED) or self.ranking)
+        clear = self.ranking[0].evidence >= self.best.evidence + PREFERRED
+        return preferred(self._physical) if clear else None
+
+    @property
+    def excess(self) -> float:
+        """How much there is to be explained beyond the noise."""
+        return self.projection.objective - self.projection.count
 
     @property
     def could(self) -> bool:
         """Whether the contender may leave nothing unexplained."""
-        excess = self.projection.objective - self.projection.count
-        return self.contender is not None and self.contender.gain > MUCH * excess
+        return self.contender is not None and self.contender.gain > MUCH * self.excess
 
     @property
     def first(self) -> Polished:
@@ -130,24 +130,12 @@ class Round:
     def shortlist(self) -> tuple[Polished, ...]:
         """`best` and what comes close to it, as far as the data can tell them apart at all."""
         best = self.best
-        close = [one for one in self.eligible if one.evidence > best.evidence - max(CLOSE, SHARE * best.evidence)]
         distinct = [best]
-        for one in close:
-            if all(abs(one.gain - other.gain) > ALIKE for other in distinct):
+        for one in self.eligible:
+            close = one.evidence > best.evidence - max(CLOSE, SHARE * best.evidence)
+            if close and all(abs(one.gain - other.gain) > ALIKE for other in distinct):
                 distinct.append(one)
         return tuple(distinct[:SHORT])
-
-    def _is_plain(self, law: EffectLaw) -> bool:
-        return law.name in self.plain
-
-    def _some(self, belongs: Callable[[EffectLaw], bool], asked: float) -> tuple[Polished, ...]:
-        """Return the candidates of some laws, none where their best has not the evidence asked for."""
-        some = tuple(one for one in self.ranking if belongs(one.candidate.law))
-        return some if some and some[0].evidence > asked else ()
-
-
-def _is_physical(law: EffectLaw) -> bool:
-    return law.physical
 
 
 def preferred(ranking: Sequence[Polished]) -> Polished:
@@ -161,24 +149,22 @@ def plainest(alike: Sequence[Polished]) -> Polished:
     First what is constant, then in the order of the catalogue, a joint's before a link's; one law at several places
     not where more than `MORE` times of it is needed, 1 mrad counted as 1 mm, and rather where it turns: joints do.
     """
-    least = min(_kind(one) for one in alike)
-    same = [one for one in alike if _kind(one) == least]
-    most = MORE * min(_size(one) for one in same)
-    little = [one for one in same if _size(one) <= most]
+    order = list(EVERY)
+    kinds, sizes = [], []
+    for one in alike:
+        law, location = one.candidate.law, one.candidate.location
+        kinds.append((not law.constant, order.index(law.name), location.site.startswith(LINK)))
+        sizes.append(float(np.abs(one.amplitudes).sum()))
+    least = min(kinds)
+    most = MORE * min(size for kind, size in zip(kinds, sizes, strict=True) if kind == least)
+    little = [one for one, kind, size in zip(alike, kinds, sizes, strict=True) if kind == least and size <= most]
     return min(little, key=lambda one: not one.candidate.location.turns)
-
-
-def _kind(one: Polished) -> tuple[bool, int, bool]:
-    law = one.candidate.law
-    return not law.constant, list(EVERY).index(law.name), one.candidate.location.site.startswith(LINK)
-
-
-def _size(one: Polished) -> float:
-    return float(np.abs(one.amplitudes).sum())
 
 
 def search(named: Bank, groups: np.ndarray) -> Round:
     """Return what the catalogue and free shapes could explain of a fit's residual.
+
+    Waves and bumps are tried where a free shape did well, and products of columns where much is left.
 
     Args:
         named: Everything physical, at the fit with everything that is known so far.
@@ -186,36 +172,52 @@ def search(named: Bank, groups: np.ndarray) -> Round:
     """
     fit, scene, tell = named.fit, named.scene, named.tell
     projection = project(fit)
-    free = bank(
-        candidates_of((law for law in EVERY.values() if not (law.physical or law.sought)), scene), fit, scene, tell
-    )
+    unnamed = (law for law in EVERY.values() if not (law.physical or law.sought))
+    free = bank(candidates_of(unnamed, scene), fit, scene, tell)
     tell("projecting candidates", 0, 0)
-    sifted = (sift(named, projection), sift(free, projection))
-    screened, shaped = (screen(one) for one in sifted)
+    sifted = [sift(named, projection), sift(free, projection)]
+    screened, shaped = sifted
     places = localise(fit, scene, projection, groups)
-    chosen = _possible(screened, fit, scene, projection, REFINED)
-    chosen += _possible(shaped, fit, scene, projection, 3)
-    second = _second_look(shaped, places, fit, scene, projection, float(screened.gains.max(initial=0.0)), tell)
-    for tried, most in zip(second, SECOND_BEST, strict=False):
-        chosen += _best(tried, most)
+    chosen = [one.candidate for one in _possible(screened, fit, scene, LOOKED_AT, REFINED)]
+    chosen += [one.candidate for one in _possible(shaped, fit, scene, LOOKED_AT, 3)]
+
+    def best_of(most: int, laws: Sequence[EffectLaw], locations: Sequence[Location]) -> list[Candidate]:
+        """Return the best of shapes that are sought, with every starting value, all their terms acting."""
+        tried = [
+            Candidate(one, replace(location, terms=tuple(range(len(one.amplitudes)))), inner)
+            for one in laws
+            for location in locations
+            for inner in grid(one, location, scene)
+        ]
+        sifted.append(sift(bank(tried, fit, scene, tell), projection))
+        return [tried[i] for i in best_per_spot(sifted[-1], most)]
+
+    did_well = [shaped.bank.candidates[i] for i in best_per_spot(shaped, SHAPED)]
+    did_well = [one.location for one in did_well if one.law is not LEVEL]
+    spots = {Location(one.site, one.axis, one.covariates) for one in did_well}
+    chosen += best_of(SECOND_BEST[0], (WAVE, BUMP), sorted(spots, key=str))
+    if float(screened.gain.max(initial=0.0)) < MUCH * (projection.objective - projection.count):
+        likely = places[:PLACES]
+        pairs = list(permutations(suspects(scene.records), 2))
+        products = best_of(
+            SECOND_BEST[1], [PRODUCT], [Location(p.site, p.axis, pair) for p in likely for pair in pairs]
+        )
+        # In products one of the two columns may go in waves.
+        pairs = [pair for product in products for pair in permutations(product.location.covariates)]
+        waves = [Location(p.site, p.axis, pair) for p in likely for pair in pairs]
+        chosen += [*products, *best_of(SECOND_BEST[2], [WAVE_PRODUCT], waves)]
     refined = []
     for number, candidate in enumerate(chosen):
         tell(f"refining {candidate.name}", number, len(chosen))
         refined.append(polish(candidate, fit, scene, projection))
     ranking = tuple(sorted(refined, key=lambda one: -one.evidence))
-    return Round(projection, screened, (*sifted, *second), places, ranking, _plain(scene))
+    return Round(projection, tuple(sifted), places, ranking, _plain(scene))
 
 
 def searched(sifted: Sifted, fit: Fit, scene: Scene, most: int) -> Round:
     """Return the round of some candidates alone, the best for every law and location that is possible, none refined."""
-    screened, projection = screen(sifted), sifted.projection
-    found = []
-    for index in best_per_spot(screened, most):
-        candidate, gain = screened.bank.candidates[index], float(screened.gains[index])
-        amplitudes = projection.gain(screened.bank.group(index))[1]
-        if gain > 0.0 and sensible(candidate, amplitudes, fit, scene):
-            found.append(Polished(candidate, gain, float(screened.evidence[index]), amplitudes, ()))
-    return Round(projection, screened, (sifted,), (), tuple(found), _plain(scene))
+    found = _possible(sifted, fit, scene, most, most)
+    return Round(sifted.projection, (sifted,), (), tuple(found), _plain(scene))
 
 
 def _plain(scene: Scene) -> frozenset[str]:
@@ -224,71 +226,14 @@ def _plain(scene: Scene) -> frozenset[str]:
     return frozenset(law.name for law in EVERY.values() if law.plain and (several or not law.timed))
 
 
-def _possible(screened: Screening, fit: Fit, scene: Scene, projection: Projection, most: int) -> list[Candidate]:
-    """Return the best candidates, one per law and location, whose amplitudes are possible."""
-    found: list[Candidate] = []
-    for index in best_per_spot(screened, LOOKED_AT):
-        candidate = screened.bank.candidates[index]
-        amplitudes = projection.gain(screened.bank.group(index))[1]
-        if screened.gains[index] > 0.0 and sensible(candidate, amplitudes, fit, scene):
-            found.append(candidate)
+def _possible(sifted: Sifted, fit: Fit, scene: Scene, looked_at: int, most: int) -> list[Polished]:
+    """Return the best candidates, one per law and location, whose amplitudes are possible; none refined."""
+    found: list[Polished] = []
+    for index in best_per_spot(sifted, looked_at):
+        candidate, gain = sifted.bank.candidates[index], float(sifted.gain[index, 0])
+        amplitudes = sifted.projection.gain(sifted.bank.group(index))[1]
+        if gain > 0.0 and sensible(candidate, amplitudes, fit, scene):
+            found.append(Polished(candidate, gain, float(sifted.evidence[index]), amplitudes, ()))
         if len(found) >= most:
             break
     return found
-
-
-def _second_look(
-    shaped: Screening,
-    places: tuple[RandomTwist, ...],
-    fit: Fit,
-    scene: Scene,
-    projection: Projection,
-    most: float,
-    tell: Tell,
-) -> list[Sifted]:
-    """Return waves and bumps where a free shape did well, and products of columns where much is left, projected."""
-    locations = {
-        Location(one.location.site, one.location.axis, one.location.covariates)
-        for one in (shaped.bank.candidates[i] for i in best_per_spot(shaped, SHAPED))
-        if one.law is not LEVEL
-    }
-    tried = (
-        _with(law, location, inner)
-        for law in (WAVE, BUMP)
-        for location in sorted(locations, key=str)
-        for inner in grid(law, location, scene)
-    )
-    found = [sift(bank(tried, fit, scene, tell), projection)]
-    excess = projection.objective - projection.count
-    if most < MUCH * excess:
-        products = sift(bank(_products(places, scene), fit, scene, tell), projection)
-        waves = _product_waves(_best(products, 1), places, scene)
-        found += [products, sift(bank(waves, fit, scene, tell), projection)]
-    return found
-
-
-def _product_waves(best: Sequence[Candidate], places: tuple[RandomTwist, ...], scene: Scene) -> Iterable[Candidate]:
-    """Yield the products in which one of the two columns goes in waves."""
-    for product in best:
-        for place in places[:PLACES]:
-            for pair in permutations(product.location.covariates):
-                location = Location(place.site, place.axis, pair)
-                for inner in grid(WAVE_PRODUCT, location, scene):
-                    yield _with(WAVE_PRODUCT, location, inner)
-
-
-def _with(law, location: Location, inner) -> Candidate:
-    terms = tuple(range(len(law.amplitudes)))
-    return Candidate(law, Location(location.site, location.axis, location.covariates, terms), inner)
-
-
-def _products(places: tuple[RandomTwist, ...], scene: Scene) -> Iterable[Candidate]:
-    for place in places[:PLACES]:
-        for pair in permutations(suspects(scene.records), 2):
-            location = Location(place.site, place.axis, pair)
-            for inner in grid(PRODUCT, location, scene):
-                yield _with(PRODUCT, location, inner)
-
-
-def _best(sifted: Sifted, most: int) -> list[Candidate]:
-    return [sifted.bank.candidates[i] for i in best_per_spot(screen(sifted), most)]

@@ -2,37 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
-from armflex.estimate.view import look
+from armflex.estimate.robust import huber_weights
+from armflex.estimate.view import View, look
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.remember import without_direction
 from armflex.laws.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
-from armflex.mechanics.response import Response, respond
+from armflex.mechanics.response import respond
 from armflex.parameters import numbers_of
 from armflex.rows.rows import POSE
 from armflex.setup import Setup
+from armflex.trace.accept import Step
 from armflex.trace.candidates import Bank, Candidate, bank, candidate_columns, candidates_of
-from armflex.trace.lost import lost_beams
-from armflex.trace.polish import Polished
-from armflex.trace.pose_block import PoseBlock
+from armflex.trace.polish import Polished, sensible
 from armflex.trace.projection import project
 from armflex.trace.search import Round, search
-from armflex.trace.sensible import sensible
 from armflex.trace.telling import Tell, silent, tell_steps
+from armflex.trace.unrecorded import PoseBlock
+
+LOST = 0.1
+"""Robust weight below which a reading may be a lost beam: forty standard deviations or more."""
+
+FAR = 0.5
+"""Robust weight below which a reading speaks for its neighbours: they are far for one reason."""
+
+NEAR = (-2, -1, 1, 2)
+"""Steps in time to a reading's neighbours."""
+
+FELLOWS = 2
+"""Neighbours in time, or other readings of the pose, that must be far too for a reading not to stand alone."""
+
+MOST = 0.1
+"""Share of the readings that lost beams are at most; where more stand alone, it is the model that is wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +64,7 @@ class State:
         random: Random twist per pose, None where there is none.
         fit: All of them together.
         scene: The campaign as the catalogue sees it, at this fit.
+        steps: For each effect how it, or what it stands for, was added; None of one that is yet to be proven.
         heed: Whether rows that are far off in company stay in use; see `lost_beams`.
         tell: Called with how far a search or a fit has come.
     """
@@ -62,6 +78,7 @@ class State:
     random: PoseBlock | None
     fit: Fit
     scene: Scene
+    steps: tuple[Step | None, ...] = ()
     heed: bool = True
     tell: Tell = silent
 
@@ -94,6 +111,11 @@ class State:
     def stds_of(self, block: Block) -> Array:
         """Return the standard uncertainties of one block's values."""
         return self.fit.posterior.std[self.fit.places(block)]
+
+    @cached_property
+    def fitted(self) -> tuple[Effect, ...]:
+        """The added effects with the values that the fit gave them."""
+        return tuple(block.at(self.values_of(block)) for block in self.effects)
 
     @cached_property
     def looked(self) -> Round:
@@ -134,6 +156,33 @@ def lost_rows(state: State, heed: bool) -> np.ndarray:
     return lost_beams(view, [measurements.session[row] for row in asked], measurements.pose_number[asked], heed)
 
 
+def lost_beams(view: View, sessions: Sequence[str], poses: np.ndarray, heed: bool = True) -> np.ndarray:
+    """Return (M,) which readings are lost beams.
+
+    What moves the arm moves it for a while, or whenever it is in a pose: such readings are far in company, and stay.
+
+    Args:
+        view: The campaign at a fit, rows in the order driven.
+        sessions: Session of every row.
+        poses: (M,) number of every row's pose.
+        heed: Whether what is far in company stays, as long as some effect may still explain it.
+    """
+    weights = huber_weights(view)
+    far = weights < FAR
+    lost = weights < LOST
+    if heed:
+        # Enough neighbours in time, in the same session, are far.
+        count, row, session = len(far), np.arange(len(far)), np.unique(sessions, return_inverse=True)[1]
+        beside = np.zeros(count, dtype=int)
+        for step in NEAR:
+            other = np.clip(row + step, 0, count - 1)
+            beside += far[other] & (session[other] == session) & (other == row + step)
+        # Enough other readings of the same pose are far, and half of them.
+        others, alike = np.bincount(poses)[poses] - 1, np.bincount(poses, far)[poses] - far
+        lost &= (beside < FELLOWS) & ((alike < FELLOWS) | (2 * alike < others))
+    return lost & (lost.mean() <= MOST)
+
+
 def fitted_to(fitted: Fit, measurements: Measurements, rows: np.ndarray) -> Fit:
     """Return the same fit to other rows of its campaign."""
     if np.array_equal(rows, fitted.view.rows):
@@ -145,73 +194,70 @@ def scene_at(fitted: Fit, measurements: Measurements) -> Scene:
     """Return the campaign as the catalogue sees it at a fit: loads at every site of every driven row."""
     arm, view = fitted.setup.arm, fitted.view
     known = known_rows(arm, measurements) | {POSE: measurements.pose_number.astype(float)}
-    rest = np.setdiff1d(np.arange(len(measurements)), view.rows)
     wrenches = {site: np.empty((len(measurements), 6)) for site in view.line.sites}
-    for rows, line in ((view.rows, view.line), (rest, _line(arm, measurements, known, rest))):
-        if line is not None:
-            for site in wrenches:
-                wrenches[site][rows] = line.load_at(site)
+    lines, rest = [(view.rows, view.line)], np.setdiff1d(np.arange(len(measurements)), view.rows)
+    if len(rest):
+        given = {name: values[rest] for name, values in known.items()}
+        lines.append((rest, respond(arm, measurements.q[rest], [measurements.payload[row] for row in rest], given)))
+    for rows, line in lines:
+        for site in wrenches:
+            wrenches[site][rows] = line.load_at(site)
     return survey(measurements, arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
-def _line(arm: Arm, measurements: Measurements, known: Mapping[str, Array], rows: np.ndarray) -> Response | None:
-    if not len(rows):
-        return None
-    given = {name: values[rows] for name, values in known.items()}
-    return respond(arm, measurements.q[rows], [measurements.payload[row] for row in rows], given)
-
-
 def add(state: State, found: Polished) -> State:
-    """Return the state with a candidate added, or joined to the effect that it widens, and everything refitted."""
-    values = _beginning(state, found)
-    what = found.candidate.effect(found.amplitudes)
-    derived = tuple(name for name in what.location.covariates if name in state.measurements.derived)
-    what = replace(what, derived=derived)
-    starts = [values[state.fit.places(block)] for block in state.effects]
-    widened = [i for i, block in enumerate(state.effects) if _is_same_law(block.effect, what)]
-    place = widened[0] if widened else len(starts)
-    if widened:
-        what = _joined(state.effects[place].at(starts[place]), what)
-    prior = amplitude_prior(what, found.free, state.fit.view, state.scene)
+    """Return the state with a candidate added, or joined to the effect that it widens, and everything refitted.
+
+    One effect with more terms are two of the same law and place, where nothing is searched between them.
+    """
+    fit, what = state.fit, found.effect
+    # What is fitted already moves to make room.
+    change = candidate_columns(found.candidate, fit, state.scene) @ found.amplitudes
+    values = moved(fit.blocks, fit.values, -project(fit).absorbed(change))
+    what = replace(what, derived=tuple(name for name in what.location.covariates if name in state.measurements.derived))
+    starts = [values[fit.places(block)] for block in state.effects]
+    place, steps = len(starts), (*state.steps, None)
+    for i, block in enumerate(state.effects):
+        if _without_terms(block.effect) == _without_terms(what) and not block.effect.law.inner:
+            known, place, steps = block.at(starts[i]), i, state.steps
+            terms = tuple(sorted({*known.location.terms, *what.location.terms}))
+            sums = tuple(a + b for a, b in zip(known.values, what.values, strict=True))
+            what = replace(known, location=replace(known.location, terms=terms), values=sums)
+            break
+    prior = amplitude_prior(what, found.free, fit.view, state.scene)
     ordinal = len(state.declared.arm.effects) + place
     block = EffectBlock(what, found.free, state.scene, ordinal, prior)
     effects = (*state.effects[:place], block, *state.effects[place + 1 :])
     starts[place : place + 1] = [block.start]
-    return refit(state, effects, state.random, _with_starts(state, values, starts))
+    return refit(replace(state, steps=steps), effects, state.random, _with_starts(state, values, starts))
 
 
-def _beginning(state: State, found: Polished) -> Array:
-    """Return values of what is fitted already, moved to make room for an effect."""
-    change = candidate_columns(found.candidate, state.fit, state.scene) @ found.amplitudes
-    return moved(state.fit.blocks, state.fit.values, -project(state.fit).absorbed(change))
+def _without_terms(effect: Effect) -> tuple[str, Location]:
+    return effect.law.name, replace(effect.location, terms=())
 
 
-def _is_same_law(one: Effect, other: Effect) -> bool:
-    """Return whether two effects are one with more terms: same law and place, nothing searched between them."""
-    places = [(effect.law.name, replace(effect.location, terms=())) for effect in (one, other)]
-    return places[0] == places[1] and not one.law.inner
+def without(state: State, *indices: int) -> State:
+    """Return the state with some effects taken out, one after the other, and everything refitted."""
+    for index in sorted(indices, reverse=True):
+        state = _reordered(state, [i for i in range(len(state.effects)) if i != index])
+    return state
 
 
-def _joined(one: Effect, other: Effect) -> Effect:
-    """Return the sum of two effects of the same law and place."""
-    terms = tuple(sorted({*one.location.terms, *other.location.terms}))
-    values = tuple(a + b for a, b in zip(one.values, other.values, strict=True))
-    return replace(one, location=replace(one.location, terms=terms), values=values)
+def moved_to(state: State, index: int) -> State:
+    """Return the state with its last effect at another place in the order."""
+    order = list(range(len(state.effects) - 1))
+    order.insert(index, len(state.effects) - 1)
+    return _reordered(state, order)
 
 
-def without(state: State, index: int) -> State:
-    """Return the state with one effect taken out and everything refitted."""
-    return _with(state, [block for i, block in enumerate(state.effects) if i != index])
-
-
-def _with(state: State, kept: Sequence[EffectBlock]) -> State:
+def _reordered(state: State, order: Sequence[int]) -> State:
     """Return the state with some of its effects, in this order, everything refitted."""
     first = len(state.declared.arm.effects)
     effects = tuple(
-        replace(block, effect=block.at(state.values_of(block)), ordinal=first + i) for i, block in enumerate(kept)
+        replace(state.effects[i], effect=state.fitted[i], ordinal=first + place) for place, i in enumerate(order)
     )
-    starts = [block.start for block in effects]
-    return refit(state, effects, state.random, _with_starts(state, state.fit.values, starts))
+    starts = _with_starts(state, state.fit.values, [block.start for block in effects])
+    return refit(replace(state, steps=tuple(state.steps[i] for i in order)), effects, state.random, starts)
 
 
 def _with_starts(state: State, values: Array, starts: Sequence[Array]) -> Array:
@@ -247,13 +293,6 @@ def refit(
     return replace(state, effects=effects, random=random, fit=fitted, scene=scene)
 
 
-def moved_to(state: State, index: int) -> State:
-    """Return the state with its last effect at another place in the order."""
-    order = list(range(len(state.effects) - 1))
-    order.insert(index, len(state.effects) - 1)
-    return _with(state, [state.effects[old] for old in order])
-
-
 def information(state: State, limit: float) -> float:
     """Return n log J + k log n of a state: the smaller the better.
 
@@ -261,17 +300,17 @@ def information(state: State, limit: float) -> float:
     beyond which rows count less (`robust_limit`).
     """
     count = state.fit.view.count
-    effects = [block.at(state.values_of(block)) for block in state.effects]
-    searched = sum(Candidate(effect.law, effect.location, effect.inner).parameters for effect in effects)
+    searched = sum(candidate_of(effect).parameters for effect in state.fitted)
     return count * float(np.log(max(state.fit.cost(limit), count))) + searched * float(np.log(count))
+
+
+def candidate_of(effect: Effect) -> Candidate:
+    """Return the candidate that an effect is."""
+    return Candidate(effect.law, effect.location, effect.inner)
 
 
 def stands(state: State) -> bool:
     """Return whether every effect is still possible with what the fit made of it."""
-    for block in state.effects:
-        effect = block.at(state.values_of(block))
-        if not sensible(
-            Candidate(effect.law, effect.location, effect.inner), effect.acting, state.fit, state.scene, present=True
-        ):
-            return False
-    return True
+    return all(
+        sensible(candidate_of(effect), effect.acting, state.fit, state.scene, present=True) for effect in state.fitted
+    )

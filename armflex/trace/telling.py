@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 Report = Callable[[str], None]
 """Called with what is being done, once for every stage."""
@@ -45,15 +46,12 @@ class Doing:
     def __str__(self) -> str:
         count = f"{self.done} of {self.total}" if self.total else ""
         within = ", ".join(part for part in (self.trying, count) if part)
-        return ": ".join(part for part in (self.stage, within) if part) + self._has
-
-    @property
-    def _has(self) -> str:
+        text = ": ".join(part for part in (self.stage, within) if part)
         if self.rms is None:
-            return ""
+            return text
         held_out = "" if self.held_out is None else f", held out {self.held_out * 1e3:.3g} mm"
-        count = f"{len(self.effects)} effect{'' if len(self.effects) == 1 else 's'}"
-        return f" [{count}; RMS {self.rms * 1e3:.3g} mm{held_out}]"
+        effects = f"{len(self.effects)} effect{'' if len(self.effects) == 1 else 's'}"
+        return f"{text} [{effects}; RMS {self.rms * 1e3:.3g} mm{held_out}]"
 
 
 class Teller:
@@ -68,18 +66,14 @@ class Teller:
         """Say that a stage begins."""
         if self.report:
             self.report(text)
-        self._say(replace(self.doing, stage=text, trying="", done=0, total=0))
+        self.say(stage=text, trying="", done=0, total=0)
 
     def step(self, trying: str, done: int, total: int) -> None:
         """Say how far it has come."""
-        if self.progress:
-            self._say(replace(self.doing, trying=trying, done=done, total=total))
+        self.say(trying=trying, done=done, total=total)
 
-    def has(self, effects: tuple[str, ...], rms: float, held_out: float | None) -> None:
-        """Say what there is so far."""
-        self._say(replace(self.doing, effects=effects, rms=rms, held_out=held_out))
-
-    def _say(self, doing: Doing) -> None:
-        self.doing = doing
+    def say(self, **changed: Any) -> None:
+        """Say what has changed of what it is at, or of what there is so far."""
         if self.progress:
-            self.progress(doing)
+            self.doing = replace(self.doing, **changed)
+            self.progress(self.doing)

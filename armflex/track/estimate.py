@@ -97,15 +97,12 @@ def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
         return absorb(estimate, found), 1.0, distance
     if not distance < GROSS:
         return estimate, 0.0, distance
+    # As if it were so noisy that its gain is a part of what it was, however little is known of the parameters.
     weight = (far / distance) ** 2
-    return absorb(estimate, innovation(estimate, _lighter(seen, found, weight))), weight, distance
-
-
-def _lighter(seen: Seen, found: Innovation, weight: float) -> Seen:
-    """Return a reading so noisy that its gain is a part of what it was, however little is known of the parameters."""
     expected = found.factor.dot(found.factor.T) / weight - found.heard.dot(found.heard.T)
     noise = np.linalg.cholesky(expected)
-    return Seen(np.linalg.solve(noise, seen.residual), np.linalg.solve(noise, seen.columns))
+    lighter = Seen(np.linalg.solve(noise, seen.residual), np.linalg.solve(noise, seen.columns))
+    return absorb(estimate, innovation(estimate, lighter)), weight, distance
 
 
 def spread(estimate: Estimate, seen: Seen) -> float:

@@ -15,6 +15,7 @@ from armflex.errors import InputError
 from armflex.measured.measurements import Measurements
 from armflex.readings import Kind, Orientation, Position, Readings
 from armflex.rows import Rows
+from armflex.rows.rows import APPROACH
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,18 +108,13 @@ def as_row(reading: Reading, arm: Arm) -> Measurements:
     """Return a campaign of this reading alone; raises what `spread_of` and `Arm.check_position` do."""
     q, sigma = arm.check_position(reading.q)[0], spread_of(reading)
     given = {**reading.covariates, "time": reading.time or 0.0}
-    row = Rows.of(
-        arm.joint_names, q[None], (reading.payload,), given, ("pose",), reading.session, _underived(reading, arm)
-    )
+    # What the reading does not tell and no order of rows stands in for.
+    untold = [name for joint in arm.joint_names if (name := f"{APPROACH}{joint}") not in reading.covariates]
+    untold += ["time"] if reading.time is None else []
+    row = Rows.of(arm.joint_names, q[None], (reading.payload,), given, ("pose",), reading.session, tuple(untold))
     position = finite_array(reading.position, "position", (Position.dimension,))[None]
     kinds: list[Kind] = [Position(position, np.broadcast_to(sigma, position.shape))]
     if reading.rotation is not None:
         rotation = finite_array(reading.rotation, "rotation", (Orientation.dimension,))[None]
         kinds.append(Orientation(rotation, np.full(rotation.shape, reading.sigma_r, dtype=float)))
     return Measurements.of(row, Readings(1, tuple(kinds)))
-
-
-def _underived(reading: Reading, arm: Arm) -> tuple[str, ...]:
-    """Return what the reading does not tell and no order of rows stands in for."""
-    missing = [f"approach_{joint}" for joint in arm.joint_names if f"approach_{joint}" not in reading.covariates]
-    return (*(("time",) if reading.time is None else ()), *missing)

@@ -17,13 +17,10 @@ from armflex.mechanics.many_rows import kernel
 from armflex.rows.rows import APPROACH, last_motion
 from armflex.storage.digest import digest
 from armflex.track.estimate import Estimate, estimate_of, recentred, spread, take, widen
-from armflex.track.groups import Group
+from armflex.track.model import Model, Sight, model_of
 from armflex.track.reading import Reading, as_row, number, sensible
-from armflex.track.sight import Sight
-from armflex.track.state_file import LAYOUT, read_state, write_state
-from armflex.track.state_space import model_of
-from armflex.track.tracker_file import begun
-from armflex.track.watch import WINDOW, Anchor, Change, Found, contradicted, fainter, seek
+from armflex.track.state import LAYOUT, State, read_state, write_state
+from armflex.track.watch import WINDOW, Anchor, Change, Watch, contradicted, fainter, seek
 
 KEPT = 100
 """Changes that are remembered."""
@@ -89,23 +86,25 @@ class Tracker:
         if self._sigma:
             sensible(self._sigma, "sigma")
         rates = {} if rates is None else rates
-        self._variance = _variances(rates, self.labels, self._model.groups)
+        self._variance = _variances(rates, self._model)
         self._rates = {name: float(rate) for name, rate in rates.items()}
         self._derived = tuple({name: None for effect in arm.effects for name in effect.derived})
         self._drifting = np.flatnonzero(self._variance)
-        self._state = begun(estimate_of(self._model.known), self._model.point)
+        estimate = estimate_of(self._model.known)
+        start = Anchor(estimate, 0, 0.0)
+        self._state = State(estimate, self._model.point, Watch(start, start))
         self._sight = self._sight_at(self._state.point)
         kernel().compile_everything()  # now, not in the loop
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Block and parameter of each, as calibration names them."""
-        return self._model.labels
+        return tuple(parameter.label for parameter in self._model.parameters)
 
     @property
     def groups(self) -> tuple[str, ...]:
         """Names of what can be announced to have changed."""
-        return tuple(group.name for group in self._model.groups)
+        return tuple(one.group.name for one in self._model.changeables)
 
     @property
     def values(self) -> Array:
@@ -164,8 +163,11 @@ class Tracker:
         seen, clock, state = self._sight(reading), self._clock_at(reading), self._state
         if self._derived:
             state.q, state.approach = moved
-        if reading.session != state.session:
-            self._enter(reading.session)
+        if reading.session != state.session:  # its frame is uncertain, readings before it say nothing of its changes
+            state.session = reading.session
+            if self._model.restationed.any():
+                state.estimate = widen(state.estimate, self._model.restationed)
+            state.watch.restart(state.now)
         state.clock, state.timed = clock, reading.time is not None
         state.time = float(reading.time) if state.timed else None
         self._drift()
@@ -178,7 +180,12 @@ class Tracker:
         try:
             if watch.unsettled:
                 watch.add_unsettled(reading, seen, weight, spread(before, seen))
-                return Step(self._reconsidered(), distance, None)
+                # The window's readings are judged again, each by all others.
+                base = self._before
+                lost, part = contradicted(watch.window, base)
+                if min(part, watch.part) < 1.0 or lost != [weight == 0.0 for weight in watch.weights]:
+                    self._take_again(base, lost, part)
+                return Step(watch.weights[-1], distance, None)
             suspicious = watch.add(seen, weight, distance)
             return Step(weight, distance, self._look() if suspicious else None)
         except np.linalg.LinAlgError as error:
@@ -204,7 +211,8 @@ class Tracker:
 
     def save(self, path: str | Path) -> Path:
         """Write all that is known to a file, whole or not at all; return its path."""
-        return write_state(self._state, self._about, Path(path))
+        about = {"arm": digest(self._arm), "rates": self._rates, "sigma": self._sigma}
+        return write_state(self._state, about, Path(path))
 
     @classmethod
     def restore(cls, path: str | Path, arm: Arm) -> Tracker:
@@ -213,10 +221,8 @@ class Tracker:
         Raises:
             ModelFileError: Missing, damaged, no tracker's state, or that of another arm.
         """
-        state, about = read_state(Path(path))
-        if about["arm"] != digest(arm):
-            raise ModelFileError(Place(Path(path)), "is of another arm: expected the one that the tracker began with")
         try:
+            state, about = read_state(Path(path), arm)
             tracker = cls(arm, about["rates"], about["sigma"])
             if len(state.point) != len(tracker.labels):
                 raise InputError(f"{len(state.point)} parameters, expected the arm's {len(tracker.labels)}")
@@ -228,6 +234,8 @@ class Tracker:
                 arm.payload(reading.payload)
                 as_row(reading, arm)
             tracker._check_numbers()
+        except ModelFileError:
+            raise
         except ArmflexError as error:
             raise ModelFileError(Place(Path(path)), f"does not hold {LAYOUT.what} of this arm: {error}") from None
         return tracker
@@ -246,11 +254,6 @@ class Tracker:
             raise InputError(f"its window cannot be judged again: {error}") from None
         if not np.isfinite(self.covariance).all():
             raise InputError("its covariance is not finite")
-
-    @property
-    def _about(self) -> dict[str, object]:
-        """What a state is of."""
-        return {"arm": digest(self._arm), "rates": self._rates, "sigma": self._sigma}
 
     def _sight_at(self, point: Array) -> Sight:
         model = self._model
@@ -284,24 +287,15 @@ class Tracker:
             raise InputError(f"time: {time:.12g} s after {state.time:.12g} s, expected readings in order")
         return state.clock + (time - state.time if state.time is not None else 0.0)
 
-    def _enter(self, session: str) -> None:
-        """Begin a session: its frame is uncertain, and readings before it say nothing of its changes."""
-        state = self._state
-        state.session = session
-        if self._model.restationed.any():
-            state.estimate = widen(state.estimate, self._model.restationed)
-        state.watch.restart(state.now)
-
     def _drift(self) -> None:
         """Add what has drifted, where it is time."""
         state = self._state
         state.waiting += 1
-        if not len(self._drifting):
-            return
-        if state.waiting < EVERY and state.clock - state.drifted < state.patience:
+        passed = state.clock - state.drifted
+        if not len(self._drifting) or (state.waiting < EVERY and passed < state.patience):
             return
         rate = self._rate(state.estimate)
-        state.estimate = widen(state.estimate, rate * (state.clock - state.drifted))
+        state.estimate = widen(state.estimate, rate * passed)
         root, state.drifted, state.waiting = state.estimate.root[self._drifting], state.clock, 0
         state.patience = PATIENCE * float(((root**2).sum(axis=1) / rate[self._drifting]).min())
 
@@ -309,13 +303,12 @@ class Tracker:
         """Return (P,) variances that steps gain per unit of time; those of logarithms are of the factor."""
         return self._variance * self._model.factor(estimate.values) ** 2
 
-    def _reconsidered(self) -> float:
-        """Judge the window's readings again, each by all others; return what the last one counts."""
-        watch, base = self._state.watch, self._before
-        lost, part = contradicted(watch.window, base)
-        if min(part, watch.part) < 1.0 or lost != [weight == 0.0 for weight in watch.weights]:
-            self._take_again(base, lost, part)
-        return watch.weights[-1]
+    @property
+    def _before(self) -> Estimate:
+        """The estimate from before the window, with what has drifted since."""
+        first = self._state.watch.first
+        elapsed = self._state.clock - first.drifted
+        return widen(first.estimate, self._rate(first.estimate) * elapsed) if len(self._drifting) else first.estimate
 
     def _take_again(self, base: Estimate, lost: Sequence[bool], part: float) -> None:
         """Let a part of the window's readings count, but for the lost ones, from the estimate before all of them."""
@@ -329,50 +322,39 @@ class Tracker:
         state.outliers += sum(one < 1.0 for one in weights) - sum(one < 1.0 for one in watch.weights)
         watch.weights, watch.part = weights, part
 
-    @property
-    def _before(self) -> Estimate:
-        """The estimate from before the window, with what has drifted since."""
-        first = self._state.watch.first
-        elapsed = self._state.clock - first.drifted
-        return widen(first.estimate, self._rate(first.estimate) * elapsed) if len(self._drifting) else first.estimate
-
     def _look(self) -> Change | None:
-        """Look for a change; where there is one, go back to before it, open what changed, and go on from there."""
-        state, first, base, model = self._state, self._state.watch.first, self._before, self._model
+        """Look for a change; where there is one, take the window's readings again with what changed open from there."""
+        state, watch, base, model = self._state, self._state.watch, self._before, self._model
         factor = model.factor(state.estimate.values)
-        found = seek(state.watch, base, [group.in_steps(factor) for group in model.groups])
+        in_steps = [replace(one, sizes=one.sizes * factor[one.places]) for one in model.changeables]
+        found = seek(watch, base, in_steps)
         if found is None:
             return None
-        own, jump = found.group.places, np.zeros(len(factor))
-        jump[own] = found.size
+        own, (jump, opened) = found.what.places, np.zeros((2, len(factor)))
+        jump[own], opened[own] = found.size, found.what.sizes**2
         size = (model.at(state.point, base.values + jump) - model.at(state.point, base.values))[own]
-        self._follow(base, found)
-        labels = tuple(self.labels[i] for i in own)
-        said = (found.group.name, found.probability, state.count, first.count + found.start + 1)
-        change = Change(*said, labels, size, found.std / factor[own], found.others)
-        state.changes = [*state.changes, change][-KEPT:]
-        return change
-
-    def _follow(self, base: Estimate, found: Found) -> None:
-        """Take the window's readings again, with what changed open from where it changed."""
-        state, opened = self._state, np.zeros(len(self.labels))
-        opened[found.group.places] = found.group.sizes**2
-        state.estimate, state.drifted = base, state.clock
-        for place, (seen, gone) in enumerate(zip(state.watch.window, found.lost, strict=True)):
+        state.estimate, state.drifted, since = base, state.clock, watch.first.count + found.start + 1
+        for place, (seen, gone) in enumerate(zip(watch.window, found.lost, strict=True)):
             if place == found.start:
                 state.estimate = widen(state.estimate, opened)
             if not gone:
                 state.estimate = take(state.estimate, seen)[0]
-        state.watch.restart(state.now)
+        watch.restart(state.now)
+        parameters = tuple(model.parameters[i] for i in own)
+        std, others = found.std / factor[own], found.others
+        change = Change(parameters, found.probability, state.count, since, size, std, others)
+        state.changes = [*state.changes, change][-KEPT:]
+        return change
 
 
-def _variances(rates: Mapping[str, float], labels: tuple[str, ...], groups: Sequence[Group]) -> Array:
+def _variances(rates: Mapping[str, float], model: Model) -> Array:
     """Return (P,) variances per unit of time; the longest name that fits a label counts."""
+    labels = [parameter.label for parameter in model.parameters]
     if not isinstance(rates, Mapping) or not all(isinstance(name, str) for name in rates):
         raise InputError(f"rates: expected a mapping such as {{{labels[0]!r}: 1e-3}}, got {rates!r}")
     variance, most = np.zeros(len(labels)), np.zeros(len(labels))
-    for group in groups:
-        most[group.places] = FASTEST * group.sizes
+    for one in model.changeables:
+        most[one.places] = FASTEST * one.sizes
     for name in sorted(rates, key=len):
         own = [label == name or label.startswith(f"{name} ") for label in labels]
         if not any(own):

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.parameters import Kind
+from armflex.parameters import ArmParameter, Kind
 from armflex.readings import Position
 from armflex.readings.chance import outlier_limit
 from armflex.track.estimate import Estimate, Seen, recentred
-from armflex.track.groups import Group
+from armflex.track.model import Changeable
 from armflex.track.reading import Reading
 
 WINDOW = 8
@@ -58,11 +58,10 @@ class Change:
     """A law that changed.
 
     Attributes:
-        name: The law, as `Tracker.groups` names it: 'compliance A4', 'joint_offset A2', 'instrument', ...
+        parameters: (k,) what changed: all of one group.
         probability: That it was this one, among all laws and no change at all.
         reading: Number of the reading after which it was announced, the first being 1.
         since: Number of the first reading after the change, as far as can be told.
-        labels: What changed.
         size: (k,) by how much, against what was known of the arm just before: joint offsets, geometry, tool and
             instrument in m and rad, learned laws in parts of what was declared; of compliances the logarithm of the
             factor that they became larger by (0.18 is 20 %).
@@ -70,25 +69,33 @@ class Change:
         others: What else it may have been, with probabilities above one in a hundred.
     """
 
-    name: str
+    parameters: tuple[ArmParameter, ...]
     probability: float
     reading: int
     since: int
-    labels: tuple[str, ...]
     size: Array
     std: Array
     others: tuple[tuple[str, float], ...] = ()
 
+    @property
+    def name(self) -> str:
+        """The law, as `Tracker.groups` names it: 'compliance A4', 'joint_offset A2', 'instrument', ..."""
+        return self.parameters[0].group.name
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What changed, as `Tracker.labels` names it."""
+        return tuple(parameter.label for parameter in self.parameters)
+
     def __repr__(self) -> str:
         """One line: what changed, how sure that is, and by how much; compliances in percent."""
-        told = ", ".join(map(self._said, self.labels, self.size, self.std))
-        return f"<Change: {self.name} since reading {self.since}, {self.probability:.3%} sure: {told}>"
-
-    def _said(self, label: str, size: float, std: float) -> str:
-        part, unit = label.removeprefix(self.name).strip(), ""
-        if self.name.startswith(f"{Kind.COMPLIANCE} "):
-            size, std, unit = 100.0 * np.expm1(size), 100.0 * np.exp(size) * std, " %"
-        return f"{part} {size:+.3g} ± {std:.2g}{unit}".strip()
+        told = []
+        for parameter, size, std in zip(self.parameters, self.size, self.std, strict=True):
+            unit = ""
+            if parameter.group.kind is Kind.COMPLIANCE:
+                size, std, unit = 100.0 * np.expm1(size), 100.0 * np.exp(size) * std, " %"
+            told.append(f"{parameter.name or ''} {size:+.3g} ± {std:.2g}{unit}".strip())
+        return f"<Change: {self.name} since reading {self.since}, {self.probability:.3%} sure: {', '.join(told)}>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +109,9 @@ class Anchor:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The most probable hypothesis: its group, the place in the window where it begins, and what it says."""
+    """The most probable hypothesis: what changed, the place in the window where it begins, and what it says."""
 
-    group: Group
+    what: Changeable
     start: int
     probability: float
     size: Array
@@ -188,24 +195,45 @@ class Watch:
         self.later = replace(self.later, estimate=recentred(self.later.estimate, step, factor))
 
 
-def seek(watch: Watch, before: Estimate, groups: Sequence[Group]) -> Found | None:
+def seek(watch: Watch, before: Estimate, changeables: Sequence[Changeable]) -> Found | None:
     """Return the change that the window shows, None where it shows none or not yet which.
 
     Args:
         watch: The window.
         before: The estimate before its first reading, what has drifted since included.
-        groups: What may have changed.
+        changeables: What may have changed.
     """
     task = _task(watch.window, before)
     plain = task.explained(task.inverse)
+    # A change may begin where the sum rises, and where readings begin to be lost to the end.
+    last, kept = len(plain.lost) - FEWEST, np.flatnonzero(~plain.lost)
+    run = int(kept[-1]) + 1 if len(kept) else 0
     weights, best = {None: -plain.cost}, {}
-    for start in _starts(plain, watch.rising):
-        for group in task.promising(groups, start):
-            found = task.changed(group, start)
-            weight = np.log(RARE) - found.cost
-            if weight > weights.get(group.name, -np.inf):
-                weights[group.name], best[group.name] = weight, (group, found, start)
-    return _judged(task, weights, best)
+    for start in sorted({min(watch.rising, last), min(run, last)}):
+        for what in task.promising(changeables, start):
+            jump = task.jump(what, start)
+            through = task.inverse @ jump
+            inner = np.eye(len(what.places)) + jump.T @ through
+            inverse = task.inverse - through @ np.linalg.solve(inner, through.T)
+            found = task.explained(inverse, float(np.linalg.slogdet(inner)[1]))
+            weight, name = np.log(RARE) - found.cost, what.group.name
+            if weight > weights.get(name, -np.inf):
+                weights[name], best[name] = weight, (what, found, start)
+    # It is announced where it is sure that there was one, and clear which.
+    total = np.logaddexp.reduce(list(weights.values()))
+    shares = {name: float(np.exp(weight - total)) for name, weight in weights.items()}
+    name = max(best, key=lambda one: shares[one])
+    what, found, start = best[name]
+    clear = shares[name] >= CLEAR or len(task.errors) - start >= MOST
+    if shares[None] > 1.0 - SURE or not clear:
+        return None
+    heard = task.jump(what, start).reshape(*task.errors.shape, -1) * ~found.lost[:, None, None]
+    heard = heard.reshape(-1, len(what.places))
+    size = what.sizes * (heard.T @ found.pulls)
+    left = np.eye(len(what.places)) - heard.T @ found.inverse @ heard
+    others = sorted(((one, p) for one, p in shares.items() if one and one != name and p > 0.01), key=lambda x: -x[1])
+    std = what.sizes * np.sqrt(np.maximum(np.diag(left), 0.0))
+    return Found(what, start, shares[name], size, std, tuple(others), found.lost.tolist())
 
 
 def contradicted(window: Sequence[Seen], before: Estimate) -> tuple[list[bool], float]:
@@ -248,29 +276,26 @@ class _Task:
     inverse: Array
     log_volume: float
 
-    def promising(self, groups: Sequence[Group], start: int) -> list[Group]:
-        """Return the groups whose jump before the reading at `start` says most, as if no reading were lost."""
+    def promising(self, changeables: Sequence[Changeable], start: int) -> list[Changeable]:
+        """Return what says most if it jumped before the reading at `start`, as if no reading were lost."""
         heard = self.columns.copy()
         heard[:start] = 0.0
         heard = heard.reshape(len(self.inverse), -1)
         through = self.inverse @ heard
         inner, pull = heard.T @ through, through.T @ self.errors.ravel()
-        gains = [_gain(inner[np.ix_(one.places, one.places)], pull[one.places], one.sizes) for one in groups]
-        return [groups[i] for i in np.argsort(gains)[: -PROMISING - 1 : -1]]
+        gains = []  # logarithm of how much more probable a jump makes the errors
+        for what in changeables:
+            own, sizes = inner[np.ix_(what.places, what.places)], what.sizes
+            factor = np.linalg.cholesky(np.eye(len(sizes)) + own * np.outer(sizes, sizes))
+            along = np.linalg.solve(factor, sizes * pull[what.places])
+            gains.append(float(0.5 * along @ along - np.log(np.diag(factor)).sum()))
+        return [changeables[i] for i in np.argsort(gains)[: -PROMISING - 1 : -1]]
 
-    def changed(self, group: Group, start: int) -> _Explained:
-        """Return how well it is explained that a group jumped before the reading at `start`."""
-        heard = self.jump(group, start)
-        through = self.inverse @ heard
-        inner = np.eye(len(group.places)) + heard.T @ through
-        inverse = self.inverse - through @ np.linalg.solve(inner, through.T)
-        return self.explained(inverse, float(np.linalg.slogdet(inner)[1]))
-
-    def jump(self, group: Group, start: int) -> Array:
-        """Return the (3 n, k) change of the errors per expected size of a group's jump."""
-        heard = self.columns[:, :, group.places] * group.sizes
+    def jump(self, what: Changeable, start: int) -> Array:
+        """Return the (3 n, k) change of the errors per expected size of a jump before the reading at `start`."""
+        heard = self.columns[:, :, what.places] * what.sizes
         heard[:start] = 0.0
-        return heard.reshape(-1, len(group.places))
+        return heard.reshape(-1, len(what.places))
 
     def explained(self, inverse: Array, more_volume: float = 0.0) -> _Explained:
         """Return the cost with V^-1 given, leaving out one reading after the other that all the rest contradict."""
@@ -293,42 +318,9 @@ class _Task:
         return _Explained(float(cost), inverse, pulls, lost)
 
 
-def _gain(inner: Array, pull: Array, sizes: Array) -> float:
-    """Return the logarithm of how much more probable a jump of a group makes the errors."""
-    factor = np.linalg.cholesky(np.eye(len(sizes)) + inner * np.outer(sizes, sizes))
-    along = np.linalg.solve(factor, sizes * pull)
-    return float(0.5 * along @ along - np.log(np.diag(factor)).sum())
-
-
 def _task(window: Sequence[Seen], before: Estimate) -> _Task:
     columns = np.array([seen.columns[: Position.dimension] for seen in window])
     errors = np.array([seen.residual[: Position.dimension] for seen in window]) - columns @ before.values
     heard = columns.reshape(-1, len(before.values)) @ before.root
     volume = np.eye(len(heard)) + heard @ heard.T
     return _Task(columns, errors, np.linalg.inv(volume), float(np.linalg.slogdet(volume)[1]))
-
-
-def _starts(plain: _Explained, rising: int) -> list[int]:
-    """Return where a change may begin: where the sum rises, and where readings begin to be lost to the end."""
-    last = len(plain.lost) - FEWEST
-    kept = np.flatnonzero(~plain.lost)
-    run = int(kept[-1]) + 1 if len(kept) else 0
-    return sorted({min(rising, last), min(run, last)})
-
-
-def _judged(task: _Task, weights: dict[str | None, float], best: dict[str, tuple]) -> Found | None:
-    """Return the most probable change where it is sure that there was one, and clear which."""
-    total = np.logaddexp.reduce(list(weights.values()))
-    shares = {name: float(np.exp(weight - total)) for name, weight in weights.items()}
-    name = max(best, key=lambda one: shares[one])
-    group, explained, start = best[name]
-    clear = shares[name] >= CLEAR or len(task.errors) - start >= MOST
-    if shares[None] > 1.0 - SURE or not clear:
-        return None
-    heard = task.jump(group, start).reshape(*task.errors.shape, -1) * ~explained.lost[:, None, None]
-    heard = heard.reshape(-1, len(group.places))
-    size = group.sizes * (heard.T @ explained.pulls)
-    left = np.eye(len(group.places)) - heard.T @ explained.inverse @ heard
-    others = sorted(((one, p) for one, p in shares.items() if one and one != name and p > 0.01), key=lambda x: -x[1])
-    std = group.sizes * np.sqrt(np.maximum(np.diag(left), 0.0))
-    return Found(group, start, shares[name], size, std, tuple(others), explained.lost.tolist())

@@ -28,7 +28,7 @@ from armflex import (
 from armflex.laws import Row
 from armflex.measured.joint_data import JointData
 from armflex.measured.measurements import Measurements
-from armflex.measured.point_export import PointExport
+from armflex.measured.points import PointExport
 from armflex.trajectory import Trajectory
 
 POINTS = """// Units: mm

@@ -16,12 +16,12 @@ from armflex.estimate.held_out import held_out, pose_folds
 from armflex.laws.effects import CATALOGUE
 from armflex.laws.effects.catalogue import EVERY
 from armflex.trace.accept import improvement, null_maximum, session_folds, sessions_held_out
-from armflex.trace.candidates import Bank, Candidate, bank, candidates_of, screen, sift
+from armflex.trace.candidates import Bank, Candidate, bank, best_per_spot, candidates_of, sift
 from armflex.trace.exchange import SAME, equivalents, leave_out
-from armflex.trace.localise import NOTICED, localise
 from armflex.trace.polish import polish
 from armflex.trace.projection import Projection, evidence, project, projected
 from armflex.trace.state import State, add
+from armflex.trace.unrecorded import NOTICED, localise
 
 EXACT = [
     ("hysteresis", 100, "boom"),
@@ -90,7 +90,7 @@ def test_gain_is_the_fall_of_a_refit(name, before):
     tried = list(candidates_of([CATALOGUE[name]], scene))
     tried = [tried[i] for i in np.random.default_rng(0).permutation(len(tried))[:4]]
     candidates = bank(tried, fit, scene)
-    batch = screen(sift(candidates, projection))
+    batch = sift(candidates, projection)
     plain = least_squares(fit.columns, fit.prior, data_of(fit))[1]
     assert projection.objective == pytest.approx(plain, rel=1e-9)
     for index in range(len(candidates.candidates)):
@@ -102,7 +102,7 @@ def test_gain_is_the_fall_of_a_refit(name, before):
             np.hstack([fit.columns, columns]), np.concatenate([fit.prior, ridge]), data_of(fit)
         )
         assert gain == pytest.approx(plain - objective, rel=1e-4, abs=1e-4)
-        assert batch.gains[index] == pytest.approx(gain, rel=1e-6, abs=1e-6)
+        assert batch.gain[index, 0] == pytest.approx(gain, rel=1e-6, abs=1e-6)
         np.testing.assert_allclose(amplitudes, values[len(fit.prior) :], rtol=1e-3, atol=1e-3 * np.abs(values).max())
 
 
@@ -146,7 +146,7 @@ def test_a_bank_too_large_to_keep_gives_the_same(everything, before, monkeypatch
     again = bank(everything.candidates, before.fit, before.scene)
     assert len(list(again.parts)) > kept and again.parts is not again.parts
     streamed = sift(again, projection)
-    np.testing.assert_allclose(screen(streamed).gains, screen(whole).gains, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(streamed.gain, whole.gain, rtol=1e-6, atol=1e-9)
     nulls = [null_maximum(one, before.groups, flips=20) for one in (streamed, whole)]
     np.testing.assert_allclose(*nulls, rtol=1e-6)
 
@@ -185,7 +185,7 @@ def test_chance_exceeds_the_null_as_often_as_it_should(before):
     for seed in range(60):
         projection = noisy(known, seed)
         sifted = sift(candidates, projection)
-        best = screen(sifted).evidence.max()
+        best = sifted.evidence.max()
         ranks.append((1 + (null_maximum(sifted, before.groups, seed=seed, flips=99) >= best).sum()) / 100.0)
     # A residual has lost what was fitted, and its flips lose that once more: a little smaller than chance is.
     assert np.mean(np.array(ranks) <= 0.05) < 0.15 and 0.3 < np.mean(ranks) < 0.6
@@ -194,9 +194,8 @@ def test_chance_exceeds_the_null_as_often_as_it_should(before):
 def test_a_real_effect_exceeds_the_null(before):
     candidates = bank(candidates_of([CATALOGUE["backlash"]], before.scene), before.fit, before.scene)
     sifted = sift(candidates, project(before.fit))
-    screened = screen(sifted)
-    assert screened.evidence.max() > null_maximum(sifted, before.groups).max() + 50.0
-    assert candidates.candidates[screened.ranked()[0]].location.site == "J4"
+    assert sifted.evidence.max() > null_maximum(sifted, before.groups).max() + 50.0
+    assert candidates.candidates[best_per_spot(sifted, 1)[0]].location.site == "J4"
 
 
 def errors_of(fit: Fit, folds: np.ndarray, follow: list[np.ndarray] | None = None) -> Array:

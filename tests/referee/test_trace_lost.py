@@ -20,13 +20,12 @@ from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds
 from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
-from armflex.plan.recommend import instead
+from armflex.plan.design import instead
 from armflex.show.report import render_report
 from armflex.trace.accept import improvement
 from armflex.trace.findings import Trace, write_traced
-from armflex.trace.lost import MOST, lost_beams
 from armflex.trace.rounds import trace
-from armflex.trace.state import begin
+from armflex.trace.state import MOST, begin, lost_beams
 
 pytestmark = pytest.mark.slow
 

@@ -11,9 +11,9 @@ from support.campaigns import draw
 from support.stage import few
 
 from armflex import calibrate, load_arm, read_measurements, trace
-from armflex.trace.localise import NOTICED, localise
 from armflex.trace.projection import Projection, project, projected
 from armflex.trace.state import State, begin, information
+from armflex.trace.unrecorded import NOTICED, localise
 
 pytestmark = pytest.mark.slow
 

@@ -15,8 +15,7 @@ from armflex.certainty import Certainty
 from armflex.errors import InputError, JointLimitError, UnknownNameError
 from armflex.prior import Prior
 from armflex.track.estimate import Seen, absorb, estimate_of, innovation, take, widen
-from armflex.track.groups import groups_of
-from armflex.track.state_space import model_of
+from armflex.track.model import model_of
 
 NOISE = np.sqrt(3.0) * SIGMA
 
@@ -243,5 +242,5 @@ def test_a_random_walk_widens_by_its_variances():
 def test_sizes_of_a_change_are_those_declared(machine):
     prior = replace(machine.arm.prior, geometry=3e-5, joint_offset=2e-3, tool=7e-3, compliance=0.3)
     model = model_of(replace(machine.arm, prior=prior))
-    sizes = {group.name.split(" ")[0]: set(group.sizes) for group in groups_of(model.blocks, model.declared.arm)}
+    sizes = {str(one.group.kind): set(one.sizes) for one in model.changeables}
     assert sizes == {"tool": {7e-3}, "joint_offset": {2e-3}, "geometry": {3e-5}, "compliance": {0.3}}

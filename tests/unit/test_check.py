@@ -118,7 +118,7 @@ def test_finer_sampling_changes_no_verdict(name: str, request: pytest.FixtureReq
     path = some_rows(path, range(0, len(path), 4 if name == "tarm" else 2))
     fine = np.array(
         [
-            [quick(arm, q, path.payload[i]) for q in path.at(i, np.linspace(0.0, 1.0, 49)).q]
+            [quick(arm, q, path.payload[i]) for q in path.between(np.full(49, i), np.linspace(0.0, 1.0, 49)).q]
             for i in range(len(path) - 1)
         ]
     )

@@ -34,9 +34,10 @@ from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
 from armflex.laws.effects.remember import settled
-from armflex.trace.findings import Found, Proof, Trace, write_traced
-from armflex.trace.pose_block import PoseBlock
+from armflex.trace.accept import Proof
+from armflex.trace.findings import Found, Trace, write_traced
 from armflex.trace.state import State, begin, refit, with_random
+from armflex.trace.unrecorded import PoseBlock
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
 
@@ -48,6 +49,8 @@ def effects(draw: st.DrawFn) -> Effect:
     number = st.floats(-1e3, 1e3).filter(bool)
     values = [draw(number) if i in location.terms else 0.0 for i in range(len(law.amplitudes))]
     values = [abs(v) if amplitude.positive else v for v, amplitude in zip(values, law.amplitudes, strict=True)]
+    if law.name in ("payload_mass", "link_mass"):
+        values[0] = abs(values[0])  # nothing weighs less than nothing
     inner = [draw(number) for _ in law.inner]
     inner = [abs(v) if one.positive else v for v, one in zip(inner, law.inner, strict=True)]
     return Effect(law, location, (*values, *inner))
@@ -200,6 +203,16 @@ BAD = {
         "no 'p20', did you mean 'p200'",
         3,
     ),
+    "payload of less than nothing": (
+        'name = "payload_mass"\nsite = "tool"\npartner = "p200"\nparameters = { mass = -200.5 }',
+        "payload 'p200' of 200 kg would weigh -0.5 kg, expected 0 kg or more",
+        4,
+    ),
+    "link of less than nothing": (
+        'name = "link_mass"\nsite = "J3"\nparameters = { mass = -1e4 }',
+        r"link '.*' of .* kg would weigh -.* kg, expected 0 kg or more",
+        3,
+    ),
     "session": ('name = "session_frame"\nsite = "base"\nparameters = { dx = 1e-3 }', "needs 'partner'", 0),
     "key": (f"{BACKLASH}\nparametres = {{ gap = 1 }}", "unknown key, did you mean 'parameters'", 5),
     "std": (f"{BACKLASH}\nstd = {{ gap = -1 }}", "std: of gap is -1, expected 0 or more", 5),
@@ -319,7 +332,7 @@ def told(calibration: Calibration, state: State) -> Trace:
     setup, certainty = state.fit.setup, certainty_of(state.fit)
     effects = tuple(one.effect for one in found)
     arm = dataclasses.replace(setup.arm, effects=effects, instrument=setup.instrument, certainty=certainty)
-    return Trace(arm, calibration, calibration.fit, state, found, None, (), (), (), 1.0, 0.0, 0.0, None, ())
+    return Trace(arm, calibration, calibration.fit, state, found, None, (), 1.0, 0.0, 0.0, None)
 
 
 def named(name: str, site: str, **more: object) -> Effect:

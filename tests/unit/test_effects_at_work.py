@@ -197,8 +197,9 @@ def test_a_trajectorys_columns_are_read(tmp_path: Path, heavy: Arm) -> None:
     file.write_text(f"{header}\n0,0,0,0,0,0,0,1,21\n1,0,0.1,0,0,0,0,-1,22\n")
     path = read_trajectory(file, heavy)
     np.testing.assert_array_equal(path.prepared(heavy).covariates["approach_J2"], [1.0, -1.0])
-    np.testing.assert_array_equal(path.at(0, np.array([0.0, 0.5, 1.0])).covariates["approach_J2"], [-1.0] * 3)
-    np.testing.assert_allclose(path.at(0, np.array([0.5])).covariates["temperature"], 21.5)
+    found = path.between(np.zeros(3, int), np.array([0.0, 0.5, 1.0]))
+    np.testing.assert_array_equal(found.covariates["approach_J2"], [-1.0] * 3)
+    np.testing.assert_allclose(path.between(np.zeros(1, int), np.array([0.5])).covariates["temperature"], 21.5)
     assert path.with_midpoints(np.array([True])).covariates["approach_J2"].tolist() == [1.0, -1.0, -1.0]
     for bad, said in (("0.5", "approach_J2 is 0.5, not -1, 0 or 1"), ("J2,", "no covariate 'approach_J22'")):
         text = f"{header}\n0,0,0,0,0,0,0,{bad},21\n"

@@ -97,3 +97,11 @@ def test_learn_on_the_arm(tmp_path):
     before, after = run("12_learn_on_the_arm", str(tmp_path))
     assert before > 3.0 and after < 1.1
     assert (tmp_path / "laws.png").stat().st_size > 20_000
+
+
+def test_c_in_the_controller(tmp_path):
+    found = run("13_c_in_the_controller", str(tmp_path))
+    if found is None:
+        pytest.skip("there is no C compiler")
+    apart, left = found
+    assert apart < 1e-9 and left < 1e-9

@@ -33,7 +33,7 @@ from armflex.laws.joint.carried import ScaledLaw
 from armflex.laws.joint.hardening import HardeningLaw
 from armflex.laws.joint.polynomial import FEATURES, PolynomialLaw, feature_values
 
-pytestmark = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")]
 
 FINE, NOT_FINITE, OUTSIDE_LIMITS, NO_PAYLOAD, NO_EQUILIBRIUM, TOO_LARGE, UNREACHED = range(7)
 CLOSE = 1e-9
@@ -268,6 +268,23 @@ def test_nothing_in_it_changes_but_the_covariates(tmp_path: Path) -> None:
     assert {name for kind, name in symbols if kind in "bBdDC"} == {"six_covariates"}
     wanted = {name for kind, name in symbols if kind == "U"} - {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
     assert wanted <= {"sin", "cos", "tanh", "sqrt", "exp", "log1p", "fmin", "fmax", "memcpy", "memset"}
+
+
+@pytest.mark.parametrize("name", ["tarm", "traced", "networks"])
+def test_it_takes_no_more_stack_than_it_says(tmp_path: Path, name: str) -> None:
+    """Nothing calls itself, so that no function's stack can count twice."""
+    if "gcc" not in subprocess.run([COMPILER, "--version"], capture_output=True, text=True).stdout.lower():
+        pytest.skip("the compiler does not tell")
+    found = export(ARMS[name](tmp_path))
+    (tmp_path / "arm.c").write_text(found.text)
+    subprocess.run([COMPILER, "-std=c99", "-O2", "-fstack-usage", "-c", "arm.c"], cwd=tmp_path, check=True)
+    lines = [line.split("\t") for line in (tmp_path / "arm.su").read_text().splitlines()]
+    assert {kind for *_, kind in lines} == {"static"}
+    taken = {place.rpartition(":")[2]: int(size) for place, size, _ in lines}
+    asked = {"tip": "arm_tip", "compensate": "arm_compensate"}
+    below = sum(size for function, size in taken.items() if function not in asked.values())
+    for short, function in asked.items():
+        assert taken[function] + below <= found.numbers["stack_bytes"][short]
 
 
 def test_what_has_no_form_in_c_is_refused_with_what_it_amounts_to(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from support.measurement_rows import campaign, codes, written
 
 from armflex import Arm, Measurements, read_measurements
 from armflex.errors import TableError
-from armflex.measured.point_export import read_points
+from armflex.measured.points import read_points
 
 HEAD = "// SpatialAnalyzer 2023.1\n// Units: mm\n// Frame: A::WORLD\n"
 ROWS = campaign(6)

@@ -20,7 +20,7 @@ from armflex.laws.effects.effect import Amplitude, Words
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.scene import AXES_TURN, Records
 from armflex.laws.effects.shapes import on_axis, own_position
-from armflex.plan.recommend import instead
+from armflex.plan.design import instead
 from armflex.plan.rivals import named_effect, spelled
 from armflex.setup import Setup
 from armflex.show.report.words import called, labelled, units_of

@@ -35,9 +35,8 @@ from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.learned import Learning
 from armflex.linear_gaussian import LinearGaussian
-from armflex.plan.choose import exchanged, greedy, path
-from armflex.plan.information import DsOptimal, Goal, IOptimal, TOptimal, Truth
-from armflex.plan.order import driving_order, motion
+from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
+from armflex.plan.drive import driving_order, motion
 from armflex.plan.result import Plan
 from armflex.plan.rivals import named_effect, spelled
 from armflex.prior import Measurement, Prior

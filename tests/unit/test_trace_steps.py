@@ -23,10 +23,9 @@ from armflex.parameters import Kind, of_motions
 from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
 from armflex.trace.findings import write_traced
-from armflex.trace.polish import Polished, polish
+from armflex.trace.polish import SOFT, Polished, polish, sensible
 from armflex.trace.projection import project
 from armflex.trace.search import TIE, preferred
-from armflex.trace.sensible import SOFT, sensible
 from armflex.trace.state import State, add, scene_at, sorted_out, stands, without
 
 

@@ -174,11 +174,11 @@ def test_midpoints_keep_the_path() -> None:
 
 def test_points_between_rows_lie_on_the_line() -> None:
     made = awkward(4)
-    found = made.at(2, np.array([0.0, 0.25, 1.0]))
+    found = made.between(np.full(3, 2), np.array([0.0, 0.25, 1.0]))
     np.testing.assert_array_equal(found.q[0], made.q[2])
     np.testing.assert_allclose(found.q[1], 0.75 * made.q[2] + 0.25 * made.q[3], rtol=0, atol=1e-15)
     np.testing.assert_allclose(found.q[2], made.q[3], rtol=0, atol=1e-15)
-    assert found.payload == (made.payload[2],) * 3 and found.via == ("",) * 3
+    assert found.payload == [made.payload[2]] * 3
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from support.small_arms import ROBOTS, joint, link, robot, write
 from armflex import Arm, InputError, Trajectory, check, load_arm, view
 from armflex.errors import FileError, UrdfError
 from armflex.show.view import meshes
-from armflex.show.view.arm_page import motion_along as motion_of
 from armflex.show.view.arm_scene import (
     FLEXED_PATH,
     MAX_FRAMES,
@@ -29,6 +28,7 @@ from armflex.show.view.arm_scene import (
     contribution_colors,
     nice_magnification,
 )
+from armflex.show.view.arm_scene import motion_along as motion_of
 from armflex.show.view.scene_3d import Scene
 
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no chromium, chromium-browser or google-chrome on PATH")
@@ -119,7 +119,7 @@ def test_drawn_arm_is_where_the_arm_is(tarm: Arm) -> None:
     scene = arm_scene(tarm, still(tarm, q, "p300"), magnification=1.0)
     line = next(line for line in scene.polylines if line.name == "displacement")
     np.testing.assert_allclose(line.points, [found.rigid_pose.translation, found.pose.translation], atol=1e-12)
-    poses = {node.name: node.pose for node in scene.nodes}
+    poses = {node.name: node.poses[0] for node in scene.nodes}
     bent, rigid = found.link_poses(1.0), found.link_poses(0.0)
     for name in tarm.robot.urdf.links:
         if f"flexed/{name}" in poses:
@@ -191,8 +191,8 @@ def test_links_without_visuals_are_rods(tmp_path: Path) -> None:
     assert {kind for one in kinds.values() for kind in one} - {"sphere"} == {"capsule"}
     rod = next(node for node in arm_scene(arm, still(arm, np.zeros(1))).nodes if node.name == "flexed/arm").shapes[0]
     np.testing.assert_allclose(rod.size[1], 1.0)
-    np.testing.assert_allclose(rod.T_node_shape[:3, 3], [0.5, 0.0, 0.0])
-    np.testing.assert_allclose(np.abs(rod.T_node_shape[:3, 2]), [1.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(rod.place[:3, 3], [0.5, 0.0, 0.0])
+    np.testing.assert_allclose(np.abs(rod.place[:3, 2]), [1.0, 0.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(

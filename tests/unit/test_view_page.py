@@ -14,7 +14,6 @@ from support.pages import BROWSER, hue_share, picture
 
 from armflex.show.view.meshcat_page import capsule_mesh, render_page, tube_mesh
 from armflex.show.view.scene_3d import (
-    Camera,
     LegendRow,
     Marker,
     Node,
@@ -22,7 +21,6 @@ from armflex.show.view.scene_3d import (
     Scene,
     Shape,
     frame_camera,
-    frame_times,
     scene_points,
 )
 
@@ -56,7 +54,7 @@ def arm(group: str, bends: np.ndarray, color: str, opacity: float) -> list[Node]
     motion = np.array([link_poses(bend) for bend in bends])
     body = Shape("box", (0.95, 0.2, 0.2), translation(0.5, 0.0, 0.0), color, opacity)
     hub = Shape("cylinder", (0.14, 0.3), pitch(0.0), color, opacity)
-    return [Node(f"{group}/link {i}", motion[0, i], (body, hub), motion[:, i]) for i in range(3)]
+    return [Node(f"{group}/link {i}", motion[:, i], (body, hub)) for i in range(3)]
 
 
 def small_scene(title: str = "Arm under load") -> Scene:
@@ -185,42 +183,6 @@ def is_closed(faces: np.ndarray) -> bool:
 
 def test_scene_points_follow_the_motion() -> None:
     poses = np.array([translation(0.0, 0.0, 0.0), translation(5.0, 0.0, 0.0)])
-    scene = Scene("s", nodes=(Node("n", poses[0], (Shape("box", (2.0, 1.0, 1.0)),), poses),))
+    scene = Scene("s", nodes=(Node("n", poses, (Shape("box", (2.0, 1.0, 1.0)),)),))
     points = scene_points(scene)
     np.testing.assert_allclose([points[:, 0].min(), points[:, 0].max()], [-1.0, 6.0])
-
-
-def test_times_default_to_the_frame_rate() -> None:
-    scene = Scene("s", nodes=(Node("n", np.eye(4), (), np.tile(np.eye(4), (3, 1, 1))),), fps=10.0)
-    np.testing.assert_allclose(frame_times(scene), [0.0, 0.1, 0.2])
-
-
-@pytest.mark.parametrize(
-    ("make", "complaint"),
-    [
-        (lambda: Shape("cone", (1.0,)), "unknown shape kind"),
-        (lambda: Shape("box", (1.0, 2.0)), "size"),
-        (lambda: Shape("sphere", (-1.0,)), "positive"),
-        (lambda: Shape("mesh", (1.0, 1.0, 1.0)), "data_format"),
-        (lambda: Shape("sphere", (1.0,), color="red"), "#rrggbb"),
-        (lambda: Shape("sphere", (1.0,), opacity=1.5), "opacity"),
-        (lambda: Node("n", np.full((4, 4), np.nan)), "finite"),
-        (lambda: Node("", np.eye(4)), "name"),
-        (lambda: Polyline("p", np.zeros((3, 3))), "distinct"),
-        (lambda: Marker("m", np.zeros(3), radius=0.0), "radius"),
-        (lambda: Camera(np.ones(3), np.ones(3)), "target"),
-        (lambda: frame_camera(np.empty((0, 3))), "points"),
-        (lambda: Scene("s", nodes=(Node("n", np.eye(4)), Node("n", np.eye(4)))), "unique"),
-        (lambda: Scene("s", nodes=(Node("a", np.eye(4)), Node("a/b", np.eye(4)))), "group"),
-        (lambda: Scene("s", times=np.array([1.0, 1.0])), "increase"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused(make: object, complaint: str) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        make()
-
-
-def test_frame_counts_must_agree() -> None:
-    node = Node("n", np.eye(4), (), np.tile(np.eye(4), (3, 1, 1)))
-    with pytest.raises(ValueError, match="frames"):
-        Scene("s", nodes=(node,), times=np.array([0.0, 1.0]))

@@ -43,7 +43,7 @@ from armflex.laws.law import WithoutParameters
 from armflex.parallel import WAVE, in_order
 from armflex.show.view.map_page import map_page
 from armflex.tasks.workspace import WorkspaceMap, draw_map
-from armflex.tasks.workspace.tally import Tally, cell_indices, cell_numbers, joined
+from armflex.tasks.workspace.cells import Tally, cell_indices, cell_numbers, joined
 
 pytestmark = pytest.mark.slow
 

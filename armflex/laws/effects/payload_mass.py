@@ -5,12 +5,14 @@ By the same share, the kilograms are those of the heaviest. The mass is at the d
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Solved, Words
 from armflex.laws.effects.location import TOOL, Here, Location, all_and_each
 from armflex.laws.effects.scene import Records, Scene
 
@@ -37,12 +39,21 @@ def _weight(here: Here, view: Solved, scene: Scene) -> Array:
 
 
 def _change(effect: Effect, model: Model) -> Model:
-    shares = _shares(effect.location, {name: payload.mass for name, payload in model.payloads.items()})
-    changed = {
-        name: replace(payload, mass=max(payload.mass + shares.get(name, 0.0) * effect.values[0], 0.0))
-        for name, payload in model.payloads.items()
-    }
+    masses = {name: max(mass, 0.0) for name, mass in masses_with(effect, model.payloads).items()}
+    changed = {name: replace(payload, mass=masses[name]) for name, payload in model.payloads.items()}
     return replace(model, payloads=changed)
+
+
+def masses_with(effect: Effect, payloads: Mapping[str, Any]) -> dict[str, float]:
+    """Return what each payload weighs with an effect in it [kg]; below nothing where that takes more than there is."""
+    masses = {name: payload.mass for name, payload in payloads.items()}
+    shares = _shares(effect.location, masses)
+    return {name: mass + shares.get(name, 0.0) * effect.values[0] for name, mass in masses.items()}
+
+
+def _weighs(effect: Effect, scene: Scene, arm: Manipulator) -> bool:
+    """Return whether no payload would weigh less than nothing."""
+    return min(masses_with(effect, {name: arm.payload(name) for name in set(scene.payloads)}).values()) >= 0.0
 
 
 def _shares(location: Location, masses: dict[str, float]) -> dict[str, float]:
@@ -61,6 +72,7 @@ PAYLOAD_MASS = ModelLaw(
     instead="weigh the payload",
     places=_places,
     amplitudes=(Amplitude("mass", "kg"),),
+    possible=_weighs,
     act=Act.LOAD,
     made=_weight,
     changed=_change,

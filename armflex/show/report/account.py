@@ -13,8 +13,8 @@ from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short
 from armflex.show.report.words import called, labelled, site_words, units_of, words
 from armflex.trace.findings import Trace
-from armflex.trace.localise import localise
 from armflex.trace.projection import project
+from armflex.trace.unrecorded import localise
 from armflex.version import __version__
 
 SHOWN = 20

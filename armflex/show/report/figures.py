@@ -13,7 +13,7 @@ from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.svg import AFTER, BEFORE, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import words
 from armflex.trace.findings import Smallest, Trace
-from armflex.trace.localise import NOTICED, RandomTwist
+from armflex.trace.unrecorded import NOTICED, RandomTwist
 
 LONG = 0.09
 """Length of a long residual arrow as a share of the workspace."""

@@ -1,18 +1,27 @@
-"""From an arm and its deflection to a picture: ghost, flexed arm, flexures, payload, paths and via-points."""
+"""`view`: one self-contained page of an arm, at one configuration or along a trajectory.
+
+The picture has a ghost of the rigid arm, the flexed arm, its flexures, payload, paths and via-points.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from armflex.arm import Arm
 from armflex.conventions import Array, number
+from armflex.errors import InputError
+from armflex.laws.effects.remember import settled
 from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.loads import Payload
 from armflex.show.view.meshes import read_mesh
 from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, ShapeKind, scene_points
+from armflex.storage.whole_file import write_whole
 from armflex.tasks.check import CheckReport
 from armflex.trajectory import Trajectory
 
@@ -25,6 +34,7 @@ SCALE = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")
 
 NICE = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 MAX_FRAMES = 240
+LARGEST_MAGNIFICATION = 1e6
 PLAY_SECONDS = 14.0
 
 
@@ -36,6 +46,64 @@ class Motion:
     frames: tuple[Deflection, ...]
     worst: int
     rows: int = 1
+
+
+def view(
+    arm: Arm,
+    q: ArrayLike | None = None,
+    payload: str | Payload | None = None,
+    *,
+    trajectory: Trajectory | None = None,
+    report: CheckReport | None = None,
+    magnification: float | None = None,
+    meshes: bool = False,
+    covariates: Mapping[str, float] | None = None,
+    path: str | Path,
+) -> Path:
+    """Write a page of the arm that opens in any browser, without a network, a server or a display.
+
+    Args:
+        arm: The arm.
+        q: (nq,) joint positions; zero, or the nearest limit, when neither q nor a trajectory is given.
+        payload: What it carries at q.
+        trajectory: Shown as an animation instead of one configuration.
+        report: Result of `check` on the trajectory; colours the via-points.
+        magnification: Factor on the deflections shown; a round one is chosen, and stated, when not given.
+        meshes: Draw the URDF's meshes where they lie beside it.
+        covariates: What the arm's effects depend on, at q or the same in every row of the trajectory.
+        path: The HTML file to write.
+
+    Raises:
+        InputError: Both q and a trajectory are given, one cannot be used, or no effect depends on a covariate.
+    """
+    from armflex.show.view.meshcat_page import render_page  # meshcat is imported only when something is drawn
+
+    if q is not None and trajectory is not None:
+        raise InputError("view takes q or a trajectory, not both")
+    if magnification is not None and not 0.0 < magnification <= LARGEST_MAGNIFICATION:
+        raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
+    known = covariates or {}
+    if trajectory is None:
+        here = arm.position() if q is None else arm.checked(q, "q")
+        motion = Motion(np.zeros(1), (arm.deflection(here, payload, covariates=settled(arm, known)),), 0, 1)
+    else:
+        trajectory = trajectory.with_constants(arm, known).prepared(arm)
+        motion = motion_along(arm, trajectory)
+    page = render_page(arm_scene(arm, motion, trajectory, report, magnification, meshes))
+    return write_whole(Path(path), page.encode())
+
+
+def motion_along(arm: Arm, trajectory: Trajectory) -> Motion:
+    """Return every row, or every second, third ... of a long trajectory, its via-points and worst row kept."""
+
+    def frame(i: int) -> Deflection:  # asked twice rather than kept: thousands of rows are many megabytes
+        return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.asked(i))
+
+    rows = range(len(trajectory))
+    worst = int(np.argmax([float(np.linalg.norm(frame(i).displacement[:3])) for i in rows]))
+    stride = -(-len(rows) // MAX_FRAMES)
+    kept = [i for i in rows if i % stride == 0 or trajectory.via[i] or i in (worst, len(rows) - 1)]
+    return Motion(trajectory.time[kept], tuple(frame(i) for i in kept), kept.index(worst), len(rows))
 
 
 def arm_scene(
@@ -145,7 +213,7 @@ def _nodes(arm: Arm, motion: Motion, factor: float, colors: dict[str, str], mesh
     flexed = [frame.link_poses(factor) for frame in motion.frames]
 
     def node(name: str, poses: list[Array], solids: Iterable[Shape]) -> Node:
-        return Node(name, poses[motion.worst], tuple(solids), np.array(poses) if len(poses) > 1 else None)
+        return Node(name, np.array(poses), tuple(solids))
 
     def leaf(name: str) -> str:  # without '/', which would make it a group of the viewer's
         return name.replace("/", "\N{DIVISION SLASH}")

@@ -60,7 +60,7 @@ def map_page(
     behind = (found.centres[:, :2] - camera.target[:2]) @ towards <= 0.0
     groups = _groups(found, tolerance)
     nodes = [
-        Node(f"voxels/{text}", np.eye(4), (_cubes(found, some & behind, color),))
+        Node(f"voxels/{text}", np.eye(4)[None], (_cubes(found, some & behind, color),))
         for color, text, some in groups
         if (some & behind).any()
     ]

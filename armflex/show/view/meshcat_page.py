@@ -25,20 +25,14 @@ from meshcat.commands import SetAnimation, SetObject, SetProperty, SetTransform
 from meshcat.path import Path as ScenePath
 
 from armflex.printable import printable
-from armflex.show.view.scene_3d import (
-    Camera,
-    Scene,
-    Shape,
-    frame_camera,
-    frame_times,
-    scene_points,
-)
+from armflex.show.view.scene_3d import Camera, Scene, Shape, frame_camera, scene_points
 
 Command = dict[str, object]
 
 _CAMERA = ScenePath(("Cameras", "default", "rotated", "<object>"))
 _BACKGROUND_TOP, _BACKGROUND_BOTTOM = (0.97, 0.98, 0.99), (0.84, 0.87, 0.90)
 _TUBE_SIDES = 12
+_FRAMES_A_SECOND = 30.0
 _CIRCLE_SIDES = 48
 _Y_TO_Z = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 _LICENCES = ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
@@ -54,14 +48,14 @@ def render_page(scene: Scene) -> str:
         x, y = (low[:2] + high[:2]) / 2.0
         floor = [float(x), float(y), float(scene.floor_z), float(np.linalg.norm(high - low))]
         points = np.concatenate([points, points * [1.0, 1.0, 0.0] + [0.0, 0.0, scene.floor_z]])  # and their shadows
-    camera, times = scene.camera or frame_camera(points), frame_times(scene)
+    camera = scene.camera or frame_camera(points)
     facts = {
         "eye": camera.position.tolist(),
         "target": camera.target.tolist(),
         "viewDeg": list(camera.view_deg),
         "labels": [[*marker.position.tolist(), marker.label] for marker in scene.markers if marker.label],
         "floor": floor,
-        "start": float(times[0]) if len(times) else 0.0,
+        "start": 0.0 if scene.times is None else float(scene.times[0]),
         "speed": scene.speed,
     }
     legend = ""
@@ -173,22 +167,21 @@ def _commands(scene: Scene, camera: Camera) -> Iterator[Command]:
         for number, shape in enumerate(node.shapes):
             place = path.append(f"shape {number}")
             yield from _shape_commands(shape, place)
-            yield SetTransform(shape.T_node_shape, place).lower()
-        yield SetTransform(node.pose if node.poses is None else node.poses[0], path).lower()
+            yield SetTransform(shape.place, place).lower()
+        yield SetTransform(node.poses[0], path).lower()
     for line in scene.polylines:
         mesh = mg.TriangularMeshGeometry(*tube_mesh(line.points, line.radius))
-        yield _object_command(mg.Mesh, mesh, _paint(line.color, line.opacity), _path("Paths", line.name))
+        yield _object_command(mg.Mesh, mesh, _paint(line.color, 1.0), _path("Paths", line.name))
     for marker in scene.markers:
         path = _path("Markers", marker.name)
         yield _object_command(mg.Mesh, mg.Sphere(marker.radius), _paint(marker.color, 1.0), path)
         yield SetTransform(_translation(marker.position), path).lower()
-    times = frame_times(scene)
-    if not len(times):
+    if scene.times is None:
         return
-    frames = ((times - times[0]) * scene.fps / scene.speed).tolist()
-    animation = Animation(default_framerate=scene.fps)
+    frames = ((scene.times - scene.times[0]) * _FRAMES_A_SECOND / scene.speed).tolist()
+    animation = Animation(default_framerate=_FRAMES_A_SECOND)
     for node in scene.nodes:
-        if node.poses is not None:
+        if len(node.poses) > 1:
             tracks = {
                 name: AnimationTrack(name, kind, frames, [[float(x) for x in of(pose)] for pose in node.poses])
                 for name, kind, of in (
@@ -196,12 +189,12 @@ def _commands(scene: Scene, camera: Camera) -> Iterator[Command]:
                     ("quaternion", "quaternion", js_quaternion),
                 )
             }
-            animation.clips[_path("Nodes", node.name)] = AnimationClip(tracks, fps=scene.fps)
+            animation.clips[_path("Nodes", node.name)] = AnimationClip(tracks, fps=_FRAMES_A_SECOND)
     yield SetAnimation(animation, play=True, repetitions=float("inf")).lower()
 
 
 def _shape_commands(shape: Shape, place: ScenePath) -> Iterator[Command]:
-    size, kind, solid = shape.size.tolist(), shape.kind, place.append("solid")
+    size, kind, solid = [float(size) for size in shape.size], shape.kind, place.append("solid")
     if kind == "box":
         geometry = mg.Box(size)
     elif kind == "sphere":
@@ -227,7 +220,7 @@ def _shape_commands(shape: Shape, place: ScenePath) -> Iterator[Command]:
 
 def _edge_points(shape: Shape) -> np.ndarray:
     if shape.kind == "box":
-        corners = np.array(np.meshgrid(*np.array([-shape.size, shape.size]).T / 2.0, indexing="ij"))
+        corners = np.array(np.meshgrid(*np.multiply.outer(shape.size, [-0.5, 0.5]), indexing="ij"))
         corners = corners.reshape(3, 8).T
         return corners[[0, 1, 2, 3, 4, 5, 6, 7, 0, 2, 1, 3, 4, 6, 5, 7, 0, 4, 1, 5, 2, 6, 3, 7]]
     radius, length = shape.size

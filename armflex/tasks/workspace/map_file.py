@@ -11,7 +11,7 @@ from armflex.errors import FileError, Flag, InputError, Place
 from armflex.measured.table import write_table
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
-from armflex.tasks.workspace.tally import SIDE
+from armflex.tasks.workspace.cells import SIDE
 from armflex.tasks.workspace.workspace_map import WorkspaceMap
 
 SUFFIXES = (".safetensors", ".csv")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -22,11 +22,9 @@ from armflex.laws.effects.remember import settled
 from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import in_order
 from armflex.storage.digest import digest
-from armflex.storage.kept import Kept, open_kept
+from armflex.storage.kept import open_kept
 from armflex.tasks.check import COVERAGE
-from armflex.tasks.workspace.map_cells import Answer, Question, answers, sigmas
-from armflex.tasks.workspace.store import form_of
-from armflex.tasks.workspace.tally import SIDE, Tally, cell_indices, joined
+from armflex.tasks.workspace.cells import SIDE, Answer, Question, Tally, answers, cell_indices, form_of, joined, sigmas
 from armflex.version import __version__
 
 Progress = Callable[[int, int], None]
@@ -200,13 +198,42 @@ def map_workspace(
     arms = (without_declared_doubt(arm), *(draw_arms(arm, draws, seed) if draws else ()))
     question = Question(arms, names, edge, options)
     drawn = Configurations(lower, upper, rows, seed, chunk)
-    kept = None
-    if store is not None:
+
+    def tasks(wanted: list[bool]) -> Iterator[Callable[[], Answer]]:
+        return (partial(answers, question, q) for q in drawn.chunks(wanted))
+
+    if store is None:
+        found = in_order(tasks([True] * len(drawn.sizes)), jobs)
+    else:  # every chunk's answer in order: read where it is kept, else found, and kept
         kept = open_kept(Path(store), _manifest(question, drawn), form_of(len(lower), len(names)))
-    with closing(_chunks(question, drawn, kept, jobs)) as chunks:
+        found = kept.resumed([f"chunk-{i:07d}-{size}" for i, size in enumerate(drawn.sizes)], tasks, jobs)
+    with closing(found) as chunks:
         tally, met = _gathered(drawn, chunks, progress)
     sigma, doubts = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
-    return _map_of(question, drawn, tally, sigma, (*flags, *met, *doubts))
+    some = tally.answered > 0
+    blank = np.where(some, 0.0, np.nan)
+    return WorkspaceMap(
+        voxel=edge,
+        index=cell_indices(tally.cell),
+        configurations=tally.configurations,
+        answered=tally.answered,
+        refused=tally.refused,
+        reasons=tuple(NO_ANSWER),
+        mean=tally.total / np.maximum(tally.answered, 1) + blank,
+        worst=np.where(some, tally.worst, np.nan),
+        sigma=sigma,
+        worst_of_draws=tally.worst_of_draws if draws else None,
+        worst_q=tally.q,
+        worst_payload=tally.payload,
+        payloads=names,
+        joints=arm.joint_names,
+        base=arm.robot.base,
+        tip=arm.robot.tip,
+        rows=rows,
+        seed=seed,
+        draws=draws,
+        flags=(*flags, *met, *doubts),
+    )
 
 
 def _counts(rows: int, seed: int, chunk: int, draws: int) -> tuple[int, int, int, int]:
@@ -255,26 +282,10 @@ def _manifest(question: Question, drawn: Configurations) -> dict[str, object]:
     parts = {name: digest(getattr(arm, name)) for name in PARTS}
     carried = {f"payload {name}": digest(arm.payload(name)) for name in question.payloads}
     software = {"armflex": __version__, **{module.__name__: module.__version__ for module in (np, scipy, pinocchio)}}
+    draws = [digest(tuple(getattr(one, name) for name in PARTS)) for one in question.arms[1:]]
     settings = {"payloads": list(question.payloads), "voxel": question.voxel}
-    settings |= {"seed": drawn.seed, "chunk": drawn.chunk, **question.options, "draws": _digests(question.arms[1:])}
+    settings |= {"seed": drawn.seed, "chunk": drawn.chunk, **question.options, "draws": draws}
     return {"format": "armflex-map-chunks-4", **parts, **carried, **settings, **software}
-
-
-def _digests(arms: Sequence[Arm]) -> list[str]:
-    return [digest(tuple(getattr(arm, name) for name in PARTS)) for arm in arms]
-
-
-def _chunks(
-    question: Question, drawn: Configurations, kept: Kept[Answer] | None, jobs: int | None
-) -> Generator[Answer, None, None]:
-    """Yield every chunk's answer in order: read where it is kept, else found, and kept."""
-
-    def tasks(wanted: list[bool]) -> Iterator[Callable[[], Answer]]:
-        return (partial(answers, question, q) for q in drawn.chunks(wanted))
-
-    if kept is None:
-        return in_order(tasks([True] * len(drawn.sizes)), jobs)
-    return kept.resumed([f"chunk-{i:07d}-{size}" for i, size in enumerate(drawn.sizes)], tasks, jobs)
 
 
 def _gathered(
@@ -314,32 +325,3 @@ def _uncertainties(
         if progress:
             progress(drawn.rows + done, drawn.rows + len(some))
     return sigma if np.isfinite(sigma).any() else None, tuple(flags.values())
-
-
-def _map_of(
-    question: Question, drawn: Configurations, tally: Tally, sigma: Array | None, flags: tuple[Flag, ...]
-) -> WorkspaceMap:
-    arm, some = question.arm, tally.answered > 0
-    blank = np.where(some, 0.0, np.nan)
-    return WorkspaceMap(
-        voxel=question.voxel,
-        index=cell_indices(tally.cell),
-        configurations=tally.configurations,
-        answered=tally.answered,
-        refused=tally.refused,
-        reasons=tuple(NO_ANSWER),
-        mean=tally.total / np.maximum(tally.answered, 1) + blank,
-        worst=np.where(some, tally.worst, np.nan),
-        sigma=sigma,
-        worst_of_draws=tally.worst_of_draws if len(question.arms) > 1 else None,
-        worst_q=tally.q,
-        worst_payload=tally.payload,
-        payloads=question.payloads,
-        joints=arm.joint_names,
-        base=arm.robot.base,
-        tip=arm.robot.tip,
-        rows=drawn.rows,
-        seed=drawn.seed,
-        draws=len(question.arms) - 1,
-        flags=flags,
-    )

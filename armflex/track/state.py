@@ -1,32 +1,78 @@
-"""A tracker's state in a file, see `storage.array_file`."""
+"""Everything that a tracker has learnt from its readings, and the file that holds it; see `storage.array_file`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
-from armflex.errors import ModelFileError, Place
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import ModelFileError, Place, UnknownNameError
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
+from armflex.storage.digest import digest
 from armflex.storage.schema import Numbers
 from armflex.track.estimate import Estimate, Seen
+from armflex.track.model import model_of
 from armflex.track.reading import Reading
-from armflex.track.tracker_file import State
 from armflex.track.watch import FEWEST, LONGEST, Anchor, Change, Watch
 
-PLAIN = {
-    **dict.fromkeys(("count", "outliers", "waiting"), int),
-    "session": str | None,
-    "time": float | None,
-    "timed": bool | None,
-    **dict.fromkeys(("clock", "drifted", "patience"), float),
-    **dict.fromkeys(("q", "approach"), list[float] | None),
-}
-"""What of a state is told as it is."""
 
-WATCH = {"weights": list[float], "total": float, "rising": int, "unsettled": int, "part": float}
+@dataclass
+class State:
+    """What changes from reading to reading.
+
+    Attributes:
+        estimate: Of all parameters, as steps from `point`; see `Model.at`.
+        point: (P,) values at which the arm is linearised.
+        watch: The last readings.
+        count: How many readings were taken in.
+        outliers: How many of them counted less than in full.
+        session: The session that the last one was of.
+        time: When that was [s].
+        timed: Whether readings have times, None before the first.
+        clock: Time that drift goes by, in seconds or readings.
+        drifted: Clock up to which drift is in the estimate.
+        waiting: Readings since then.
+        patience: How long drift may wait.
+        q: Joint positions of the last one, None before the first.
+        approach: Direction that each joint last moved in: -1 or 1, 0 where it has not.
+        changes: What was announced.
+    """
+
+    estimate: Estimate
+    point: Array
+    watch: Watch
+    count: int = 0
+    outliers: int = 0
+    session: str | None = None
+    time: float | None = None
+    timed: bool | None = None
+    clock: float = 0.0
+    drifted: float = 0.0
+    waiting: int = 0
+    patience: float = 0.0
+    q: list[float] | None = None
+    approach: list[float] | None = None
+    changes: list[Change] = field(default_factory=list)
+
+    @property
+    def now(self) -> Anchor:
+        """The estimate as it is, to go back to."""
+        return Anchor(self.estimate, self.count, self.drifted)
+
+
+def _as_they_are(kind: type, *others: str) -> dict[str, Any]:
+    """Return the types of a dataclass's fields by name, but for some others."""
+    hints = get_type_hints(kind)
+    return {one.name: hints[one.name] for one in fields(kind) if one.name not in others}
+
+
+PLAIN = _as_they_are(State, "estimate", "point", "watch", "changes")
+WATCH = _as_they_are(Watch, "first", "later", "window", "readings")
 
 READING = {
     "q": list[float],
@@ -38,19 +84,13 @@ READING = {
     "covariates": dict[str, float],
 }
 
-CHANGE = {
-    "name": str,
-    "probability": float,
-    **dict.fromkeys(("reading", "since"), int),
-    "labels": tuple[str, ...],
-    "others": tuple[tuple[str, float], ...],
-}
+CHANGE = _as_they_are(Change, "parameters", "size", "std") | {"name": str, "labels": tuple[str, ...]}
 
 ESTIMATES = ("now", "first", "later")
 """The present one, and those of the watch's anchors."""
 
 
-def _arrays(about: Mapping[str, Any]) -> dict[str, Numbers]:
+def _declared(about: Mapping[str, Any]) -> dict[str, Numbers]:
     declared = {"point": Numbers(("parameters",))}
     for name in ESTIMATES:
         declared |= {f"{name} values": Numbers(("parameters",)), f"{name} root": Numbers(("parameters",) * 2)}
@@ -66,7 +106,7 @@ def _arrays(about: Mapping[str, Any]) -> dict[str, Numbers]:
 LAYOUT = Layout(
     "a tracker's state",
     "armflex-tracker-3",
-    _arrays,
+    _declared,
     {
         "about": {"arm": str, "rates": dict[str, float], "sigma": float},
         "plain": PLAIN,
@@ -83,55 +123,62 @@ LAYOUT = Layout(
 
 def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
     """Write a state, and what it is of, whole or not at all; return the path."""
-    watch = state.watch
-    estimates = zip(ESTIMATES, (state.estimate, watch.first.estimate, watch.later.estimate), strict=True)
-    arrays = {"point": state.point}
-    for name, estimate in estimates:
+    watch, arrays = state.watch, {"point": state.point}
+    for name, estimate in zip(ESTIMATES, (state.estimate, watch.first.estimate, watch.later.estimate), strict=True):
         arrays |= {f"{name} values": estimate.values, f"{name} root": estimate.root}
     for i, seen in enumerate(watch.window):
         arrays |= {f"window {i} residual": seen.residual, f"window {i} columns": seen.columns}
     for i, change in enumerate(state.changes):
         arrays |= {f"change {i} size": change.size, f"change {i} std": change.std}
+    numbers = ("q", "position", "sigma", "rotation", "sigma_r", "time")  # found good; what was given may be of any kind
+    readings = []
+    for reading in watch.readings:
+        told = {name: getattr(reading, name) for name in READING}
+        told |= {name: np.asarray(told[name], dtype=float).tolist() for name in numbers if told[name] is not None}
+        readings.append(told | {"covariates": {name: float(value) for name, value in reading.covariates.items()}})
     said = {
         "about": dict(about),
         "plain": {name: getattr(state, name) for name in PLAIN},
         "anchors": [[anchor.count, anchor.drifted] for anchor in (watch.first, watch.later)],
         "watch": {name: getattr(watch, name) for name in WATCH},
-        "readings": [_told_reading(reading) for reading in watch.readings],
+        "readings": readings,
         "changes": [{name: getattr(change, name) for name in CHANGE} for change in state.changes],
     }
     write_arrays(path, LAYOUT, arrays, said)
     return path
 
 
-def read_state(path: Path) -> tuple[State, dict[str, Any]]:
-    """Return a state, and what it is of.
+def read_state(path: Path, arm: Arm) -> tuple[State, dict[str, Any]]:
+    """Return a state of an arm as tracking began with it, and what else it is of.
 
     Raises:
-        ModelFileError: Missing, damaged, or no tracker's state.
+        ModelFileError: Missing, damaged, no tracker's state, or that of another arm.
+        UnknownNameError: The arm has no such parameter.
     """
     said, arrays, _ = read_arrays(path, LAYOUT)
+    about, known = said["about"], {}
+    if about["arm"] != digest(arm):
+        raise ModelFileError(Place(path), "is of another arm: expected the one that the tracker began with")
+    if said["changes"]:
+        known = {parameter.label: parameter for parameter in model_of(arm).parameters}
+    changes = []
+    for i, told in enumerate(said["changes"]):
+        for label in told["labels"]:
+            if label not in known:
+                raise UnknownNameError("parameter", label, known)
+        parameters = tuple(known[label] for label in told["labels"])
+        size, std = arrays[f"change {i} size"], arrays[f"change {i} std"]
+        own = {name: value for name, value in told.items() if name not in ("name", "labels")}
+        changes.append(Change(parameters, **own, size=size, std=std))
     now, *before = (Estimate(arrays[f"{name} values"], arrays[f"{name} root"]) for name in ESTIMATES)
     first, later = (Anchor(estimate, *told) for estimate, told in zip(before, said["anchors"], strict=True))
-    count = len(said["watch"]["weights"])
+    count, readings = len(said["watch"]["weights"]), [Reading(**told) for told in said["readings"]]
     window = [Seen(arrays[f"window {i} residual"], arrays[f"window {i} columns"]) for i in range(count)]
-    changes = [
-        Change(**told, size=arrays[f"change {i} size"], std=arrays[f"change {i} std"])
-        for i, told in enumerate(said["changes"])
-    ]
-    watch = Watch(first, later, window, **said["watch"], readings=[Reading(**told) for told in said["readings"]])
+    watch = Watch(first, later, window, **said["watch"], readings=readings)
     state = State(now, arrays["point"], watch, changes=changes, **said["plain"])
     if problem := _problem(state):
         raise ModelFileError(Place(path), f"does not hold {LAYOUT.what}: {problem}; {LAYOUT.anew}")
-    return state, said["about"]
-
-
-def _told_reading(reading: Reading) -> dict[str, Any]:
-    """Return what a reading says in plain numbers: it was found good, and what was given may be of any kind."""
-    numbers = ("q", "position", "sigma", "rotation", "sigma_r", "time")
-    told = {name: getattr(reading, name) for name in READING}
-    told |= {name: np.asarray(told[name], dtype=float).tolist() for name in numbers if told[name] is not None}
-    return told | {"covariates": {name: float(value) for name, value in reading.covariates.items()}}
+    return state, about
 
 
 def _problem(state: State) -> str | None:
@@ -159,9 +206,7 @@ def _problem(state: State) -> str | None:
         and 0 <= watch.rising <= size
         and 0 <= watch.unsettled <= FEWEST,
         "the readings of its window": len(times) == (size if judged else 0)
-        and all(
-            len(seen.residual) == reading.size for seen, reading in zip(watch.window, watch.readings, strict=False)
-        ),
+        and all(len(seen.residual) == one.size for seen, one in zip(watch.window, watch.readings, strict=False)),
         "its directions": (state.q is None) == (state.approach is None)
         and len(state.q or ()) == len(state.approach or ())
         and set(state.approach or ()) <= {-1.0, 0.0, 1.0},
@@ -169,7 +214,8 @@ def _problem(state: State) -> str | None:
             0.0 <= change.probability <= 1.0
             and 1 <= change.since <= change.reading <= state.count
             and all(0.0 <= share <= 1.0 for _, share in change.others)
-            and len(set(change.labels)) == len(change.labels) > 0
+            and len({parameter.group for parameter in change.parameters}) == 1
+            and len(set(change.parameters)) == len(change.parameters)
             for change in state.changes
         ),
     }

@@ -1,4 +1,4 @@
-"""What readings tell about parameters, and what one more row would add to each of three goals.
+"""Optimal design: what readings tell of parameters, what one more row adds to each of three goals, and the best rows.
 
 Everything is linear in the parameters about what is known now, and Gaussian. A row of the campaign is X (d, P), its
 readings' change per parameter in standard deviations; rows add X'X to the information N, whose inverse is the
@@ -8,29 +8,28 @@ covariance (`armflex.linear_gaussian`). With S = 1 + X N^-1 X' one row
     makes the trace of W N^-1 smaller by                           tr(S^-1 X N^-1 W N^-1 X')
     adds to the chi-square between an effect and its best imitation  e' S^-1 e, e its departure from it here
                                                               (Atkinson and Fedorov 1975; Hunter and Reiner 1965)
+
+Rows are chosen one after the other, then exchanged until none is better (Fedorov 1972).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.laws.effects.effect import Effect
 from armflex.linear_gaussian import LinearGaussian
+
+WORTH = 1e-6
+"""Share of what is reached by which an exchange must raise it: less is rounding."""
 
 
 class Goal(Protocol):
     """What a plan is to make as large as it can."""
-
-    def value(self, known: LinearGaussian) -> float:
-        """Return what is reached with what is known of P parameters."""
-        ...
-
-    def gains(self, known: LinearGaussian, rows: Array) -> Array:
-        """Return (N,) rises of the value by each of (N, d, P) rows."""
-        ...
 
     @property
     def title(self) -> str:
@@ -41,57 +40,62 @@ class Goal(Protocol):
         """Return what people look at."""
         ...
 
+    def value(self, known: LinearGaussian) -> float:
+        """Return what is reached with what is known of P parameters."""
+        ...
+
+    def gains(self, known: LinearGaussian, rows: Array) -> Array:
+        """Return (N,) rises of the value by each of (N, d, P) rows; see the top of this module."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class DsOptimal:
     """D_s-optimality: minus the mean logarithm of the standard deviations of the parameters at `places`.
 
-    Of a covariance that is not diagonal the determinant is meant: the volume of what is left possible.
+    Of a covariance that is not diagonal the determinant is meant: the volume of what is left possible. Shown is the
+    geometric mean of the standard deviations, in the units of the parameters.
     """
 
     places: np.ndarray
     title: str = "standard deviation over the prior one, geometric mean"
 
     def shown(self, value: Array | float) -> Array | float:
-        """Return the geometric mean of the standard deviations, in the units of the parameters."""
         return np.exp(-np.asarray(value))
 
     def value(self, known: LinearGaussian) -> float:
-        """Return minus the logarithm of the geometric mean of the standard deviations."""
         block = known.covariance[np.ix_(self.places, self.places)]
         return -0.5 * float(np.linalg.slogdet(block)[1]) / len(self.places)
 
     def gains(self, known: LinearGaussian, rows: Array) -> Array:
-        """Return (N,) rises; see the top of this module."""
         covariance = known.covariance
         seen = rows @ covariance
         whole = _spread(seen, rows)
         own = seen[:, :, self.places]
-        told = own @ np.linalg.inv(covariance[np.ix_(self.places, self.places)]) @ _transposed(own)
+        told = own @ np.linalg.inv(covariance[np.ix_(self.places, self.places)]) @ np.swapaxes(own, -1, -2)
         fall = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole - told)[1]
         return 0.5 * fall / len(self.places)
 
 
 @dataclass(frozen=True, eq=False)
 class IOptimal:
-    """I-optimality: minus the mean variance of predictions, whose (P, P) mean of squares `weight` is."""
+    """I-optimality: minus the mean variance of predictions, whose (P, P) mean of squares `weight` is.
+
+    Shown is the RMS of the standard deviations in 3-D [mm].
+    """
 
     weight: Array
     title: str = "standard deviation of predicted readings in mm, RMS in 3-D"
 
     def shown(self, value: Array | float) -> Array | float:
-        """Return the RMS of the standard deviations in 3-D [mm]."""
         return 1e3 * np.sqrt(np.maximum(-np.asarray(value), 0.0))
 
     def value(self, known: LinearGaussian) -> float:
-        """Return minus the mean variance."""
         return -float((self.weight * known.covariance).sum())
 
     def gains(self, known: LinearGaussian, rows: Array) -> Array:
-        """Return (N,) rises; see the top of this module."""
-        covariance = known.covariance
-        seen = rows @ covariance
-        less = np.linalg.solve(_spread(seen, rows), seen @ self.weight @ _transposed(seen))
+        seen = rows @ known.covariance
+        less = np.linalg.solve(_spread(seen, rows), seen @ self.weight @ np.swapaxes(seen, -1, -2))
         return np.trace(less, axis1=1, axis2=2)
 
 
@@ -126,29 +130,70 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class TOptimal:
-    """T-optimality: the smallest of the expected chi-squares, as any of the effects may be the true one."""
+    """T-optimality: the smallest of the expected chi-squares, as any of the effects may be the true one.
+
+    The value is the chi-square by which the wrong effect fits worse; shown is its root, standard deviations apart.
+    """
 
     truths: tuple[Truth, ...]
     title: str = "standard deviations between the two effects"
 
     def shown(self, value: Array | float) -> Array | float:
-        """Return the root of the chi-square: standard deviations apart."""
         return np.sqrt(np.maximum(value, 0.0))
 
     def value(self, known: LinearGaussian) -> float:
-        """Return the chi-square by which the wrong effect fits worse."""
         return min(truth.apart(known, np.zeros((0, 1, len(truth.own))))[0] for truth in self.truths)
 
     def gains(self, known: LinearGaussian, rows: Array) -> Array:
-        """Return (N,) rises; see the top of this module."""
         both = [truth.apart(known, rows) for truth in self.truths]
         return np.min([now + more for now, more in both], axis=0) - min(now for now, _ in both)
 
 
 def _spread(seen: Array, rows: Array) -> Array:
     """Return (N, d, d) covariance of readings in standard deviations: their noise, and what is not known."""
-    return np.eye(rows.shape[1]) + seen @ _transposed(rows)
+    return np.eye(rows.shape[1]) + seen @ np.swapaxes(rows, -1, -2)
 
 
-def _transposed(matrices: Array) -> Array:
-    return np.swapaxes(matrices, -1, -2)
+def greedy(goal: Goal, known: LinearGaussian, rows: Array, count: int) -> list[int]:
+    """Return the numbers of `count` of (N, d, P) rows, each the best after those before it; none twice."""
+    chosen: list[int] = []
+    for _ in range(min(count, len(rows))):
+        chosen.append(int(_gains_beside(goal, known, rows, chosen).argmax()))
+    return chosen
+
+
+def exchanged(goal: Goal, known: LinearGaussian, rows: Array, chosen: Sequence[int], rounds: int) -> list[int]:
+    """Return the choice after each row was given up for the best there is in its place, at most `rounds` times each."""
+    chosen = list(chosen)
+    for _ in range(rounds):
+        before = list(chosen)
+        for place, own in enumerate(before):
+            gains = _gains_beside(goal, known, rows, chosen[:place] + chosen[place + 1 :])
+            best = int(gains.argmax())
+            if gains[best] > gains[own] + WORTH * abs(gains[own]):
+                chosen[place] = best
+        if chosen == before:
+            break
+    return chosen
+
+
+def _gains_beside(goal: Goal, known: LinearGaussian, rows: Array, taken: list[int]) -> Array:
+    """Return (N,) what each row adds beside those that are taken, which can be taken no more."""
+    gains = goal.gains(known.with_rows(rows[taken]), rows)
+    gains[taken] = -np.inf
+    return gains
+
+
+def path(goal: Goal, known: LinearGaussian, rows: Array) -> Array:
+    """Return (n + 1,) what is reached after none, one, two ... of (n, d, P) rows in their order."""
+    reached = [goal.value(known)]
+    for row in rows:
+        known = known.with_rows(row)
+        reached.append(goal.value(known))
+    return np.array(reached)
+
+
+def instead(own: Effect, rival: Effect) -> str:
+    """Return what tells two effects apart that move the tip alike."""
+    told = dict.fromkeys(effect.law.instead for effect in (rival, own) if effect.law.instead)
+    return ", or ".join(told) or "measure a second target between the places in question"

@@ -1,0 +1,269 @@
+"""What is asked of an arm at many configurations, what was found in each cell of space, and a chunk of it as a file.
+
+A single answer is a tally of one row, so that counting answers and joining tallies are the same thing. It takes the
+place of a list of all answers: its size is that of the space reached, however many answers there were. Chunks are kept
+as files, so that an interrupted map goes on from where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from functools import lru_cache
+from itertools import product
+from typing import Any
+from uuid import uuid4
+
+import numpy as np
+
+from armflex.arm import Arm, ManyRows
+from armflex.conventions import Array
+from armflex.errors import NO_ANSWER, Flag
+from armflex.estimate.tip_uncertainty import length_sigma, tip_covariance
+from armflex.storage.array_file import Layout
+from armflex.storage.kept import Form
+from armflex.storage.schema import Numbers
+
+BITS = 21
+"""Bits of a cell's number for each axis."""
+
+SIDE = 1 << (BITS - 1)
+"""Cells are numbered from -SIDE to SIDE - 1 along each axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """Rows of answers; once `joined`, one row for each of V cells, in the order of their numbers.
+
+    Attributes:
+        cell: (V,) number of the cell, see `cell_numbers`.
+        configurations: (V,) how many had their rigid tip there.
+        answered: (V,) how many answers there are, one for each configuration and payload.
+        refused: (V, r) how many were refused for each of r reasons.
+        total: (V,) sum of the displacements [m].
+        worst: (V,) largest displacement [m], -inf where there is no answer.
+        payload: (V,) number of the payload that it is of.
+        q: (V, nq) its joint positions [rad or m].
+        worst_of_draws: (V,) largest displacement of any drawn arm [m], inf where one has no answer, -inf where none
+            were drawn.
+    """
+
+    cell: np.ndarray
+    configurations: np.ndarray
+    answered: np.ndarray
+    refused: np.ndarray
+    total: Array
+    worst: Array
+    payload: np.ndarray
+    q: Array
+    worst_of_draws: Array
+
+    def __len__(self) -> int:
+        return len(self.cell)
+
+
+SUMMED = ("configurations", "answered", "refused", "total")
+OF_WORST = ("cell", "worst", "payload", "q")
+
+
+def joined(tallies: Sequence[Tally]) -> Tally:
+    """Return one row for each cell that any of the tallies has; of equally bad answers the first is kept.
+
+    The result depends on the order of the tallies in its last digits only, and not at all on where they were made.
+    """
+    parts = {one.name: np.concatenate([getattr(each, one.name) for each in tallies]) for one in fields(Tally)}
+    if not len(parts["cell"]):
+        return Tally(**parts)
+    order = np.lexsort((-parts["worst"], parts["cell"]))  # stable
+    parts = {name: values[order] for name, values in parts.items()}
+    first = np.flatnonzero(np.diff(parts["cell"], prepend=parts["cell"][0] - 1))
+    return Tally(
+        **{name: np.add.reduceat(parts[name], first, axis=0) for name in SUMMED},
+        **{name: parts[name][first] for name in OF_WORST},
+        worst_of_draws=np.maximum.reduceat(parts["worst_of_draws"], first),
+    )
+
+
+def cell_numbers(points: Array, size: float) -> np.ndarray:
+    """Return the (N,) number of the cell of edge `size` that each of (N, 3) points is in."""
+    x, y, z = (np.floor(points / size).astype(np.int64) + SIDE).T
+    return (x << 2 * BITS) | (y << BITS) | z
+
+
+def cell_indices(numbers: np.ndarray) -> np.ndarray:
+    """Return the (V, 3) index of cells along x, y and z: cell 0 0 0 has the origin as its lowest corner."""
+    mask = (1 << BITS) - 1
+    return np.stack([numbers >> 2 * BITS, (numbers >> BITS) & mask, numbers & mask], axis=1) - SIDE
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """An arm, what it carries, and how its answers are told apart.
+
+    Attributes:
+        arms: The arm, and others drawn from what is known of it.
+        payloads: Names; "none" for nothing.
+        voxel: Edge of a cell [m].
+        options: Of `Arm.deflection`, covariates among them.
+        token: Names this question among all that a worker ever gets.
+    """
+
+    arms: tuple[Arm, ...]
+    payloads: tuple[str, ...]
+    voxel: float
+    options: Mapping[str, Any]
+    token: str = field(default_factory=lambda: uuid4().hex)
+
+    @property
+    def arm(self) -> Arm:
+        """The arm itself."""
+        return self.arms[0]
+
+    def __hash__(self) -> int:
+        return hash(self.token)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Question) and other.token == self.token
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a chunk of configurations gave, and the doubts met."""
+
+    tally: Tally
+    flags: tuple[Flag, ...]
+
+
+@lru_cache(maxsize=2)
+def _kept(question: Question) -> tuple[Arm, ...]:
+    """Return the arms as they first came here: their models are made already."""
+    return question.arms
+
+
+def answers(question: Question, q: Array) -> Answer:
+    """Return the answers at (N, nq) configurations under every payload; doubts are about the arm itself.
+
+    A configuration is counted with the first payload. A drawn arm's worst counts where the arm itself has its tip: an
+    offset that was drawn moves no answer elsewhere.
+    """
+    (arm, *others), parts = _kept(question), []
+    flags: dict[str, Flag] = {}
+    worst = np.full(len(q), -np.inf)
+    for other, payload in product(others, question.payloads):
+        for some, _, displacement, reason, _ in _outcomes(other, payload, question.options, q, np.arange(len(q))):
+            worst[some] = np.maximum(worst[some], np.inf if reason else displacement)
+    reasons = list(NO_ANSWER)
+    for number, payload in enumerate(question.payloads):
+        for some, tip, displacement, reason, met in _outcomes(arm, payload, question.options, q, np.arange(len(q))):
+            counted = np.zeros((len(some), 1 + len(reasons)), dtype=np.int64)
+            counted[:, reasons.index(reason) if reason else -1] = 1
+            tally = Tally(
+                cell=cell_numbers(tip, question.voxel),
+                configurations=np.full(len(some), number == 0, dtype=np.int64),
+                answered=counted[:, -1],
+                refused=counted[:, :-1],
+                total=np.zeros(len(some)) if reason else displacement,
+                worst=displacement,
+                payload=np.full(len(some), number, dtype=np.int64),
+                q=q[some],
+                worst_of_draws=worst[some],
+            )
+            parts.append(tally)
+            for flag in met:
+                flags.setdefault(flag.code, flag)
+    return Answer(joined(parts), tuple(flags.values()))
+
+
+Outcome = tuple[np.ndarray, Array, Array, str, tuple[Flag, ...]]
+"""Numbers of rows answered together, or of one that was refused, (n, 3) rigid tips [m], (n,) displacements [m], -inf
+where refused, why it was, '' where it was not, and the doubts met."""
+
+
+def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array, rows: np.ndarray) -> Iterator[Outcome]:
+    """Yield what becomes of rows of q; where one of them is refused, halves are asked until it stands alone."""
+    try:
+        some: ManyRows = q[rows]
+        found = arm.deflection(some, payload, **options)
+    except tuple(NO_ANSWER.values()) as error:
+        if len(rows) > 1:
+            for half in np.array_split(rows, 2):
+                yield from _outcomes(arm, payload, options, q, half)
+            return
+        reason = next(name for name, kind in NO_ANSWER.items() if isinstance(error, kind))
+        yield rows, arm.rigid_pose(q[rows[0]]).translation[None], np.array([-np.inf]), reason, ()
+        return
+    flags = tuple(Flag(flag.code, flag.text.partition(": ")[2]) for flag in found.flags)  # without "row 7: "
+    yield rows, found.rigid_pose[:, :3, 3], np.linalg.norm(found.displacement[:, :3], axis=1), "", flags
+
+
+def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tuple[Flag, ...]]:
+    """Return the (n,) standard uncertainties of displacements that were found, and doubts about them.
+
+    Args:
+        question: What was asked.
+        q: (n, nq) configurations.
+        payload: (n,) numbers of the payloads.
+    """
+    found, flags = np.full(len(q), np.nan), {}
+    for number, name in enumerate(question.payloads):
+        rows = np.flatnonzero(payload == number)
+        if len(rows):
+            found[rows], doubts = _sigmas(question, q[rows], name)
+            flags |= {flag.code: flag for flag in doubts}
+    return found, tuple(flags.values())
+
+
+def _sigmas(question: Question, q: Array, payload: str) -> tuple[Array, tuple[Flag, ...]]:
+    """Return (n,) uncertainties under one payload, NaN at the brink of what has an answer."""
+    arm = _kept(question)[0]
+    try:
+        batch = arm.deflection(q, payload, **question.options)
+        known = question.options["covariates"]
+        covariance, flags = tip_covariance(arm, batch.q, (payload,) * len(q), known, batch.covariance)
+    except tuple(NO_ANSWER.values()):
+        if len(q) == 1:
+            return np.array([np.nan]), ()
+        halves = [_sigmas(question, half, payload) for half in np.array_split(q, 2)]
+        return np.concatenate([half for half, _ in halves]), halves[0][1]
+    if covariance is None:
+        return np.full(len(q), np.nan), flags
+    return length_sigma(batch.displacement[:, :3], covariance[:, :3, :3]), flags
+
+
+INF = float("inf")
+
+ARRAYS = {
+    "cell": Numbers(("cells",), "i8", least=0, most=(1 << 3 * BITS) - 1),
+    "configurations": Numbers(("cells",), "i8", least=0),
+    "answered": Numbers(("cells",), "i8", least=0),
+    "refused": Numbers(("cells", len(NO_ANSWER)), "i8", least=0),
+    "total": Numbers(("cells",), least=0.0),
+    "worst": Numbers(("cells",), least=0.0, beside=(-INF,)),
+    "payload": Numbers(("cells",), "i8", least=0),
+    "q": Numbers(("cells", "joints")),
+    "worst_of_draws": Numbers(("cells",), least=0.0, beside=(INF, -INF)),
+}
+
+
+def form_of(joints: int, payloads: int) -> Form[Answer]:
+    """Return how the chunks of an arm of so many joints, carrying so many payloads in turn, become files."""
+    about, sizes = {"flags": list[Flag]}, {"joints": (joints,)}
+    layout = Layout("a chunk of a workspace map", "armflex-map-chunk-4", ARRAYS, about, sizes)
+
+    def told(answer: Answer) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        arrays = {one.name: getattr(answer.tally, one.name) for one in fields(Tally)}
+        return {"flags": [asdict(flag) for flag in answer.flags]}, arrays
+
+    def made(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Answer:
+        tally, rows = Tally(**arrays), int(about["piece"].rpartition("-")[2])
+        asked, some = rows * payloads, tally.answered > 0
+        if not (len(tally) and (np.diff(tally.cell) > 0).all() and (tally.payload < payloads).all()):
+            raise ValueError("its cells are not in order, or a payload is not among those asked for")
+        answered = tally.answered.sum() + tally.refused.sum()
+        if tally.configurations.sum() != rows or answered != asked or (np.isfinite(tally.worst) != some).any():
+            raise ValueError(f"{asked} questions are not as many as were answered and refused")
+        if (tally.total > tally.answered * np.where(some, tally.worst, 0.0) * (1.0 + 1e-9)).any():
+            raise ValueError("a mean is above the largest")
+        return Answer(tally, tuple(about["flags"]))
+
+    return Form(layout, told, made)

@@ -1,0 +1,177 @@
+"""A cause that nobody recorded: where something unexplained acts, whatever it is, and its value in every pose.
+
+For each site and axis the residual is taken as noise plus a random twist of unknown variance v, one per pose:
+r ~ N(0, s^2 I + v J J'), and the likelihood is maximised over v and the noise's size s. Nobody knows s for positions
+from orientations: where both were read, each kind is first taken by its own size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.estimate.block import Block
+from armflex.estimate.fit import Fit
+from armflex.estimate.view import View
+from armflex.laws import Row
+from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Values, Words
+from armflex.laws.effects.location import LINK, Here, Location
+from armflex.laws.effects.scene import Scene
+from armflex.parameters import ArmParameter, Group, Kind
+from armflex.rows.rows import POSE
+from armflex.setup import Setup
+from armflex.trace.projection import Projection
+
+RATIOS = np.logspace(-4.0, 8.0, 61)
+"""Variances tried, in units of what the mean pose could tell at all."""
+
+LEVEL = 1.0
+"""Log-likelihood ratio by which a link's end must be likelier than a joint."""
+
+NOTICED = 10.0
+"""Log-likelihood ratio from which a place counts; noise alone stays below about 3."""
+
+AS_LIKELY = 3.0
+"""Log-likelihood within which places are not told apart."""
+
+RANDOM = "unexplained"
+"""Name of the effect while a fit lasts."""
+
+
+@dataclass(frozen=True)
+class RandomTwist:
+    """A site and axis where a random twist explains the residual.
+
+    Attributes:
+        site, axis: Where.
+        ratio: Log-likelihood ratio to noise alone.
+        std: Standard deviation of the twist [m or rad].
+    """
+
+    site: str
+    axis: str
+    ratio: float
+    std: float
+
+    @property
+    def unit(self) -> str:
+        """Of its size."""
+        return "m" if self.axis.startswith("d") else "rad"
+
+
+def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray) -> tuple[RandomTwist, ...]:
+    """Return every site and axis, the likeliest first.
+
+    Args:
+        fit: The fit whose residual is looked at.
+        scene: The campaign.
+        projection: The same fit's.
+        groups: (M,) number of the pose of every measured row: rows of one pose share a twist.
+    """
+    view, scale = fit.view, np.sqrt(fit.weights)[:, None] / fit.view.sigma
+    residual, read = projection.residual.reshape(scale.shape), np.isfinite(view.sigma)
+    # The RMS of each kind's residual where it was read, over that of all.
+    squares, levels = np.where(read, residual**2, 0.0), np.ones(scale.shape[1])
+    whole = squares.sum() / max(read.sum(), 1)
+    for kind in view.readings.slices:
+        mean = squares[:, kind].sum() / max(read[:, kind].sum(), 1)
+        levels[kind] = np.sqrt(mean / whole) if mean > 0.0 else 1.0
+    residual, scale = residual / levels, scale / levels
+    total, count = float((residual**2).sum()), int(groups.max()) + 1
+    found = []
+    for site in scene.sites:
+        columns = view.to_twist(site) * scale[:, :, None]
+        scores = np.einsum("md,mda->ma", residual, columns)
+        squares = np.einsum("mda,mda->ma", columns, columns)
+        for axis, name in enumerate(TWIST_NAMES):
+            score = np.asarray(np.bincount(groups, scores[:, axis], count), float)
+            square = np.asarray(np.bincount(groups, squares[:, axis], count), float)
+            ratio, variance = _likelihood(score, square, total, view.count)
+            found.append(RandomTwist(site, name, ratio, float(np.sqrt(variance))))
+    # What stands level goes by its joint rather than by the link that ends there.
+    return tuple(sorted(found, key=lambda place: -place.ratio + LEVEL * place.site.startswith(LINK)))
+
+
+def _likelihood(score: Array, square: Array, total: float, count: int) -> tuple[float, float]:
+    """Return the largest log-likelihood ratio, the noise's size fitted for each variance, and the variance there.
+
+    Args:
+        score: (G,) product of every pose's residual with its column.
+        square: (G,) square of every pose's column.
+        total: Sum of squares of the residual.
+        count: Number of readings.
+    """
+    mean = float(square.mean())
+    if mean <= 0.0:
+        return 0.0, 0.0
+    # With noise s^2 the twist's variance is v s^2: the quadratic form and determinant of I + v j j' per pose.
+    ratios = RATIOS / mean
+    inflated = 1.0 + ratios[:, None] * square
+    quadratic = total - (ratios[:, None] * score**2 / inflated).sum(axis=1)
+    likelihood = -0.5 * count * np.log(quadratic / total) - 0.5 * np.log(inflated).sum(axis=1)
+    best = int(likelihood.argmax())
+    if likelihood[best] <= 0.0:
+        return 0.0, 0.0
+    return float(likelihood[best]), float(ratios[best] * quadratic[best] / count)
+
+
+def as_likely(places: tuple[RandomTwist, ...]) -> tuple[RandomTwist, ...]:
+    """Return the places that the residual does not tell from the first."""
+    return tuple(place for place in places[1:] if place.ratio > places[0].ratio - AS_LIKELY)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBlock(Block):
+    """A random twist at one site and axis, of known size and unknown value: one for every pose.
+
+    Attributes:
+        site, axis: Where.
+        std: Standard deviation of the twists [m or rad].
+        groups: (N,) pose number of every row of the campaign.
+        alike: Other places that explain as much.
+    """
+
+    site: str
+    axis: str
+    std: float
+    groups: np.ndarray
+    alike: tuple[RandomTwist, ...] = ()
+
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
+        """One per pose."""
+        group, unit = Group(Kind.UNEXPLAINED, f"{self.site} {self.axis}"), "m" if self.axis.startswith("d") else "rad"
+        return tuple(ArmParameter(group, f"pose {i}", unit) for i in range(int(self.groups.max()) + 1))
+
+    @property
+    def prior(self) -> Array:
+        """(k,) the size."""
+        return np.full(len(self.parameters), self.std)
+
+    def columns(self, view: View) -> Array:
+        """Return (M, d, k): every pose moves its own rows."""
+        answer = view.to_twist(self.site)[:, :, TWIST_NAMES.index(self.axis)]
+        own = self.groups[view.rows][:, None] == np.arange(len(self.parameters))
+        return answer[:, :, None] * own[:, None, :]
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with every pose's twist, which is taken out again before the arm is used."""
+        count = len(values)
+
+        def basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+            own = np.asarray(row.covariate(POSE))[..., None] == np.arange(count)
+            return own[..., None] * here.direction
+
+        law = TwistLaw(
+            name=RANDOM,
+            words=Words(RANDOM, "", ""),
+            places=lambda records: (),
+            amplitudes=(Amplitude("twist", "{m}"),) * count,
+            basis=basis,
+            physical=False,
+        )
+        location = Location(self.site, self.axis, (POSE,), tuple(range(count)))
+        return setup.with_effect(Effect(law, location, tuple(values.tolist())))
