@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from armflex.measured.repeats import Repeats as Repeats
     from armflex.measured.repeats import repeats as repeats
     from armflex.mechanics.deflection import Deflection as Deflection
-    from armflex.mechanics.deflection_batch import DeflectionBatch as DeflectionBatch
+    from armflex.mechanics.deflection import DeflectionBatch as DeflectionBatch
     from armflex.mechanics.loads import Payload as Payload
     from armflex.mechanics.loads import Wrench as Wrench
     from armflex.plan.drive import write_plan as write_plan
@@ -82,8 +82,7 @@ HOMES = {
     "armflex.measured.measurements": "Measurements read_measurements",
     "armflex.measured.points": "PointExport read_points",
     "armflex.measured.repeats": "Repeats repeats",
-    "armflex.mechanics.deflection": "Deflection",
-    "armflex.mechanics.deflection_batch": "DeflectionBatch",
+    "armflex.mechanics.deflection": "Deflection DeflectionBatch",
     "armflex.mechanics.loads": "Payload Wrench",
     "armflex.plan.drive": "write_plan",
     "armflex.plan.picture": "draw_plan",

@@ -26,14 +26,12 @@ from armflex.errors import (
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
 from armflex.laws.flexure import Flexure as Flexure
-from armflex.mechanics.deflection import Asked, Deflection, deflect
-from armflex.mechanics.deflection_batch import DeflectionBatch, deflect_batch
+from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loaded import LoadedArm, Names
 from armflex.mechanics.loads import NO_PAYLOAD, Payload, Wrench
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.query import Prepared
-from armflex.mechanics.structure import Names
 from armflex.parameters import (
     FRAME,
     MOUNTED,
@@ -302,8 +300,8 @@ class Arm:
         if v is not None or a is not None:
             self.robot.check_motion()
         if not single:
-            asked = Asked(method, enforce_limits, allow_large, strict)
-            return deflect_batch(self, positions, payload, (v, a), known, tuple(wrenches), asked, jobs)
+            case = LoadCase(positions, v, a, tuple(wrenches), known)  # pyright: ignore[reportArgumentType] - checked there
+            return deflect_batch(self, payload, case, Asked(method, enforce_limits, allow_large, strict), jobs)
         if positions.ndim == 1 and self.within_limits(positions.tolist()):
             checked, flags = positions.copy(), ()
         else:

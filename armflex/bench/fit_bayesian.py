@@ -25,6 +25,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri  # several small factors: numpy's wrappers take longer than the work
@@ -211,15 +212,15 @@ def _judged(problem: NetworkProblem, chains: list[Drawn], seconds: float) -> Pos
     weights, noise = (np.array([getattr(chain, name) for chain in chains]) for name in ("weights", "noise"))
     given = np.array([predictions(problem, each) for each in weights])
     parts = {"predictions": diagnose(given.reshape(*given.shape[:2], -1)), "noise": diagnose(np.log(noise))}
-    lost = [chain.divergences for chain in chains]
-    divergences = None if None in lost else sum(lost)
+    lost = [chain.divergences for chain in chains if chain.divergences is not None]
+    divergences = sum(lost) if len(lost) == len(chains) else None
     acceptance = float(np.mean([chain.acceptance for chain in chains]))
-    rhat_max = float(np.max([part.rhat_max for part in parts.values()]))  # np.max passes NaN on
-    ess_min = float(np.min([part.ess_min for part in parts.values()]))
+    judged = np.array([(part.rhat_max, part.ess_min) for part in parts.values()], dtype=float)
+    rhat_max, ess_min = float(np.max(judged[:, 0])), float(np.min(judged[:, 1]))  # they pass NaN on
     return Posterior(weights, noise, Diagnostics(rhat_max, ess_min, divergences, acceptance, seconds), parts)
 
 
-def _nuts_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence, **aims: float) -> Drawn:
+def _nuts_chain(density: Collapsed, mode: Array, draws: int, seed: np.random.SeedSequence, **aims: Any) -> Drawn:
     sampling, drawing = seed.spawn(2)
     walk = no_u_turn(density, mode, whitening(density, mode), draws, TUNE, sampling, **aims)
     rng = np.random.default_rng(drawing)

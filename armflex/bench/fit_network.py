@@ -167,6 +167,7 @@ def _find_mode(problem: NetworkProblem, start: Array, iterations: int, damping: 
         if abs(mode.log_evidence - before) < 0.01:
             break
         before, weights, (precisions, noise) = mode.log_evidence, mode.weights, _reestimated(problem, mode)
+    assert best is not None
     return climbed(best.weights, best.precisions, best.noise, damping.start)[0]
 
 

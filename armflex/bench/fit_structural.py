@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -61,7 +62,8 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
     if (stds > UNKNOWN).all():
         raise IdentifiabilityError("loads do not determine the compliances of the sub-joints", 0, np.inf, names)
     law = _certain(_with(assembly, free, solved.x), free, stds, loads, scatter)
-    compliances = [float(law.subjoints[i].law.compliance[axis, axis]) for i, axis in free]
+    linear: list[Any] = [sub.law for sub in law.subjoints]
+    compliances = [float(linear[i].compliance[axis, axis]) for i, axis in free]
     found = {
         name: {"value": value, "relative_std": std, "determined": std <= UNKNOWN}
         for name, value, std in zip(names, compliances, stds.tolist(), strict=True)
@@ -84,9 +86,10 @@ def _with(assembly: StructuralLaw, free: Sequence[tuple[int, int]], logs: Array)
     roots = np.ones((len(assembly.subjoints), 6))
     for (i, axis), value in zip(free, logs, strict=True):
         roots[i, axis] = np.exp(0.5 * value)
+    linear: list[Any] = [sub.law for sub in assembly.subjoints]
     subjoints = [
-        replace(sub, law=LinearLaw(sub.law.compliance * np.outer(root, root)))
-        for sub, root in zip(assembly.subjoints, roots, strict=True)
+        replace(sub, law=LinearLaw(law.compliance * np.outer(root, root)))
+        for sub, law, root in zip(assembly.subjoints, linear, roots, strict=True)
     ]
     return replace(assembly, subjoints=tuple(subjoints))
 
@@ -101,8 +104,9 @@ def _certain(
         relative[i, axis] = std
     subjoints = []
     for i, sub in enumerate(law.subjoints):
+        linear: Any = sub.law
         rows, axes = np.zeros((6, 6, 6)), np.arange(6)
-        rows[axes, axes, axes] = (relative[i] * np.diag(sub.law.compliance)) ** 2
+        rows[axes, axes, axes] = (relative[i] * np.diag(linear.compliance)) ** 2
         fit = LinearFit(rows, np.zeros(6), seen_loads(np.array([one[i] for one in at_subjoints])))
-        subjoints.append(replace(sub, law=replace(sub.law, fit=fit)))
+        subjoints.append(replace(sub, law=replace(linear, fit=fit)))
     return replace(law, subjoints=tuple(subjoints), noise=np.pad(scatter, (0, 6 - len(scatter))))

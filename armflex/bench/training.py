@@ -137,7 +137,8 @@ def train(
         folds = _folds(data, model, options)
         held = hold_out(learn, data, folds, seed, _counting(progress, len(np.unique(folds))))
         if model == "torch":  # its weights say nothing of what they leave open
-            fitted = replace(fitted, law=replace(fitted.law, noise=held.rms))
+            module: Any = fitted.law
+            fitted = replace(fitted, law=replace(module, noise=held.rms))
             source = f"the Python code of {fitted.parameters['module']}, which must stay as and where it is"
             trust = "take such laws from people you trust alone. A control loop takes about a millisecond for it"
             text = f"to load this law runs {source}; {trust}"

@@ -15,9 +15,9 @@ from armflex.covariance import root_of_covariance
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.spread import without_declared_doubt
-from armflex.mechanics.deflection_batch import check_positions
-from armflex.mechanics.ensemble import draw_laws
+from armflex.mechanics.deflection import check_positions
 from armflex.mechanics.loads import Payload
+from armflex.mechanics.many_rows import draw_laws
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup
 

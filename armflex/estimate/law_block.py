@@ -71,7 +71,7 @@ class LawsBlock(Block):
         """Return the setup with every law a step away."""
         return self._with(setup, [law.moved(own) for law, own in zip(self.laws, self.split(step), strict=True)])
 
-    def split(self, values: Array) -> list[Array]:
+    def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Return every law's part of (k,) values."""
         return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
 

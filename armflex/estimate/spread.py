@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +34,7 @@ def certainty_of(fit: Fit) -> Certainty:
 
     Where the declared arm was fitted before, what is known of it stays known; only frames are of one campaign.
     """
-    random = [block for block in fit.blocks if block.kind is Kind.UNEXPLAINED]
+    random: list[Any] = [block for block in fit.blocks if block.kind is Kind.UNEXPLAINED]  # `PoseBlock`, made above
     every, known = parameters_of(fit.blocks), fit.posterior
     directions = known.null_space if len(known.null_space) else None
     unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None

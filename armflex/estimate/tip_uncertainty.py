@@ -14,8 +14,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.estimate.spread import displacement_covariance, without_declared_doubt
 from armflex.laws.effects.remember import remembers
-from armflex.mechanics.deflection import Deflection
-from armflex.mechanics.deflection_batch import DeflectionBatch
+from armflex.mechanics.deflection import Deflection, DeflectionBatch
 from armflex.mechanics.loads import Payload
 from armflex.rows import Rows
 
@@ -61,12 +60,11 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
 
 def _of_batch(found: DeflectionBatch) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return the (N, 6, 6) covariance of a batch, and doubts about it."""
-    acting = found.acting
-    certain = without_declared_doubt(cast(Arm, acting.arm))
-    laws = replace(found, acting=replace(acting, arm=certain)).covariance
-    payloads = [_known_as(certain, certain.payload(acting.payload(i))) for i in range(len(found.q))]
-    covariance, doubts = tip_covariance(certain, found.q, payloads, acting.covariates, laws)
-    rest = certain.certainty is None or not (acting.moves or acting.wrenches)
+    certain, case = without_declared_doubt(cast(Arm, found.arm)), found.case
+    laws = replace(found, arm=certain).covariance
+    payloads = [_known_as(certain, certain.payload(found.payload(i))) for i in range(len(found.q))]
+    covariance, doubts = tip_covariance(certain, found.q, payloads, case.covariates, laws)
+    rest = certain.certainty is None or not (case.moves or case.wrenches)
     return covariance, doubts if rest else (*doubts, AT_REST)
 
 

@@ -183,7 +183,7 @@ def _log_compliance(law: LogCompliance) -> Terms:
         row = Row((law.middle + law.reach * places)[:, None], {joint: 0})
         wanted = law.compliance(row).reshape(len(places), 36)
         values = np.polynomial.chebyshev.chebvander(places, degree)
-        coefficients = np.linalg.lstsq(values, wanted, rcond=None)[0]
+        coefficients = np.asarray(np.linalg.lstsq(values, wanted, rcond=None)[0], float)
         if np.abs(values @ coefficients - wanted).max() <= CLOSE * np.abs(wanted).max():
             parts = enumerate(coefficients.reshape(-1, 6, 6))
             numbers = (law.middle, law.reach)
@@ -371,7 +371,9 @@ SHAPES: Mapping[str, Shape] = {
     "unnamed_wave": lambda law, here, inner: _constant(
         law, *((wave,) for wave in _waves(here.location.covariates[0], inner[0]))
     ),
-    "unnamed_bump": lambda law, here, inner: _constant(law, (Factor("BUMP", here.location.covariates[0], inner),)),
+    "unnamed_bump": lambda law, here, inner: _constant(
+        law, (Factor("BUMP", here.location.covariates[0], tuple(inner)),)
+    ),
     "unnamed_shape": lambda law, here, inner: _constant(
         law, *((tent,) for tent in _tents(here.location.covariates[0], *inner)[:-1])
     ),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arm import Arm, ManyRows
 from armflex.configurations import Configurations, drawn_range
 from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import NO_ANSWER, MissingCovariateError, Place, UnsupportedError, listing, naming
@@ -208,9 +208,10 @@ def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Lost:
 
 def _answers(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Array:
     """Return the (N, 3) place of the tip, NaN in rows that have no answer."""
-    loaded = {"payload": payload, "enforce_limits": False}
+    loaded: dict[str, Any] = {"payload": payload, "enforce_limits": False}
     try:
-        return arm.deflection(q, covariates=known, **loaded).pose[:, :3, 3]
+        rows: ManyRows = q
+        return arm.deflection(rows, covariates=known, **loaded).pose[:, :3, 3]
     except tuple(NO_ANSWER.values()):
         found = np.full((len(q), 3), np.nan)
     for i in range(len(q)):

@@ -192,7 +192,7 @@ def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
 
 
 def _seen(table: Declaration) -> Seen:
-    found = {name: table.numbers(name, shape) for name, shape in SHAPES.items()}
+    found: dict[str, Any] = {name: table.numbers(name, shape) for name, shape in SHAPES.items()}
     _positive(table, "load_scale", (6,))
     _not_below_zero(table, "twist_scale", found["twist_scale"])
     _definite(table, "precision", found["precision"])

@@ -234,6 +234,10 @@ class Law(ABC):
         """
         return None
 
+    def hardening(self) -> tuple[Array, float] | None:
+        """Return the (6, 6) C [m/N, rad/Nm] and the r [1/J] of a law C w / sqrt(1 + r w' C w), None of any other."""
+        return None
+
     def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return (2, 2) bounds of the tangent's 3 x 3 blocks, by their 2-norm, None where none is known.
 

@@ -39,7 +39,7 @@ def check_one_unit(position: Array, rows: np.ndarray, places: Sequence[Place]) -
     for name, values in (("x y z", seen), *((axis, seen[:, [i]]) for i, axis in enumerate("xyz"))):
         odd = _other_unit(values)
         if len(odd):
-            found = [places[rows[i]] for i in odd]
+            found = [places[i] for i in rows[odd].tolist()]
             lines = listing((str(place.line) for place in found), 10)
             text = f"{name}: {len(found)} of {len(rows)} rows are about 1000 times as large or small as the others"
             raise TableError(found[0], f"{text} (lines {lines}): mm among m?")

@@ -241,7 +241,9 @@ def with_points(table: Table, points: PointExport) -> tuple[Table, tuple[Flag, .
     if spare:
         names = listing((f"{points.full_name(i)} (line {points.lines[i]})" for i in spare), 5)
         flags.append(Flag("surplus_points", f"{len(spare)} points of {points.path} belong to no row: {names}"))
-    exported = {axis: [repr(float(v)) for v in points.position[:, i]] for i, axis in enumerate(AXES)}
+    exported: dict[str, Sequence[str]] = {
+        axis: [repr(float(v)) for v in points.position[:, i]] for i, axis in enumerate(AXES)
+    }
     exported |= points.extras
     stamps = next((name for name, cells in points.extras.items() if all(map(_ISO.fullmatch, cells))), None)
     if stamps and "time" not in table.columns and None not in point_of:

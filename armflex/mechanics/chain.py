@@ -87,6 +87,10 @@ class Frames:
     places: np.ndarray
     numbers: Array
 
+    def some(self, index: Sequence[int]) -> Frames:
+        """Return some of the frames."""
+        return Frames(tuple(self.names[i] for i in index), self.places[:, index], self.numbers[index])
+
 
 def frames_of(frames: Sequence[tuple[str, int, int, pin.SE3]]) -> Frames:
     """Return frames by name, element, first element moved, and pose in their element."""

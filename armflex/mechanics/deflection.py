@@ -1,23 +1,50 @@
-"""One question to an arm with a payload, from joint positions that were checked to a `Deflection`."""
+"""What an arm does at one configuration or at many: where it rests, and all that follows from it.
+
+Of one row Pinocchio says everything. Many rows are compiled where the arm stands still, else asked one by one; what
+arrays have no quick way for is asked of a batch's `row`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from armflex.conventions import Array
-from armflex.errors import ExtrapolationError, Flag
+from armflex.conventions import LARGEST_POSITION, Array, real_array
+from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
 from armflex.laws import Row
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, tangent_of
-from armflex.mechanics.laws import LawStack
-from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.laws import LawStack, RowLaws
+from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Structure
 from armflex.mechanics.loads import Payload
+from armflex.mechanics.many_rows import (
+    AT_ONCE,
+    NO_CHANGES,
+    Pushes,
+    RowSolver,
+    Solution,
+    by_payload,
+    chunks,
+    flexed,
+    rigid_tips,
+    rotations,
+)
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
-from armflex.mechanics.structure import Names
+from armflex.parallel import in_order
+
+PIECE = 16384
+"""Configurations that a process or thread is given at a time."""
+
+CHUNK = 512
+"""Rows whose covariances are found together."""
+
+COMPILED = ("exact", "first_order")
+"""Methods that the kernel has."""
 
 
 class Asked(NamedTuple):
@@ -41,7 +68,7 @@ class Deflection:
 
     Attributes:
         solved: The equilibrium.
-        asked_flags: Doubts about the question.
+        asked_flags: Flags of the question.
     """
 
     solved: Equilibrium
@@ -259,3 +286,282 @@ def deflect(
     # Beyond its limits a joint may be farther out than the proof of stability knows of.
     found = find_equilibrium(loaded, case, method, allow_large, within=not flags)
     return Deflection(found, (*doubts, *flags) if flags else doubts)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class DeflectionBatch:
+    """The arm at N configurations; the arrays of `Deflection` with a leading N.
+
+    Equilibria are found before there is a batch; what follows from them is computed when it is asked for, and kept.
+
+    Attributes:
+        arm: The arm.
+        payloads: What is carried: one for all rows, or one for each.
+        case: Where the joints are in the rows, and what acts.
+        asked: How the question was answered.
+        displacement: (N, 6) flexed minus rigid, base axes [m, rad].
+        twists: (N, n_flexures, 6) local deflections [m, rad].
+    """
+
+    arm: Structure
+    payloads: tuple[str | Payload | None, ...]
+    case: LoadCase
+    asked: Asked
+    displacement: Array
+    twists: Array
+
+    def __repr__(self) -> str:
+        """One line: how many rows and the largest shift."""
+        most = float(np.linalg.norm(self.displacement[:, :3], axis=1).max(initial=0.0))
+        return f"<DeflectionBatch: {len(self.q)} rows, {self.names.tip} moves up to {most * 1e3:.4g} mm>"
+
+    @property
+    def q(self) -> Array:
+        """(N, nq) joint positions [rad or m]."""
+        return self.case.q
+
+    @property
+    def names(self) -> Names:
+        """Joints, flexures, base and tip."""
+        return self.arm.names
+
+    def payload(self, i: int) -> str | Payload | None:
+        """Return what is carried in a row."""
+        return self.payloads[0 if len(self.payloads) == 1 else i]
+
+    def row(self, i: int) -> Deflection:
+        """Return one of the rows by itself; its equilibrium is not solved again."""
+        loaded, case = self.arm.loaded(self.payload(i)), self.case.some(i)
+        checked, flags = self.arm.check_position(case.q, enforce_limits=False)
+        mechanics, method, case = loaded.mechanics, self.asked.method, case._replace(q=checked)
+        rigid, motion = mechanics.rigid_configuration(checked), np.zeros(mechanics.model.nv)
+        motion[loaded.flex.flexure_v] = self.twists[i].ravel()
+        torque = mechanics.load(case)(rigid if method == "first_order" else mechanics.flexed(rigid, motion))
+        found = Equilibrium(loaded, case, rigid, motion, torque, method, ())
+        return Deflection(found, (*self._flags_of(loaded), *flags))
+
+    @cached_property
+    def rigid_pose(self) -> Array:
+        """(N, 4, 4) tip poses of the rigid arm in the base frame."""
+        loaded = self.arm.loaded(None)
+        return rigid_tips(loaded.nominal or loaded.chain, self.q)
+
+    @cached_property
+    def pose(self) -> Array:
+        """(N, 4, 4) tip poses of the flexed arm in the base frame."""
+        found = self.rigid_pose.copy()
+        found[:, :3, 3] += self.displacement[:, :3]
+        found[:, :3, :3] = rotations(self.displacement[:, 3:]) @ found[:, :3, :3]
+        return found
+
+    @cached_property
+    def wrenches(self) -> Array:
+        """(N, n_flexures, 6) loads on the flexures, local axes [N, Nm]."""
+        found = np.empty_like(self.twists)
+        for loaded, rows in self._compiled:
+            for some in (rows[i : i + PIECE] for i in range(0, len(rows), PIECE)):
+                pushes, at = Pushes(loaded, self.case.wrenches), (self.q[some], self.twists[some])
+                at = at if self.asked.method == "exact" else (at[0], np.zeros_like(at[1]))
+                pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
+                found[some] = flexed(loaded.chain, loaded.flexure_frames, "loads", *at, pushed)[:, :-1]
+        for i in self._others:
+            found[i] = self.row(i).wrenches
+        return found
+
+    @cached_property
+    def contributions(self) -> Array:
+        """(N, n_flexures, 6) first-order share of each flexure in the displacement [m, rad]."""
+        found = np.empty_like(self.twists)
+        for loaded, rows in self._compiled:
+            poses = flexed(loaded.chain, loaded.flexure_frames, "poses", self.q[rows], self.twists[rows])
+            # To go on along a twist is to move by it: exp6's derivative leaves it as it is.
+            turns, origins, tip = poses[:, :-1, :3, :3], poses[:, :-1, :3, 3], poses[:, -1:, :3, 3]
+            shift, turn = ((turns @ part[..., None])[..., 0] for part in np.split(self.twists[rows], 2, axis=2))
+            found[rows] = np.concatenate([shift + np.cross(turn, tip - origins), turn], axis=2)
+        for i in self._others:
+            found[i] = self.row(i).contributions
+        return found
+
+    @cached_property
+    def drive_loads(self) -> Array:
+        """(N, nq) load on every drive about or along its joint's axis [Nm or N]."""
+        moving, found = self.arm.robot.moving, np.empty_like(self.q)
+        pairs = ([j.axis, np.zeros(3)][:: 1 if j.kind == "prismatic" else -1] for j in moving)
+        axes = np.array([np.concatenate(pair) for pair in pairs]).reshape(-1, 6)
+        for loaded, rows in self._compiled:
+            pushes, at = Pushes(loaded, self.case.wrenches, sited=True), (self.q[rows], self.twists[rows])
+            links = loaded.sites.some([loaded.sites.names.index(f"link:{joint.name}") for joint in moving])
+            loads = flexed(loaded.sited_chain, links, "loads", *at, (pushes.links, pushes.wrenches(*at), NO_CHANGES))
+            found[rows] = np.einsum("nja,ja->nj", loads, axes)
+        for i in self._others:
+            found[i] = np.einsum("ja,ja->j", self.row(i).joint_loads, axes)
+        return found
+
+    @cached_property
+    def covariance(self) -> Array | None:
+        """(N, 6, 6) of the laws alone, None where no law carries an uncertainty; see `armflex.total_covariance`."""
+        found, left, known = np.zeros((len(self.q), 6, 6)), np.ones(len(self.q), dtype=bool), False
+        for loaded, rows in ((a, r[i : i + CHUNK]) for a, r in self._compiled for i in range(0, len(r), CHUNK)):
+            row, wrenches = loaded.row(self.q[rows], self.case.some(rows).covariates), self.wrenches[rows]
+            parts = [law.covariance(wrenches[:, i], row) for i, law in enumerate(self.arm.stack.laws)]
+            left[rows] = False
+            if all(part is None for part in parts):
+                continue
+            known = True
+            solver, laws = RowSolver(loaded, True, self.case.wrenches), RowLaws(self.arm.stack, row)
+            if laws.curved:
+                laws.expand(wrenches)
+            at = Solution(self.displacement[rows], wrenches, self.twists[rows])
+            gains, distance = solver.linearise(row, laws, at, np.arange(len(rows)))
+            for i, part in enumerate(parts):
+                if part is not None:
+                    found[rows] += gains[:, :, i] @ part @ np.swapaxes(gains[:, :, i], 1, 2)
+            left[rows] = ~(distance < 1.0)
+        for i in np.flatnonzero(left).tolist():
+            one = self.row(i).covariance
+            known, found[i] = known or one is not None, 0.0 if one is None else one
+        return found if known else None
+
+    @cached_property
+    def flags(self) -> tuple[Flag, ...]:
+        """Doubts, each with the first row it concerns."""
+        unseen = [] if self.first_unseen is None else [(self.first_unseen[0], flag) for flag in self.first_unseen[1]]
+        found: dict[str, Flag] = {}
+        for number, flag in sorted((*self.doubts, *unseen), key=lambda pair: pair[0]):
+            found.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
+        return tuple(found.values())
+
+    @property
+    def doubts(self) -> list[tuple[int, Flag]]:
+        """The doubts about arm, loads, limits and sag, with the first row of each kind; `unseen` has those of laws."""
+        arm, found = self.arm, []
+        for loaded, rows in by_payload(arm, self.payloads, len(self.q)):
+            found += [(int(rows[0]), flag) for flag in self._flags_of(loaded)] if len(rows) else []
+        outside = ((self.q < arm.robot.lower) | (self.q > arm.robot.upper)).any(axis=1)
+        for i in np.flatnonzero(outside):
+            found += [(int(i), flag) for flag in arm.check_position(self.q[i], enforce_limits=False)[1]]
+        sagging = np.linalg.norm(self.displacement[:, :3], axis=1) > SAG_BAND * arm.robot.reach
+        for i in np.flatnonzero(sagging)[:1]:
+            found += [(int(i), flag) for flag in arm.loaded(None).sag_flags(self.displacement[i])]
+        return found
+
+    @cached_property
+    def first_unseen(self) -> tuple[int, tuple[Flag, ...]] | None:
+        """The first row whose loads are beyond those that a trained law has seen, and the doubts about it."""
+        return next(self.unseen(), None)
+
+    def unseen(self) -> Iterator[tuple[int, tuple[Flag, ...]]]:
+        """Yield the rows whose loads are beyond those that a trained law has seen, and the doubts about them."""
+        stack = self.arm.stack
+        for i, wrenches in enumerate(self.wrenches.reshape(len(self.q), -1)) if stack.trained else ():
+            row = self.arm.loaded(self.payload(i)).row(self.q[i], self.case.some(i).covariates)
+            flags = stack.doubts(wrenches, row)
+            if flags:
+                yield i, flags
+
+    @property
+    def _compiled(self) -> Iterator[tuple[LoadedArm, np.ndarray]]:
+        """The arm with each payload, and its rows, where arrays have a quick way."""
+        here = not self.case.moves and self.asked.method in COMPILED
+        return by_payload(self.arm, self.payloads, len(self.q)) if here else iter(())
+
+    @property
+    def _others(self) -> range:
+        """Rows that are asked one by one."""
+        return range(len(self.q) if self.case.moves or self.asked.method not in COMPILED else 0)
+
+    def _flags_of(self, loaded: LoadedArm) -> tuple[Flag, ...]:
+        return loaded.flags_under(self.case.wrenches, self.case.a is not None)
+
+
+def deflect_batch(
+    arm: Structure,
+    payload: str | Payload | Sequence[str | Payload | None] | None,
+    case: LoadCase,
+    asked: Asked,
+    jobs: int | None = None,
+) -> DeflectionBatch:
+    """Return what the arm does in N rows, whose positions and motion are not yet checked; see `Arm.deflection`."""
+    q = check_positions(arm, case.q, asked.enforce_limits)
+    single = payload is None or isinstance(payload, str | Payload)
+    payloads = (payload,) if single else tuple(payload)
+    if not single and len(payloads) != len(q):
+        raise ShapeError(f"payload: expected one name or {len(q)}, got {len(payloads)}")
+    v, a = _motion(arm, case.v, "v", q), _motion(arm, case.a, "a", q)
+    case = LoadCase(q, v, a, case.wrenches, case.covariates)
+    arm.loaded(None).flags_under(case.wrenches, accelerated=False)  # raises where a link is not the arm's
+    answers = Solution.empty(len(q), len(arm.sites), wrenches=False)
+    found = DeflectionBatch(arm, payloads, case, asked, answers.displacement, answers.twists)
+    pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
+    rooms = [answers.some(rows) for rows in pieces]
+    # Compiled code runs side by side in threads, Pinocchio does not.
+    alone, here = jobs in (None, 1), not case.moves and asked.method in COMPILED
+    tasks = []
+    for rows, room in zip(pieces, rooms, strict=True):
+        carried = payloads if len(payloads) == 1 else payloads[rows]
+        into = room if alone or here else None
+        tasks.append(partial(_answer, arm, carried, case.some(rows), asked, rows.start, into))
+    done = (task() for task in tasks) if alone else in_order(tasks, jobs, threads=here)
+    for room, part in zip(rooms, done, strict=True):
+        for into, values in zip(room, part, strict=True):
+            if values is not into:
+                into[:] = values
+    if asked.strict and found.first_unseen is not None:
+        number, flags = found.first_unseen
+        raise ExtrapolationError(f"row {number}: " + "; ".join(flag.text for flag in flags))
+    return found
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a row that runs away is not fine, and is asked alone
+def _answer(
+    arm: Structure, payloads: tuple, case: LoadCase, asked: Asked, first: int, room: Solution | None
+) -> Solution:
+    """Return the answers in some rows, from row `first` on; in a room for them where there is one."""
+    exact, n, count = asked.method == "exact", len(arm.sites), len(case.q)
+    found, left = room or Solution.empty(count, n, wrenches=False), np.ones(count, dtype=bool)
+    here = not case.moves and asked.method in COMPILED
+    for loaded, rows in by_payload(arm, payloads, count) if here else ():
+        solver = RowSolver(loaded, exact, case.wrenches)
+        for some in chunks(rows, AT_ONCE):
+            part, into = case.some(some), found.some(some)
+            row = loaded.row(part.q, part.covariates)
+            laws = RowLaws(arm.stack, row)
+            if solver.needs_wrenches(laws):
+                into = into._replace(wrenches=np.empty_like(into.twists))
+            fine = solver.solve(row, laws, into)
+            left[some] = ~(solver.proven(row, laws, into, solver.bound, fine) if exact else fine)
+            if not isinstance(some, slice):
+                found.displacement[some], found.twists[some] = into.displacement, into.twists
+    for i in np.flatnonzero(left).tolist():
+        with naming(f"row {first + i}"):
+            checked, flags = arm.check_position(case.q[i], asked.enforce_limits)
+            loaded = arm.loaded(payloads[0 if len(payloads) == 1 else i])
+            one = deflect(loaded, case.some(i)._replace(q=checked), flags, asked.method, asked.allow_large)
+        found.displacement[i], found.twists[i] = one.displacement, one.twists
+    return found
+
+
+def check_positions(arm: Structure, q: Array, enforce_limits: bool) -> Array:
+    """Return a copy of (N, nq) positions; raise as `Arm.check_position` does, naming the first row that is wrong."""
+    lower, upper = np.maximum(arm.robot.lower, -LARGEST_POSITION), np.minimum(arm.robot.upper, LARGEST_POSITION)
+    fits = q.shape[1] == len(lower)
+    inside = (q >= lower) & (q <= upper) if fits else np.zeros((len(q), 1), dtype=bool)
+    for i in () if inside.all() else np.flatnonzero(~inside.all(axis=1)):
+        with naming(f"row {i}"):
+            arm.check_position(q[i], enforce_limits)
+    if not fits and not len(q):
+        raise ShapeError(f"q: expected shape (N, {len(lower)}), got {q.shape}")
+    return q.copy()
+
+
+def _motion(arm: Structure, values: ArrayLike | None, name: str, q: Array) -> Array | None:
+    """Return a copy of (N, nq) velocities or accelerations; raise naming the first row that is wrong."""
+    if values is None:
+        return None
+    array = real_array(values, name)
+    if array.shape != q.shape:
+        raise ShapeError(f"{name}: expected shape {q.shape}, got {array.shape}")
+    for i in np.flatnonzero(~(np.abs(array) <= LARGEST_POSITION).all(axis=1)):
+        with naming(f"row {i}"):
+            arm.checked(array[i], name)
+    return array.copy()

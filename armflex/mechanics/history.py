@@ -15,10 +15,10 @@ from armflex.laws import Row
 from armflex.laws.effects.effect import Effect, Manipulator
 from armflex.laws.effects.location import resolve
 from armflex.laws.effects.scene import known_columns
-from armflex.mechanics.deflection import Asked, Deflection
-from armflex.mechanics.deflection_batch import deflect_batch
+from armflex.mechanics.deflection import Asked, Deflection, deflect_batch
+from armflex.mechanics.loaded import Structure
+from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.response import respond
-from armflex.mechanics.structure import Structure
 from armflex.rows import Driven
 
 
@@ -64,9 +64,9 @@ def _wrenches(arm: Affected, rows: Driven, known: Mapping[str, Array], effects: 
     if not any(value is not None for one in motion for value in one.values()):
         line = respond(plain, rows.q, rows.payload, known, allow_large=True)
         return found | {site: line.load_at(site) for site in loaded}
-    moving = [None if motion[0][name] is None else np.array([one[name] for one in motion]) for name in ("v", "a")]
+    v, a = (None if motion[0][name] is None else np.array([one[name] for one in motion]) for name in ("v", "a"))
     asked = Asked(enforce_limits=False, allow_large=True)
-    solved = deflect_batch(plain, rows.q, rows.payload, moving, dict(known), (), asked, None)
+    solved = deflect_batch(plain, rows.payload, LoadCase(rows.q, v, a, (), known), asked)
     ones = [solved.row(i) for i in range(len(rows.q))]
     return found | {site: np.array([_load_beyond(one, plain, site) for one in ones]) for site in loaded}
 

@@ -81,6 +81,7 @@ class Laws(NamedTuple):
     offset: Array
     neurons: Array
     starts: Array
+    hardening: Array
 
 
 class Room(NamedTuple):
@@ -118,15 +119,15 @@ def room_for(flexures: int, links: int, lanes: int, rooms: int = 1) -> Array:
 
 @jit
 def solve_one(
-    elements, kinds, links, wrenches, acting, compliance, offset, neurons, starts, bounds, room, hidden, exact, q,
-    twists, displacement,
+    elements, kinds, links, wrenches, acting, compliance, offset, neurons, starts, hardening, bounds, room, hidden,
+    exact, q, twists, displacement,
 ):  # fmt: skip
     """Fill the (6,) displacement and the (n, 6) twists at (nq,) positions; return whether it converged."""
     for j in range(len(q)):
         if not bounds[0, j] <= q[j] <= bounds[1, j]:
             return False
     arm = Arm(elements, kinds, len(twists), links, wrenches, acting)
-    laws = Laws(compliance, offset, neurons, starts)
+    laws = Laws(compliance, offset, neurons, starts, hardening)
     here = _divided(room, hidden, len(twists))
     _place(arm, here, q.reshape(1, -1), 0, ONE)
     _weigh(arm, here, False, 0, ONE)
@@ -141,23 +142,25 @@ def solve_one(
 
 @jit
 def solve_many(
-    elements, kinds, links, wrenches, acting, compliance, offset, neurons, starts, rooms, ready, q, exact, displacement,
-    loads, twists, converged,
+    elements, kinds, links, wrenches, acting, compliance, offset, neurons, starts, hardening, rooms, ready, q, exact,
+    displacement, loads, twists, converged,
 ):  # fmt: skip
     """Fill (N, 6) displacements, (N, n, 6) loads and twists, and (N,) whether they are solutions, at (N, nq) q.
 
+    Loads of no rows are not asked for: they are a pass over the arm more, and most of what is written.
     There is one room, or one for as many rows as there are lanes. Those of a call before with the same arm and q are
     `ready`: the rigid arm need not be placed again, and the arm comes to rest from where it rested.
     """
     lanes, hidden, n = np.arange(LANES), np.empty(len(neurons) * LANES), twists.shape[1]
-    arm, laws = Arm(elements, kinds, n, links, wrenches, acting), Laws(compliance, offset, neurons, starts)
+    arm = Arm(elements, kinds, n, links, wrenches, acting)
+    laws = Laws(compliance, offset, neurons, starts, hardening)
     for first in range(0, len(q), len(lanes)):
         here = _divided(rooms[min(first // len(lanes), len(rooms) - 1)], hidden, n)
         if not ready:
             _place(arm, here, q, first, lanes)
             _weigh(arm, here, False, first, lanes)
         _solve(arm, laws, here, first, exact, lanes)
-        if exact:
+        if exact and len(loads) > 0:
             _weigh(arm, here, True, first, lanes)
         _displace(arm, here, lanes)
         for c in range(min(len(lanes), len(q) - first)):
@@ -166,7 +169,9 @@ def solve_many(
             _write_displacement(here, c, displacement[row])
             for i in range(n):
                 for a in range(6):
-                    loads[row, i, a], twists[row, i, a] = here.loads[i, a, c], here.twists[i, a, c]
+                    twists[row, i, a] = here.twists[i, a, c]
+                    if len(loads) > 0:
+                        loads[row, i, a] = here.loads[i, a, c]
 
 
 @inner
@@ -271,6 +276,8 @@ def _deform(laws, room, twists, first, lanes):
             _comply_by_row(laws, room.loads, twists, i, first, lanes)
         if laws.starts[i] < laws.starts[i + 1]:
             _add_networks(laws, room, twists, i, lanes)
+        if laws.hardening[i, 6, 0] > 0.0:
+            _add_hardening(laws.hardening, room.loads, twists, i, lanes)
 
 
 @inner
@@ -322,6 +329,23 @@ def _add_networks(laws, room, twists, i, lanes):
             twists[i, 3, c] += u * value
             twists[i, 4, c] += v * value
             twists[i, 5, c] += t * value
+
+
+@called
+def _add_hardening(hardening, loads, twists, i, lanes):
+    """Add what the compliance of flexure i gives that falls with its load; see `Law.hardening`."""
+    given, rate = hardening[i], hardening[i, 6, 0]
+    for c in range(len(lanes)):
+        energy = 0.0
+        for a in range(6):
+            for b in range(6):
+                energy += loads[i, a, c] * given[a, b] * loads[i, b, c]
+        share = 1.0 / math.sqrt(1.0 + rate * energy)
+        for a in range(6):
+            straight = 0.0
+            for b in range(6):
+                straight += given[a, b] * loads[i, b, c]
+            twists[i, a, c] += straight * share
 
 
 @inner
@@ -1254,6 +1278,7 @@ def compile_everything() -> None:
     whole = np.zeros((0, 2), dtype=np.int64)
     arm = (np.zeros((1, 20)), np.zeros((4, 0), dtype=np.int64), whole, np.zeros((1, 0, 9)))
     laws = (np.zeros((1, 0, 6, 6)), np.zeros((1, 0, 6)), np.zeros((0, 13)), np.zeros(1, dtype=np.int64))
+    laws += (np.zeros((0, 7, 6)),)
     q, twists, changes, tip = np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6)), np.zeros((0, 6))
     by_law, poses, nobody = np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 4, 4)), np.zeros(0, dtype=bool)
     solve_many(*arm, (), *laws, room_for(0, 0, LANES), False, q, True, tip, twists, twists, nobody)

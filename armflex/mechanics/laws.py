@@ -81,32 +81,26 @@ class LawStack:
 
     @cached_property
     def changing(self) -> tuple[tuple[int, Law], ...]:
-        """The parts that must be asked in every row: neither a constant compliance nor a network."""
+        """The parts that are neither a constant compliance nor a network."""
         return tuple((i, law) for i, law in self.parts if law.constant is None and law.neurons() is None)
 
-    def ask(self, row: Row) -> tuple[list[tuple[int, Array, Array]], list[tuple[int, Law]], dict[int, Array]]:
-        """Return what the changing parts are at some rows: affine or curved.
-
-        Returns:
-            Numbers of flexures with (..., 6) twist without load and (..., 6, 6) compliance; numbers of flexures with
-            laws that are curved; compliances by the identity of the law.
-        """
-        affine, curved, known = [], [], {}
-        for i, law in self.changing:
-            found = law.affine(row)
-            if found is None:
-                curved.append((i, law))
-            else:
-                affine.append((i, *found))
-                known[id(law)] = found[1]
-        return affine, curved, known
+    @cached_property
+    def hardened(self) -> dict[int, Law]:
+        """The law of every flexure that hardens, by its number; of several the first."""
+        return {i: law for i, law in reversed(self.changing) if law.hardening() is not None}
 
     @cached_property
-    def numbers(self) -> tuple[Array, Array, Array, np.ndarray]:
-        """(1, n, 6, 6), (1, n, 6), (H, 13) and (n + 1,) numbers of the parts that are the same everywhere.
+    def asked(self) -> tuple[tuple[int, Law], ...]:
+        """The parts that must be asked in every row: those that `numbers` are not about."""
+        return tuple((i, law) for i, law in self.changing if self.hardened.get(i) is not law)
+
+    @cached_property
+    def numbers(self) -> tuple[Array, Array, Array, np.ndarray, Array]:
+        """(1, n, 6, 6), (1, n, 6), (H, 13), (n + 1,) and (n, 7, 6) numbers of the parts that are the same everywhere.
 
         Compliance and offset of the laws, `twist = compliance @ wrench + offset`; units (6), bias and gains (6) of all
-        networks' neurons, loads and twists in SI; first neuron of each flexure.
+        networks' neurons, loads and twists in SI; first neuron of each flexure; of the law that hardens there C, and r
+        in the last row's first place, see `Law.hardening`.
         """
         n, neurons, starts = len(self.laws), [np.zeros((0, 13))], np.zeros(len(self.laws) + 1, dtype=np.int64)
         compliance, offset = np.zeros((1, n, 6, 6)), np.zeros((1, n, 6))
@@ -120,34 +114,48 @@ class LawStack:
                 offset[0, i, :size] += shift
                 starts[i + 1 :] += len(bias)
                 neurons.append(own)
-        return compliance, offset, np.concatenate(neurons), starts
+        hardening = np.zeros((n, 7, 6))
+        for i, law in self.hardened.items():
+            own = law.hardening()
+            assert own is not None
+            hardening[i, :6], hardening[i, 6, 0] = own
+        return compliance, offset, np.concatenate(neurons), starts, hardening
 
 
 class RowLaws:
     """The laws of a stack at N rows, or at one, as numbers.
 
-    What is affine at the rows' positions and covariates is looked up once for all of them, networks stand as they are,
-    and every other law as its affine expansion about some loads: see `expand`.
+    What is affine at the rows' positions and covariates is looked up once for all of them, networks and what hardens
+    stand as they are, and every other law as its affine expansion about some loads: see `expand`.
 
     Attributes:
         compliance, offset: (R, n, 6, 6) and (R, n, 6) of what is affine or expanded, R being 1 or N.
-        neurons, starts: See `LawStack.numbers`.
+        neurons, starts, hardening: See `LawStack.numbers`.
         curved: Laws that must be expanded, with the numbers of their flexures.
+        bent: Whether tangents depend on loads all the same.
     """
 
     def __init__(self, stack: LawStack, row: Row | None = None) -> None:
         self._stack, self._row = stack, NOWHERE if row is None else row  # laws that are the same everywhere need none
-        compliance, offset, self.neurons, self.starts = stack.numbers
+        compliance, offset, self.neurons, self.starts, self.hardening = stack.numbers
+        self.bent = len(self.neurons) > 0 or bool(stack.hardened)
         self.compliance, self.offset = compliance.copy(), offset.copy()
         self.curved: list[tuple[int, Law]] = []
         self._known: dict[int, Array] = {}
-        if row is not None and stack.changing:
+        if row is not None and stack.asked:
             self.know(row)
 
     def know(self, row: Row) -> None:
         """Ask the laws in other rows; the arrays are filled anew, and are others only for another number of rows."""
-        affine, self.curved, self._known = self._stack.ask(row)
-        self._row, self._slopes, (compliance, offset, _, _) = row, [], self._stack.numbers
+        affine, self.curved, self._known = [], [], {}
+        for i, law in self._stack.asked:
+            found = law.affine(row)
+            if found is None:
+                self.curved.append((i, law))
+            else:
+                affine.append((i, *found))
+                self._known[id(law)] = found[1]
+        self._row, self._slopes, (compliance, offset, *_) = row, [], self._stack.numbers
         single = row.q.ndim == 1
         many = not single and (self.curved or any(part[1].ndim > 1 or part[2].ndim > 2 for part in affine))
         count = len(row.q) if many else 1
@@ -164,9 +172,9 @@ class RowLaws:
         self._affine = (self.compliance.copy(), self.offset.copy()) if self.curved and not single else None
 
     @property
-    def numbers(self) -> tuple[Array, Array, Array, np.ndarray]:
-        """Compliance, offset, neurons and starts."""
-        return self.compliance, self.offset, self.neurons, self.starts
+    def numbers(self) -> tuple[Array, Array, Array, np.ndarray, Array]:
+        """Compliance, offset, neurons, starts and hardening."""
+        return self.compliance, self.offset, self.neurons, self.starts, self.hardening
 
     def expand(self, loads: Array, slopes: bool = True) -> Array:
         """Expand the curved laws about (N, n, 6) loads; return (N,) by how much their twists there were otherwise.
@@ -197,13 +205,15 @@ class RowLaws:
 
         Where laws are curved they must have been expanded about these.
         """
-        if not len(self.neurons):
+        if not self.bent:
             return self.compliance
         total = np.broadcast_to(self.compliance, (len(loads), *self.compliance.shape[1:])).copy()
         for i in range(len(self.starts) - 1):
             own = self.neurons[self.starts[i] : self.starts[i + 1]]
             slopes = 1.0 - np.tanh(loads[:, i] @ own[:, :6].T + own[:, 6]) ** 2
             total[:, i] += (slopes @ (own[:, 7:, None] * own[:, None, :6]).reshape(len(own), 36)).reshape(-1, 6, 6)
+        for i, law in self._stack.hardened.items():
+            total[:, i] += law.tangent(loads[:, i], self._row)
         return total
 
 
@@ -221,7 +231,7 @@ class PlacedLaws:
     """
 
     def __init__(self, stack: LawStack, places: np.ndarray, size: int) -> None:
-        (compliance, offset, neurons, starts), matrix = stack.numbers, np.zeros((size, size))
+        (compliance, offset, neurons, starts, _), matrix = stack.numbers, np.zeros((size, size))
         units, gains = np.zeros((len(neurons), size)), np.zeros((size, len(neurons) + 1))
         for here, block in zip(places, compliance[0], strict=True):
             matrix[np.ix_(here, here)] = -block

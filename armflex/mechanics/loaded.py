@@ -1,4 +1,4 @@
-"""An arm with one payload: its models, its laws where the models have them, and the proof that it stays."""
+"""What mechanics knows of an arm, and the arm with one payload: its models, and the proof that it stays."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from armflex.conventions import Array
 from armflex.errors import Flag, PayloadError, UnknownNameError
@@ -16,10 +18,10 @@ from armflex.laws import Row
 from armflex.laws.effects.scene import MASS
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
+from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loads import Load, Payload, Wrench
 from armflex.mechanics.pinocchio_model import Mechanics
-from armflex.mechanics.structure import Structure
-from armflex.robot import FlexModel, Site, build_model
+from armflex.robot import Corrections, FlexModel, Robot, Site, build_model
 
 TOOL = "what is at the tool"
 
@@ -28,6 +30,77 @@ FORCE_BAND = 10.0
 
 SAG_BAND = 0.1
 """Displacements beyond this fraction of the reach are flagged."""
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the rows and columns of a result stand for, and the frames it is meant in."""
+
+    joints: tuple[str, ...]
+    flexures: tuple[str, ...]
+    base: str
+    tip: str
+
+
+class Structure(Protocol):
+    """A manipulator with flexures, immutable.
+
+    Attributes:
+        robot: The validated robot.
+        corrections: Constant errors of its kinematics, bodies included.
+        payload_rating: Heaviest rated payload [kg], None when not stated.
+        flags: Doubts about it as declared.
+        sites: Of its flexures, in order; `stack` has their laws.
+        pulls: Loads on its links.
+        names: Of joints and flexures, base and tip.
+        joint_index: Place of every joint in q.
+        bounds: Least and largest positions of all joints that are within their limits and of sensible size.
+        link_names: Links at and beyond the base.
+        weight: Of everything that moves [N].
+    """
+
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def corrections(self) -> Corrections: ...
+    @property
+    def payload_rating(self) -> float | None: ...
+    @property
+    def flags(self) -> tuple[Flag, ...]: ...
+    @property
+    def sites(self) -> tuple[Site, ...]: ...
+    @property
+    def stack(self) -> LawStack: ...
+    @property
+    def pulls(self) -> Sequence[Load]: ...
+    @property
+    def names(self) -> Names: ...
+    @property
+    def joint_names(self) -> tuple[str, ...]: ...
+    @property
+    def joint_index(self) -> dict[str, int]: ...
+    @property
+    def bounds(self) -> tuple[list[float], list[float]]: ...
+    @property
+    def link_names(self) -> tuple[str, ...]: ...
+    @property
+    def weight(self) -> float: ...
+
+    def payload(self, payload: str | Payload | None) -> Payload:
+        """Return a payload by name."""
+        ...
+
+    def loaded(self, payload: str | Payload | None) -> LoadedArm:
+        """Return the arm with a payload, whose models are kept."""
+        ...
+
+    def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
+        """Return q as (nq,) floats with the doubts about it."""
+        ...
+
+    def checked(self, values: ArrayLike, name: str) -> Array:
+        """Return a copy of a number for each joint."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +260,14 @@ class LoadedArm:
         return frames_of([link_frame(self._with_tool.model, self._with_tool.tip)])
 
     @cached_property
+    def flexure_frames(self) -> Frames:
+        """The frames that the flexures move, in their order, and the tip last, in `chain`."""
+        chain = self.chain
+        elements = np.append(chain.kinds[3, : chain.flexures], chain.kinds.shape[1] - 1)
+        same = np.tile(np.append(np.eye(3).ravel(), np.zeros(3)), (chain.flexures, 1))
+        return Frames((), np.array([elements, elements]), np.concatenate([same, chain.elements[-1:, :12]]))
+
+    @cached_property
     def plain_link_frames(self) -> Frames:
         """The same in `chain`."""
         flex = self.flex
@@ -212,18 +293,6 @@ class LoadedArm:
     def mass(self) -> float:
         """Of everything that moves, the payload included [kg]."""
         return float(pin.computeTotalMass(self.rigid.model))
-
-
-def rows_by_load(arm: Structure, payloads: Sequence[str | Payload | None]) -> list[tuple[LoadedArm, np.ndarray]]:
-    """Return the arm with each of (N) payloads, and the numbers of the rows in which it is carried."""
-    rows: dict[str | int, list[int]] = {}
-    for i, payload in enumerate(payloads):  # a payload has arrays, and goes by its identity
-        rows.setdefault(payload if isinstance(payload, str) else id(payload), []).append(i)
-    found: dict[int, tuple[LoadedArm, list[int]]] = {}
-    for own in rows.values():
-        loaded = arm.loaded(payloads[own[0]])
-        found.setdefault(id(loaded), (loaded, []))[1].extend(own)
-    return [(loaded, np.sort(own)) for loaded, own in found.values()]
 
 
 def _again(arm: Structure, payload: Payload) -> LoadedArm:

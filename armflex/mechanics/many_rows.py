@@ -1,9 +1,9 @@
 """Where a loaded arm comes to rest in many rows: compiled code, and rounds about it for what is no plain number.
 
-The kernel settles arms exactly whose laws are affine in the load or networks, under dead wrenches. A curved law is put
-to it as its affine expansion about the loads so far, a load that depends on its link's pose as the wrench that it is
-there; both are renewed until they are what they were taken for, which takes two to four rounds. Every law and every
-load is asked once a round for all rows.
+The kernel settles arms exactly whose laws are affine in the load, harden or are networks, under dead wrenches. A law
+that is curved in another way is put to it as its affine expansion about the loads so far, a load that depends on its
+link's pose as the wrench that it is there; both are renewed until they are what they were taken for, which takes two to
+four rounds. Every law and every load is asked once a round for all rows.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.errors import UnsupportedError, naming
 from armflex.laws import Row
 from armflex.mechanics.certificate import StabilityBound
 from armflex.mechanics.chain import Chain, Frames
-from armflex.mechanics.laws import RowLaws
-from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.loads import Load
+from armflex.mechanics.laws import LawStack, RowLaws
+from armflex.mechanics.loaded import LoadedArm, Structure
+from armflex.mechanics.loads import Load, Payload
 
 AT_ONCE = 8192
 """Rows that are asked about together: their arrays stay near the processor, and memory does not grow with N."""
@@ -34,6 +35,11 @@ SETTLED = 1e-13
 
 NO_CHANGES = np.zeros((0, 0, 6, 6))
 
+Pushed = tuple[np.ndarray, Array, Array]
+"""Links, (1 or N, L, 9) wrenches and (0 or N, L, 6, 6) changes of them; see `Pushes`."""
+
+NOT_PUSHED: Pushed = (np.zeros((0, 2), dtype=np.int64), np.zeros((1, 0, 9)), NO_CHANGES)
+
 
 @cache
 def kernel() -> ModuleType:
@@ -44,20 +50,24 @@ def kernel() -> ModuleType:
 
 
 class Solution(NamedTuple):
-    """Where an arm rests in N rows: (N, 6) displacement of the tip, (N, n, 6) wrenches and twists of the flexures."""
+    """Where an arm rests in N rows: (N, 6) displacement of the tip, (N, n, 6) wrenches and twists of the flexures.
+
+    Wrenches of no rows are not asked for: they follow from the twists.
+    """
 
     displacement: Array
     wrenches: Array
     twists: Array
 
     @classmethod
-    def empty(cls, count: int, flexures: int) -> Solution:
+    def empty(cls, count: int, flexures: int, wrenches: bool = True) -> Solution:
         """Return room for the solution in some rows."""
-        return cls(np.empty((count, 6)), np.empty((count, flexures, 6)), np.empty((count, flexures, 6)))
+        loads = np.empty((count if wrenches else 0, flexures, 6))
+        return cls(np.empty((count, 6)), loads, np.empty((count, flexures, 6)))
 
     def some(self, rows: slice | np.ndarray) -> Solution:
         """Return some of the rows, as views where they are a slice."""
-        return Solution(*(part[rows] for part in self))
+        return Solution(*(part[rows] if len(part) else part for part in self))
 
 
 class Pushes:
@@ -73,15 +83,14 @@ class Pushes:
         self._loads = loads = (*wrenches, *loaded.arm.pulls)
         self._chain = loaded.sited_chain if sited else loaded.chain
         frames = loaded.link_frames if sited else loaded.plain_link_frames
-        index = [frames.names.index(load.frame) for load in loads]
-        self._frames = frames.places[:, index], frames.numbers[index]
-        elements = frames.places[0, index]
+        self._frames = own = frames.some([frames.names.index(load.frame) for load in loads])
+        elements = own.places[0]
         inboard = [self._chain.flexures_inboard(int(element)) for element in elements]
         self.links = np.array([elements, inboard], dtype=np.int64).reshape(2, -1).T.copy()
         self.acting = np.arange(len(loads)) if loads else ()
         self.turning = [j for j, load in enumerate(loads) if not load.dead]
         self._dead = np.zeros((1, len(loads), 9))
-        self._dead[0, :, :3] = frames.numbers[index, 9:]
+        self._dead[0, :, :3] = own.numbers[:, 9:]
         for j, load in enumerate(loads):
             if load.dead:
                 self._dead[0, j, 3:] = load.at(np.eye(4))
@@ -111,7 +120,11 @@ class Pushes:
 
     def _poses(self, q: Array, twists: Array | None) -> Array:
         at = np.zeros((len(q), self._chain.flexures, 6)) if twists is None else twists
-        return frame_poses(self._chain, self.links[:0], self._dead[:, :0], q, at, *self._frames)
+        return flexed(self._chain, self._frames, "poses", q, at)
+
+    def at(self, q: Array, twists: Array) -> Pushed:
+        """Return links, wrenches and their changes where the arm is."""
+        return self.links, self.wrenches(q, twists), self.changes(q, twists)
 
 
 def turned(before: Array, after: Array) -> Array:
@@ -120,28 +133,36 @@ def turned(before: Array, after: Array) -> Array:
     return (np.linalg.norm(after[..., 3:] - before[..., 3:], axis=-1) / size).max(axis=-1, initial=0.0)
 
 
-def frame_poses(
-    chain: Chain, links: np.ndarray, wrenches: Array, q: Array, twists: Array, places: np.ndarray, numbers: Array
+def flexed(
+    chain: Chain,
+    frames: Frames,
+    what: str,
+    q: Array,
+    twists: Array,
+    pushed: Pushed = NOT_PUSHED,
+    by_load: Array | None = None,
 ) -> Array:
-    """Return the (N, f, 4, 4) poses of frames of a flexed arm."""
-    found, count, none = np.empty((len(q), len(numbers), 4, 4)), len(q), np.zeros((0, 6, 0, 6))
-    kernel().responses(
-        *chain.numbers, links, wrenches, NO_CHANGES, q, twists, none, places, numbers, found,
-        np.empty((0, 6, 0)), np.empty((0, 6, 0, 6)), np.empty((0, 0, 6)), np.empty((0, 0, 6, 6)), np.empty((0, 6, 3)),
-    )  # fmt: skip
-    return found if count else found[:0]
+    """Return one thing about the frames of an arm that is flexed in N rows.
 
-
-def frame_loads(chain: Chain, pushes: Pushes, q: Array, twists: Array, frames: Frames, some: Sequence[int]) -> Array:
-    """Return the (N, s, 6) load on all that a twist at some frames of a flexed arm moves, axes of the frames."""
-    places, numbers, count = frames.places[:, some], frames.numbers[some], len(q)
-    none, found = np.zeros((count, 6, twists.shape[1], 6)), np.empty((count, len(some), 6))
-    kernel().responses(
-        *chain.numbers, pushes.links, pushes.wrenches(q, twists), NO_CHANGES, q, twists, none, places, numbers,
-        np.empty((0, 0, 4, 4)), np.empty((0, 6, 0)), np.empty((0, 6, 0, 6)), found, np.empty((0, 0, 6, 6)),
-        np.empty((0, 6, 3)),
-    )  # fmt: skip
-    return found
+    Args:
+        chain: The arm.
+        frames: f of its frames.
+        what: "poses" (N, f, 4, 4); "loads" (N, f, 6) on all that a twist at a frame moves, its axes; or the tip's
+            response "joints" (N, 6, nq) to joints, "sites" (N, 6, f, 6) to twists at the frames, "motions"
+            (N, f, 6, 6) to wrenches at their origins, "gravity" (N, 6, 3).
+        q, twists: (N, nq) and (N, n, 6) of joints and flexures.
+        pushed: What pulls at its links.
+        by_load: (N, 6, n, 6) response to changes of the flexures' loads; only responses need it.
+    """
+    count, f = len(q), len(frames.numbers)
+    each: dict[str, tuple[int, ...]]
+    each = {"poses": (f, 4, 4), "joints": (6, q.shape[1]), "sites": (6, f, 6), "loads": (f, 6), "motions": (f, 6, 6)}
+    each["gravity"] = (6, 3)
+    arrays = {name: np.empty((count if name == what else 0, *shape)) for name, shape in each.items()}
+    loads = np.zeros((0, 6, 0, 6)) if by_load is None else by_load
+    at = (np.ascontiguousarray(q), np.ascontiguousarray(twists), loads, frames.places, frames.numbers)
+    kernel().responses(*chain.numbers, *pushed, *at, *arrays.values())
+    return arrays[what]
 
 
 class RowSolver:
@@ -151,6 +172,11 @@ class RowSolver:
         self._loaded, self._exact, self._chain, self._nominal = loaded, exact, loaded.chain, loaded.nominal
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
         self._lower, self._upper = map(np.array, loaded.arm.bounds)
+
+    def needs_wrenches(self, laws: RowLaws) -> bool:
+        """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
+        plain = not (laws.curved or self.pushes.turning)
+        return not plain or (self._exact and (laws.bent or not (self.bound and self.bound.proven)))
 
     @cached_property
     def bound(self) -> StabilityBound | None:
@@ -214,25 +240,21 @@ class RowSolver:
         kernel().solve_many(*known, *into, fine)
         return fine
 
-    def stable(self, row: Row, laws: RowLaws, found: Solution, bound: StabilityBound | None) -> np.ndarray:
-        """Return (N,) whether it is proven that the arm stays where it was found, under its weight and dead loads.
-
-        Args:
-            row, laws, found: As of `solve`.
-            bound: Of these laws.
-        """
-        if bound is None:
-            return np.zeros(len(row.q), dtype=bool)
-        inside = np.all((row.q >= self._lower) & (row.q <= self._upper), axis=1)
-        if bound.proven:
-            return inside
-        return inside & bound.stays(found.wrenches.reshape(len(inside), -1), laws.tangent)
-
     def proven(
         self, row: Row, laws: RowLaws, found: Solution, bound: StabilityBound | None, fine: np.ndarray
     ) -> np.ndarray:
-        """Return (N,) which of the rows that are `fine` are stable, by the bound or by the tangent itself."""
-        proven = fine & self.stable(row, laws, found, bound)
+        """Return (N,) which of the rows that are `fine` are stable, by the bound or by the tangent itself.
+
+        Args:
+            row, laws, found: As of `solve`.
+            bound: Of these laws; it holds where joints are within their limits.
+            fine: (N,) what `solve` returned.
+        """
+        proven = np.zeros(len(row.q), dtype=bool)
+        if bound is not None:
+            proven = fine & np.all((row.q >= self._lower) & (row.q <= self._upper), axis=1)
+            if not bound.proven:
+                proven &= bound.stays(found.wrenches.reshape(len(proven), -1), laws.tangent)
         rest = np.flatnonzero(fine & ~proven)
         if len(rest):
             if laws.curved:
@@ -257,11 +279,28 @@ class RowSolver:
         q, twists, pushes = np.ascontiguousarray(row.q[some]), np.ascontiguousarray(found.twists[some]), self.pushes
         tangents = laws.tangents(found.wrenches)
         tangents = tangents if len(tangents) == 1 else tangents[some]
-        loads = (pushes.links, pushes.wrenches(q, twists), pushes.changes(q, twists))
         by_law, distance = np.empty((len(some), 6, *twists.shape[1:])), np.empty(len(some))
-        numbers = (*self._chain.numbers, *loads, q, twists, tangents)
+        numbers = (*self._chain.numbers, *pushes.at(q, twists), q, twists, tangents)
         kernel().sensitivities(*numbers, np.full(len(some), stable), by_law, distance)
         return by_law, distance
+
+
+def by_payload(
+    arm: Structure, payloads: Sequence[str | Payload | None], count: int
+) -> Iterator[tuple[LoadedArm, np.ndarray]]:
+    """Yield the arm with each payload of N rows, one for all or one for each, and the rows in which it is carried."""
+    if len(payloads) == 1:
+        yield arm.loaded(payloads[0]), np.arange(count)
+        return
+    numbers: dict[str | int, list[int]] = {}
+    for i, payload in enumerate(payloads):  # to look up a name costs less than to ask the arm
+        numbers.setdefault(payload if isinstance(payload, str) else id(payload), []).append(i)
+    found: dict[int, tuple[LoadedArm, list[int]]] = {}
+    for own in numbers.values():
+        loaded = arm.loaded(payloads[own[0]])
+        found.setdefault(id(loaded), (loaded, []))[1].extend(own)
+    for loaded, rows in found.values():
+        yield loaded, np.sort(rows)
 
 
 def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
@@ -270,16 +309,6 @@ def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
     for start in range(0, len(rows), size):
         some = rows[start : start + size]
         yield slice(int(some[0]), int(some[-1]) + 1) if together else some
-
-
-def flexure_poses(loaded: LoadedArm, q: Array, twists: Array) -> Array:
-    """Return the (N, n + 1, 4, 4) poses of the frames that the flexures move, and of the tip last."""
-    chain, tip = loaded.chain, loaded.chain.elements[-1:, :12]
-    elements = np.append(chain.kinds[3, : chain.flexures], chain.kinds.shape[1] - 1)
-    same = np.tile(np.append(np.eye(3).ravel(), np.zeros(3)), (chain.flexures, 1))
-    none = (np.zeros((0, 2), dtype=np.int64), np.zeros((1, 0, 9)))
-    places, frames = np.array([elements, elements]), np.concatenate([same, tip])
-    return frame_poses(chain, *none, np.ascontiguousarray(q), np.ascontiguousarray(twists), places, frames)
 
 
 def rigid_tips(chain: Chain, q: Array) -> Array:
@@ -308,3 +337,48 @@ def rotations(vectors: Array) -> Array:
     skew = np.cross(vectors[:, None], np.eye(3)).swapaxes(1, 2)
     half = np.sinc(0.5 * angle / np.pi)
     return np.eye(3) + np.sinc(angle / np.pi) * skew + 0.5 * half * half * (skew @ skew)
+
+
+def draw_laws(
+    arm: Structure,
+    rows: Array,
+    payload: str | Payload | None,
+    known: dict[str, Array],
+    method: str,
+    draws: int,
+    seed: int,
+) -> Array:
+    """Return the (draws, N, 6) displacements of the tip [m, rad] of the same arm with laws drawn by `Law.draw`.
+
+    What is shared is computed once: where the rigid arm is, and the loads from which every draw comes to rest.
+
+    Args:
+        arm: The arm, at whose links nothing pulls.
+        rows: (N, nq) joint positions [rad or m], within their limits.
+        payload: Name or object.
+        known: What the arm's effects depend on: numbers, or (N,) of them.
+        method: "exact" or "first_order".
+        draws: How many.
+        seed: Of the random numbers.
+
+    Raises:
+        UnsupportedError: A draw has no equilibrium that is proven stable.
+    """
+    rng = np.random.default_rng(seed)
+    stacks = [LawStack(arm.stack.names, tuple(law.draw(rng) for law in arm.stack.laws)) for _ in range(draws)]
+    loaded, exact = arm.loaded(payload), method == "exact"
+    bounds = [None if loaded.stability_bound is None else loaded.stability_bound.with_laws(stack) for stack in stacks]
+    solver, found = RowSolver(loaded, exact), np.empty((draws, len(rows), 6))
+    for some in chunks(np.arange(len(rows)), AT_ONCE):
+        given = {name: values[some] if values.ndim else values for name, values in known.items()}
+        row = loaded.row(rows[some], given)
+        into, rooms = Solution.empty(len(row.q), len(arm.sites)), solver.rooms(len(row.q))
+        solver.solve(row, RowLaws(arm.stack, row), into, rooms)
+        for number, stack in enumerate(stacks):
+            laws = RowLaws(stack, row)
+            fine = solver.solve(row, laws, into, rooms, ready=True)
+            if not (solver.proven(row, laws, into, bounds[number], fine) if exact else fine).all():
+                with naming(f"draw {number}"):
+                    raise UnsupportedError("the arm so drawn is too soft: it turns too far, or may not stay")
+            found[number, some] = into.displacement
+    return found

@@ -32,12 +32,12 @@ NOTHING_KNOWN: Mapping[str, Array] = {}
 
 
 class LoadCase(NamedTuple):
-    """One configuration and what acts in it.
+    """One configuration, or N, and what acts there.
 
     Attributes:
-        q, v, a: (nq,) joint positions, velocities and accelerations; None where the arm stands still.
+        q, v, a: (nq,) or (N, nq) joint positions, velocities and accelerations; None where the arm stands still.
         wrenches: Loads from outside, beside those that the arm's effects put on its links.
-        covariates: What the laws may know beyond positions, by name.
+        covariates: What the laws may know beyond positions, by name: numbers, or (N,) of them.
     """
 
     q: Array
@@ -50,6 +50,12 @@ class LoadCase(NamedTuple):
     def moves(self) -> bool:
         """Whether there is a velocity or an acceleration."""
         return self.v is not None or self.a is not None
+
+    def some(self, rows: int | slice | np.ndarray) -> LoadCase:
+        """Return one of N rows, or some of them."""
+        v, a = (None if values is None else values[rows] for values in (self.v, self.a))
+        known = {name: values[rows] if np.ndim(values) else values for name, values in self.covariates.items()}
+        return LoadCase(self.q[rows], v, a, self.wrenches, known)
 
 
 class Mechanics:

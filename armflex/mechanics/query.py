@@ -182,7 +182,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
         return bool(distance[0] < 1.0)
 
     solve(*known, middle, np.empty((n, 6)), np.empty(6))  # compiled now, not in the loop
-    quick = plainly if proven and not stack.changing and not pushes.turning else in_rounds
+    quick = plainly if proven and not stack.asked and not pushes.turning else in_rounds
     return quick if loaded.nominal is None else _from_nominal(loaded, quick)
 
 

@@ -24,11 +24,10 @@ from armflex.laws import Row
 from armflex.mechanics.chain import Frames
 from armflex.mechanics.equilibrium import MAX_ROTATION, check_small, find_equilibrium
 from armflex.mechanics.laws import RowLaws
-from armflex.mechanics.loaded import LoadedArm, rows_by_load
+from armflex.mechanics.loaded import LoadedArm, Structure
 from armflex.mechanics.loads import Payload
-from armflex.mechanics.many_rows import Pushes, RowSolver, Solution, frame_poses, kernel
+from armflex.mechanics.many_rows import Pushed, Pushes, RowSolver, Solution, by_payload, flexed
 from armflex.mechanics.pinocchio_model import LoadCase
-from armflex.mechanics.structure import Structure
 from armflex.parallel import in_threads
 
 Progress = Callable[[int, int], None]
@@ -36,27 +35,25 @@ Progress = Callable[[int, int], None]
 AT_ONCE = 1024
 """Rows between two reports of progress, and whose tip's response to all loads is held at once."""
 
+RESPONSES = ("joints", "sites", "motions", "gravity")
+"""What depends on how loads redistribute."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """The rows of one payload: what the kernel is asked about them. See `Response`."""
+    """Some rows of one payload: what the kernel is asked about them. See `Response` and `Pushes.at`."""
 
     loaded: LoadedArm
     rows: np.ndarray
-    links: np.ndarray
-    wrenches: Array
-    changes: Array
+    pushed: Pushed
     tangents: Array
-
-    def some(self, values: Array, rows: slice | np.ndarray) -> Array:
-        """Return some rows of what is the same for all of them, or given by row."""
-        return values[rows] if len(values) > 1 else values
 
     def among(self, number: np.ndarray) -> _Part:
         """Return those of its rows that have a (N,) number, under these numbers; -1 is none."""
         own = np.flatnonzero(number[self.rows] >= 0)
-        loads = self.some(self.wrenches, own), self.some(self.changes, own), self.some(self.tangents, own)
-        return _Part(self.loaded, number[self.rows[own]], self.links, *loads)
+        links, *loads, tangents = (*self.pushed, self.tangents)
+        some = [values[own] if len(values) > 1 else values for values in (*loads, tangents)]
+        return _Part(self.loaded, number[self.rows[own]], (links, some[0], some[1]), some[2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,19 +81,20 @@ class Response:
         """Return the response in (M,) rows, none of them twice."""
         number = np.full(len(self.row.q), -1)
         number[rows] = np.arange(len(rows))
-        parts = tuple(part for part in (whole.among(number) for whole in self._parts) if len(part.rows))
+        every = [whole.among(number) for whole in self._parts]
+        parts = tuple(part for part in every if len(part.rows)) or (every[0],)
         arrays = self.flexure_wrenches[rows], self.flexure_twists[rows], self.laws[rows]
         return Response(self.row.some(rows), *arrays, self.link_names, self.sites, parts)
 
     @cached_property
     def tip(self) -> Array:
         """(N, 4, 4) tip pose in the base."""
-        return self._poses(lambda loaded: loaded.tip_frame)[:, 0]
+        return self._asked("poses", lambda loaded: loaded.tip_frame)[:, 0]
 
     @cached_property
     def links(self) -> Array:
         """(N, l, 4, 4) pose of every link."""
-        return self._poses(lambda loaded: loaded.link_frames)
+        return self._asked("poses", lambda loaded: loaded.link_frames)
 
     @cached_property
     def per_load(self) -> Array:
@@ -109,27 +107,27 @@ class Response:
     @cached_property
     def joints(self) -> Array:
         """(N, 6, nq) motion of the tip per joint, loads redistributing."""
-        return self._filled(0, (6, self.row.q.shape[1]))
+        return self._asked("joints")
 
     @cached_property
     def twists(self) -> Array:
         """(N, 6, s, 6) motion of the tip per body twist at a site, loads redistributing."""
-        return self._filled(1, (6, len(self.sites), 6))
+        return self._asked("sites")
 
     @cached_property
     def wrenches(self) -> Array:
         """(N, s, 6) load on the structure at every site, local axes [N, Nm]."""
-        return self._filled(2, (len(self.sites), 6))
+        return self._asked("loads")
 
     @cached_property
     def link_loads(self) -> Array:
         """(N, l, 6, 6) motion of the tip per wrench at a link's origin, base axes."""
-        return self._filled(3, (len(self.link_names), 6, 6))
+        return self._asked("motions", lambda loaded: loaded.link_frames)
 
     @cached_property
     def gravity(self) -> Array:
         """(N, 6, 3) motion of the tip per change of gravity in base axes [per m/s^2]."""
-        return self._filled(4, (6, 3))
+        return self._asked("gravity")
 
     def site(self, name: str) -> Array:
         """Return the (N, 6, 6) motion of the tip per body twist at a site."""
@@ -139,33 +137,16 @@ class Response:
         """Return the (N, 6) wrench at a site, local axes [N, Nm]."""
         return self.wrenches[:, self.sites.index(name)]
 
-    def _poses(self, frames: Callable[[LoadedArm], Frames]) -> Array:
-        found = np.empty((len(self.row.q), len(frames(self._parts[0].loaded).names) if self._parts else 1, 4, 4))
+    def _asked(self, what: str, frames: Callable[[LoadedArm], Frames] = lambda loaded: loaded.sites) -> Array:
+        """Return one of the things that the kernel says about frames; see `flexed`."""
+        found, twists = None, self.flexure_twists.reshape(len(self.row.q), self.laws.shape[2], 6)
         for part in self._parts:
-            own, chain = frames(part.loaded), part.loaded.sited_chain
-            numbers = (chain, part.links, part.wrenches, self.row.q[part.rows], self._twists(part.rows))
-            found[part.rows] = frame_poses(*numbers, own.places, own.numbers)
-        return found
-
-    def _twists(self, rows: np.ndarray) -> Array:
-        return self.flexure_twists[rows].reshape(len(rows), self.laws.shape[2], 6)
-
-    def _filled(self, which: int, shape: tuple[int, ...]) -> Array:
-        """Return one of the kernel's responses, of a shape by row: joints, sites, loads, link motions or gravity."""
-        found = np.empty((len(self.row.q), *shape))
-        for part in self._parts:
-            chain, frames = part.loaded.sited_chain, part.loaded.link_frames if which == 3 else part.loaded.sites
-            none = [np.zeros((0, *shape)) for shape in ((6, 0), (6, 0, 6), (0, 6), (0, 6, 6), (6, 3))]
-            for start in range(0, len(part.rows), AT_ONCE):
-                some = slice(start, start + AT_ONCE)
-                rows = part.rows[some]
-                by_load = _per_load(self.laws[rows], part.some(part.tangents, some))
-                into = none.copy()
-                into[which] = values = np.empty((len(rows), *shape))
-                loads = (part.links, part.some(part.wrenches, some), part.some(part.changes, some))
-                at = (self.row.q[rows], self._twists(rows), by_load, frames.places, frames.numbers)
-                kernel().responses(*chain.numbers, *loads, *at, np.empty((0, 0, 4, 4)), *into)
-                found[rows] = values
+            rows, chain = part.rows, part.loaded.sited_chain
+            by_load = _per_load(self.laws[rows], part.tangents) if what in RESPONSES else None
+            own = flexed(chain, frames(part.loaded), what, self.row.q[rows], twists[rows], part.pushed, by_load)
+            found = np.empty((len(self.row.q), *own.shape[1:])) if found is None else found
+            found[rows] = own
+        assert found is not None
         return found
 
 
@@ -196,13 +177,10 @@ def respond(
         UnknownNameError, MissingCovariateError: No such payload; an effect depends on what is not given.
         ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: As `find_equilibrium`, for some row.
     """
-    q = np.ascontiguousarray(q)
     known = {name: np.asarray(values) for name, values in (covariates or {}).items()}
-    row, n, done, parts = Row(q, arm.joint_index, known), len(arm.sites), 0, []
+    q, n, done, parts = np.ascontiguousarray(q), len(arm.sites), 0, []
+    row = Row(q, arm.joint_index, known)
     wrenches, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
-
-    groups = rows_by_load(arm, payloads)
-    pieces = [(loaded, own[i : i + AT_ONCE]) for loaded, own in groups for i in range(0, len(own), AT_ONCE)]
 
     def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part:
         loaded, rows = asked
@@ -211,12 +189,15 @@ def respond(
         wrenches[rows], twists[rows] = found.wrenches, found.twists
         return part
 
+    groups = by_payload(arm, payloads if len(q) else (None,), len(q))
+    # No rows are a part, too.
+    pieces = [(loaded, own[i : i + AT_ONCE]) for loaded, own in groups for i in range(0, max(len(own), 1), AT_ONCE)]
     for part in in_threads(solved, pieces):
         parts.append(part)
         done += len(part.rows)
-        if progress:
+        if progress and done:
             progress(done, len(q))
-    frames = arm.loaded(payloads[0] if len(payloads) else None)
+    frames = parts[0].loaded
     named = (frames.link_frames.names, frames.sites.names)
     return Response(row, wrenches, twists.reshape(len(q), 6 * n), laws, *named, tuple(parts))
 
@@ -243,6 +224,5 @@ def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_la
     small = (np.linalg.norm(found.twists[:, :, 3:], axis=2) <= MAX_ROTATION).all(axis=1)
     for i in () if allow_large else np.flatnonzero(~small):
         check_small(found.twists[i].ravel(), arm.stack.names)
-    pushes = Pushes(loaded, sited=True)
-    loads = pushes.links, pushes.wrenches(q, found.twists), pushes.changes(q, found.twists)
-    return _Part(loaded, rows, *loads, laws.tangents(found.wrenches)), found
+    pushed = Pushes(loaded, sited=True).at(q, found.twists)
+    return _Part(loaded, rows, pushed, laws.tangents(found.wrenches)), found

@@ -80,7 +80,7 @@ def parse_xml(path: Path) -> etree._Element:
         raise UrdfError(Place(path), "is not UTF-8 text (binary or UTF-16?)") from None
     except etree.XMLSyntaxError as error:
         raise UrdfError(Place(path, error.lineno or 0), f"not well-formed XML: {error.msg}") from None
-    if root.getroottree().docinfo.doctype:
+    if root.getroottree().docinfo.doctype:  # pyright: ignore[reportAttributeAccessIssue] - lxml has it, its stubs not
         raise UrdfError(Place(path, 1), "has a document type definition (DTD); entities are refused")
     stack = [(root, 1)]  # the interpreter's own stack must not be the limit
     while stack:
@@ -89,7 +89,7 @@ def parse_xml(path: Path) -> etree._Element:
         if depth > MAX_DEPTH:
             raise UrdfError(where, f"nested deeper than {MAX_DEPTH} elements")
         for name, text in element.attrib.items():
-            if found := unprintable(text):
+            if found := unprintable(str(text)):
                 raise UrdfError(where, f"<{element.tag} {name}={text!r}> {found[1]}")
         stack.extend((child, depth + 1) for child in element if isinstance(child.tag, str))
     return root
@@ -152,7 +152,7 @@ class Reader:
         """Return `count` finite numbers of an attribute separated by blanks."""
         text = element.get(key)
         if text is None:
-            strange = [name for name in element.attrib if name not in ATTRIBUTES.get(element.tag, ())]
+            strange = [str(name) for name in element.attrib if name not in ATTRIBUTES.get(element.tag, ())]
             misspelt = next((name for name in strange if did_you_mean(name, [key])), None)
             if default is None or misspelt:
                 hint = f"; {misspelt!r} is not known" if misspelt else ""

@@ -265,6 +265,7 @@ def _joint(reader: Reader, element: etree._Element) -> Joint:
         if (end := reader.only(element, tag)) is None:
             raise reader.fail(element, f"joint {name!r} has no <{tag}>")
         ends.append(reader.text(end, "link"))
+    parent, child = ends
     limits, mimic = (-np.inf, np.inf, np.inf, np.inf), None
     with reader.fault("chain", "the joint is held at 0"):
         axis = _axis(reader, element, name, axis) if kind in MOVING else axis
@@ -273,7 +274,8 @@ def _joint(reader: Reader, element: etree._Element) -> Joint:
             master = reader.text(given, "joint")
             mimic = master, reader.number(given, "multiplier", "1"), reader.number(given, "offset", "0")
     place = reader.place(element)
-    return Joint(name, kind, *ends, origin, rotation, axis, *limits, mimic, place, reader.taken_faults())
+    faults = reader.taken_faults()
+    return Joint(name, kind, parent, child, origin, rotation, axis, *limits, mimic, place, faults)
 
 
 def _axis(reader: Reader, element: etree._Element, name: str, default: Array) -> Array:

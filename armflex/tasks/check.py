@@ -13,8 +13,7 @@ from armflex.conventions import Array
 from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming
 from armflex.estimate.spread import without_declared_doubt
 from armflex.estimate.tip_uncertainty import AT_REST, length_sigma, tip_covariance
-from armflex.mechanics.deflection import Deflection
-from armflex.mechanics.deflection_batch import DeflectionBatch
+from armflex.mechanics.deflection import Deflection, DeflectionBatch
 from armflex.parallel import in_threads
 from armflex.trajectory import Points, Trajectory
 

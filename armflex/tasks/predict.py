@@ -25,7 +25,7 @@ from armflex.laws.effects.remember import (
 )
 from armflex.measured.measurements import Measurements, read_measurements, stream_inputs
 from armflex.measured.table import writing_table
-from armflex.mechanics.deflection_batch import DeflectionBatch
+from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
 from armflex.readings import Position, unread
 from armflex.readings.instrument import Instrument

@@ -72,13 +72,14 @@ def expected(scene: Scene) -> Table:
     """Return what a file says of a search of a campaign, by type; see `typed`."""
     number = float | Literal["inf", "-inf"]  # JSON has no infinity: nothing is known beforehand, or before all time
     partners = {place.partner for law in EVERY.values() for place in law.places(scene.records)}
-    twist = {"site": Literal[*scene.sites], "axis": Literal[*TWIST_NAMES], "std": float}
+    axis: Any = Literal[*TWIST_NAMES]
+    twist = {"site": Literal[*scene.sites], "axis": axis, "std": float}
     alike = {**twist, "ratio": float}
     random = {**twist, "alike": list[alike]}
     place = {
         "law": Literal[*EVERY],
         "site": Literal[*scene.sites],
-        "axis": Literal[*TWIST_NAMES] | None,
+        "axis": axis | None,
         "covariates": tuple[Literal[*scene.row.covariates, *(f"q_{joint}" for joint in scene.joints)], ...],
         "terms": tuple[int, ...],
         "partner": Literal[*sorted({"", *TWIST_NAMES, *scene.sessions, *scene.payloads, *partners})],
@@ -258,7 +259,9 @@ def _state(said: Table, begun: State, scenes: Sequence[Scene]) -> State:
         values, prior = tuple(map(float, one["values"])), np.array([float(number) for number in one["prior"]])
         count, free = len(law.amplitudes) + len(law.inner), len(location.terms) + len(one["free"])
         _expect(len(values) == count, f"{len(values)} values of {law.name}, expected {count}")
-        _expect(len(prior) == free and (prior > 0.0).all(), f"prior of {law.name}: expected {free} numbers above 0")
+        _expect(
+            len(prior) == free and bool((prior > 0.0).all()), f"prior of {law.name}: expected {free} numbers above 0"
+        )
         seen = one["seen"]
         _expect(0 <= seen < len(scenes), f"seen is {seen}, expected a whole number from 0 to {len(scenes) - 1}")
         effects.append(EffectBlock(Effect(law, location, values), one["free"], scenes[seen], place, prior))

@@ -135,7 +135,8 @@ def _in_place(
     if _information(trial, state) > _information(state, state) - margin:
         return None
     steps = [*trial.steps]
-    steps[first] = replace(state.steps[first], exchanged=True)
+    step = state.steps[first]
+    steps[first] = step and replace(step, exchanged=True)
     return replace(trial, steps=tuple(steps))
 
 

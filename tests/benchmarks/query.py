@@ -1,7 +1,7 @@
 """One query on a boom of eight joints that sags 30 mm: `arm.deflection`, `arm.prepared`, and the slowest of many calls.
 
 `deflection` is Pinocchio's; prepared objects are answered by compiled code. Beside compliances, networks and effects: a
-force at the tip, and a law that is curved and nothing but that (a stiffening joint).
+force at the tip, joints that harden, and a law that is curved and nothing but that (a stiffening joint).
 
 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/query.py
 """
@@ -29,6 +29,7 @@ from armflex.conventions import Array
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
+from armflex.laws.joint.hardening import HardeningLaw
 from armflex.laws.joint.network import NetworkLaw
 
 NEURONS, CALLS = 20, 100_000
@@ -42,6 +43,8 @@ GOALS = {
     ("three effects", "exact", "deflection"): 26,
     ("three effects", "exact", "prepared"): 26,
 }
+ENERGY = 5.0
+"""Energy [J] at which a joint that hardens gives 1/sqrt(2) of what it gives at first."""
 METHODS = {"first order": "first_order", "exact": "exact"}
 KNOWN = {"temperature": 27.0, "approach_A3": 1.0}
 
@@ -68,12 +71,14 @@ def arms(boom: Boom) -> dict[str, Arm]:
     warm = Effect(EVERY["thermal_growth"], Location("link:A4", None, ("temperature",)), (1.2e-5, 20.0, 0.0))
     soft = Effect(EVERY["thermal_softening"], Location("A2", None, ("temperature",)), (1e-3, 20.0, 0.0))
     play = Effect(EVERY["backlash"], Location("A3", "rz", ("approach_A3",)), (3e-4,))
+    harder = tuple(replace(one, law=HardeningLaw(one.law.compliance, ENERGY)) for one in boom.arm.flexures)
     curved = Effect(EVERY["stiffening"], Location("A3", "ry", terms=(0, 1)), (-1e-13, 1e-18))
     return {
         "linear": boom.arm,
         "networks": replace(boom.arm, flexures=networks),
         "an effect": replace(boom.arm, effects=(warm,)),
         "three effects": replace(boom.arm, effects=(warm, soft, play)),
+        "hardening": replace(boom.arm, flexures=harder),
         "a curved law": replace(boom.arm, effects=(curved,)),
     }
 

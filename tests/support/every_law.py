@@ -7,6 +7,7 @@ import numpy as np
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.joint.hardening import HardeningLaw
 from support.small_arms import random_compliance
 from support.structures import nonlinear
 
@@ -59,10 +60,15 @@ def laws_of(kind: str) -> list[Law]:
     return {
         "linear": linear,
         "position dependent": [linear[0], depending(4), depending(7)],
+        "hardening": [
+            HardeningLaw(5.0 * random_compliance(4), 0.5),
+            linear[1],
+            HardeningLaw(random_compliance(5), 2.0),
+        ],
         "structural": [linear[0], nonlinear(), linear[2]],
         "effects": [linear[0], depending(4), linear[2]],
         "effects on structures": [AtNode(nonlinear(), np.array([0.2, -0.1, 0.3])), linear[1], depending(4)],
     }[kind]
 
 
-KINDS = ("linear", "position dependent", "structural", "effects", "effects on structures")
+KINDS = ("linear", "position dependent", "hardening", "structural", "effects", "effects on structures")

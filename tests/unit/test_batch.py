@@ -23,7 +23,7 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.laws import LinearLaw
-from armflex.mechanics import deflection_batch as batch_module
+from armflex.mechanics import deflection as batch_module
 
 NEAR = 1e-12
 """m and rad; of loads relative to the largest."""

@@ -320,7 +320,7 @@ class Effect:
 Basis = Callable[[Here, Array, Row, Values], Array]
 """(here, (..., 6) wrench at the site, row, inner) -> (..., k, 6) twist per amplitude, local axes."""
 
-Shapes = Callable[[Here, Array, Row, Values], Sequence[Array]]
+Shapes = Callable[[Here, Array, Row, Values], Sequence[Array] | Array]
 """(here, (..., 6) wrench at the site, row, inner) -> one (...,) number per amplitude."""
 
 

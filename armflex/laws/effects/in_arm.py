@@ -142,6 +142,7 @@ class Pulling:
     inner: Values
 
     dead = False
+    sizes = (np.inf, np.inf)
 
     def at(self, pose: Array) -> Array:
         """Return the (..., 6) wrench at the link's origin, base axes, for (..., 4, 4) poses of it."""

@@ -41,8 +41,8 @@ def _away(here: Here, wrench: Array, row: Row, middle: float = 0.0) -> Array:
     return (column_of(row, here.location.covariates[0]) - middle) * np.ones(wrench.shape[:-1])
 
 
-def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    return hats(_away(here, wrench, row), *inner, KNOTS) * along(here, wrench)
+def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    return hats(_away(here, wrench, row), inner[0], inner[1], KNOTS) * along(here, wrench)
 
 
 def _wave(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
@@ -97,7 +97,9 @@ SPLINE = TwistLaw(
     words=Words("unnamed shape", "it follows a column freely", "f(x), straight between knots"),
     places=_with_all(KNOTS),
     amplitudes=tuple(Amplitude(name, "{m}") for name in TENTS),
-    basis=on_axis(lambda here, wrench, row, inner: hats(column_of(row, here.location.covariates[0]), *inner, KNOTS)),
+    basis=on_axis(
+        lambda here, wrench, row, inner: hats(column_of(row, here.location.covariates[0]), inner[0], inner[1], KNOTS)
+    ),
     inner=(LOW, HIGH),
     physical=False,
     shape="spline",

@@ -80,6 +80,10 @@ class HardeningLaw(Law):
         share = self._share(wrench, wrench @ self.compliance)
         return np.concatenate([by_axes[..., self._axes], (twist * 0.5 * share / (1.0 + share))[..., None]], axis=-1)
 
+    def hardening(self) -> tuple[Array, float]:
+        """Return C and 1 / (2 energy)."""
+        return self.compliance, 0.5 / self.energy
+
     def compliance_bound(self, ranges: Ranges) -> Array:
         """Return the norms of C's blocks on the diagonal, their geometric mean beside it: J is positive, C - J, too."""
         root = np.sqrt(np.diag(block_norms(self.compliance)))

@@ -48,8 +48,8 @@ class LogCompliance(Compliance):
     def parameters(self) -> tuple[Parameter, ...]:
         """Factors and couplings; then the same for every power of the position."""
         names = ["/".join(dict.fromkeys((TWIST_NAMES[i], TWIST_NAMES[j]))) for i, j in self._entries]
-        alike, count = isinstance(self.std, float), len(self.axes)
-        stds = (self.std,) * count if isinstance(self.std, float) else self.std
+        alike, count = not isinstance(self.std, tuple), len(self.axes)
+        stds = self.std if isinstance(self.std, tuple) else (self.std,) * count
         own = [
             Parameter(name, "1", std, Transform.LOG, "factors" if alike else f"factor {name}")
             for name, std in zip(names[:count], stds, strict=True)

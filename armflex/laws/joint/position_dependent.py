@@ -87,7 +87,7 @@ class PositionDependentLaw(Compliance):
         largest = np.abs(ranges[self.joint]).max()
         if not np.isfinite(largest):
             return None
-        return sum(largest**power * block_norms(part) for power, part in enumerate(self.coefficients))
+        return np.sum([largest**power * block_norms(part) for power, part in enumerate(self.coefficients)], axis=0)
 
     def gives(self, row: Row) -> tuple[int, ...]:
         """Return the axes that give anywhere."""

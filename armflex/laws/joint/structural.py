@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -151,13 +152,17 @@ class StructuralLaw(Composed):
     @cached_property
     def constant(self) -> Array | None:
         """(6, 6) condensed compliance when every sub-joint's is constant, else None."""
-        known = [sub.law.constant for sub in self.subjoints]
-        return None if any(one is None for one in known) else self._condense(self._system(known))
+        known = self._constants
+        return self._condense(self._system(known)) if len(known) == len(self.subjoints) else None
+
+    @property
+    def _constants(self) -> list[Array]:
+        return [sub.law.constant for sub in self.subjoints if sub.law.constant is not None]
 
     @cached_property
     def _straight(self) -> tuple[list[Array], list[Array]]:
         """The gains of a structure of constant compliances, and the (6, 6) load on each sub-joint per load."""
-        system = self._system([sub.law.constant for sub in self.subjoints])
+        system = self._system(self._constants)
         return self._gains(system), self._by_subjoint(self._states_per_load(system)[self._size :])
 
     def twist(self, wrench: Array, row: Row) -> Array:
@@ -197,7 +202,10 @@ class StructuralLaw(Composed):
         if wrench.ndim > 1:
             rows, flat = row.spread(len(wrench)), wrench.reshape(-1, 6)
             each = [self.shares(load, rows.some(i)) for i, load in enumerate(flat)]
-            return [tuple(np.array(part) for part in zip(*own, strict=True)) for own in zip(*each, strict=True)]
+            return [
+                (np.array([gain for gain, _ in own]), np.array([load for _, load in own]))
+                for own in zip(*each, strict=True)
+            ]
         _, tangents, loads = self._solve(wrench, row)
         return list(zip(self._gains(self._system(tangents)), loads, strict=True))
 
@@ -206,8 +214,8 @@ class StructuralLaw(Composed):
         if self.constant is None:
             return None
         laws = []
-        for sub, (_, held) in zip(self.subjoints, self.held, strict=True):
-            axes = tuple(int(axis) for axis in held if sub.law.constant[axis, axis] > 0.0)
+        for sub, own, (_, held) in zip(self.subjoints, self._constants, self.held, strict=True):
+            axes = tuple(int(axis) for axis in held if own[axis, axis] > 0.0)
             laws.append(ScaledLaw(sub.law, np.zeros(6), axes, sub.law.relative_std or LOOSE))
         return self.with_laws(laws)
 
@@ -308,7 +316,7 @@ class StructuralLaw(Composed):
 def _solved(system: Array, right: Array) -> Array:
     """Return the solution of a structure's equations; raise `LawError` where they have none."""
     try:
-        return np.linalg.solve(system, right)
+        return np.asarray(np.linalg.solve(system, right), float)
     except np.linalg.LinAlgError:
         text = "two rigid sub-joints hold one node the same way, or one is softer than numbers can tell beside the rest"
         raise LawError(f"the structure's equations are singular: {text}") from None
@@ -317,6 +325,7 @@ def _solved(system: Array, right: Array) -> Array:
 def to_tensors(law: StructuralLaw) -> dict[str, Array]:
     """Return a fitted law's arrays."""
     number, subjoints = {name: float(i) for i, name in enumerate(law.nodes)}, law.subjoints
+    linear: list[Any] = [sub.law for sub in subjoints]  # as they are where a structure was fitted
     beams = [(number[one.start], number[one.end], *vars(one.section).values(), *one.up) for one in law.beams]
     return {
         "nodes": np.array(list(law.nodes.values()), dtype=float),
@@ -324,9 +333,9 @@ def to_tensors(law: StructuralLaw) -> dict[str, Array]:
         "noise": np.zeros(6) if law.noise is None else law.noise,
         "at": np.array([number[sub.node] for sub in subjoints]),
         "holds": np.array([[float(axis in sub.holds) for axis in range(6)] for sub in subjoints]),
-        "compliance": np.array([sub.law.compliance for sub in subjoints]),
-        "row_covariance": np.array([sub.law.fit.row_covariance for sub in subjoints]),
-        "loads": np.array([sub.law.fit.loads for sub in subjoints]),
+        "compliance": np.array([law.compliance for law in linear]),
+        "row_covariance": np.array([law.fit.row_covariance for law in linear]),
+        "loads": np.array([law.fit.loads for law in linear]),
         "beams": np.array(beams).reshape(-1, 11),
     }
 
