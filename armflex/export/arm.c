@@ -69,6 +69,9 @@ typedef struct {
 typedef struct {
     int flexure, window, first, end;
 } group;
+typedef struct {
+    double offset[6], compliance[6][6];
+} tangent; /* of a group: what stands for it near some load */
 #endif
 #if WINDOWS
 
@@ -102,6 +105,9 @@ static const double REACHED = 1e-11;         /* m, of each coordinate of the tip
 static const double SETTLED = 1e-8;          /* rad or m, of the last change of the joints */
 static const double DAMPING = 1e-14;         /* m^2, of the tip's Jacobian times its transpose */
 static const double PROBE = 1e-6;            /* rad or m, by which an equilibrium is disturbed */
+#if STRAIGHTENED
+static const double LOADED_BY = 1e-6;        /* part of a load, for derivatives by it */
+#endif
 static const double DIFFERENCE = 1e-7;       /* rad or m, for derivatives by the joints */
 
 /* What is known of the arm at one configuration. Vectors are in base axes where nothing else is said. */
@@ -120,6 +126,9 @@ typedef struct {
     double compliance[FLEXURES][6][6]; /* [m/N, rad/Nm and mixed] */
 #if FACTORS
     double factor[FACTORS]; /* values of the factors */
+#endif
+#if TERMS
+    const tangent *straight; /* what stands for the parts of laws that are not straight, NULL where they do themselves */
 #endif
 #if PULLS
     double point[PULLS][3]; /* where the pulled points of the rigid arm are [m] */
@@ -178,7 +187,7 @@ static void swing(double turn[3][3], const double *axis, double angle)
 }
 
 /* Walk along a chain of elements at joint positions q to its tip. Where s is not NULL, note what the flexures need. */
-static void walk(const element *chain, int count, const double *q, double turn[3][3], double tip[3], arm_state *s)
+static void walk(const element *elements, int count, const double *q, double turn[3][3], double tip[3], arm_state *s)
 {
     int carrier = -1; /* the last flexure passed */
     for (int i = 0; i < 3; i++) {
@@ -191,7 +200,7 @@ static void walk(const element *chain, int count, const double *q, double turn[3
         s->moment[k][0] = s->moment[k][1] = s->moment[k][2] = 0.0;
     }
     for (int k = 0; k < count; k++) {
-        const element *here = &chain[k];
+        const element *here = &elements[k];
         shift(tip, turn, here->origin, 1.0);
         if (here->rotated != 0) {
             rotate(turn, here->rotation);
@@ -517,6 +526,62 @@ static double draw_in(const window *seen, double *w)
 }
 #endif
 
+#if TERMS
+
+/* Write what a part of a law that is not straight gives under a load. */
+static void curve(const arm_state *s, const group *law, const double *load, double given[6])
+{
+    double w[6] = {load[0], load[1], load[2], load[3], load[4], load[5]}, weight = 1.0;
+    double dx = 0.0, dy = 0.0, dz = 0.0, rx = 0.0, ry = 0.0, rz = 0.0;
+#if WINDOWS
+    if (law->window >= 0) {
+        weight = draw_in(&windows[law->window], w);
+    }
+#endif
+    for (const term *t = &terms[law->first]; t < &terms[law->end]; t++) {
+        double value = term_at(t, w) * s->factor[t->first] * s->factor[t->second];
+        dx += value * t->along[0];
+        dy += value * t->along[1];
+        dz += value * t->along[2];
+        rx += value * t->along[3];
+        ry += value * t->along[4];
+        rz += value * t->along[5];
+    }
+    given[0] = weight * dx;
+    given[1] = weight * dy;
+    given[2] = weight * dz;
+    given[3] = weight * rx;
+    given[4] = weight * ry;
+    given[5] = weight * rz;
+}
+
+#if STRAIGHTENED
+/* Write the tangents of such parts at the state's loads: near them they do for the parts. */
+static void straighten(const arm_state *s, tangent *straight)
+{
+    for (int g = 0; g < CURVED; g++) {
+        const double *w = s->load[curved[g].flexure];
+        double given[6], least = 1.0;
+        for (int b = 0; b < 6; b++) {
+            least = fmax(least, fabs(w[b]));
+        }
+        curve(s, &curved[g], w, straight[g].offset);
+        for (int b = 0; b < 6; b++) {
+            double load[6] = {w[0], w[1], w[2], w[3], w[4], w[5]}, by = LOADED_BY * fmax(fabs(w[b]), 1e-3 * least);
+            load[b] += by;
+            curve(s, &curved[g], load, given);
+            for (int a = 0; a < 6; a++) {
+                straight[g].compliance[a][b] = (given[a] - straight[g].offset[a]) / by;
+            }
+        }
+        for (int a = 0; a < 6; a++) {
+            straight[g].offset[a] -= dot6(straight[g].compliance[a], w);
+        }
+    }
+}
+#endif
+#endif
+
 /* Write the twists that the laws give under the state's loads. */
 static void deform(const arm_state *s, twists twist)
 {
@@ -527,30 +592,16 @@ static void deform(const arm_state *s, twists twist)
     }
 #if TERMS
     for (int g = 0; g < CURVED; g++) {
-        const group *law = &curved[g];
-        double w[6], given[6] = {0.0}, weight = 1.0;
-        for (int a = 0; a < 6; a++) {
-            w[a] = s->load[law->flexure][a];
-        }
-#if WINDOWS
-        if (law->window >= 0) {
-            weight = draw_in(&windows[law->window], w);
-        }
-#endif
-        for (const term *t = &terms[law->first]; t < &terms[law->end]; t++) {
-            double value = term_at(t, w);
-#if FACTORS
-            value *= s->factor[t->first] * s->factor[t->second];
-#endif
-            given[0] += value * t->along[0];
-            given[1] += value * t->along[1];
-            given[2] += value * t->along[2];
-            given[3] += value * t->along[3];
-            given[4] += value * t->along[4];
-            given[5] += value * t->along[5];
+        int k = curved[g].flexure;
+        double given[6];
+        if (s->straight == NULL) {
+            curve(s, &curved[g], s->load[k], given);
         }
         for (int a = 0; a < 6; a++) {
-            twist[law->flexure][a] += weight * given[a];
+            if (s->straight != NULL) {
+                given[a] = s->straight[g].offset[a] + dot6(s->straight[g].compliance[a], s->load[k]);
+            }
+            twist[k][a] += given[a];
         }
     }
 #endif
@@ -682,6 +733,9 @@ static int begin(arm_state *s, const double *q, int payload)
         return NO_PAYLOAD;
     }
     s->payload = payload;
+#if TERMS
+    s->straight = NULL;
+#endif
     for (int k = 0; k < FLEXURES; k++) {
         for (int a = 0; a < 6; a++) {
             s->twist[k][a] = 0.0;
@@ -745,6 +799,11 @@ static int derivatives(const arm_state *s, const double tip[3], twists slope[JOI
 {
     arm_state off = *s;
     int code = FINE;
+#if STRAIGHTENED
+    tangent straight[CURVED];
+    straighten(s, straight);
+    off.straight = straight;
+#endif
     for (int j = 0; (j < JOINTS) && (code == FINE); j++) {
         double end[3];
         off.q[j] = s->q[j] + DIFFERENCE;
@@ -866,8 +925,8 @@ int NAME_compensate(const double *q, int payload, double *out)
         /* The smallest change in all that does it to first order; or, where these go round in circles, further. */
         for (int j = 0; j < JOINTS; j++) {
             from[j] = (jump < WHOLE_AIMS) ? 0.0 : ((jump < MOST_AIMS) ? 0.5 * change[j] : change[j]);
-            low[j] = fmax(-LARGEST_CHANGE, limits[j][0] - q[j]) - from[j];
-            high[j] = fmin(LARGEST_CHANGE, limits[j][1] - q[j]) - from[j];
+            low[j] = fmin(fmax(-LARGEST_CHANGE, limits[j][0] - q[j]), 0.0) - from[j];
+            high[j] = fmax(fmin(LARGEST_CHANGE, limits[j][1] - q[j]), 0.0) - from[j];
         }
         for (int i = 0; i < 3; i++) {
             wanted[i] = goal[i] - tip[i];

@@ -64,10 +64,10 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     text = _chosen(text, counts)
     flexures, joints = counts["FLEXURES"], counts["JOINTS"]
     state = 8 * (joints + 12 + 79 * flexures + counts["FACTORS"] + 3 * counts["PULLS"])
-    # What functions hold beside states: the changes of the twists per joint, and some sets of twists.
+    # What functions hold beside states: changes of the twists per joint, some sets of twists, and tangents.
     stack = {
         "tip": state + 48 * 6 * flexures + 1024,
-        "compensate": 2 * state + 48 * (joints + 6) * flexures + 2048,
+        "compensate": 2 * state + 48 * (joints + 6) * flexures + 336 * counts["STRAIGHTENED"] + 2048,
     }
     text = text.replace("/*@head*/", _head(arm, tables, stack)).replace("/*@constants*/", _constants(arm, tables))
     text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", text)
@@ -92,7 +92,10 @@ def export(arm: Arm, name: str = "arm") -> Exported:
 
 @dataclass
 class _Tables:
-    """What becomes the tables of the file, in their order; `rows` of each are finished C with a comment."""
+    """What becomes the tables of the file; rows of text are finished C with a comment.
+
+    `steady` is whether what is not straight in the load goes with no joint's position.
+    """
 
     arm: Arm
     payloads: tuple[str, ...]
@@ -112,6 +115,7 @@ class _Tables:
     outboard: Array = field(default_factory=lambda: np.zeros(0))
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     columns: tuple[str, ...] = ()
+    steady: bool = True
 
     @property
     def counts(self) -> dict[str, tuple[int, str]]:
@@ -127,6 +131,10 @@ class _Tables:
             "CHANGING": (len(self.changing), "parts of laws that go with a column"),
             "TERMS": (len(self.terms), "parts of laws that are not straight in the load"),
             "CURVED": (len(self.curved), "laws that have such parts"),
+            "STRAIGHTENED": (
+                len(self.curved) * self.steady,
+                "laws that have them, if none goes with a joint's position",
+            ),
             "FORMS": (len(self.forms), "quadratic forms of the load"),
             "WINDOWS": (len(self.windows), "learned corrections"),
             "NOMINAL": (len(self.nominal), "elements of the chain as the controller knows it, where that is another"),
@@ -153,6 +161,8 @@ def _tables(arm: Arm) -> _Tables:
     known = [*(f"q_{joint}" for joint in arm.joint_names), MASS]
     tables.covariates = tuple(column for column in used if column not in known)
     tables.columns = (*known, *tables.covariates)
+    bent = [term for own in said for _, part in own for term in part if not term.straight]
+    tables.steady = not any(factor.column.startswith("q_") for term in bent for factor in term.factors)
     tables.offset, tables.compliance = np.zeros((len(order), 6)), np.zeros((len(order), 6, 6))
     for place, number in enumerate(order):
         for label, terms in said[number]:
