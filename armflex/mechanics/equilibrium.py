@@ -57,12 +57,12 @@ class Equilibrium(NamedTuple):
     Attributes:
         loaded: The arm with its payload.
         case: Where its joints are and what acts.
-        rigid: Configuration with flexures at zero.
+        rigid: (nq_model,) configuration [m, rad] with flexures at zero.
         motion: (nv,) exponential coordinates of the flexures, zero for joints [m, rad].
         torque: (nv,) generalized torque: minus the loads on the flexures [N, Nm]; None for that of the motion.
         method: How it was found.
         history: Squared length of the residual before each step [m^2 or rad^2].
-        tangent: (6 n, 6 n), where stability was checked with it.
+        tangent: (6 n, 6 n) in units of the twists, where stability was checked with it.
     """
 
     loaded: LoadedArm

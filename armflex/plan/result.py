@@ -85,7 +85,7 @@ class Plan:
         goal: What was made as large as it can be.
         model: Parameters, and what is known before.
         known: What will be known after the rows, in units of `model.scale`.
-        worth: (n,) rise of the goal's value by each row that is read, the best first one alone, and so on.
+        worth: (n,) dimensionless rise of the goal's value by each row read, the best first one alone, and so on.
         reached: (n + 1,) the goal's value after none, one, ... of them, the most telling first.
         random: (DRAWS, m + 1) the same of poses at random.
         everything: The goal's value if all rows that were offered were measured.
@@ -127,12 +127,12 @@ class Plan:
 
     @property
     def std_before(self) -> Array:
-        """(P,) standard deviation of every parameter of `model.names` before."""
+        """(P,) standard deviation of every parameter of `model.names` before, in its unit."""
         return self.model.std(self.model.known)
 
     @property
     def std_after(self) -> Array:
-        """(P,) the same as it is expected to be after."""
+        """(P,) the same as it is expected to be after, in the parameters' units."""
         return self.model.std(self.known)
 
     @cached_property

@@ -108,19 +108,19 @@ class Tracker:
 
     @property
     def values(self) -> Array:
-        """(P,) deviations from the arm that tracking started with; values of learned laws as they are."""
+        """(P,) deviations from the first arm in the parameters' units; values of learned laws as they are."""
         return self._model.at(self._state.point, self._state.estimate.values)
 
     @property
     def covariance(self) -> Array:
-        """(P, P) covariance, drift up to now included."""
+        """(P, P) covariance in the parameters' units, drift up to now included."""
         state, model = self._state, self._model
         factor, drifted = model.factor(state.estimate.values), self._variance * (state.clock - state.drifted)
         return state.estimate.covariance / np.outer(factor, factor) + np.diag(drifted)
 
     @property
     def std(self) -> Array:
-        """(P,) standard deviations."""
+        """(P,) standard deviations in the parameters' units."""
         return np.sqrt(np.diag(self.covariance))
 
     @property

@@ -62,10 +62,10 @@ class Change:
         probability: That it was this one, among all laws and no change at all.
         reading: Number of the reading after which it was announced, the first being 1.
         since: Number of the first reading after the change, as far as can be told.
-        size: (k,) by how much, against what was known of the arm just before: joint offsets, geometry, tool and
+        size: (k,) by how much [m, rad], against what was known of the arm before: joint offsets, geometry, tool and
             instrument in m and rad, learned laws in parts of what was declared; of compliances the logarithm of the
             factor that they became larger by (0.18 is 20 %).
-        std: (k,) one standard deviation of each.
+        std: (k,) one standard deviation of each [m, rad].
         others: What else it may have been, with probabilities above one in a hundred.
     """
 
