@@ -301,6 +301,7 @@ class DeflectionBatch:
         asked: How the question was answered.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
         twists: (N, n_flexures, 6) local deflections [m, rad].
+        found_wrenches: (N, n_flexures, 6) what `wrenches` are where they were found with the twists, else of no rows.
     """
 
     arm: Structure
@@ -309,6 +310,7 @@ class DeflectionBatch:
     asked: Asked
     displacement: Array
     twists: Array
+    found_wrenches: Array
 
     def __repr__(self) -> str:
         """One line: how many rows and the largest shift."""
@@ -336,7 +338,11 @@ class DeflectionBatch:
         mechanics, method, case = loaded.mechanics, self.asked.method, case._replace(q=checked)
         rigid, motion = mechanics.rigid_configuration(checked), np.zeros(mechanics.model.nv)
         motion[loaded.flex.flexure_v] = self.twists[i].ravel()
-        torque = mechanics.load(case)(rigid if method == "first_order" else mechanics.flexed(rigid, motion))
+        if len(self.found_wrenches):
+            torque = np.zeros(mechanics.model.nv)
+            torque[loaded.flex.flexure_v] = -self.found_wrenches[i].ravel()
+        else:
+            torque = mechanics.load(case)(rigid if method == "first_order" else mechanics.flexed(rigid, motion))
         found = Equilibrium(loaded, case, rigid, motion, torque, method, ())
         return Deflection(found, (*self._flags_of(loaded), *flags))
 
@@ -357,6 +363,8 @@ class DeflectionBatch:
     @cached_property
     def wrenches(self) -> Array:
         """(N, n_flexures, 6) loads on the flexures, local axes [N, Nm]."""
+        if self._others:
+            return self.found_wrenches
         found = np.empty_like(self.twists)
         for loaded, rows in self._compiled:
             for some in (rows[i : i + PIECE] for i in range(0, len(rows), PIECE)):
@@ -364,8 +372,6 @@ class DeflectionBatch:
                 at = at if self.asked.method == "exact" else (at[0], np.zeros_like(at[1]))
                 pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
                 found[some] = flexed(loaded.chain, loaded.flexure_frames, "loads", *at, pushed)[:, :-1]
-        for i in self._others:
-            found[i] = self.row(i).wrenches
         return found
 
     @cached_property
@@ -483,19 +489,20 @@ def deflect_batch(
 ) -> DeflectionBatch:
     """Return what the arm does in N rows, whose positions and motion are not yet checked; see `Arm.deflection`."""
     q = check_positions(arm, case.q, asked.enforce_limits)
-    single = payload is None or isinstance(payload, str | Payload)
-    payloads: tuple[str | Payload | None, ...] = (payload,) if single else tuple(payload)
-    if not single and len(payloads) != len(q):
+    if payload is None or isinstance(payload, str | Payload):
+        payload = (payload,)
+    elif len(payload) != len(q):
         raise ShapeError(f"payload: expected one name or {len(q)}, got {len(payloads)}")
     v, a = _motion(arm, case.v, "v", q), _motion(arm, case.a, "a", q)
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
     arm.loaded(None).flags_under(case.wrenches, accelerated=False)  # raises where a link is not the arm's
-    answers = Solution.empty(len(q), len(arm.sites), wrenches=False)
-    found = DeflectionBatch(arm, payloads, case, asked, answers.displacement, answers.twists)
+    here = not case.moves and asked.method in COMPILED
+    answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)
+    found = DeflectionBatch(arm, payloads, case, asked, answers.displacement, answers.twists, answers.wrenches)
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
     rooms = [answers.some(rows) for rows in pieces]
     # Compiled code runs side by side in threads, Pinocchio does not.
-    alone, here = jobs in (None, 1), not case.moves and asked.method in COMPILED
+    alone = jobs in (None, 1)
     tasks = []
     for rows, room in zip(pieces, rooms, strict=True):
         carried = payloads if len(payloads) == 1 else payloads[rows]
@@ -518,8 +525,8 @@ def _answer(
 ) -> Solution:
     """Return the answers in some rows, from row `first` on; in a room for them where there is one."""
     exact, n, count = asked.method == "exact", len(arm.sites), len(case.q)
-    found, left = room or Solution.empty(count, n, wrenches=False), np.ones(count, dtype=bool)
-    here = not case.moves and asked.method in COMPILED
+    here, left = not case.moves and asked.method in COMPILED, np.ones(count, dtype=bool)
+    found = room or Solution.empty(count, n, wrenches=not here)
     for loaded, rows in by_payload(arm, payloads, count) if here else ():
         solver = RowSolver(loaded, exact, case.wrenches)
         for some in chunks(rows, AT_ONCE):
@@ -538,6 +545,8 @@ def _answer(
             loaded = arm.loaded(payloads[0 if len(payloads) == 1 else i])
             one = deflect(loaded, case.some(i)._replace(q=checked), flags, asked.method, asked.allow_large)
         found.displacement[i], found.twists[i] = one.displacement, one.twists
+        if not here:
+            found.wrenches[i] = one.wrenches
     return found
 
 

@@ -163,7 +163,7 @@ class LoadedArm:
         Raises:
             PayloadError, UnknownNameError: As `flags`; a load is at no link of the arm.
         """
-        arm, flags = self.arm, list(self.flags)
+        arm, known, flags = self.arm, self.flags, []
         if accelerated and self.payload.mass and self.payload.inertia is None:
             flags.append(Flag("no_inertia", "the payload's inertia is not given, so its turning adds no load"))
         for wrench in wrenches:
@@ -176,7 +176,7 @@ class LoadedArm:
             if 0.0 < FORCE_BAND * arm.weight < size:
                 text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
                 flags.append(Flag("large_force", text))
-        return tuple(flags)
+        return (*known, *flags) if flags else known
 
     def sag_flags(self, displacement: Array) -> tuple[Flag, ...]:
         """Return a flag where the tip's (6,) displacement [m, rad] is a good part of the reach."""

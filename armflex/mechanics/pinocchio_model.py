@@ -66,7 +66,7 @@ class Mechanics:
         self.model, self.data, self._rigid_data = flex.model, flex.model.createData(), rigid.model.createData()
         self.laws = PlacedLaws(stack, flex.flexure_v.reshape(-1, 6), flex.model.nv)
         self._frames = {link: flex.frame(link) for link in flex.links}
-        self._gravity = partial(gravity, self.model, self.data)
+        self.weight = partial(gravity, self.model, self.data)
         self.flexures = np.ix_(flex.flexure_v, flex.flexure_v)
         # Views into Pinocchio's own memory: to ask for them costs more than to compute what they show.
         tip, rigid_tip = self.data.oMf[flex.tip], self._rigid_data.oMf[rigid.tip]
@@ -88,11 +88,12 @@ class Mechanics:
 
         They are what parents exert on children: minus the loads that deform.
         """
-        if case.v is None and case.a is None and not (case.wrenches or self.pulls):
-            return self._gravity
+        moves = case.v is not None or case.a is not None
+        if not (moves or case.wrenches or self.pulls):
+            return self.weight
         model, data = self.model, self.data
-        bare: Callable[[Array], Array] = self._gravity
-        if case.moves:
+        bare: Callable[[Array], Array] = self.weight
+        if moves:
             v, a = self._velocities(case)
 
             def moving(configuration: Array) -> Array:
