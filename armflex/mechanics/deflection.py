@@ -489,9 +489,10 @@ def deflect_batch(
 ) -> DeflectionBatch:
     """Return what the arm does in N rows, whose positions and motion are not yet checked; see `Arm.deflection`."""
     q = check_positions(arm, case.q, asked.enforce_limits)
+    payloads: tuple[str | Payload | None, ...]
     if payload is None or isinstance(payload, str | Payload):
-        payload = (payload,)
-    elif len(payload) != len(q):
+        payloads = (payload,)
+    elif len(payloads := tuple(payload)) != len(q):
         raise ShapeError(f"payload: expected one name or {len(q)}, got {len(payloads)}")
     v, a = _motion(arm, case.v, "v", q), _motion(arm, case.a, "a", q)
     case = LoadCase(q, v, a, case.wrenches, case.covariates)

@@ -123,9 +123,10 @@ def find_equilibrium(
     found = found or _newton(loaded, case, rigid, load)
     if method != "first_order":
         bound = loaded.stability_bound
-        small = within and bound is not None and found.motion.dot(found.motion) < SMALL
-        if small and ((tame and bound.proven) or _proven(bound, found, load)):
-            return found
+        if within and bound is not None and found.motion.dot(found.motion) < SMALL:
+            known = tame and bound.proven
+            if known or _proven(bound, found, load):
+                return found
         found = _checked(found, load)
     # Not a number is not small, either; `vdot` says nothing of what overflows.
     size = found.motion.dot(found.motion) if tame else np.vdot(found.motion, found.motion)
