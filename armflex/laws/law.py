@@ -316,15 +316,12 @@ class WithoutParameters(Law):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """None."""
         return ()
 
     def at(self, values: Array) -> Law:
-        """Return the law."""
         return self
 
     def freed(self, row: Row) -> tuple[int, ...]:
-        """Return none."""
         return ()
 
 
@@ -344,7 +341,6 @@ class SteppedLaw(WithoutParameters):
         return self.law.tangent(wrench, row) + by_wrench(self._change, wrench, row)
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
-        """Return the law's."""
         return self.law.scatter(wrench, row)
 
     def _change(self, wrench: Array, row: Row) -> Array:
@@ -367,7 +363,6 @@ class Composed(Law):
 
     @property
     def leaves(self) -> tuple[Law, ...]:
-        """Those of all laws."""
         return tuple(leaf for law in self.laws for leaf in law.leaves)
 
     def own_scatter(self, wrench: Array, row: Row) -> Array | None:
@@ -381,7 +376,6 @@ class Composed(Law):
 
     @property
     def values(self) -> Array:
-        """Those of all laws."""
         return np.concatenate([np.zeros(0), *(law.values for law in self.laws)])
 
     def split(self, values: Array) -> list[Array]:
@@ -389,18 +383,15 @@ class Composed(Law):
         return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
 
     def at(self, values: Array) -> Law:
-        """Return the same with its laws at their parts of the values."""
         return self.with_laws([law.at(own) for law, own in zip(self.laws, self.split(values), strict=True)])
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return what the laws' derivatives make of the whole."""
         shares = zip(self.laws, self.shares(wrench, row), strict=True)
         found = [gain @ law.by_values(load, row) for law, (gain, load) in shares]
         return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
 
     @property
     def values_covariance(self) -> Array | None:
-        """That of all laws, each by itself."""
         known = [law.values_covariance for law in self.laws]
         if all(one is None for one in known):
             return None
@@ -408,11 +399,9 @@ class Composed(Law):
         return block_diagonal(*(np.zeros((len(law.values),) * 2) if one is None else one for one, law in pairs))
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
-        """Return the scatter of all laws, and its own."""
         return self._summed([law.scatter for law in self.laws], wrench, row)
 
     def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return what the laws' covariances make of the whole, and its own scatter."""
         return self._summed([law.covariance for law in self.laws], wrench, row)
 
     def _summed(self, asked: Sequence[Callable[[Array, Row], Array | None]], wrench: Array, row: Row) -> Array | None:
@@ -426,21 +415,17 @@ class Composed(Law):
         return total
 
     def draw(self, rng: np.random.Generator) -> Law:
-        """Return the same made of draws of its laws."""
         return self.with_laws([law.draw(rng) for law in self.laws])
 
     def certain(self) -> Law:
-        """Return the same made of laws whose values are taken as known."""
         return self.with_laws([law.certain() for law in self.laws])
 
     @cached_property
     def trained(self) -> bool:
-        """Whether any of the laws was."""
         return any(law.trained for law in self.laws)
 
     @property
     def uncertain(self) -> bool:
-        """Whether any of the laws is."""
         return any(law.uncertain for law in self.laws)
 
     def freed(self, row: Row) -> tuple[int, ...]:
@@ -448,7 +433,6 @@ class Composed(Law):
         return ()
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return the laws' doubts about the loads on them."""
         if not self.trained:
             return ()
         asked = zip(self.laws, self.shares(wrench, row), strict=True)

@@ -91,24 +91,19 @@ class SumOfLaws(Composed):
     laws: tuple[Law, ...]
 
     def with_laws(self, laws: Sequence[Law]) -> SumOfLaws:
-        """Return the sum of others."""
         return SumOfLaws(tuple(laws))
 
     def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
-        """Return that all have the same load, and their twists add up."""
         return [(UNITS, wrench)] * len(self.laws)
 
     @property
     def parts(self) -> tuple[Law, ...]:
-        """The parts of all laws."""
         return tuple(part for law in self.laws for part in law.parts)
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the sum of all twists."""
         return sum((law.twist(wrench, row) for law in self.laws[1:]), self.laws[0].twist(wrench, row))
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the sum of all derivatives."""
         return sum((law.tangent(wrench, row) for law in self.laws[1:]), self.laws[0].tangent(wrench, row))
 
 
