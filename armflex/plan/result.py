@@ -15,7 +15,7 @@ from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, numbered
-from armflex.plan.design import Goal, IOptimal, instead
+from armflex.plan.design import Goal, IOptimal, TOptimal, instead
 from armflex.plan.design_model import Model, Suspect
 from armflex.plan.offer import Offer, Reach
 from armflex.plan.rivals import Rival
@@ -165,7 +165,7 @@ def _between(plan: Plan) -> tuple[str, ...]:
     told: tuple[str, ...] = ()
     if plan.goal.shown(plan.everything) < TOLD:
         return (f"No tip reading tells {pair}; instead, {instead(one, other)}.",)
-    if len(plan.goal.truths) == 1:
+    if isinstance(plan.goal, TOptimal) and len(plan.goal.truths) == 1:
         places = np.flatnonzero(plan.goal.truths[0].own)
         true = int(places[0] not in plan.model.place(plan.rivals[0].suspect))
         told += (

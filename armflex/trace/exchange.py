@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -60,21 +60,22 @@ def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]
     """
     themselves = [candidate_of(state.fitted[index]) for index in indices]
     worth, projection = worth_of(state, *indices)
+    shapes = [one for one in themselves if one.law.shape]
 
     def tried() -> Iterator[Candidate]:
         yield from candidates_of(CATALOGUE.values(), state.scene)
-        for one in themselves:
-            if one.law.shape:
-                for site, axis in shaped_places(state.scene.records):
-                    yield replace(one, location=replace(one.location, site=site, axis=axis))
+        for one in shapes:
+            for site, axis in shaped_places(state.scene.records):
+                yield replace(one, location=replace(one.location, site=site, axis=axis))
 
     def spot(one: Candidate) -> tuple[str, str, str | None, str]:
         return one.law.name, one.location.site, one.location.axis, one.location.partner
 
-    sifted = sift(bank(tried(), state.fit, state.scene, state.tell), projection)
+    # What the search has looked at is looked at again, all but shapes without a name.
+    sifted = sift(bank(tried(), state.fit, state.scene, state.tell) if shapes else state.physical, projection)
+    found = (sifted.bank.candidates[i] for i in best_per_spot(sifted, len(sifted.bank.candidates)))
     taken, rivals = {spot(one) for one in themselves}, []
-    for number, i in enumerate(best_per_spot(sifted, COMPARED + 1)):
-        candidate = sifted.bank.candidates[i]
+    for number, candidate in enumerate(islice((one for one in found if shapes or not one.law.shape), COMPARED + 1)):
         state.tell(f"refining {candidate.name}", number, COMPARED + 1)
         if spot(candidate) not in taken:
             rivals.append(polish(candidate, state.fit, state.scene, projection))

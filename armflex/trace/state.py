@@ -15,6 +15,7 @@ from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import View, look
+from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.remember import without_direction
@@ -26,7 +27,7 @@ from armflex.parameters import numbers_of
 from armflex.rows.rows import POSE
 from armflex.setup import Setup
 from armflex.trace.accept import Step
-from armflex.trace.candidates import Candidate, candidate_columns
+from armflex.trace.candidates import Bank, Candidate, bank, candidate_columns, candidates_of
 from armflex.trace.polish import Polished, sensible
 from armflex.trace.projection import project
 from armflex.trace.search import Round, search
@@ -133,7 +134,13 @@ class State:
     @cached_property
     def looked(self) -> Round:
         """What the catalogue and free shapes could still explain."""
-        return search(self.fit, self.scene, self.groups, self.tell)
+        return search(self.physical, self.groups)
+
+    @cached_property
+    def physical(self) -> Bank:
+        """Every candidate that is physics rather than a free shape."""
+        laws = (law for law in EVERY.values() if law.physical)
+        return bank(candidates_of(laws, self.scene), self.fit, self.scene, self.tell)
 
 
 def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -> State:

@@ -161,7 +161,7 @@ class Tracker:
             raise InputError(f"expected a Reading, got {reading!r}")
         reading, moved = self._directed(reading)
         seen, clock, state = self._sight(reading), self._clock_at(reading), self._state
-        if self._derived:
+        if moved is not None:
             state.q, state.approach = moved
         if reading.session != state.session:  # its frame is uncertain, readings before it say nothing of its changes
             state.session = reading.session
@@ -169,7 +169,7 @@ class Tracker:
                 state.estimate = widen(state.estimate, self._model.restationed)
             state.watch.restart(state.now)
         state.clock, state.timed = clock, reading.time is not None
-        state.time = float(reading.time) if state.timed else None
+        state.time = None if reading.time is None else float(reading.time)
         self._drift()
         watch = state.watch
         if watch.turning:
