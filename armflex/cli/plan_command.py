@@ -185,8 +185,8 @@ def as_json(found: Plan) -> dict[str, Any]:
         "sigma_m": found.reach.sigma.tolist(),
         "goal": goal.title,
         "expected": {
-            "reached": goal.shown(found.reached).tolist(),
-            "random": goal.shown(found.random.mean(axis=0)).tolist(),
+            "reached": np.asarray(goal.shown(found.reached)).tolist(),
+            "random": np.asarray(goal.shown(found.random.mean(axis=0))).tolist(),
             "everything": float(goal.shown(found.everything)),
             "random_rows": found.random_rows,
         },

@@ -105,5 +105,6 @@ def length_sigma(vectors: Array, covariance: Array) -> Array:
     length = np.linalg.norm(vectors, axis=1)
     moves = length > 0.0
     along = vectors / np.where(moves, length, 1.0)[:, None]
-    variance = np.einsum("ni,nij,nj->n", along, covariance, along)
+    # As a sum over rows at once the last digit would depend on how many there are.
+    variance = (along[:, None] @ covariance @ along[:, :, None])[:, 0, 0]
     return np.sqrt(np.where(moves, np.maximum(variance, 0.0), np.trace(covariance, axis1=1, axis2=2)))

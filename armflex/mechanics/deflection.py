@@ -150,7 +150,7 @@ class Deflection:
 
     @cached_property
     def tangent(self) -> Array:
-        """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution."""
+        """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution, in units of the twists."""
         known = self.solved.tangent
         return (
             tangent_of(self.solved._replace(motion=self._at_rest[0], torque=self._at_rest[1]))
@@ -160,18 +160,18 @@ class Deflection:
 
     @cached_property
     def flexure_jacobian(self) -> Array:
-        """(6, 6 n) change of the tip (origin, rotation; base axes) per change of the flexures' twists."""
+        """(6, 6 n) change of the tip (origin, rotation; base axes) [m, rad] per change of the flexures' twists."""
         body = self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.flexure_v]
         return body @ self._mechanics.exponential_jacobian(self.solved.rigid, self._at_rest[0])
 
     @cached_property
     def joint_jacobian(self) -> Array:
-        """(6, nq) change of the tip (origin, rotation; base axes) per joint, flexures held as they are."""
+        """(6, nq) change of the tip (origin, rotation; base axes) [m, rad] per joint, flexures held as they are."""
         return self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.v_index]
 
     @cached_property
     def total_jacobian(self) -> Array:
-        """(6, nq) change of the tip (origin, rotation; base axes) per joint, the flexures following their loads."""
+        """(6, nq) change of the tip (origin, rotation; base axes) [m, rad] per joint, flexures following loads."""
         flex, wrenches, row = self._mechanics.flex, self.wrenches.ravel(), self._row
         turned = self._mechanics.stiffness(self._configuration, self.solved.case)[:, flex.v_index]
         given = self._stack.tangent(wrenches, row) @ turned[flex.flexure_v]
@@ -180,7 +180,7 @@ class Deflection:
 
     @cached_property
     def contributions(self) -> Array:
-        """(n_flexures, 6) of the displacement due to each flexure, first order; see `remainder`."""
+        """(n_flexures, 6) of the displacement due to each flexure [m, rad], first order; see `remainder`."""
         columns = self.flexure_jacobian.reshape(6, -1, 6)
         return np.einsum("ink,nk->ni", columns, self.twists)
 
@@ -221,7 +221,7 @@ class Deflection:
 
     @cached_property
     def covariance(self) -> Array | None:
-        """(6, 6) covariance of the displacement, None where no law carries an uncertainty.
+        """(6, 6) covariance of the displacement [m, rad], None where no law carries an uncertainty.
 
         It is of the laws alone: what a calibration or a trace fitted is left out; see `armflex.total_covariance`.
         """
@@ -269,7 +269,7 @@ class Deflection:
         return self._stack.doubts(self.wrenches.ravel(), self._row) if self._stack.trained else ()
 
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
-        """Return the (4, 4) pose of every link with the flexures' twists magnified; 0 gives the rigid arm."""
+        """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm."""
         mechanics = self._mechanics
         return mechanics.link_poses(mechanics.flexed(self.solved.rigid, magnification * self._at_rest[0]))
 
@@ -348,13 +348,13 @@ class DeflectionBatch:
 
     @cached_property
     def rigid_pose(self) -> Array:
-        """(N, 4, 4) tip poses of the rigid arm in the base frame."""
+        """(N, 4, 4) tip poses of the rigid arm in the base frame [m]."""
         loaded = self.arm.loaded(None)
         return rigid_tips(loaded.nominal or loaded.chain, self.q)
 
     @cached_property
     def pose(self) -> Array:
-        """(N, 4, 4) tip poses of the flexed arm in the base frame."""
+        """(N, 4, 4) tip poses of the flexed arm in the base frame [m]."""
         found = self.rigid_pose.copy()
         found[:, :3, 3] += self.displacement[:, :3]
         found[:, :3, :3] = rotations(self.displacement[:, 3:]) @ found[:, :3, :3]
@@ -405,7 +405,7 @@ class DeflectionBatch:
 
     @cached_property
     def covariance(self) -> Array | None:
-        """(N, 6, 6) of the laws alone, None where no law carries an uncertainty; see `armflex.total_covariance`."""
+        """(N, 6, 6) of the laws alone [m, rad], None where none is uncertain; see `armflex.total_covariance`."""
         found, left, known = np.zeros((len(self.q), 6, 6)), np.ones(len(self.q), dtype=bool), False
         for loaded, rows in ((a, r[i : i + CHUNK]) for a, r in self._compiled for i in range(0, len(r), CHUNK)):
             row, wrenches = loaded.row(self.q[rows], self.case.some(rows).covariates), self.wrenches[rows]
@@ -489,9 +489,10 @@ def deflect_batch(
 ) -> DeflectionBatch:
     """Return what the arm does in N rows, whose positions and motion are not yet checked; see `Arm.deflection`."""
     q = check_positions(arm, case.q, asked.enforce_limits)
-    single = payload is None or isinstance(payload, str | Payload)
-    payloads = (payload,) if single else tuple(payload)
-    if not single and len(payloads) != len(q):
+    payloads: tuple[str | Payload | None, ...]
+    if payload is None or isinstance(payload, str | Payload):
+        payloads = (payload,)
+    elif len(payloads := tuple(payload)) != len(q):
         raise ShapeError(f"payload: expected one name or {len(q)}, got {len(payloads)}")
     v, a = _motion(arm, case.v, "v", q), _motion(arm, case.a, "a", q)
     case = LoadCase(q, v, a, case.wrenches, case.covariates)

@@ -57,12 +57,12 @@ class Equilibrium(NamedTuple):
     Attributes:
         loaded: The arm with its payload.
         case: Where its joints are and what acts.
-        rigid: Configuration with flexures at zero.
+        rigid: (nq_model,) configuration [m, rad] with flexures at zero.
         motion: (nv,) exponential coordinates of the flexures, zero for joints [m, rad].
         torque: (nv,) generalized torque: minus the loads on the flexures [N, Nm]; None for that of the motion.
         method: How it was found.
         history: Squared length of the residual before each step [m^2 or rad^2].
-        tangent: (6 n, 6 n), where stability was checked with it.
+        tangent: (6 n, 6 n) in units of the twists, where stability was checked with it.
     """
 
     loaded: LoadedArm
@@ -123,9 +123,10 @@ def find_equilibrium(
     found = found or _newton(loaded, case, rigid, load)
     if method != "first_order":
         bound = loaded.stability_bound
-        small = within and bound is not None and found.motion.dot(found.motion) < SMALL
-        if small and ((tame and bound.proven) or _proven(bound, found, load)):
-            return found
+        if within and bound is not None and found.motion.dot(found.motion) < SMALL:
+            known = tame and bound.proven
+            if known or _proven(bound, found, load):
+                return found
         found = _checked(found, load)
     # Not a number is not small, either; `vdot` says nothing of what overflows.
     size = found.motion.dot(found.motion) if tame else np.vdot(found.motion, found.motion)

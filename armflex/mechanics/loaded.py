@@ -95,11 +95,11 @@ class Structure(Protocol):
         ...
 
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
-        """Return q as (nq,) floats with the doubts about it."""
+        """Return q as (nq,) floats [rad or m] with the doubts about it."""
         ...
 
     def checked(self, values: ArrayLike, name: str) -> Array:
-        """Return a copy of a number for each joint."""
+        """Return an (nq,) copy of a number for each joint [rad or m]."""
         ...
 
 
@@ -179,7 +179,7 @@ class LoadedArm:
         return (*known, *flags) if flags else known
 
     def sag_flags(self, displacement: Array) -> tuple[Flag, ...]:
-        """Return a flag where the tip moves by a good part of the reach."""
+        """Return a flag where the tip's (6,) displacement [m, rad] is a good part of the reach."""
         sag = float(np.linalg.norm(displacement[:3]))
         if sag <= SAG_BAND * self.arm.robot.reach:
             return ()
@@ -281,7 +281,7 @@ class LoadedArm:
         return chain_of(self.rigid, ())
 
     def row(self, q: Array, covariates: Mapping[str, Array]) -> Row:
-        """Return what the laws may know at (nq,) or (N, nq) positions."""
+        """Return what the laws may know at (nq,) or (N, nq) positions [rad or m]."""
         return Row(q, self.arm.joint_index, {MASS: np.asarray(self.payload.mass), **covariates})
 
     @cached_property

@@ -35,9 +35,9 @@ class LoadCase(NamedTuple):
     """One configuration, or N, and what acts there.
 
     Attributes:
-        q, v, a: (nq,) or (N, nq) joint positions, velocities and accelerations; None where the arm stands still.
+        q, v, a: (nq,) or (N, nq) joint positions [rad or m], velocities and accelerations; None where the arm stands.
         wrenches: Loads from outside, beside those that the arm's effects put on its links.
-        covariates: What the laws may know beyond positions, by name: numbers, or (N,) of them.
+        covariates: What the laws may know beyond positions, by name: numbers, or (N,) of them, in SI units.
     """
 
     q: Array
@@ -52,7 +52,7 @@ class LoadCase(NamedTuple):
         return self.v is not None or self.a is not None
 
     def some(self, rows: int | slice | np.ndarray) -> LoadCase:
-        """Return one of N rows, or some of them."""
+        """Return one of N rows, or the (M,) of some numbers."""
         v, a = (None if values is None else values[rows] for values in (self.v, self.a))
         known = {name: values[rows] if np.ndim(values) else values for name, values in self.covariates.items()}
         return LoadCase(self.q[rows], v, a, self.wrenches, known)

@@ -267,7 +267,7 @@ class Effect:
 
     @property
     def acting(self) -> Array:
-        """(k,) values of those of them that act."""
+        """(k,) values of those of them that act, in their units."""
         return np.array([self.values[i] for i in self.location.terms])
 
     @property

@@ -140,11 +140,11 @@ class Pulling:
     sizes = (np.inf, np.inf)
 
     def at(self, pose: Array) -> Array:
-        """Return the (..., 6) wrench at the link's origin, base axes, for (..., 4, 4) poses of it."""
+        """Return the (..., 6) wrench at the link's origin [N, Nm], base axes, for (..., 4, 4) poses of it."""
         return np.array(self.amplitudes) @ self.law.pull(self.here, pose, self.inner)
 
     def change(self, pose: Array) -> Array:
-        """Return the (..., 6, 6) change per motion of the link, by central differences."""
+        """Return the (..., 6, 6) change per motion of the link [m, rad], by central differences."""
         ends = [self.at(_moved(pose, side * MOVE)) for side in (1.0, -1.0)]
         return np.swapaxes((ends[0] - ends[1]) / (2.0 * MOVE), -1, -2)
 

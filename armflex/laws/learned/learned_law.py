@@ -43,9 +43,9 @@ class LearnedLaw(Law):
         free: The same with parameters; values are steps from its own. None where it has none to learn.
         form: The correction as it is where it counts fully, with parameters; None for none.
         seen: The loads that it was learned under, and how a correction ends beyond them.
-        values: (k,) values of both, those of `free` first.
+        values: (k,) values of both in their units, those of `free` first.
         scales: Prior standard deviation of every group of parameters.
-        spread: (k, k) covariance of the values, None where nobody says.
+        spread: (k, k) covariance of the values in their units, None where nobody says.
         reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
     """
 
@@ -76,12 +76,12 @@ class LearnedLaw(Law):
 
     @property
     def prior(self) -> Array:
-        """(k,) prior standard deviations about zero."""
+        """(k,) prior standard deviations about zero, in the parameters' units."""
         return np.repeat(self.scales, [len(own) for own in self.groups])
 
     @property
     def start(self) -> Array:
-        """(k,) values where learning starts: the law as declared."""
+        """(k,) values where learning starts, in their units: the law as declared."""
         return np.concatenate([np.zeros(self._count), np.zeros(0) if self.form is None else self.form.values])
 
     @cached_property
@@ -132,7 +132,7 @@ class LearnedLaw(Law):
         return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
 
     def std(self, spread: Array, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6) standard deviation of the twist for a (k, k) covariance of the values."""
+        """Return the (..., 6) standard deviation of the twist [m, rad] for a (k, k) covariance of the values."""
         by = self.by_values(wrench, row)
         return np.sqrt(np.maximum(np.einsum("...ak,kl,...al->...a", by, spread, by, optimize=True), 0.0))
 
