@@ -94,8 +94,8 @@ class Arm:
         measurement: Frame in which campaigns of this arm are measured.
         prior: What calibration may move, one standard deviation each.
         corrections: Constant errors of the kinematics that calibration found; part of what makes the tip displaced.
-        factors: Logarithms (6,) of what calibration found to be the factors on the axes of a flexure's compliance, by
-            flexure; `flexures` have them already.
+        factors: Logarithms (6,), dimensionless, of what calibration found to be the factors on the axes of a flexure's
+            compliance, by flexure; `flexures` have them already.
         instrument: Where the instrument stands that measured this arm, None when it was not calibrated.
         effects: What it does beyond its flexures, as measurements showed.
         certainty: How well everything that was fitted is known, None where nothing was, or where nobody says.
@@ -134,7 +134,7 @@ class Arm:
         return f"<Arm {self.robot.urdf.name!r}: {joints} joints, {places} flexures, {ends}>"
 
     def drive_shares(self, found: Deflection) -> Array:
-        """Return the (nq,) load on every drive as a share of its effort limit, 0 where none is given."""
+        """Return the (nq,) load on every drive as a share of its effort limit, dimensionless, 0 where none is given."""
         shares = []
         for joint, load in zip(self.robot.moving, found.joint_loads, strict=True):
             part = load[:3] if joint.kind == "prismatic" else load[3:]
@@ -223,7 +223,7 @@ class Arm:
         return self.payloads[payload]
 
     def position(self, **joints: float) -> Array:
-        """Return q (nq,) with the named joints set and the others at zero.
+        """Return q (nq,) [rad or m] with the named joints set and the others at zero.
 
         Where zero is outside a joint's limits it is in the middle between them, with a warning.
         """
@@ -242,7 +242,7 @@ class Arm:
         return self.checked(q, "q")
 
     def rigid_pose(self, q: ArrayLike, enforce_limits: bool = True) -> pin.SE3:
-        """Return the tip pose of the rigid arm at q (nq,) in the base frame."""
+        """Return the tip pose of the rigid arm at q (nq,) [rad or m] in the base frame."""
         checked, _ = self.check_position(q, enforce_limits)
         return self.loaded(None).mechanics.rigid_tip_pose(checked)
 
@@ -333,7 +333,7 @@ class Arm:
         return Prepared(self.loaded(payload), method, enforce_limits, wrenches)
 
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
-        """Return q as (nq,) floats with the doubts about it.
+        """Return q as (nq,) floats [rad or m] with the doubts about it.
 
         Raises:
             ShapeError, ArrayTypeError, NotFiniteError: q is no finite (nq,) of sensible size.
@@ -368,7 +368,7 @@ class Arm:
         return np.maximum(lower, -LARGEST_POSITION).tolist(), np.minimum(upper, LARGEST_POSITION).tolist()
 
     def checked(self, values: ArrayLike, name: str) -> Array:
-        """Return a copy of a number for each joint; raise what `check_position` does but for limits."""
+        """Return an (nq,) copy of a number for each joint [rad or m]; raise as `check_position` does but for limits."""
         array = real_array(values, name)
         expected = (len(self.joint_names),)
         if array.shape != expected:

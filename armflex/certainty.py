@@ -26,7 +26,8 @@ class Certainty:
             the logarithm.
         unexplained: Site, axis and standard deviation [m or rad] of a random twist that nobody can predict, None where
             there is none.
-        directions: (k, P) directions that neither the campaign nor a prior determined, None where there are none.
+        directions: (k, P) directions, in the parameters' units, that neither the campaign nor a prior determined, None
+            where there are none.
         misfit: Standard deviation of each coordinate [m] by which readings scattered beyond what they stated: what the
             arm lacks moves the tip so much.
 
@@ -63,7 +64,7 @@ class Certainty:
         return tuple(self.labels[i] for i in np.flatnonzero(self.directions.any(axis=0)))
 
     def leaves_open(self, columns: Array) -> Array:
-        """Return (N, d) which of (N, d, P) changes of d numbers per parameter go with an undetermined direction."""
+        """Return (N, d) which of (N, d, P) changes per unit of a parameter go with an undetermined direction."""
         if self.directions is None:
             return np.zeros(columns.shape[:-1], dtype=bool)
         # What parameters do against each other cancels but for rounding, which is by the largest of the d numbers.
@@ -71,7 +72,7 @@ class Certainty:
         return (np.abs(columns @ self.directions.T) > CANCELLED * size).any(axis=-1)
 
     def among(self, parameters: Sequence[ArmParameter]) -> Array | None:
-        """Return the (k, k) covariance of k parameters, None where it is not known of each."""
+        """Return the (k, k) covariance of k parameters in their units, None where it is not known of each."""
         places = {parameter: i for i, parameter in enumerate(self.parameters)}
         own = [places.get(parameter, -1) for parameter in parameters]
         return None if -1 in own else self.covariance[np.ix_(own, own)]

@@ -24,7 +24,15 @@ SHORTEST = 1e-9
 
 
 class Points(NamedTuple):
-    """Points of a path in any order: (M,) time [s], (M, nq) positions, payloads, motion and further columns."""
+    """Points of a path in any order.
+
+    Attributes:
+        time: (M,) [s].
+        q: (M, nq) joint positions [rad or m].
+        payload: Name of each one's payload.
+        v, a: (M, nq) joint velocities [rad/s or m/s] and accelerations, None where the path is slow.
+        covariates: Further columns by name, (M,) each in its own unit.
+    """
 
     time: Array
     q: Array
@@ -44,8 +52,8 @@ class Trajectory:
         q: (N, nq) joint positions [rad or m].
         payload: Name of what is carried from each row on.
         via: Name of the row where it is a via-point, else ''.
-        v, a: (N, nq) joint velocities and accelerations where inertial loads count, else None.
-        covariates: Further columns of numbers, (N,) each; `approach_<joint>` is the direction of the way there.
+        v, a: (N, nq) joint velocities [rad/s or m/s] and accelerations where inertial loads count, else None.
+        covariates: Further columns, (N,) each in its own unit; `approach_<joint>` is the direction of the way there.
         places: Where each row stands in a file, none where rows are not those of one.
     """
 
@@ -73,7 +81,7 @@ class Trajectory:
         return len(self.time)
 
     def between(self, segments: np.ndarray, fractions: Array) -> Points:
-        """Return the points at (M,) fractions of the way from (M,) rows to the next, each with its row's payload."""
+        """Return points at (M,) fractions, dimensionless, of the way from (M,) rows to the next, payloads as there."""
 
         def part(values: Array) -> Array:
             steps, there = fractions.reshape(-1, *[1] * (values.ndim - 1)), values[segments + 1]
@@ -95,7 +103,7 @@ class Trajectory:
 
     @property
     def known(self) -> dict[str, Array]:
-        """Time, every further column, and the joints' last motion where no column gives it, (N,) each by name."""
+        """Time [s], every further column, and the joints' last motion where no column gives it, (N,) each by name."""
         moved = last_motion(self.q)
         approach = {f"{APPROACH}{joint}": moved[:, i] for i, joint in enumerate(self.joint_names)}
         return {"time": self.time, **approach, **self.covariates}
@@ -146,7 +154,7 @@ class Trajectory:
         return tuple(derived_direction(name, int((moved[name] == 0.0).sum())) for name in names)
 
     def motion(self, i: int) -> dict[str, Array | None]:
-        """Return row i's velocities and accelerations as `Arm.deflection` takes them."""
+        """Return row i's (nq,) velocities [rad/s or m/s] and accelerations as `Arm.deflection` takes them."""
         return {"v": None if self.v is None else self.v[i], "a": None if self.a is None else self.a[i]}
 
     def for_arm(self, arm: Arm) -> Trajectory:

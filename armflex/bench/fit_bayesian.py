@@ -38,7 +38,7 @@ from armflex.bench.network_problem import GROUPS, NetworkProblem, predictions, s
 from armflex.conventions import Array
 from armflex.errors import InputError, NotFiniteError, UnknownNameError
 from armflex.parallel import in_order
-from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose, has_converged, judges
+from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose, judges, shortcomings
 from armflex.sampling.nuts import no_u_turn
 
 SAMPLERS = ("laplace", "nuts", "metropolis")
@@ -203,7 +203,7 @@ def sample(problem: NetworkProblem, sampler: str, seed: int, chains: int, draws:
         pairs = zip(modes, seeds, strict=True)
         found = list(in_order(partial(walk, density, mode, draws, own) for mode, own in pairs))
         posterior = _judged(problem, found, time.perf_counter() - began)
-        if has_converged(posterior.diagnostics):
+        if not shortcomings(posterior.diagnostics):
             break
     return posterior
 

@@ -159,15 +159,16 @@ def _find_mode(problem: NetworkProblem, start: Array, iterations: int, damping: 
         found = minimise(objective, weights, STEPS, 1e-6, replace(damping, start=mu))
         return laplace(problem, found.weights, precisions, noise), min(found.mu, 1.0)
 
-    best, mu, before, weights = None, damping.start, -np.inf, start
+    met: list[Mode] = []
+    mu, before, weights = damping.start, -np.inf, start
     precisions, noise = np.full(len(GROUPS), 0.1), np.full(problem.size, FIRST_NOISE)
     for _ in range(0, iterations, STEPS):
         mode, mu = climbed(weights, precisions, noise, mu)
-        best = mode if best is None or mode.log_evidence > best.log_evidence else best
+        met.append(mode)
         if abs(mode.log_evidence - before) < 0.01:
             break
         before, weights, (precisions, noise) = mode.log_evidence, mode.weights, _reestimated(problem, mode)
-    assert best is not None
+    best = max(met, key=lambda mode: mode.log_evidence)
     return climbed(best.weights, best.precisions, best.noise, damping.start)[0]
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -40,73 +39,55 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
             readings than compliances.
         IdentifiabilityError: The loads determine none of the compliances.
     """
-    free = _free(assembly)
+    free: list[tuple[int, int]] = []
+    declared: list[Array] = []
+    for i, sub in enumerate(assembly.subjoints):
+        if not isinstance(sub.law, LinearLaw):
+            raise InputError(f"the sub-joint at {sub.node!r} is not linear: only linear ones are fitted")
+        declared.append(sub.law.compliance)
+        free += [(i, a) for a in sub.holds if a < assembly.components and sub.law.compliance[a, a] > 0.0]
     if loads.shape[1] > assembly.components:
         raise InputError("loads and deflections have 6 components, the assembly 3: expected components = 6 in its file")
     if deflections.size <= len(free):
         raise InputError(f"{deflections.size} readings do not determine {len(free)} compliances of sub-joints")
+
+    def laws(logs: Array) -> list[LinearLaw]:
+        """Return the sub-joints' laws with factors on their compliances; couplings go by the root of both."""
+        roots = np.ones((len(declared), 6))
+        for (i, axis), value in zip(free, logs, strict=True):
+            roots[i, axis] = np.exp(0.5 * value)
+        return [LinearLaw(own * np.outer(root, root)) for own, root in zip(declared, roots, strict=True)]
+
+    def joined(own: Sequence[LinearLaw]) -> StructuralLaw:
+        """Return the assembly with these laws."""
+        pairs = zip(assembly.subjoints, own, strict=True)
+        return replace(assembly, subjoints=tuple(replace(sub, law=law) for sub, law in pairs))
+
     scatter = np.maximum(np.sqrt((deflections**2).mean(axis=0)), 1e-12)
     for _ in range(3):  # columns are weighed by their own scatter, which the fit before gives
 
         def errors(logs: Array, scatter: Array = scatter) -> Array:
-            residual = (deflections - predicted(_with(assembly, free, logs), loads)) / scatter
-            return np.concatenate([residual.ravel(), logs / WIDE])
+            return np.append((deflections - predicted(joined(laws(logs)), loads)) / scatter, logs / WIDE)
 
         solved = least_squares(errors, np.zeros(len(free)))
-        residual = deflections - predicted(_with(assembly, free, solved.x), loads)
+        law = joined(laws(solved.x))
+        residual = deflections - predicted(law, loads)
         freedom = max(len(loads) - len(free) / deflections.shape[1], 1.0)
         scatter = np.maximum(np.sqrt((residual**2).sum(axis=0) / freedom), 1e-9 * scatter)
-    covariance = np.linalg.inv(solved.jac.T @ solved.jac)
-    stds = np.sqrt(np.diag(covariance))
+    stds = np.sqrt(np.diag(np.linalg.inv(solved.jac.T @ solved.jac)))
     names = [f"{assembly.subjoints[i].node} C_{TWIST_NAMES[axis]}" for i, axis in free]
     if (stds > UNKNOWN).all():
         raise IdentifiabilityError("loads do not determine the compliances of the sub-joints", 0, np.inf, names)
-    law = _certain(_with(assembly, free, solved.x), free, stds, loads, scatter)
-    linear: list[Any] = [sub.law for sub in law.subjoints]
-    compliances = [float(linear[i].compliance[axis, axis]) for i, axis in free]
-    found = {
-        name: {"value": value, "relative_std": std, "determined": std <= UNKNOWN}
-        for name, value, std in zip(names, compliances, stds.tolist(), strict=True)
-    }
-    return Fitted(law, found)
-
-
-def _free(assembly: StructuralLaw) -> list[tuple[int, int]]:
-    """Return (sub-joint, axis) of every compliance that may be fitted."""
-    places = []
-    for i, sub in enumerate(assembly.subjoints):
-        if not isinstance(sub.law, LinearLaw):
-            raise InputError(f"the sub-joint at {sub.node!r} is not linear: only linear ones are fitted")
-        places += [(i, a) for a in sub.holds if a < assembly.components and sub.law.compliance[a, a] > 0.0]
-    return places
-
-
-def _with(assembly: StructuralLaw, free: Sequence[tuple[int, int]], logs: Array) -> StructuralLaw:
-    """Return the assembly with factors on its compliances; couplings go by the root of both."""
-    roots = np.ones((len(assembly.subjoints), 6))
-    for (i, axis), value in zip(free, logs, strict=True):
-        roots[i, axis] = np.exp(0.5 * value)
-    linear: list[Any] = [sub.law for sub in assembly.subjoints]
-    subjoints = [
-        replace(sub, law=LinearLaw(law.compliance * np.outer(root, root)))
-        for sub, law, root in zip(assembly.subjoints, linear, roots, strict=True)
-    ]
-    return replace(assembly, subjoints=tuple(subjoints))
-
-
-def _certain(
-    law: StructuralLaw, free: Sequence[tuple[int, int]], stds: Array, loads: Array, scatter: Array
-) -> StructuralLaw:
-    """Return the law with its sub-joints' uncertainty, the loads that they saw, and the scatter of the tip."""
-    at_subjoints = [[load for _, load in law.shares(wrench, NOWHERE)] for wrench in wrenches(loads)]
-    relative = np.zeros((len(law.subjoints), 6))
-    for (i, axis), std in zip(free, stds, strict=True):
-        relative[i, axis] = std
-    subjoints = []
-    for i, sub in enumerate(law.subjoints):
-        linear: Any = sub.law
-        rows, axes = np.zeros((6, 6, 6)), np.arange(6)
-        rows[axes, axes, axes] = (relative[i] * np.diag(linear.compliance)) ** 2
-        fit = LinearFit(rows, np.zeros(6), seen_loads(np.array([one[i] for one in at_subjoints])))
-        subjoints.append(replace(sub, law=replace(linear, fit=fit)))
-    return replace(law, subjoints=tuple(subjoints), noise=np.pad(scatter, (0, 6 - len(scatter))))
+    # The law tells its sub-joints' uncertainty, the loads that they saw, and the scatter of the tip.
+    shares = [[load for _, load in law.shares(wrench, NOWHERE)] for wrench in wrenches(loads)]
+    fits, found, axes = laws(solved.x), {}, np.arange(6)
+    for i, own in enumerate(fits):
+        known = {axis: std for (place, axis), std in zip(free, stds.tolist(), strict=True) if place == i}
+        rows = np.zeros((6, 6, 6))
+        rows[axes, axes, axes] = [(known.get(axis, 0.0) * own.compliance[axis, axis]) ** 2 for axis in range(6)]
+        seen = seen_loads(np.array([each[i] for each in shares]))
+        fits[i] = replace(own, fit=LinearFit(rows, np.zeros(6), seen))
+    for name, (i, axis), std in zip(names, free, stds.tolist(), strict=True):
+        value = float(fits[i].compliance[axis, axis])
+        found[name] = {"value": value, "relative_std": std, "determined": std <= UNKNOWN}
+    return Fitted(replace(joined(fits), noise=np.pad(scatter, (0, 6 - len(scatter)))), found)

@@ -76,14 +76,9 @@ def fit_torch(loads: Array, deflections: Array, source: ModuleSource, starts: in
     noise = np.sqrt((errors**2).mean(axis=0)) * scaling.output_scale
     scales = {"load_mean": scaling.input_mean, "load_scale": scaling.input_scale, "twist_scale": scaling.output_scale}
     law = TorchLaw(module, problem.size, noise=noise, seen=seen_loads(loads), source=source, **scales)
-    parameters = {
-        "module": str(source),
-        "sha256": source.sha256,
-        "weights": sum(weight.numel() for weight in module.parameters()),
-        "start": start,
-        "steps": rounds * STEPS,
-    }
-    return Fitted(law, parameters)
+    weights = sum(weight.numel() for weight in module.parameters())
+    said = {"module": str(source), "sha256": source.sha256, "weights": weights, "start": start, "steps": rounds * STEPS}
+    return Fitted(law, said)
 
 
 def _made(source: ModuleSource, seed: int, start: int, size: int) -> torch.nn.Module:

@@ -71,7 +71,7 @@ class TrainResult:
         coverage_95: Share of held-out numbers inside their 95 % band, None where a law carries no uncertainty.
         parameters: What was found, by name.
         diagnostics: Of the sampler, if one ran.
-        compared: Every model that was compared, with its held-out error per column in the file's unit.
+        compared: Every model that was compared, with its (k,) held-out error per column in the file's unit.
         flags: Doubts: about the table, softer than any steel joint, asymmetric, compliances that the loads do not
             determine, chains that have not converged, a network that is not worth its weights.
         seconds: How long each model that was compared took, and the choice anew in every fold; of "auto" alone.

@@ -9,7 +9,7 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import no_via_points, number, print_table, progress, say, show_flags
+from armflex.cli.terminal import no_via_points, number, print_table, progress, say
 from armflex.errors import enough_memory
 from armflex.mechanics.equilibrium import METHODS
 from armflex.tasks.check import CheckReport, Point, check
@@ -34,21 +34,9 @@ def command(
         report = check(arm, trajectory, tolerance, angle, method=method, progress=tick, covariates=covariates)
     say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
     print_check(report)
-    show_flags(report.flags)
-    options.write_json(
-        {
-            "format": "armflex-check-1",
-            "ok": report.ok,
-            "tolerance_m": report.tolerance_m,
-            "angle_rad": report.angle_rad,
-            "via_points": [asdict(point) for point in report.via_points],
-            "path_worst": asdict(report.path_worst),
-            "samples": report.samples,
-            "flags": [str(flag) for flag in report.flags],
-            "base": arm.robot.base,
-            "tip": arm.robot.tip,
-        }
-    )
+    as_they_are = ("ok", "tolerance_m", "angle_rad", "samples")
+    points = {"via_points": [asdict(point) for point in report.via_points], "path_worst": asdict(report.path_worst)}
+    options.conclude({name: getattr(report, name) for name in as_they_are} | points, report.flags, arm)
     return 0 if report.ok else 1
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import no_via_points, number, print_table, progress, say, show_flags
+from armflex.cli.terminal import no_via_points, number, print_table, progress, say
 from armflex.errors import enough_memory
 from armflex.tasks.compensate import Compensation, compensate
 from armflex.trajectory import read_trajectory, write_trajectory
@@ -46,25 +46,12 @@ def command(
         found = compensate(arm, trajectory, match, progress=tick, **asked)
     say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
     print_compensation(found)
-    show_flags(found.flags)
-    as_they_are, arrays = ("time", "via", "reached", "smallest", "reason"), ("before", "after", "change")
-    options.write_json(
-        {
-            "format": "armflex-compensate-1",
-            "ok": found.ok,
-            "match": found.match,
-            "between_m": found.between_m,
-            "rows": [
-                {name: getattr(row, name) for name in as_they_are}
-                | {name: getattr(row, name).tolist() for name in arrays}
-                | {"sigma_min": row.sigma_min}
-                for row in found.rows
-            ],
-            "flags": [str(flag) for flag in found.flags],
-            "base": arm.robot.base,
-            "tip": arm.robot.tip,
-        }
-    )
+    rows = [
+        {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(row).items()}
+        for row in found.rows
+    ]
+    summary = {"ok": found.ok, "match": found.match, "between_m": found.between_m}
+    options.conclude(summary | {"rows": rows}, found.flags, arm)
     if found.ok or best_effort:
         write_trajectory(found.trajectory, output)
         say(f"Written to {output}.")

@@ -9,7 +9,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import number, print_table, say, show_flags
+from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.laws.effects.remember import settled
@@ -43,27 +43,18 @@ def command(
     found = arm.deflection(q, payload, covariates=settled(arm, covariates), wrenches=wrenches, **how)
     covariance, doubts = total_covariance(found)
     print_deflection(arm, found, covariance)
-    flags = (*found.flags, *overload(arm, found), *doubts)
-    show_flags(flags)
-    loads = ("joint_loads", "wrenches", "twists", "contributions", "corrected", "remainder", "displacement")
-    options.write_json(
-        {
-            "format": "armflex-deflect-1",
-            "payload": payload,
-            "base": found.names.base,
-            "tip": found.names.tip,
-            "method": found.method,
-            "joint_names": list(found.names.joints),
-            "flexure_names": list(found.names.flexures),
-            "q": found.q.tolist(),
-            **{name: getattr(found, name).tolist() for name in loads},
-            "covariance": None if covariance is None else covariance.tolist(),
-            "compliance": found.compliance.tolist(),
-            "pose": found.pose.homogeneous.tolist(),
-            "rigid_pose": found.rigid_pose.homogeneous.tolist(),
-            "flags": [str(flag) for flag in flags],
-        }
-    )
+    arrays = ("q", "joint_loads", "wrenches", "twists", "contributions", "corrected", "remainder", "displacement")
+    content = {
+        "payload": payload,
+        "method": found.method,
+        "joint_names": list(found.names.joints),
+        "flexure_names": list(found.names.flexures),
+        **{name: getattr(found, name).tolist() for name in (*arrays, "compliance")},
+        "covariance": None if covariance is None else covariance.tolist(),
+        "pose": found.pose.homogeneous.tolist(),
+        "rigid_pose": found.rigid_pose.homogeneous.tolist(),
+    }
+    options.conclude(content, (*found.flags, *overload(arm, found), *doubts), arm)
 
 
 def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> None:

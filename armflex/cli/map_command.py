@@ -11,7 +11,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.main import was_interrupted
-from armflex.cli.terminal import complain, number, print_table, progress, say, show_flags
+from armflex.cli.terminal import complain, number, print_table, progress, say
 from armflex.conventions import Array, parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
@@ -81,8 +81,7 @@ def command(
     if page is not None:
         map_page(arm, found, page, limit, settings["covariates"])
     print_map(found, limit)
-    show_flags(found.flags)
-    options.write_json(as_json(found, limit))
+    options.conclude(as_json(found, limit), found.flags, arm)
     return 0 if limit is None or (found.verdicts(limit) == "ok").all() else 1
 
 
@@ -119,9 +118,6 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
     """Return the summary of a map for programs, SI."""
     here = found.worst_voxel if found.answered.any() else None
     summary = {
-        "format": "armflex-map-1",
-        "base": found.base,
-        "tip": found.tip,
         "joint_names": list(found.joints),
         "payloads": list(found.payloads),
         "rows": found.rows,
@@ -143,7 +139,6 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
             "worst_of_draws_m": _finite(found.worst_of_draws, here),
         },
         "worst_of_draws_m": _finite(found.worst_of_draws),
-        "flags": [str(flag) for flag in found.flags],
     }
     if tolerance is not None:
         summary |= {"tolerance_m": tolerance, "verdicts": _verdicts(found, tolerance)}

@@ -6,7 +6,7 @@ import functools
 import json
 import os
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,9 @@ import click
 import numpy as np
 
 from armflex.arm import Arm
+from armflex.cli.terminal import show_flags
 from armflex.conventions import NUMBER, Array, parse_quantity
-from armflex.errors import InputError, UnknownNameError, did_you_mean
+from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean
 from armflex.files.arm_file import load_arm
 from armflex.measured.points import read_points
 from armflex.storage.whole_file import is_replaced, write_whole
@@ -110,6 +111,14 @@ def write_json(content: dict[str, Any], path: Path | None = None) -> None:
     """Write a result as strict JSON to a path or `--json`, whole or not at all; nothing where neither is given."""
     if path := path or json_path():
         write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def conclude(content: dict[str, Any], flags: Sequence[Flag], arm: Arm | None = None) -> None:
+    """Show the doubts about a result, and write it for programs with them, its format's name and the arm's frames."""
+    show_flags(flags)
+    named = {"format": f"armflex-{click.get_current_context().info_name}-1", **content}
+    named |= {"flags": [str(flag) for flag in flags]}
+    write_json(named if arm is None else named | {"base": arm.robot.base, "tip": arm.robot.tip})
 
 
 def named_files(path: Path) -> list[Path]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.cli import options
 from armflex.cli.options import InputPath, OutputPath, Quantity
-from armflex.cli.terminal import number, print_table, progress, say, show_flags
+from armflex.cli.terminal import number, print_table, progress, say
 from armflex.conventions import NUMBER
 from armflex.errors import InputError
 from armflex.files.arm_file import load_arm
@@ -105,8 +105,7 @@ def command(
 
         draw_plan(found, picture)
     print_plan(found)
-    show_flags(found.flags)
-    options.write_json(as_json(found))
+    options.conclude(as_json(found), found.flags)
     say(f"Written to {' and '.join(str(path) for path in (output, picture) if path)}.")
 
 
@@ -172,7 +171,6 @@ def as_json(found: Plan) -> dict[str, Any]:
     goal, rows, read = found.goal, found.rows, iter(found.worth.tolist())
     worth = [next(read) if measured else None for measured in rows.measured]
     return {
-        "format": "armflex-plan-1",
         "rows": len(found.worth),
         "stops": [
             {
@@ -187,8 +185,8 @@ def as_json(found: Plan) -> dict[str, Any]:
         "sigma_m": found.reach.sigma.tolist(),
         "goal": goal.title,
         "expected": {
-            "reached": goal.shown(found.reached).tolist(),
-            "random": goal.shown(found.random.mean(axis=0)).tolist(),
+            "reached": np.asarray(goal.shown(found.reached)).tolist(),
+            "random": np.asarray(goal.shown(found.random.mean(axis=0))).tolist(),
             "everything": float(goal.shown(found.everything)),
             "random_rows": found.random_rows,
         },
@@ -214,5 +212,4 @@ def as_json(found: Plan) -> dict[str, Any]:
         "advice": list(found.advice),
         "left_out": dict(found.offered.dropped),
         "motion": {"ordered": found.way[0], "as_chosen": found.way[1]},
-        "flags": [str(flag) for flag in found.flags],
     }

@@ -8,7 +8,7 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import progress, say, show_flags
+from armflex.cli.terminal import progress, say
 from armflex.tasks.predict import predict_file
 
 
@@ -21,7 +21,5 @@ def command(arm: Arm, rows_path: Path, output: Path, covariates: dict[str, float
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
     with progress("predicting") as tick:
         rows, flags = predict_file(arm, rows_path, output, tick, covariates)
-    show_flags(flags)
-    summary = {"format": "armflex-predict-1", "rows": rows, "base": arm.robot.base, "tip": arm.robot.tip}
-    options.write_json(summary | {"flags": [str(flag) for flag in flags]})
+    options.conclude({"rows": rows}, flags, arm)
     say(f"{rows} rows written to {output} (base {arm.robot.base}, tip {arm.robot.tip}).")

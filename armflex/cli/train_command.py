@@ -15,7 +15,7 @@ from armflex.bench.fit_linear import STRUCTURES
 from armflex.bench.learners import CONCERNS, MODELS, SAMPLERS, Options, affordable_starts, rivals
 from armflex.bench.training import CHOICE, TrainResult, train
 from armflex.cli import options
-from armflex.cli.terminal import complain, number, print_table, progress, say, show_flags
+from armflex.cli.terminal import complain, number, print_table, progress, say
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
 from armflex.errors import InputError
 from armflex.laws.declared import read_assembly
@@ -92,9 +92,8 @@ def command(
     with progress("learning") as tick:
         result = train(data, model, structure, how, tick)
     print_training(result)
-    show_flags(result.flags)
     save_law(result.trained, output)
-    options.write_json(as_json(result))
+    options.conclude(as_json(result), result.flags)
     say(f'Written to {output}. In an arm.toml: model = "{result.trained.model}", file = "{output.name}"')
 
 
@@ -141,7 +140,6 @@ def as_json(result: TrainResult) -> dict[str, Any]:
     always = {name: sampled.pop(name) for name in ("rhat_max", "ess_min")} | {"coverage_95": result.coverage_95}
     diagnostics = always | {name: value for name, value in sampled.items() if value is not None}
     return {
-        "format": "armflex-train-1",
         "model": result.trained.model,
         "rows": result.rows,
         "unit": units[0] if len(units) == 1 else units,
@@ -151,7 +149,6 @@ def as_json(result: TrainResult) -> dict[str, Any]:
         "parameters": dict(result.parameters),
         "diagnostics": {name: _finite(value) for name, value in diagnostics.items()},
         "compared": [{"model": name, "held_out_rms": [_finite(x) for x in rms]} for name, rms in result.compared],
-        "flags": [str(flag) for flag in result.flags],
     }
 
 

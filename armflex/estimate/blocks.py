@@ -43,11 +43,9 @@ class RigidBlock(Block):
     moved: Callable[[Setup, Array], Setup]
 
     def columns(self, view: View) -> Array:
-        """Return (M, d, k) changes of the readings."""
         return self.changes(view)
 
     def apply(self, setup: Setup, values: Array) -> Setup:
-        """Return the setup with the values."""
         return self.moved(setup, values)
 
 

@@ -59,11 +59,11 @@ class Bootstrap:
 
     @property
     def std(self) -> Array:
-        """(P,) standard deviation over the fits. A parameter that only its prior determines hardly moves."""
+        """(P,) standard deviation over the fits, in the units; what only its prior determines hardly moves."""
         return self.values.std(axis=0, ddof=1)
 
     def interval(self, coverage: float = 0.95) -> Array:
-        """Return the (2, P) percentile interval of every parameter.
+        """Return the (2, P) percentile interval of every parameter, in its unit.
 
         Raises:
             InputError: The coverage is not between 0 and 1.

@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
-from armflex.laws.effects.effect import Effect, EffectLaw
+from armflex.laws.effects.effect import Effect, EffectLaw, full
 from armflex.laws.effects.scene import Scene
 from armflex.parameters import ArmParameter, of_effect
 from armflex.setup import Setup
@@ -58,7 +58,6 @@ class EffectBlock(Block):
 
     @property
     def start(self) -> Array:
-        """The values that give the effect as it is."""
         return np.concatenate([self.effect.acting, np.zeros(len(self.free))])
 
     def columns(self, view: View) -> Array:
@@ -69,24 +68,20 @@ class EffectBlock(Block):
     def at(self, values: Array) -> Effect:
         """Return the effect at (k,) values of the block."""
         law, location = self.effect.law, self.effect.location
-        amplitudes = np.zeros(len(law.amplitudes))
-        amplitudes[list(location.terms)] = values[: len(location.terms)]
+        amplitudes = full(values[: len(location.terms)], location, len(law.amplitudes))
         inner = list(self.effect.inner)
         for place, i in enumerate(self.free):
             inner[i] = law.inner[i].moved(inner[i], float(values[len(location.terms) + place]))
-        return replace(self.effect, values=(*amplitudes.tolist(), *inner))
+        return replace(self.effect, values=(*amplitudes, *inner))
 
     def apply(self, setup: Setup, values: Array) -> Setup:
-        """Return the setup with the effect."""
         return setup.with_effect(self.at(values))
 
     @property
     def looks_like(self) -> EffectLaw:
-        """Its own law."""
         return self.effect.law
 
     def of_rows(self, scene: Scene | None) -> EffectBlock:
-        """Return the block with other rows as effects see them."""
         return replace(self, scene=scene)
 
     def stepped(self, setup: Setup, step: Array) -> Setup:

@@ -67,9 +67,9 @@ class Fit:
     Attributes:
         declared: The setup before any value is applied.
         blocks: What was free.
-        values: (P,) deviations from the declared values, all blocks in order.
+        values: (P,) deviations from the declared values in the parameters' units, all blocks in order.
         view: The campaign's fitted rows at the solution.
-        weights: (M,) robust weight of each row, 1 for most.
+        weights: (M,) robust weight of each row, dimensionless, 1 for most.
         history: Objective after each step.
         left: Fall of the cost that was still to be had where the steps ended unsettled, over that which noise as stated
             would make of 1; 0 where they settled.
@@ -102,27 +102,27 @@ class Fit:
 
     @cached_property
     def prior(self) -> Array:
-        """(P,) prior standard deviations."""
+        """(P,) prior standard deviations in the parameters' units."""
         return prior_of(self.blocks)
 
     @cached_property
     def precision(self) -> Array:
-        """(P,) prior precisions, 0 where nothing was known."""
+        """(P,) prior precisions in the parameters' units, 0 where nothing was known."""
         return self.prior**-2.0
 
     @cached_property
     def columns(self) -> Array:
-        """(M d, P) whitened and weighted change of the readings per parameter."""
+        """(M d, P) whitened and weighted change of the readings per unit of a parameter."""
         return whitened_columns(self.blocks, self.view, self.weights)
 
     @cached_property
     def residual(self) -> Array:
-        """(M d,) whitened and weighted residual."""
+        """(M d,) whitened and weighted residual, dimensionless."""
         return whitened_residual(self.view, self.weights)
 
     @cached_property
     def told(self) -> Array:
-        """(P, P) what the readings alone tell of the values: products of the columns."""
+        """(P, P) what the readings alone tell of the values, in their units: products of the columns."""
         return self.columns.T @ self.columns
 
     @cached_property
@@ -172,11 +172,11 @@ class Fit:
         return objective(self.view, self.values, self.prior, limit)
 
     def places(self, block: Block) -> np.ndarray:
-        """Return the places of one block's parameters among all."""
+        """Return the (k,) places of one block's parameters among all."""
         return places_of(block, self.blocks)
 
     def value(self, block: str) -> Array:
-        """Return the values of the block of a name."""
+        """Return the (k,) values of the block of a name, in their parameters' units."""
         named = {candidate.name: candidate for candidate in reversed(self.blocks)}
         return self.values[self.places(named[block])]
 

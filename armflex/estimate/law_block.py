@@ -35,23 +35,19 @@ class LawsBlock(Block):
 
     @property
     def curved(self) -> bool:
-        """They do."""
         return True
 
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
-        """Those of every law."""
         kind, pairs = Kind.COMPLIANCE if self.logarithmic else Kind.LAW, zip(self.flexures, self.laws, strict=True)
         return tuple(one for name, law in pairs for one in of_law(name, law, kind))
 
     @property
     def prior(self) -> Array:
-        """As declared, or by groups."""
         return np.array([one.prior for law in self.laws for one in law.parameters])
 
     @property
     def start(self) -> Array:
-        """(k,) values where a fit starts."""
         return np.concatenate([law.values for law in self.laws])
 
     def columns(self, view: View) -> Array:
@@ -64,11 +60,9 @@ class LawsBlock(Block):
         return view.answer(np.concatenate(columns, axis=2))
 
     def apply(self, setup: Setup, values: Array) -> Setup:
-        """Return the setup with the laws at (k,) values."""
         return self._with(setup, [law.at(own) for law, own in zip(self.laws, self.split(values), strict=True)])
 
     def stepped(self, setup: Setup, step: Array) -> Setup:
-        """Return the setup with every law a step away."""
         return self._with(setup, [law.moved(own) for law, own in zip(self.laws, self.split(step), strict=True)])
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:

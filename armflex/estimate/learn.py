@@ -133,10 +133,11 @@ def rescaled(block: LawBlock, values: Array, variance: Array) -> LawBlock:
     laws = []
     for law, own, known in zip(block.laws, block.split(values), block.split(variance), strict=True):
         scales = list(law.scales)
-        for i, group in enumerate(law.groups):
-            if group.sized:
-                determined = np.clip(1.0 - known[group.places] / scales[i] ** 2, 0.0, 1.0).sum()
-                squares = own[group.places] @ own[group.places] + FIRM * group.std**2
-                scales[i] = min(float(np.sqrt(squares / (determined + FIRM))), MOST * group.std)
+        for i, places in enumerate(law.groups):
+            expected = law.expected[places[0]]
+            if expected.sized:
+                determined = np.clip(1.0 - known[places] / scales[i] ** 2, 0.0, 1.0).sum()
+                squares = own[places] @ own[places] + FIRM * expected.prior**2
+                scales[i] = min(float(np.sqrt(squares / (determined + FIRM))), MOST * expected.prior)
         laws.append(replace(law, scales=tuple(scales)))
     return replace(block, laws=tuple(laws))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import TWIST_NAMES
 from armflex.estimate.fit import Fit
 from armflex.estimate.sample import LawSamples
 from armflex.laws.learned import LearnedLaw
@@ -39,7 +39,7 @@ class LearnedAxis:
     correction: float
     std: float
     before: float
-    sampled: float | None
+    sampled: float | None = None
 
     @property
     def told(self) -> bool:
@@ -55,28 +55,18 @@ def learned_axes(fit: Fit, laws: Mapping[str, LearnedLaw], samples: LawSamples |
         laws: The laws with the covariance of their values, by flexure.
         samples: Sampled laws, None where none were drawn.
     """
-    line, names = fit.view.line, fit.setup.arm.flexure_names
-    found = []
+    line, names, found = fit.view.line, fit.setup.arm.flexure_names, []
     for name, law in laws.items():
-        loads = line.flexure_wrenches[:, names.index(name)]
-        drawn = None if samples is None else samples.twists(name, loads, line.row).std(axis=0)
-        found += _axes(name, law, loads, fit, drawn)
+        loads, row, start = line.flexure_wrenches[:, names.index(name)], line.row, law.at(law.start)
+        declared, learned = start.twist(loads, row), law.twist(loads, row)
+        correction = np.zeros_like(loads) if law.correction is None else law.correction.twist(loads, row)
+        assert law.spread is not None
+        expected = np.diag([one.prior**2 for one in law.expected])
+        std, before = law.std(law.spread, loads, row), start.std(expected, loads, row)
+        drawn = [] if samples is None else [samples.twists(name, loads, row).std(axis=0)]
+        columns = (declared, learned, learned - declared, correction, std, before, *drawn)
+        rms = np.sqrt([(values**2).mean(axis=0) for values in columns])
+        for i, axis in enumerate(TWIST_NAMES):
+            if rms[0, i] > 0.0:
+                found.append(LearnedAxis(name, axis, *rms[:, i].tolist()))
     return tuple(found)
-
-
-def _axes(name: str, law: LearnedLaw, loads: Array, fit: Fit, drawn: Array | None) -> list[LearnedAxis]:
-    row = fit.view.line.row
-    start = law.at(law.start)
-    declared, learned = start.twist(loads, row), law.twist(loads, row)
-    correction = np.zeros_like(loads) if law.correction is None else law.correction.twist(loads, row)
-    assert law.spread is not None
-    expected = np.diag([one.prior**2 for one in law.expected])
-    std, before = law.std(law.spread, loads, row), start.std(expected, loads, row)
-    columns = (declared, learned, learned - declared, correction, std, before)
-    rms = [np.sqrt((values**2).mean(axis=0)) for values in columns]
-    sampled = None if drawn is None else np.sqrt((drawn**2).mean(axis=0))
-    return [
-        LearnedAxis(name, axis, *(float(r[i]) for r in rms), sampled=None if sampled is None else float(sampled[i]))
-        for i, axis in enumerate(TWIST_NAMES)
-        if rms[0][i] > 0.0
-    ]

@@ -7,7 +7,6 @@ change by what the arm gives more or less over its length. What else was fitted 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -74,88 +73,55 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
     blocks = [block for block in found.blocks if isinstance(block, LawBlock)]
     if not blocks:
         raise InputError("no flexure has learn = true: there is no law to sample")
-    problem = _Problem(found, blocks[0], learned_laws(found.setup.arm))
-    size = problem.directions.shape[1]
-    walks: list[Walk] = []
-    for one in np.random.SeedSequence(seed).spawn(CHAINS):
-        walks.append(no_u_turn(problem.along, np.zeros(size), np.eye(size), draws, TUNE, one))
-        if progress:
-            progress(len(walks), CHAINS)
-    chains = found.values + np.array([walk.draws for walk in walks]) @ problem.directions.T
-    answers = np.array([[problem.answers(values) for values in chain] for chain in chains])
-    report = diagnose(answers, sum(walk.divergences for walk in walks), float(np.mean([w.acceptance for w in walks])))
-    own = problem.block.split(chains.reshape(-1, chains.shape[2])[:, problem.places].T)
-    return LawSamples(problem.laws, dict(zip(problem.block.flexures, [part.T for part in own], strict=True)), report)
+    block, laws, view = blocks[0], learned_laws(found.setup.arm), found.view
+    line, row, names, places = view.line, view.line.row, found.setup.arm.flexure_names, found.places(blocks[0])
+    noise, prior = max(found.noise, 1.0), found.prior
 
+    # Of every law the (n, 6) whitened answer of the readings to its twists, its (M, 6) loads, and itself.
+    weight = np.sqrt(found.weights)[:, None, None] / view.sigma[:, :, None]
+    seen = [
+        (weight * view.answer(line.laws[:, :, i]), line.flexure_wrenches[:, i], law)
+        for i, law in ((names.index(name), law) for name, law in laws.items())
+    ]
+    others = found.columns.copy()
+    others[:, places] = 0.0
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """The posterior about a fit, loads as they are there."""
+    # The (P, k) directions that are told, each a standard deviation of Laplace's posterior long.
+    covariance = found.posterior.covariance
+    scale = np.sqrt(np.diag(covariance))
+    unit = np.where(scale > 0.0, scale, 1.0)
+    size, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
+    told = size > ROUNDING * size[-1]
+    directions = unit[:, None] * axes[:, told] * np.sqrt(size[told])
 
-    found: Fit
-    block: LawBlock
-    laws: dict[str, LearnedLaw]
-
-    @cached_property
-    def places(self) -> np.ndarray:
-        """Places of the laws' values among all."""
-        return self.found.places(self.block)
-
-    @cached_property
-    def seen(self) -> list[tuple[Array, Array, LearnedLaw]]:
-        """For every law the (n, 6) whitened answer of the readings to its twists, its (M, 6) loads, itself."""
-        line, names = self.found.view.line, self.found.setup.arm.flexure_names
-        view = self.found.view
-        weight = np.sqrt(self.found.weights)[:, None, None] / view.sigma[:, :, None]
-        found = []
-        for name, law in self.laws.items():
-            i = names.index(name)
-            found.append((weight * view.answer(line.laws[:, :, i]), line.flexure_wrenches[:, i], law))
-        return found
-
-    @cached_property
-    def others(self) -> Array:
-        """(n, P) whitened columns of what is no law's, zero for laws."""
-        columns = self.found.columns.copy()
-        columns[:, self.places] = 0.0
-        return columns
-
-    @cached_property
-    def directions(self) -> Array:
-        """(P, k) directions that are told, each a standard deviation of Laplace's posterior long."""
-        covariance = self.found.posterior.covariance
-        scale = np.sqrt(np.diag(covariance))
-        unit = np.where(scale > 0.0, scale, 1.0)
-        size, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
-        told = size > ROUNDING * size[-1]
-        return unit[:, None] * axes[:, told] * np.sqrt(size[told])
-
-    def along(self, steps: Array) -> tuple[float, Array]:
-        """Return the same as `density` at (k,) steps from the fit along `directions`."""
-        value, gradient = self.density(self.found.values + self.directions @ steps)
-        return value, self.directions.T @ gradient
-
-    def density(self, values: Array) -> tuple[float, Array]:
-        """Return the logarithm of the posterior density, but for a constant, and its gradient."""
-        noise, prior = max(self.found.noise, 1.0), self.found.prior
-        change = values - self.found.values
-        moved = self.others @ change
-        columns = self.others.copy()
-        row, start = self.found.view.line.row, 0
-        for (answer, loads, law), own in zip(self.seen, self.block.split(values[self.places]), strict=True):
-            there, here = law.at(own), self.places[start : start + len(own)]
+    def density(steps: Array) -> tuple[float, Array]:
+        """Return the log posterior density, but for a constant, (k,) steps from the fit, and its gradient."""
+        values = found.values + directions @ steps
+        moved, columns = others @ (values - found.values), others.copy()
+        own = zip(seen, block.split(values[places]), block.split(places), strict=True)
+        for (answer, loads, law), part, here in own:
+            there = law.at(part)
             moved += (answer @ (there.twist(loads, row) - law.twist(loads, row))[..., None]).ravel()
             columns[:, here] = (answer @ there.by_values(loads, row)).reshape(len(columns), -1)
-            start += len(own)
-        residual = (self.found.residual - moved) / noise
+        residual = (found.residual - moved) / noise
         pull = np.where(np.isfinite(prior), values / prior**2, 0.0)
         value = -0.5 * float(residual @ residual) - 0.5 * float(pull @ values)
-        return value, columns.T @ residual / noise - pull
+        return value, directions.T @ (columns.T @ residual / noise - pull)
 
-    def answers(self, values: Array) -> Array:
-        """Return what the laws say at ten of the loads seen: values of networks may change places, answers not."""
-        row = self.found.view.line.row
-        some = np.linspace(0, len(self.found.view.rows) - 1, 10).astype(int)
-        parts = zip(self.seen, self.block.split(values[self.places]), strict=True)
+    walks: list[Walk] = []
+    for one in np.random.SeedSequence(seed).spawn(CHAINS):
+        walks.append(no_u_turn(density, np.zeros(told.sum()), np.eye(told.sum()), draws, TUNE, one))
+        if progress:
+            progress(len(walks), CHAINS)
+    chains = (found.values + np.array([walk.draws for walk in walks]) @ directions.T)[:, :, places]
+
+    # Judged by what the laws say at ten of the loads seen: values of networks may change places, answers not.
+    some, answers = np.linspace(0, len(view.rows) - 1, 10).astype(int), []
+    for values in chains.reshape(-1, len(places)):
+        parts = zip(seen, block.split(values), strict=True)
         twists = [law.at(own).twist(loads[some], row.some(some)) for (_, loads, law), own in parts]
-        return np.concatenate([twist[:, twist.any(axis=0)].ravel() for twist in twists])
+        answers.append(np.concatenate([twist[:, twist.any(axis=0)].ravel() for twist in twists]))
+    judged = np.array(answers).reshape(*chains.shape[:2], -1)
+    report = diagnose(judged, sum(walk.divergences for walk in walks), float(np.mean([w.acceptance for w in walks])))
+    own = block.split(chains.reshape(-1, len(places)).T)
+    return LawSamples(laws, dict(zip(block.flexures, [part.T for part in own], strict=True)), report)

@@ -46,24 +46,17 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
         (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty; and doubts.
     """
     if isinstance(found, DeflectionBatch):
-        return _of_batch(found)
-    solved, payload = found.solved, found.payload
-    certain = without_declared_doubt(cast(Arm, solved.loaded.arm))
-    own = replace(found, solved=solved._replace(loaded=certain.loaded(payload))).covariance
-    laws = None if own is None else own[None]
-    covariance, doubts = tip_covariance(
-        certain, found.q[None], [_known_as(certain, payload)], solved.case.covariates, laws
-    )
-    rest = not (solved.case.moves or solved.case.wrenches) or certain.certainty is None
-    return None if covariance is None else covariance[0], doubts if rest else (*doubts, AT_REST)
-
-
-def _of_batch(found: DeflectionBatch) -> tuple[Array | None, tuple[Flag, ...]]:
-    """Return the (N, 6, 6) covariance of a batch, and doubts about it."""
-    certain, case = without_declared_doubt(cast(Arm, found.arm)), found.case
-    laws = replace(found, arm=certain).covariance
-    payloads = [_known_as(certain, certain.payload(found.payload(i))) for i in range(len(found.q))]
-    covariance, doubts = tip_covariance(certain, found.q, payloads, case.covariates, laws)
+        certain, case = without_declared_doubt(cast(Arm, found.arm)), found.case
+        laws = replace(found, arm=certain).covariance
+        payloads = [_known_as(certain, certain.payload(found.payload(i))) for i in range(len(found.q))]
+        covariance, doubts = tip_covariance(certain, found.q, payloads, case.covariates, laws)
+    else:
+        case, solved = found.solved.case, found.solved
+        certain = without_declared_doubt(cast(Arm, solved.loaded.arm))
+        own = replace(found, solved=solved._replace(loaded=certain.loaded(found.payload))).covariance
+        laws, payloads = None if own is None else own[None], [_known_as(certain, found.payload)]
+        covariance, doubts = tip_covariance(certain, found.q[None], payloads, case.covariates, laws)
+        covariance = None if covariance is None else covariance[0]
     rest = certain.certainty is None or not (case.moves or case.wrenches)
     return covariance, doubts if rest else (*doubts, AT_REST)
 
@@ -112,5 +105,6 @@ def length_sigma(vectors: Array, covariance: Array) -> Array:
     length = np.linalg.norm(vectors, axis=1)
     moves = length > 0.0
     along = vectors / np.where(moves, length, 1.0)[:, None]
-    variance = np.einsum("ni,nij,nj->n", along, covariance, along)
+    # As a sum over rows at once the last digit would depend on how many there are.
+    variance = (along[:, None] @ covariance @ along[:, :, None])[:, 0, 0]
     return np.sqrt(np.where(moves, np.maximum(variance, 0.0), np.trace(covariance, axis1=1, axis2=2)))

@@ -34,10 +34,10 @@ class View:
         setup: The state it was computed at.
         rows: (M,) numbers of the measured rows.
         line: The linearised arm at those rows.
-        points: (M, 3) target in the instrument frame, sessions left out.
+        points: (M, 3) target in the instrument frame [m], sessions left out.
         readings: What was read in those rows, or is to be: d numbers each.
         residual: (M, d) measured minus predicted, in the units of the readings.
-        seen: (M, d, 6) change of a reading per motion of the tip (origin, base axes).
+        seen: (M, d, 6) change of a reading per motion of the tip (origin, base axes) [m, rad].
         sessions: Session of each row.
     """
 
@@ -58,7 +58,7 @@ class View:
 
     @property
     def sigma(self) -> Array:
-        """(M, d) one standard deviation of each number; infinite where it was not read."""
+        """(M, d) one standard deviation of each number [m, rad]; infinite where it was not read."""
         return self.readings.sigma
 
     @property
@@ -68,7 +68,7 @@ class View:
 
     @property
     def whitened(self) -> Array:
-        """(M, d) residual in standard deviations."""
+        """(M, d) residual in standard deviations, dimensionless."""
         return self.residual / self.sigma
 
     @property
@@ -83,7 +83,7 @@ class View:
 
     @property
     def by_scale(self) -> Array:
-        """(M, d) changes of the readings per share by which the instrument's distances are too long."""
+        """(M, d) changes of the readings [m, rad] per share by which the instrument's distances are too long."""
         return self.readings.stacked(lambda kind: kind.by_scale(self.setup.instrument, self.points))
 
     @property
@@ -106,15 +106,15 @@ class View:
         return self.line.load_at(site)
 
     def pose_of(self, link: str) -> Array:
-        """Return the (M, 4, 4) pose of a link in the base."""
+        """Return the (M, 4, 4) pose of a link in the base [m]."""
         return self.line.links[:, self.line.link_names.index(link)]
 
     def columns(self, law: EffectLaw, location: Location, inner: Values, scene: Scene) -> Array:
-        """Return (M, d, k) changes of the readings per acting amplitude of an effect, exact where it is zero."""
+        """Return (M, d, k) changes of the readings per unit of an effect's acting amplitudes, exact where zero."""
         return self.per(law, location) @ law.features(location, inner, self, scene).transpose(0, 2, 1)
 
     def effect_columns(self, effect: Effect, scene: Scene) -> Array:
-        """Return (M, d, k) changes of the readings per acting amplitude of an effect at its inner values."""
+        """Return (M, d, k) changes of the readings per unit of an effect's acting amplitudes at its inner values."""
         return self.columns(effect.law, effect.location, effect.inner, scene)
 
     def per(self, law: EffectLaw, location: Location) -> Array:
@@ -128,11 +128,11 @@ class View:
         return self.by_frame if law.act is Act.FRAME else self.by_scale[:, :, None]
 
     def answer(self, motion: Array) -> Array:
-        """Return (M, d, k) changes of the readings for (M, 6, k) motions of the tip."""
+        """Return (M, d, k) changes of the readings for (M, 6, k) motions of the tip [m, rad]."""
         return self.seen @ motion
 
     def to_twist(self, site: str) -> Array:
-        """Return (M, d, 6) changes of the readings per twist added to what a site gives."""
+        """Return (M, d, 6) changes of the readings per twist added to what a site gives [m, rad]."""
         if site not in self._to_twist:
             place = site_of(site, self.setup.arm.robot)
             known = [i for i, flexure in enumerate(self.setup.arm.modelled) if same_site(flexure.site, place)]
@@ -145,7 +145,7 @@ class View:
         return {}
 
     def to_load(self, link: str) -> Array:
-        """Return (M, d, 6) changes of the readings per wrench at a link's origin, base axes."""
+        """Return (M, d, 6) changes of the readings per wrench at a link's origin [N, Nm], base axes."""
         if link not in self._to_load:
             self._to_load[link] = self.answer(self.line.link_loads[:, self.line.link_names.index(link)])
         return self._to_load[link]

@@ -16,7 +16,7 @@ import numpy as np
 from armflex.arm import Arm, Flexure
 from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import ArmflexError, InputError, UnsupportedError
-from armflex.export.c_laws import Factor, Term, Terms, terms_of
+from armflex.export.c_laws import Factor, Terms, terms_of
 from armflex.export.exported import Exported
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.effect import Act
@@ -32,7 +32,8 @@ TEMPLATE = Path(__file__).with_name("arm.c")
 
 KEYWORDS = (
     "auto break case char const continue default do double else enum extern float for goto if inline int long register "
-    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while"
+    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while _Bool "
+    "_Complex _Imaginary"
 )
 
 ELEMENTS = {FLEXURE: "FLEXES", TURNS: "TURNS", SLIDES: "SLIDES", RIGID: "RIGID"}
@@ -131,10 +132,7 @@ class _Tables:
             "CHANGING": (len(self.changing), "parts of laws that go with a column"),
             "TERMS": (len(self.terms), "parts of laws that are not straight in the load"),
             "CURVED": (len(self.curved), "laws that have such parts"),
-            "STRAIGHTENED": (
-                len(self.curved) * self.steady,
-                "laws that have them, if none goes with a joint's position",
-            ),
+            "STRAIGHTENED": (len(self.curved) * self.steady, "the same, where none goes with a joint's position"),
             "FORMS": (len(self.forms), "quadratic forms of the load"),
             "WINDOWS": (len(self.windows), "learned corrections"),
             "NOMINAL": (len(self.nominal), "elements of the chain as the controller knows it, where that is another"),
@@ -146,7 +144,7 @@ def _tables(arm: Arm) -> _Tables:
     if not arm.modelled:  # in C, which has no arrays without length, a rigid arm has a flexure that does not give
         arm = replace(arm, flexures=(Flexure("rigid", arm.joint_names[0], _stiff),))
     bare = arm.loaded(None)
-    payloads = (*(() if "none" in arm.payloads else ("none",)), *arm.payloads)
+    payloads = ("none", *(name for name in arm.payloads if name != "none"))
     bounds = [arm.loaded(name).stability_bound for name in payloads]
     for name in payloads:
         _ = arm.loaded(name).flags  # raises where a payload is impossible
@@ -187,7 +185,7 @@ def _said(arm: Arm) -> list[list[tuple[str, Terms]]]:
             else:
                 name = arm.flexure_names[number]
                 rigid = [replace(one, law=_stiff) if one.name == name else one for one in arm.flexures]
-                refused.append((f"flexure {name!r}", str(error), replace(arm, flexures=tuple(rigid))))
+                refused.append((f"the law of flexure {name!r}", str(error), replace(arm, flexures=tuple(rigid))))
     for pulling, effect in zip(arm.pulls, (one for one in arm.effects if _pulls(one)), strict=True):
         if pulling.law.name not in PULLS:
             other = replace(arm, effects=tuple(one for one in arm.effects if one is not effect))
@@ -269,25 +267,26 @@ def _add(tables: _Tables, place: int, label: str, terms: Terms) -> None:
         else:
             numbers = f"{_c(offset)}, {_c(compliance)}"
             tables.changing.append(f"{{{place}, {_two(tables, factors)}, {numbers}}}, /* {_plain(label)} */")
-    rest = [term for term in terms if not term.straight]
-    for window in {id(term.window): term.window for term in rest}.values():
-        own = [term for term in rest if term.window is window]
+    # Terms under one window stand together, so that a load is drawn in once.
+    groups: dict[bytes, Terms] = {}
+    for term in terms:
+        if not term.straight:
+            seen = b"" if term.window is None else term.window.mean.tobytes() + term.window.precision.tobytes()
+            groups.setdefault(seen, []).append(term)
+    for own in groups.values():
         first, number = len(tables.terms), -1
-        if window is not None:
+        if own[0].window is not None:
             number = len(tables.windows)
-            tables.windows.append(window)
-        tables.terms += [_term(tables, term, f" /* {_plain(label)} */" if term is own[0] else "") for term in own]
+            tables.windows.append(own[0].window)
+        for term in own:
+            form = -1
+            if term.form is not None:
+                known = [i for i, one in enumerate(tables.forms) if np.array_equal(one, term.form)]
+                form = known[0] if known else len(tables.forms)
+                tables.forms += [] if known else [term.form]
+            numbers = f"{_two(tables, term.factors)}, {form}, {_c(term.u)}, {_c(term.bias)}, {_c(term.along)}"
+            tables.terms.append(f"{{{term.kind}, {numbers}}}," + (f" /* {_plain(label)} */" if term is own[0] else ""))
         tables.curved.append(f"{{{place}, {number}, {first}, {len(tables.terms)}}}, /* {_plain(label)} */")
-
-
-def _term(tables: _Tables, term: Term, comment: str) -> str:
-    form = -1
-    if term.form is not None:
-        form = next((i for i, one in enumerate(tables.forms) if one is term.form), len(tables.forms))
-        if form == len(tables.forms):
-            tables.forms.append(term.form)
-    parts = f"{_c(term.u)}, {_c(term.bias)}, {_c(term.along)}"
-    return f"{{{term.kind}, {_two(tables, term.factors)}, {form}, {parts}}},{comment}"
 
 
 def _two(tables: _Tables, factors: Sequence[Factor]) -> str:

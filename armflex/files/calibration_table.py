@@ -182,40 +182,30 @@ def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
     """
     if flexure.learn is None:
         raise table.fail("values", f"flexure {flexure.name!r} has no learn = true: not what was calibrated")
-    law = learned_law(flexure.law, flexure.learn, _seen(table))
-    values, scales = table.numbers("values", law.values.shape), _positive(table, "scales", (len(law.scales),))
+    arrays = {name: table.numbers(name, shape) for name, shape in SHAPES.items()}
+    _positive(table, "load_scale", arrays["load_scale"])
+    _not_below_zero(table, "twist_scale", arrays["twist_scale"])
+    _definite(table, "precision", arrays["precision"])
+    law = learned_law(flexure.law, flexure.learn, Seen(*arrays.values()))
+    values, scales = table.numbers("values", law.values.shape), table.numbers("scales", (len(law.scales),))
+    _positive(table, "scales", scales)
     law = replace(law, values=values, scales=tuple(scales.tolist()))
-    if table.has("reach"):
-        law = _ended(table, law)
+    if table.has("reach"):  # how its correction ends; files before `energy` was part of that have none
+        reach, faded = table.numbers("reach", (6,)), table.number("faded")
+        _not_below_zero(table, "reach", reach)
+        if faded < NEAREST:
+            raise table.fail("faded", f"expected {NEAREST:g} or more, got {faded:g}")
+        energy = table.numbers("energy", (6, 6)) if table.has("energy") else None
+        if energy is not None:
+            _definite(table, "energy", energy)
+        law = replace(law, reach=reach, seen=replace(law.seen, faded=faded, energy=energy))
     table.finish()
     return replace(flexure, law=law)
 
 
-def _seen(table: Declaration) -> Seen:
-    found: dict[str, Any] = {name: table.numbers(name, shape) for name, shape in SHAPES.items()}
-    _positive(table, "load_scale", (6,))
-    _not_below_zero(table, "twist_scale", found["twist_scale"])
-    _definite(table, "precision", found["precision"])
-    return Seen(**found)
-
-
-def _ended(table: Declaration, law: LearnedLaw) -> LearnedLaw:
-    """Return the law with how its correction ends; files before `energy` was part of that have none."""
-    reach, faded = table.numbers("reach", (6,)), table.number("faded")
-    _not_below_zero(table, "reach", reach)
-    if faded < NEAREST:
-        raise table.fail("faded", f"expected {NEAREST:g} or more, got {faded:g}")
-    energy = table.numbers("energy", (6, 6)) if table.has("energy") else None
-    if energy is not None:
-        _definite(table, "energy", energy)
-    return replace(law, reach=reach, seen=replace(law.seen, faded=faded, energy=energy))
-
-
-def _positive(table: Declaration, key: str, shape: tuple[int, ...]) -> Array:
-    found = table.numbers(key, shape)
+def _positive(table: Declaration, key: str, found: Array) -> None:
     if not (found > 0.0).all():
         raise table.fail(key, f"expected numbers above 0, got {found.min():g}")
-    return found
 
 
 def _not_below_zero(table: Declaration, key: str, found: Array) -> None:

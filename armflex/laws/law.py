@@ -122,7 +122,7 @@ class Law(ABC):
     """
 
     values: Array
-    """(k,) values of the parameters: a field or a property of every law."""
+    """(k,) values of the parameters in their units: a field or a property of every law."""
 
     relative_std: float = 0.0
     """Declared relative standard uncertainty of what the law gives, 0 for none."""
@@ -134,18 +134,18 @@ class Law(ABC):
 
     @abstractmethod
     def at(self, values: Array) -> Law:
-        """Return the law at other (k,) values."""
+        """Return the law at other (k,) values, in its parameters' units."""
 
     @abstractmethod
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6) twist under a (..., 6) wrench."""
+        """Return the (..., 6) twist [m, rad] under a (..., 6) wrench [N, Nm]."""
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6, 6) derivative of the twist with respect to the wrench; here by central differences."""
+        """Return the (..., 6, 6) derivative of the twist by the wrench [m/N, rad/Nm]; here by central differences."""
         return by_wrench(self.twist, wrench, row)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6, k) derivative of the twist with respect to the values; here by central differences."""
+        """Return the (..., 6, k) derivative of the twist [m, rad] by the values; here by central differences."""
         columns = np.zeros((*wrench.shape, len(self.values)))
         for i, (value, parameter) in enumerate(zip(self.values, self.parameters, strict=True)):
             step = np.zeros(len(self.values))
@@ -156,7 +156,7 @@ class Law(ABC):
 
     @property
     def values_covariance(self) -> Array | None:
-        """(k, k) covariance of the values, None where they are taken as known; here that of the priors."""
+        """(k, k) covariance of the values in their units, None where they are known; here that of the priors."""
         prior = np.array([parameter.prior for parameter in self.parameters])
         return np.diag(prior**2) if prior.any() else None
 
@@ -167,15 +167,15 @@ class Law(ABC):
         return None if covariance is None else root_of_covariance(covariance)
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (..., 6, 6) covariance of a single reading about the law, None where none is known."""
+        """Return the (..., 6, 6) covariance of a single reading [m, rad] about the law, None where none is known."""
         return None
 
     def widening(self, wrench: Array, row: Row) -> Array | float:
-        """Return (...) by what factor standard deviations are larger than values and scatter make them."""
+        """Return the (...,) dimensionless factor by which deviations exceed what values and scatter make them."""
         return 1.0
 
     def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return the (..., 6, 6) covariance of the twist, of values and scatter; None where neither is known."""
+        """Return the (..., 6, 6) covariance of the twist [m, rad], of values and scatter; None where none is known."""
         found = self.scatter(wrench, row)
         if self._root is not None:
             by = self.by_values(wrench, row) @ self._root
@@ -200,7 +200,7 @@ class Law(ABC):
         return replace(as_dataclass, relative_std=0.0)
 
     def moved(self, step: Array) -> Law:
-        """Return the law a (k,) step of its values away.
+        """Return the law a (k,) step of its values away, in their units.
 
         A step of a logarithm is taken as one of the factor: what several factors do against each other cancels in a
         straight line alone, and that is what a covariance says.
@@ -220,11 +220,11 @@ class Law(ABC):
 
     @property
     def constant(self) -> Array | None:
-        """(6, 6) compliance where the twist is proportional to the load and the same everywhere, None elsewhere."""
+        """(6, 6) compliance [m/N, rad/Nm] where the twist is proportional to the load everywhere alike, else None."""
         return None
 
     def affine(self, row: Row) -> tuple[Array, Array] | None:
-        """Return the (..., 6) twist without load and the (..., 6, 6) compliance, None where the law is curved."""
+        """Return the (..., 6) twist without load [m, rad] and the (..., 6, 6) compliance, None of a curved law."""
         return None if self.constant is None else (NOTHING, self.constant)
 
     def neurons(self) -> tuple[Array, Array, Array, Array] | None:
@@ -239,7 +239,7 @@ class Law(ABC):
         return None
 
     def compliance_bound(self, ranges: Ranges) -> Array | None:
-        """Return (2, 2) bounds of the tangent's 3 x 3 blocks, by their 2-norm, None where none is known.
+        """Return (2, 2) bounds of the tangent's 3 x 3 blocks [m/N, rad/Nm], by their 2-norm, None where none is known.
 
         They hold under every load, and wherever the joints are within their ranges.
         """
@@ -257,7 +257,7 @@ class Law(ABC):
         return () if self.trained else self.gives(row)
 
     def scaled(self, factor: Array) -> Law | None:
-        """Return S f(S w), S = diag of (6,) factors, where that is a law of the same kind; see `joint.carried`."""
+        """Return S f(S w), S of (6,) dimensionless factors, where that is a law of its kind; see `joint.carried`."""
         return None
 
     def learned(self, travel: Ranges) -> Law | None:
@@ -270,7 +270,7 @@ class Law(ABC):
 
     @property
     def trained_on(self) -> Array | None:
-        """(2, k) smallest and largest load of each component that the law was trained on, None where nobody says."""
+        """(2, k) smallest and largest load [N, Nm] of each component that it was trained on, None where nobody says."""
         return None
 
     @property
@@ -284,7 +284,7 @@ class Law(ABC):
         return self.values_covariance is not None and bool(self.values_covariance.any())
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return what is doubtful about the answer to a (6,) wrench: loads beyond those trained on."""
+        """Return what is doubtful about the answer to a (6,) wrench [N, Nm]: loads beyond those trained on."""
         return () if self.trained_on is None else beyond(self.trained_on, wrench)
 
 
@@ -316,15 +316,12 @@ class WithoutParameters(Law):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """None."""
         return ()
 
     def at(self, values: Array) -> Law:
-        """Return the law."""
         return self
 
     def freed(self, row: Row) -> tuple[int, ...]:
-        """Return none."""
         return ()
 
 
@@ -344,7 +341,6 @@ class SteppedLaw(WithoutParameters):
         return self.law.tangent(wrench, row) + by_wrench(self._change, wrench, row)
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
-        """Return the law's."""
         return self.law.scatter(wrench, row)
 
     def _change(self, wrench: Array, row: Row) -> Array:
@@ -367,7 +363,6 @@ class Composed(Law):
 
     @property
     def leaves(self) -> tuple[Law, ...]:
-        """Those of all laws."""
         return tuple(leaf for law in self.laws for leaf in law.leaves)
 
     def own_scatter(self, wrench: Array, row: Row) -> Array | None:
@@ -381,7 +376,6 @@ class Composed(Law):
 
     @property
     def values(self) -> Array:
-        """Those of all laws."""
         return np.concatenate([np.zeros(0), *(law.values for law in self.laws)])
 
     def split(self, values: Array) -> list[Array]:
@@ -389,18 +383,15 @@ class Composed(Law):
         return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
 
     def at(self, values: Array) -> Law:
-        """Return the same with its laws at their parts of the values."""
         return self.with_laws([law.at(own) for law, own in zip(self.laws, self.split(values), strict=True)])
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return what the laws' derivatives make of the whole."""
         shares = zip(self.laws, self.shares(wrench, row), strict=True)
         found = [gain @ law.by_values(load, row) for law, (gain, load) in shares]
         return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
 
     @property
     def values_covariance(self) -> Array | None:
-        """That of all laws, each by itself."""
         known = [law.values_covariance for law in self.laws]
         if all(one is None for one in known):
             return None
@@ -408,11 +399,9 @@ class Composed(Law):
         return block_diagonal(*(np.zeros((len(law.values),) * 2) if one is None else one for one, law in pairs))
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
-        """Return the scatter of all laws, and its own."""
         return self._summed([law.scatter for law in self.laws], wrench, row)
 
     def covariance(self, wrench: Array, row: Row) -> Array | None:
-        """Return what the laws' covariances make of the whole, and its own scatter."""
         return self._summed([law.covariance for law in self.laws], wrench, row)
 
     def _summed(self, asked: Sequence[Callable[[Array, Row], Array | None]], wrench: Array, row: Row) -> Array | None:
@@ -426,21 +415,17 @@ class Composed(Law):
         return total
 
     def draw(self, rng: np.random.Generator) -> Law:
-        """Return the same made of draws of its laws."""
         return self.with_laws([law.draw(rng) for law in self.laws])
 
     def certain(self) -> Law:
-        """Return the same made of laws whose values are taken as known."""
         return self.with_laws([law.certain() for law in self.laws])
 
     @cached_property
     def trained(self) -> bool:
-        """Whether any of the laws was."""
         return any(law.trained for law in self.laws)
 
     @property
     def uncertain(self) -> bool:
-        """Whether any of the laws is."""
         return any(law.uncertain for law in self.laws)
 
     def freed(self, row: Row) -> tuple[int, ...]:
@@ -448,7 +433,6 @@ class Composed(Law):
         return ()
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return the laws' doubts about the loads on them."""
         if not self.trained:
             return ()
         asked = zip(self.laws, self.shares(wrench, row), strict=True)

@@ -41,7 +41,7 @@ class Scatter:
 
     @property
     def ratio(self) -> Array:
-        """(3,) scatter over stated noise."""
+        """(3,) scatter over stated noise, dimensionless."""
         return self.sigma / self.stated
 
     @property

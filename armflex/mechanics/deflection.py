@@ -150,7 +150,7 @@ class Deflection:
 
     @cached_property
     def tangent(self) -> Array:
-        """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution."""
+        """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution, in units of the twists."""
         known = self.solved.tangent
         return (
             tangent_of(self.solved._replace(motion=self._at_rest[0], torque=self._at_rest[1]))
@@ -160,18 +160,18 @@ class Deflection:
 
     @cached_property
     def flexure_jacobian(self) -> Array:
-        """(6, 6 n) change of the tip (origin, rotation; base axes) per change of the flexures' twists."""
+        """(6, 6 n) change of the tip (origin, rotation; base axes) [m, rad] per change of the flexures' twists."""
         body = self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.flexure_v]
         return body @ self._mechanics.exponential_jacobian(self.solved.rigid, self._at_rest[0])
 
     @cached_property
     def joint_jacobian(self) -> Array:
-        """(6, nq) change of the tip (origin, rotation; base axes) per joint, flexures held as they are."""
+        """(6, nq) change of the tip (origin, rotation; base axes) [m, rad] per joint, flexures held as they are."""
         return self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.v_index]
 
     @cached_property
     def total_jacobian(self) -> Array:
-        """(6, nq) change of the tip (origin, rotation; base axes) per joint, the flexures following their loads."""
+        """(6, nq) change of the tip (origin, rotation; base axes) [m, rad] per joint, flexures following loads."""
         flex, wrenches, row = self._mechanics.flex, self.wrenches.ravel(), self._row
         turned = self._mechanics.stiffness(self._configuration, self.solved.case)[:, flex.v_index]
         given = self._stack.tangent(wrenches, row) @ turned[flex.flexure_v]
@@ -180,7 +180,7 @@ class Deflection:
 
     @cached_property
     def contributions(self) -> Array:
-        """(n_flexures, 6) of the displacement due to each flexure, first order; see `remainder`."""
+        """(n_flexures, 6) of the displacement due to each flexure [m, rad], first order; see `remainder`."""
         columns = self.flexure_jacobian.reshape(6, -1, 6)
         return np.einsum("ink,nk->ni", columns, self.twists)
 
@@ -221,7 +221,7 @@ class Deflection:
 
     @cached_property
     def covariance(self) -> Array | None:
-        """(6, 6) covariance of the displacement, None where no law carries an uncertainty.
+        """(6, 6) covariance of the displacement [m, rad], None where no law carries an uncertainty.
 
         It is of the laws alone: what a calibration or a trace fitted is left out; see `armflex.total_covariance`.
         """
@@ -269,7 +269,7 @@ class Deflection:
         return self._stack.doubts(self.wrenches.ravel(), self._row) if self._stack.trained else ()
 
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
-        """Return the (4, 4) pose of every link with the flexures' twists magnified; 0 gives the rigid arm."""
+        """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm."""
         mechanics = self._mechanics
         return mechanics.link_poses(mechanics.flexed(self.solved.rigid, magnification * self._at_rest[0]))
 
@@ -301,6 +301,7 @@ class DeflectionBatch:
         asked: How the question was answered.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
         twists: (N, n_flexures, 6) local deflections [m, rad].
+        found_wrenches: (N, n_flexures, 6) what `wrenches` are where they were found with the twists, else of no rows.
     """
 
     arm: Structure
@@ -309,6 +310,7 @@ class DeflectionBatch:
     asked: Asked
     displacement: Array
     twists: Array
+    found_wrenches: Array
 
     def __repr__(self) -> str:
         """One line: how many rows and the largest shift."""
@@ -336,19 +338,23 @@ class DeflectionBatch:
         mechanics, method, case = loaded.mechanics, self.asked.method, case._replace(q=checked)
         rigid, motion = mechanics.rigid_configuration(checked), np.zeros(mechanics.model.nv)
         motion[loaded.flex.flexure_v] = self.twists[i].ravel()
-        torque = mechanics.load(case)(rigid if method == "first_order" else mechanics.flexed(rigid, motion))
+        if len(self.found_wrenches):
+            torque = np.zeros(mechanics.model.nv)
+            torque[loaded.flex.flexure_v] = -self.found_wrenches[i].ravel()
+        else:
+            torque = mechanics.load(case)(rigid if method == "first_order" else mechanics.flexed(rigid, motion))
         found = Equilibrium(loaded, case, rigid, motion, torque, method, ())
         return Deflection(found, (*self._flags_of(loaded), *flags))
 
     @cached_property
     def rigid_pose(self) -> Array:
-        """(N, 4, 4) tip poses of the rigid arm in the base frame."""
+        """(N, 4, 4) tip poses of the rigid arm in the base frame [m]."""
         loaded = self.arm.loaded(None)
         return rigid_tips(loaded.nominal or loaded.chain, self.q)
 
     @cached_property
     def pose(self) -> Array:
-        """(N, 4, 4) tip poses of the flexed arm in the base frame."""
+        """(N, 4, 4) tip poses of the flexed arm in the base frame [m]."""
         found = self.rigid_pose.copy()
         found[:, :3, 3] += self.displacement[:, :3]
         found[:, :3, :3] = rotations(self.displacement[:, 3:]) @ found[:, :3, :3]
@@ -357,6 +363,8 @@ class DeflectionBatch:
     @cached_property
     def wrenches(self) -> Array:
         """(N, n_flexures, 6) loads on the flexures, local axes [N, Nm]."""
+        if self._others:
+            return self.found_wrenches
         found = np.empty_like(self.twists)
         for loaded, rows in self._compiled:
             for some in (rows[i : i + PIECE] for i in range(0, len(rows), PIECE)):
@@ -364,8 +372,6 @@ class DeflectionBatch:
                 at = at if self.asked.method == "exact" else (at[0], np.zeros_like(at[1]))
                 pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
                 found[some] = flexed(loaded.chain, loaded.flexure_frames, "loads", *at, pushed)[:, :-1]
-        for i in self._others:
-            found[i] = self.row(i).wrenches
         return found
 
     @cached_property
@@ -399,7 +405,7 @@ class DeflectionBatch:
 
     @cached_property
     def covariance(self) -> Array | None:
-        """(N, 6, 6) of the laws alone, None where no law carries an uncertainty; see `armflex.total_covariance`."""
+        """(N, 6, 6) of the laws alone [m, rad], None where none is uncertain; see `armflex.total_covariance`."""
         found, left, known = np.zeros((len(self.q), 6, 6)), np.ones(len(self.q), dtype=bool), False
         for loaded, rows in ((a, r[i : i + CHUNK]) for a, r in self._compiled for i in range(0, len(r), CHUNK)):
             row, wrenches = loaded.row(self.q[rows], self.case.some(rows).covariates), self.wrenches[rows]
@@ -483,19 +489,21 @@ def deflect_batch(
 ) -> DeflectionBatch:
     """Return what the arm does in N rows, whose positions and motion are not yet checked; see `Arm.deflection`."""
     q = check_positions(arm, case.q, asked.enforce_limits)
-    single = payload is None or isinstance(payload, str | Payload)
-    payloads = (payload,) if single else tuple(payload)
-    if not single and len(payloads) != len(q):
+    payloads: tuple[str | Payload | None, ...]
+    if payload is None or isinstance(payload, str | Payload):
+        payloads = (payload,)
+    elif len(payloads := tuple(payload)) != len(q):
         raise ShapeError(f"payload: expected one name or {len(q)}, got {len(payloads)}")
     v, a = _motion(arm, case.v, "v", q), _motion(arm, case.a, "a", q)
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
     arm.loaded(None).flags_under(case.wrenches, accelerated=False)  # raises where a link is not the arm's
-    answers = Solution.empty(len(q), len(arm.sites), wrenches=False)
-    found = DeflectionBatch(arm, payloads, case, asked, answers.displacement, answers.twists)
+    here = not case.moves and asked.method in COMPILED
+    answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)
+    found = DeflectionBatch(arm, payloads, case, asked, answers.displacement, answers.twists, answers.wrenches)
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
     rooms = [answers.some(rows) for rows in pieces]
     # Compiled code runs side by side in threads, Pinocchio does not.
-    alone, here = jobs in (None, 1), not case.moves and asked.method in COMPILED
+    alone = jobs in (None, 1)
     tasks = []
     for rows, room in zip(pieces, rooms, strict=True):
         carried = payloads if len(payloads) == 1 else payloads[rows]
@@ -518,8 +526,8 @@ def _answer(
 ) -> Solution:
     """Return the answers in some rows, from row `first` on; in a room for them where there is one."""
     exact, n, count = asked.method == "exact", len(arm.sites), len(case.q)
-    found, left = room or Solution.empty(count, n, wrenches=False), np.ones(count, dtype=bool)
-    here = not case.moves and asked.method in COMPILED
+    here, left = not case.moves and asked.method in COMPILED, np.ones(count, dtype=bool)
+    found = room or Solution.empty(count, n, wrenches=not here)
     for loaded, rows in by_payload(arm, payloads, count) if here else ():
         solver = RowSolver(loaded, exact, case.wrenches)
         for some in chunks(rows, AT_ONCE):
@@ -538,6 +546,8 @@ def _answer(
             loaded = arm.loaded(payloads[0 if len(payloads) == 1 else i])
             one = deflect(loaded, case.some(i)._replace(q=checked), flags, asked.method, asked.allow_large)
         found.displacement[i], found.twists[i] = one.displacement, one.twists
+        if not here:
+            found.wrenches[i] = one.wrenches
     return found
 
 

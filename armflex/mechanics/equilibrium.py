@@ -9,10 +9,10 @@ stiff, the tangent `I + C dτ/dtwist` everywhere.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import (
@@ -57,12 +57,12 @@ class Equilibrium(NamedTuple):
     Attributes:
         loaded: The arm with its payload.
         case: Where its joints are and what acts.
-        rigid: Configuration with flexures at zero.
+        rigid: (nq_model,) configuration [m, rad] with flexures at zero.
         motion: (nv,) exponential coordinates of the flexures, zero for joints [m, rad].
         torque: (nv,) generalized torque: minus the loads on the flexures [N, Nm]; None for that of the motion.
         method: How it was found.
         history: Squared length of the residual before each step [m^2 or rad^2].
-        tangent: (6 n, 6 n), where stability was checked with it.
+        tangent: (6 n, 6 n) in units of the twists, where stability was checked with it.
     """
 
     loaded: LoadedArm
@@ -104,17 +104,18 @@ def find_equilibrium(
     if laws.changing:
         laws.know(loaded.row(case.q, case.covariates))
     rigid, load, law = mechanics.rigid_configuration(case.q), mechanics.load(case), laws.motion
-    # To look for what runs away takes as long as a quarter of a step; weights on laws that are not curved do not.
-    tame = laws.tame and not (laws.curved or case.wrenches)
-    found = None
+    # To look for what runs away takes as long as a quarter of a step; the weight on laws that are not curved does not.
+    tame, found = load is mechanics.weight and laws.tame and not laws.curved, None
     if method == "first_order":
         torque = load(rigid)
         found = Equilibrium(loaded, case, rigid, law(torque), torque, method, ())
     elif method != "newton":
-        check_method(method)
-        bounds = (STEPS, SLOWEST) if method == "exact" else (MAX_FIXED_POINT - 1, GROWTH)
-        ask = _fixed_point if tame and method == "exact" else _watched_fixed_point
-        motion, sizes = ask(law, load, partial(integrate, mechanics.model, rigid), rigid, *bounds)
+        if method == "exact":
+            ask = _fixed_point if tame else _watched_fixed_point
+            motion, sizes = ask(law, load, mechanics.model, rigid)
+        else:
+            check_method(method)
+            motion, sizes = _watched_fixed_point(law, load, mechanics.model, rigid, MAX_FIXED_POINT - 1, GROWTH)
         if motion is not None:
             found = Equilibrium(loaded, case, rigid, motion, None, "fixed_point", sizes)
         elif method == "fixed_point":
@@ -123,7 +124,7 @@ def find_equilibrium(
     if method != "first_order":
         bound = loaded.stability_bound
         if within and bound is not None and found.motion.dot(found.motion) < SMALL:
-            known = tame and bound.proven and not case.moves
+            known = tame and bound.proven
             if known or _proven(bound, found, load):
                 return found
         found = _checked(found, load)
@@ -144,18 +145,18 @@ RUNS_AWAY = np.errstate(over="ignore", invalid="ignore")
 def _fixed_point(
     law: Callable[[Array], Array],
     load: Callable[[Array], Array],
-    flexed: Callable[[Array], Array],
+    model: pin.Model,
     rigid: Array,
-    most: int,
-    slow: float,
+    most: int = STEPS,
+    slow: float = SLOWEST,
 ) -> tuple[Array | None, list[float]]:
     """Return the motion at rest, None where the steps do not shrink quickly, and the squared lengths of the steps.
 
     Args:
         law: Torques to motions.
         load: Configurations to torques.
-        flexed: Motions to configurations.
-        rigid: Configuration of the undeflected arm.
+        model: Of the arm.
+        rigid: Its configuration where it is not deflected.
         most: Steps at most.
         slow: Part of the squared step before it that a squared step must be shorter than.
     """
@@ -165,7 +166,7 @@ def _fixed_point(
     if not before < FARTHEST:
         return None, sizes
     for _ in range(most):
-        moved = law(load(flexed(motion)))
+        moved = law(load(integrate(model, rigid, motion)))
         step = moved - motion
         size = step.dot(step)
         sizes.append(size)

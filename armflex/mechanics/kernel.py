@@ -701,7 +701,8 @@ class Flexed(NamedTuple):
     turn, origin: (m, 3, 3) and (m, 3) frame of every element, base axes. body: (m, 4) mass of what is fixed to it, and
     its first moment about the base. load: (m, 6) load on it and all outboard, about the base's origin. points: (L, 3)
     of the loaded links. tip: (3,). motion: (m, 6, W) virtual spatial motion of each element. field: (m, 6, W) change of
-    the loads per twist inserted at each, paired with those motions. step: (n, 6, W) what each flexure adds to them.
+    the loads per twist inserted at each, paired with those motions; pushed: (m, 6, W) the part of it that all outboard
+    of the element has in it by its own motion. step: (n, 6, W) what each flexure adds to the motions.
     by_twist, by_load: (n, 6, 6) spatial motion of each flexure per change of its coordinates, and per what pairs with a
     change of its local load.
     """
@@ -714,6 +715,7 @@ class Flexed(NamedTuple):
     tip: Array
     motion: Array
     field: Array
+    pushed: Array
     step: Array
     by_twist: Array
     by_load: Array
@@ -738,17 +740,12 @@ def sensitivities(elements, kinds, links, wrenches, changes, q, twists, complian
     for row in range(len(q)):
         _flex(arm, here, q[row], twists[row], row)
         _motions(arm, here, twists[row], compliance[min(row, len(compliance) - 1)])
+        _couple(arm, here, changes, row, matrix)
         square = 0.0
-        for j in range(n):
-            here.step[:] = 0.0
-            here.step[j, :, :6] = here.by_load[j]
-            _pair(arm, here, changes, row)
-            for i in range(n):
-                _along(here.by_twist[i], here.field[arm.kinds[3, i]], matrix, 6 * i, 6 * j)
-                for b in range(6):
-                    for a in range(6):
-                        square += matrix[6 * i + b, 6 * j + a] ** 2
-                        matrix[6 * i + b, 6 * j + a] *= -1.0
+        for i in range(size):
+            for j in range(size):
+                square += matrix[i, j] ** 2
+                matrix[i, j] *= -1.0
         distance[row] = math.sqrt(square)
         if not (certain[row] or square < 1.0):
             by_law[row] = np.nan
@@ -873,6 +870,7 @@ def _flexed_room(arm):
         np.empty((m, 6)),
         np.empty((len(arm.links), 3)),
         np.empty(3),
+        np.zeros((m, 6, WIDTH)),
         np.zeros((m, 6, WIDTH)),
         np.zeros((m, 6, WIDTH)),
         np.zeros((n, 6, WIDTH)),
@@ -1078,11 +1076,47 @@ def _virtual(here, arm, by_load):
 
 
 @called
+def _couple(arm, here, changes, row, matrix):
+    """Fill the (6 n, 6 n) changes of the flexures' loads, paired with their coordinates, per change of their laws.
+
+    Flexure j moves all that is outboard of it alike. A flexure that is inboard of it, or itself, sees how all of that
+    pushes; one outboard how what is outboard of itself does, and that its own load is turned with it.
+    """
+    n, m = arm.flexures, arm.kinds.shape[1]
+    for k in range(m):
+        for a in range(6):
+            for r in range(WIDTH):
+                here.motion[k, a, r] = 1.0 if a == r else 0.0
+    _push_back(arm, here, changes, row)
+    seen, given = np.empty((6, 6)), np.empty((n, 6, 6))
+    for j in range(n):
+        _times(here.pushed[arm.kinds[3, j]], here.by_load[j], given[j])
+    for i in range(n):
+        k = arm.kinds[3, i]
+        _along(here.by_twist[i], here.field[k], seen, 0, 0)
+        for j in range(n):
+            block = matrix[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
+            if k > arm.kinds[3, j]:
+                _times(seen, here.by_load[j], block)
+            else:
+                _along(here.by_twist[i], given[j], block, 0, 0)
+
+
+@called
+def _times(left, right, product):
+    """Fill the product of the first six columns of a matrix with a (6, 6) one."""
+    for a in range(6):
+        for b in range(6):
+            value = 0.0
+            for c in range(6):
+                value += left[a, c] * right[c, b]
+            product[a, b] = value
+
+
+@called
 def _pair(arm, here, changes, row):
     """From `step`, fill `motion` and `field`: L of the head of this module, at every element."""
-    m, elements, motion, field = arm.kinds.shape[1], arm.elements, here.motion, here.field
-    gx, gy, gz = elements[m, 12], elements[m, 13], elements[m, 14]
-    push, shift = np.zeros((6, WIDTH)), np.empty((6, WIDTH))
+    m, motion = arm.kinds.shape[1], here.motion
     for k in range(m):
         for a in range(6):
             for r in range(WIDTH):
@@ -1091,6 +1125,15 @@ def _pair(arm, here, changes, row):
             for a in range(6):
                 for r in range(WIDTH):
                     motion[k, a, r] += here.step[arm.kinds[1, k], a, r]
+    _push_back(arm, here, changes, row)
+
+
+@called
+def _push_back(arm, here, changes, row):
+    """From `motion`, fill `pushed` and `field`."""
+    m, elements, motion, field = arm.kinds.shape[1], arm.elements, here.motion, here.field
+    gx, gy, gz = elements[m, 12], elements[m, 13], elements[m, 14]
+    push, shift = np.zeros((6, WIDTH)), np.empty((6, WIDTH))
     for k in range(m - 1, -1, -1):
         own, mass, x, y, z = motion[k], here.body[k, 0], here.body[k, 1], here.body[k, 2], here.body[k, 3]
         if mass > 0.0:
@@ -1104,6 +1147,9 @@ def _pair(arm, here, changes, row):
         for j in range(len(arm.links)):
             if arm.links[j, 0] == k:
                 _pair_link(arm, here, j, own, changes, row, shift, push)
+        for a in range(6):
+            for r in range(WIDTH):
+                here.pushed[k, a, r] = push[a, r]
         load, to, before = here.load[k], field[k], motion[k - 1] if k else field[k]
         fx, fy, fz, mx, my, mz = load[0], load[1], load[2], load[3], load[4], load[5]
         for r in range(WIDTH):

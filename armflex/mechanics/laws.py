@@ -45,14 +45,14 @@ class LawStack:
         return twists
 
     def tangent(self, wrenches: Array, row: Row) -> Array:
-        """Return the (..., 6 n, 6 n) block-diagonal derivative of the twists."""
+        """Return the (..., 6 n, 6 n) block-diagonal derivative of the twists [m/N, rad/Nm]."""
         total = np.zeros((*wrenches.shape, wrenches.shape[-1]))
         for _, place, law in self.places:
             total[..., place, place] = law.tangent(wrenches[..., place], row)
         return total
 
     def change_with_position(self, wrenches: Array, row: Row) -> Array:
-        """Return the (..., 6 n, nq) derivative of the twists with respect to the joint positions at given loads."""
+        """Return the (..., 6 n, nq) derivative of the twists [m, rad] by the joint positions at given loads."""
         change = np.zeros((*wrenches.shape, row.q.shape[-1]))
         if self.changing:
             for i, step in enumerate(1e-4 * np.eye(row.q.shape[-1])):
@@ -61,7 +61,7 @@ class LawStack:
         return change
 
     def covariance(self, wrenches: Array, row: Row) -> Array | None:
-        """Return the (6 n, 6 n) covariance of the twists at given loads, None when no law carries one."""
+        """Return the (6 n, 6 n) covariance of the twists [m, rad] at given loads, None when no law carries one."""
         total, known = np.zeros((len(wrenches),) * 2), False
         for _, place, law in self.places:
             part = law.covariance(wrenches[place], row)
@@ -75,7 +75,7 @@ class LawStack:
         return tuple(place for place in self.places if place[2].trained)
 
     def doubts(self, wrenches: Array, row: Row) -> tuple[Flag, ...]:
-        """Return where (6 n,) wrenches are beyond what a law was trained on."""
+        """Return where (6 n,) wrenches [N, Nm] are beyond what a law was trained on."""
         asked = [(name, law.doubts(wrenches[place], row)) for name, place, law in self.trained]
         return tuple(replace(f, text=f"flexure {name!r}: {f.text}", about=name) for name, flags in asked for f in flags)
 
@@ -96,7 +96,7 @@ class LawStack:
 
     @cached_property
     def numbers(self) -> tuple[Array, Array, Array, np.ndarray, Array]:
-        """(1, n, 6, 6), (1, n, 6), (H, 13), (n + 1,) and (n, 7, 6) numbers of the parts that are the same everywhere.
+        """(1, n, 6, 6), (1, n, 6), (H, 13), (n + 1,), (n, 7, 6) numbers, in SI units, of what is the same everywhere.
 
         Compliance and offset of the laws, `twist = compliance @ wrench + offset`; units (6), bias and gains (6) of all
         networks' neurons, loads and twists in SI; first neuron of each flexure; of the law that hardens there C, and r

@@ -95,11 +95,11 @@ class Structure(Protocol):
         ...
 
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
-        """Return q as (nq,) floats with the doubts about it."""
+        """Return q as (nq,) floats [rad or m] with the doubts about it."""
         ...
 
     def checked(self, values: ArrayLike, name: str) -> Array:
-        """Return a copy of a number for each joint."""
+        """Return an (nq,) copy of a number for each joint [rad or m]."""
         ...
 
 
@@ -163,7 +163,7 @@ class LoadedArm:
         Raises:
             PayloadError, UnknownNameError: As `flags`; a load is at no link of the arm.
         """
-        arm, flags = self.arm, list(self.flags)
+        arm, known, flags = self.arm, self.flags, []
         if accelerated and self.payload.mass and self.payload.inertia is None:
             flags.append(Flag("no_inertia", "the payload's inertia is not given, so its turning adds no load"))
         for wrench in wrenches:
@@ -176,10 +176,10 @@ class LoadedArm:
             if 0.0 < FORCE_BAND * arm.weight < size:
                 text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
                 flags.append(Flag("large_force", text))
-        return tuple(flags)
+        return (*known, *flags) if flags else known
 
     def sag_flags(self, displacement: Array) -> tuple[Flag, ...]:
-        """Return a flag where the tip moves by a good part of the reach."""
+        """Return a flag where the tip's (6,) displacement [m, rad] is a good part of the reach."""
         sag = float(np.linalg.norm(displacement[:3]))
         if sag <= SAG_BAND * self.arm.robot.reach:
             return ()
@@ -281,7 +281,7 @@ class LoadedArm:
         return chain_of(self.rigid, ())
 
     def row(self, q: Array, covariates: Mapping[str, Array]) -> Row:
-        """Return what the laws may know at (nq,) or (N, nq) positions."""
+        """Return what the laws may know at (nq,) or (N, nq) positions [rad or m]."""
         return Row(q, self.arm.joint_index, {MASS: np.asarray(self.payload.mass), **covariates})
 
     @cached_property

@@ -47,7 +47,7 @@ class Payload:
 
     @property
     def inertia_matrix(self) -> Array:
-        """(3, 3) inertia about the centre of mass, zero when none is given."""
+        """(3, 3) inertia about the centre of mass [kg m^2], zero when none is given."""
         if self.inertia is None:
             return np.zeros((3, 3))
         xx, yy, zz, xy, xz, yz = self.inertia
@@ -125,13 +125,13 @@ class Wrench:
         return np.concatenate([self.force, self.moment])
 
     def at(self, pose: Array) -> Array:
-        """Return the (..., 6) wrench at the link's origin in base axes."""
+        """Return the (..., 6) wrench [N, Nm] at the link's origin in base axes."""
         if self.dead:
             return self._whole if pose.ndim == 2 else np.broadcast_to(self._whole, (*pose.shape[:-2], 6))
         return np.concatenate([pose[..., :3, :3] @ part for part in (self.force, self.moment)], axis=-1)
 
     def change(self, pose: Array) -> Array:
-        """Return the (..., 6, 6) change per motion of the link: only a load that turns with it has one."""
+        """Return the (..., 6, 6) change per motion of the link [m, rad]: only a load that turns with it has one."""
         change = np.zeros((*pose.shape[:-2], 6, 6))
         if not self.dead:
             load = self.at(pose)[..., None, :]

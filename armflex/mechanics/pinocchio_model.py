@@ -35,9 +35,9 @@ class LoadCase(NamedTuple):
     """One configuration, or N, and what acts there.
 
     Attributes:
-        q, v, a: (nq,) or (N, nq) joint positions, velocities and accelerations; None where the arm stands still.
+        q, v, a: (nq,) or (N, nq) joint positions [rad or m], velocities and accelerations; None where the arm stands.
         wrenches: Loads from outside, beside those that the arm's effects put on its links.
-        covariates: What the laws may know beyond positions, by name: numbers, or (N,) of them.
+        covariates: What the laws may know beyond positions, by name: numbers, or (N,) of them, in SI units.
     """
 
     q: Array
@@ -52,7 +52,7 @@ class LoadCase(NamedTuple):
         return self.v is not None or self.a is not None
 
     def some(self, rows: int | slice | np.ndarray) -> LoadCase:
-        """Return one of N rows, or some of them."""
+        """Return one of N rows, or the (M,) of some numbers."""
         v, a = (None if values is None else values[rows] for values in (self.v, self.a))
         known = {name: values[rows] if np.ndim(values) else values for name, values in self.covariates.items()}
         return LoadCase(self.q[rows], v, a, self.wrenches, known)
@@ -66,7 +66,7 @@ class Mechanics:
         self.model, self.data, self._rigid_data = flex.model, flex.model.createData(), rigid.model.createData()
         self.laws = PlacedLaws(stack, flex.flexure_v.reshape(-1, 6), flex.model.nv)
         self._frames = {link: flex.frame(link) for link in flex.links}
-        self._gravity = partial(gravity, self.model, self.data)
+        self.weight = partial(gravity, self.model, self.data)
         self.flexures = np.ix_(flex.flexure_v, flex.flexure_v)
         # Views into Pinocchio's own memory: to ask for them costs more than to compute what they show.
         tip, rigid_tip = self.data.oMf[flex.tip], self._rigid_data.oMf[rigid.tip]
@@ -88,11 +88,12 @@ class Mechanics:
 
         They are what parents exert on children: minus the loads that deform.
         """
-        if case.v is None and case.a is None and not (case.wrenches or self.pulls):
-            return self._gravity
+        moves = case.v is not None or case.a is not None
+        if not (moves or case.wrenches or self.pulls):
+            return self.weight
         model, data = self.model, self.data
-        bare: Callable[[Array], Array] = self._gravity
-        if case.moves:
+        bare: Callable[[Array], Array] = self.weight
+        if moves:
             v, a = self._velocities(case)
 
             def moving(configuration: Array) -> Array:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.arm import Arm
+from armflex.certainty import Certainty
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
@@ -38,35 +39,52 @@ ANYWHERE, ANYHOW = 100.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
+class Told:
+    """What a campaign tells.
+
+    Attributes:
+        campaign: What was measured.
+        view: All of its rows.
+        scene: The same as effects see them.
+        weights: (M,) what every row counts beside the others, 0 where nothing was read.
+        fit: The campaign's fit.
+    """
+
+    campaign: Measurements
+    view: View
+    scene: Scene
+    weights: Array
+    fit: Fit
+
+
+@dataclass(frozen=True, eq=False)
 class Before:
     """The arm as it is known before the rows that are planned.
 
     Attributes:
         setup: Arm and instrument, calibrated where there is something to do it with.
-        campaign: What was measured, None where nothing was.
-        view: All of its rows.
-        scene: The same as effects see them.
-        weights: (M,) what every row counts beside the others, 0 where nothing was read.
-        fit: The campaign's fit.
+        told: What a campaign tells, None where nothing was measured.
         noise: Standard deviation of the readings over the stated one, 1 or more.
         flags: Doubts about the campaign.
     """
 
     setup: Setup
-    campaign: Measurements | None = None
-    view: View | None = None
-    scene: Scene | None = None
-    weights: Array | None = None
-    fit: Fit | None = None
+    told: Told | None = None
     noise: float = 1.0
     flags: tuple[Flag, ...] = ()
 
+    @property
+    def campaign(self) -> Measurements | None:
+        """What was measured, None where nothing was."""
+        return None if self.told is None else self.told.campaign
+
     def seen_by(self, setup: Setup) -> Before:
         """Return the same as another arm or instrument has it."""
-        if self.campaign is None:
+        if self.told is None:
             return replace(self, setup=setup)
-        view = look(setup, self.campaign, np.arange(len(self.campaign)))
-        return replace(self, setup=setup, view=view, scene=scene_of(view, self.campaign))
+        view = look(setup, self.told.campaign, np.arange(len(self.told.campaign)))
+        told = replace(self.told, view=view, scene=scene_of(view, self.told.campaign))
+        return replace(self, setup=setup, told=told)
 
 
 def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Before:
@@ -81,10 +99,11 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     if after is None:
         return Before(Setup(arm, arm.instrument or Instrument()))
     found = calibrate(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
-    weights, noise = np.zeros(len(after)), max(found.scatter, 1.0)
-    weights[found.fit.view.rows] = found.fit.weights
-    setup = found.fit.setup
-    return Before(setup, after, weights=weights, fit=found.fit, noise=noise, flags=found.flags).seen_by(setup)
+    fitted, weights = found.fit, np.zeros(len(after))
+    weights[fitted.view.rows] = fitted.weights
+    view = look(fitted.setup, after, np.arange(len(after)))
+    told = Told(after, view, scene_of(view, after), weights, fitted)
+    return Before(fitted.setup, told, max(found.scatter, 1.0), found.flags)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +112,7 @@ class Suspect(EffectBlock):
 
     def columns(self, view: View) -> Array:
         """Return (M, d, k) changes of the readings."""
+        assert self.scene is not None
         return effect_columns(self.effect, self.free, view, self.scene)
 
 
@@ -166,14 +186,14 @@ def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model
     Raises:
         InputError: The covariance of a calibrated arm is of other parameters, or of some of the laws that are learned.
     """
-    setup, known = before.setup, before.campaign
+    setup, known = before.setup, before.told
     arm, laws = setup.arm, learned_laws(setup.arm)
     if known is None and arm.certainty is not None:
-        return _stored(setup, offer, suspects)
+        return _stored(setup, arm.certainty, offer, suspects)
     if known is None:
         rows = Measurements.of(offer.rows, offer.view.readings)
     else:
-        rows = replace(known, session=(*known.session, offer.rows.session[0]))
+        rows = replace(known.campaign, session=(*known.campaign.session, offer.rows.session[0]))
     blocks = [*declared_blocks(setup, rows), *_law_blocks(laws)]
     asked = {suspect.ordinal for suspect in suspects}
     for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
@@ -185,8 +205,8 @@ def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model
     scale = _finite(blocks)
     told = LinearGaussian(np.eye(len(scale)))
     if known is not None:
-        columns = answers(blocks, before.view, before.scene) * scale / before.noise
-        told = told.with_rows(columns * np.sqrt(before.weights)[:, None, None])
+        columns = answers(blocks, known.view, known.scene) * scale / before.noise
+        told = told.with_rows(columns * np.sqrt(known.weights)[:, None, None])
     return Model(tuple(blocks), scale, told, scale)
 
 
@@ -209,28 +229,29 @@ def _finite(blocks: Sequence[Block]) -> Array:
     return np.where(np.isfinite(prior), prior, np.where(units == "m", ANYWHERE, ANYHOW))
 
 
-def _stored(setup: Setup, offer: Offer, suspects: Sequence[Suspect]) -> Model:
+def _stored(setup: Setup, certainty: Certainty, offer: Offer, suspects: Sequence[Suspect]) -> Model:
     """Return the model of a calibrated arm: frames anew, because another instrument may come.
 
     A law that is to be learned since is as uncertain as it was declared, whatever was known of its compliance: all
     learned laws, or none.
     """
     arm, laws = setup.arm, learned_laws(setup.arm)
-    new = {name: law for name, law in laws.items() if Group(Kind.LAW, name) not in arm.certainty.groups}
+    new = {name: law for name, law in laws.items() if Group(Kind.LAW, name) not in certainty.groups}
     if new and len(new) < len(laws):
         old = listing(laws.keys() - new.keys())
         text = f"{listing(new)} is to be learned, but the arm was calibrated with the learned laws of {old} alone"
         raise InputError(f"{text}: plan after its campaign, or calibrate anew")
-    parameters = arm.certainty.parameters
+    parameters = certainty.parameters
     if blocks_of(parameters, setup) is None:
         raise InputError(OTHER_PARAMETERS.text)
     anew = {suspect.parameters[0].group for suspect in suspects if suspect.ordinal != NOWHERE}
     anew |= {Group(Kind.COMPLIANCE, name) for name in new}
-    known = arm.certainty.part(
+    known = certainty.part(
         [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in anew]
     )
     frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
     kept = blocks_of(known.parameters, setup, scene=offer.scene)
+    assert kept is not None  # some of what is there as a whole
     fresh = [*_law_blocks(new), *suspects]
     blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(known.covariance)), _finite(frames)
     scale = np.concatenate([wide, std, _finite(fresh)])

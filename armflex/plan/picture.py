@@ -74,7 +74,7 @@ def _draw_curve(axes: Axes, found: Plan) -> None:
         axes.plot([len(found.worth), found.random_rows], [end, end], ":", color="crimson")
     axes.set(xlabel="readings", ylabel=found.goal.title, xlim=(0, count[-1]))
     if not isinstance(found.goal, TOptimal):
-        known = np.concatenate([shown(found.reached)[3:], at_random[:, 3:].ravel()])
+        known = np.concatenate([np.asarray(shown(found.reached))[3:], at_random[:, 3:].ravel()])
         axes.set_yscale("log")
         _plain(axes)
         axes.set_ylim(0.9 * known.min(), 1.1 * known.max())

@@ -15,7 +15,7 @@ from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, numbered
-from armflex.plan.design import Goal, IOptimal, instead
+from armflex.plan.design import Goal, IOptimal, TOptimal, instead
 from armflex.plan.design_model import Model, Suspect
 from armflex.plan.offer import Offer, Reach
 from armflex.plan.rivals import Rival
@@ -85,7 +85,7 @@ class Plan:
         goal: What was made as large as it can be.
         model: Parameters, and what is known before.
         known: What will be known after the rows, in units of `model.scale`.
-        worth: (n,) rise of the goal's value by each row that is read, the best first one alone, and so on.
+        worth: (n,) dimensionless rise of the goal's value by each row read, the best first one alone, and so on.
         reached: (n + 1,) the goal's value after none, one, ... of them, the most telling first.
         random: (DRAWS, m + 1) the same of poses at random.
         everything: The goal's value if all rows that were offered were measured.
@@ -127,12 +127,12 @@ class Plan:
 
     @property
     def std_before(self) -> Array:
-        """(P,) standard deviation of every parameter of `model.names` before."""
+        """(P,) standard deviation of every parameter of `model.names` before, in its unit."""
         return self.model.std(self.model.known)
 
     @property
     def std_after(self) -> Array:
-        """(P,) the same as it is expected to be after."""
+        """(P,) the same as it is expected to be after, in the parameters' units."""
         return self.model.std(self.known)
 
     @cached_property
@@ -165,7 +165,7 @@ def _between(plan: Plan) -> tuple[str, ...]:
     told: tuple[str, ...] = ()
     if plan.goal.shown(plan.everything) < TOLD:
         return (f"No tip reading tells {pair}; instead, {instead(one, other)}.",)
-    if len(plan.goal.truths) == 1:
+    if isinstance(plan.goal, TOptimal) and len(plan.goal.truths) == 1:
         places = np.flatnonzero(plan.goal.truths[0].own)
         true = int(places[0] not in plan.model.place(plan.rivals[0].suspect))
         told += (

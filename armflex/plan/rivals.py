@@ -139,13 +139,13 @@ def _usual(inner: Inner, effect: Effect, scene: Scene) -> float:
 
 def refitted(suspect: Suspect, before: Before) -> Fit | None:
     """Return the campaign's fit with a suspect added, None where there is no campaign or the arm has it already."""
-    known, arm = before.fit, before.setup.arm
-    if known is None or suspect.ordinal != NOWHERE:
+    told, arm = before.told, before.setup.arm
+    if told is None or suspect.ordinal != NOWHERE:
         return None
-    prior = amplitude_prior(suspect.effect, (), before.view, before.scene)
-    block = EffectBlock(suspect.effect, (), before.scene, len(arm.effects), prior)
+    prior, known = amplitude_prior(suspect.effect, (), told.view, told.scene), told.fit
+    block = EffectBlock(suspect.effect, (), told.scene, len(arm.effects), prior)
     start = np.concatenate([known.values, np.zeros(len(prior))])
-    return fit(known.declared, (*known.blocks, block), before.campaign, known.view.rows, start, effort=ROUGH)
+    return fit(known.declared, (*known.blocks, block), told.campaign, known.view.rows, start, effort=ROUGH)
 
 
 def rival_of(suspect: Suspect, fitted: Fit | None, offer: Offer) -> Rival:

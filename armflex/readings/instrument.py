@@ -31,28 +31,28 @@ class Instrument:
     mounting: Array = field(default_factory=lambda: np.zeros(3))
 
     def points(self, tip: Array) -> Array:
-        """Return the (N, 3) target in the instrument frame, sessions left out, for (N, 4, 4) tip poses."""
+        """Return the (N, 3) target in the instrument frame [m], sessions left out, for (N, 4, 4) tip poses."""
         in_base = tip[:, :3, 3] + tip[:, :3, :3] @ self.target
         return (1.0 + self.scale) * (in_base @ self.pose.rotation.T + self.pose.translation)
 
     def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
-        """Return the (N, 3) positions that the instrument would read."""
+        """Return the (N, 3) positions that the instrument would read [m]."""
         points = self.points(tip)
         shift = self.session_shifts(sessions)
         return points + shift[:, :3] + np.cross(shift[:, 3:], points)
 
     def axes(self, tip: Array) -> Array:
-        """Return the (N, 3, 3) axes of the tip in the instrument frame, sessions left out."""
+        """Return the (N, 3, 3) axes of the tip in the instrument frame, dimensionless, sessions left out."""
         return self.pose.rotation @ tip[:, :3, :3]
 
     def rotations(self, tip: Array, sessions: Sequence[str]) -> Array:
-        """Return the (N, 3, 3) orientations of the target that the instrument would read."""
+        """Return the (N, 3, 3) orientations of the target that the instrument would read, dimensionless."""
         turned = {name: pin.exp3(self.sessions.get(name, np.zeros(6))[3:]) for name in set(sessions)}
         turns = np.array([turned[name] for name in sessions]).reshape(-1, 3, 3)
         return turns @ self.axes(tip) @ pin.exp3(self.mounting)
 
     def session_shifts(self, sessions: Sequence[str]) -> Array:
-        """Return the (N, 6) shift of each row's session."""
+        """Return the (N, 6) shift of each row's session [m, rad]."""
         number = {name: i for i, name in enumerate(dict.fromkeys(sessions))}
         shifts = np.array([self.sessions.get(name, np.zeros(6)) for name in number]).reshape(-1, 6)
         return shifts[[number[name] for name in sessions]]

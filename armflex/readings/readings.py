@@ -36,11 +36,11 @@ class Readings:
 
     @cached_property
     def sigma(self) -> Array:
-        """(N, d) one standard deviation of every number; infinite where it was not read."""
+        """(N, d) one standard deviation of every number [m, rad]; infinite where it was not read."""
         return self.stacked(lambda kind: kind.sigma)
 
     def stacked(self, answer: Callable[[Kind], Array]) -> Array:
-        """Return (N, d, ...) what every kind answers, (N, its own d, ...) each, side by side."""
+        """Return (N, d, ...) what every kind answers, (N, its own d, ...) each in its own unit, side by side."""
         parts = [answer(kind) for kind in self.kinds]
         return np.concatenate(parts, axis=1) if parts else np.zeros((self.count, 0))
 
@@ -60,7 +60,7 @@ class Readings:
         return next((one for one in self.kinds if isinstance(one, kind)), None)
 
     def some(self, rows: np.ndarray) -> Readings:
-        """Return the readings of some rows, by their numbers."""
+        """Return the readings of some rows, by their (M,) numbers."""
         return Readings(len(rows), tuple(kind.some(rows) for kind in self.kinds))
 
     def scaled(self, factor: float) -> Readings:

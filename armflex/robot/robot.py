@@ -74,7 +74,7 @@ class Robot:
 
     @cached_property
     def home(self) -> Array:
-        """(nq,) positions where none are asked for: 0 where the limits allow it, else the middle between them."""
+        """(nq,) positions [rad or m] where none are asked for: 0 where the limits allow it, else their middle."""
         nearest = np.clip(0.0, self.lower, self.upper)
         bounded = (nearest != 0.0) & np.isfinite(self.lower) & np.isfinite(self.upper)
         nearest[bounded] = 0.5 * self.lower[bounded] + 0.5 * self.upper[bounded]

@@ -30,7 +30,7 @@ def pose_groups(rows: Rows, tolerance: float = SAME_POSE) -> np.ndarray:
 
 
 def leaked(train: Rows, test: Rows, tolerance: float = SAME_POSE) -> np.ndarray:
-    """Return the row numbers of `test` whose joint positions `train` has, within `tolerance` [rad or m], as well.
+    """Return the (k,) row numbers of `test` whose joint positions `train` has, within `tolerance` [rad or m], as well.
 
     Raises:
         InputError: The two are of different joints.

@@ -69,10 +69,10 @@ class Rows:
         pose, session, payload: Names of each row; a missing column is one session, and every row a pose of its own.
         time: (N,) [s], the row number where none is given, which no effect may then depend on.
         q: (N, nq) controller's joint positions [rad or m].
-        approach: (N, nq) direction each joint last moved in, -1 or +1; 0 where it has none, or none is known.
+        approach: (N, nq) direction each joint last moved in, dimensionless: -1 or +1; 0 where none is known.
         measured: (N,) True where something was read, or is to be.
         hold: (N,) time the load has stood [s], None when not recorded.
-        covariates: Every other column: (N,) numbers, or text per row.
+        covariates: Every other column: (N,) numbers in the column's unit, or text per row.
         places: File and line of each row, none where rows are not those of a file.
         derived: Columns that were not given but follow from the order of the rows: `time`, `approach_<joint>`.
     """
@@ -134,7 +134,7 @@ class Rows:
 
     @property
     def known(self) -> dict[str, Array]:
-        """Everything that is known of the rows by name, (N,) numbers each, text by its levels.
+        """Everything that is known of the rows by name, (N,) numbers each in the column's unit, text by its levels.
 
         `column=level` is 1 where a column says so, else 0; see `levels`.
         """
@@ -165,7 +165,7 @@ class Rows:
         return {}
 
     def some(self: SomeRows, rows: np.ndarray | Sequence[int]) -> SomeRows:
-        """Return the rows of some numbers, in their order."""
+        """Return the rows of (M,) numbers, in their order."""
         return replace(self, **self._some(np.asarray(rows, dtype=int)))
 
     def _some(self, rows: np.ndarray) -> dict[str, Any]:

@@ -79,11 +79,6 @@ def check_converged(diagnostics: Diagnostics, allow_unconverged: bool = False) -
         raise ConvergenceError(f"{text}; another sampler or a smaller model may do, allow_unconverged takes them", ())
 
 
-def has_converged(diagnostics: Diagnostics) -> bool:
-    """Return whether chains can be trusted."""
-    return not shortcomings(diagnostics)
-
-
 def shortcomings(diagnostics: Diagnostics) -> list[str]:
     """Return why chains cannot be trusted, nothing where they can."""
     # Written as 'not better than', for NaN is not.
@@ -103,13 +98,10 @@ def _per_quantity(name: str, draws: Array, stuck: float) -> Array:
         raise ShapeError(f"draws: expected (chains > 1, n >= {FEWEST_DRAWS}, q > 0), got {draws.shape}")
     still = (draws == draws[:, :1]).all(axis=1).any(axis=0)
     found = np.full(draws.shape[2], stuck)
-    found[~still] = getattr(judges(), name)(_standardised(draws[..., ~still]), chain_axis=0, draw_axis=1)
+    draws = draws[..., ~still]  # of order one: arviz-stats takes for constant whatever varies by less than 1e-15
+    draws = (draws - draws.mean(axis=(0, 1))) / draws.std(axis=(0, 1))
+    found[~still] = getattr(judges(), name)(draws, chain_axis=0, draw_axis=1)
     return found
-
-
-def _standardised(draws: Array) -> Array:
-    """Return draws of order one: arviz-stats takes for constant whatever varies by less than 1e-15."""
-    return (draws - draws.mean(axis=(0, 1))) / draws.std(axis=(0, 1))
 
 
 def judges() -> Any:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import types
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from math import isfinite
+from types import MappingProxyType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -112,7 +113,11 @@ def strict_json(text: str) -> Any:
         raise ValueError("it is too deep") from None
 
 
-def typed(expected: Any, value: Any, where: str) -> Any:
+Makers = Mapping[Any, Callable[[Any], Any]]
+"""By type what makes one of a value of JSON, or raises `ValueError`."""
+
+
+def typed(expected: Any, value: Any, where: str, makers: Makers = MappingProxyType({})) -> Any:
     """Return a value of JSON as what was expected.
 
     Args:
@@ -121,49 +126,54 @@ def typed(expected: Any, value: Any, where: str) -> Any:
             must be; or `Any`.
         value: What JSON said.
         where: Its name, for errors.
+        makers: Of other types, or of these in another way.
 
     Raises:
         ValueError: It is of another type, a key is missing or unknown, or a number is beyond `LARGEST`.
     """
     origin, parts = get_origin(expected), get_args(expected)
     if isinstance(expected, Mapping):
-        return _record(expected, value, where)
+        return _record(expected, value, where, makers)
+    if makers and expected in makers:
+        try:
+            return makers[expected](value)
+        except ValueError as error:
+            raise ValueError(f"{where}: {error}") from None
     if isinstance(expected, type) and is_dataclass(expected):
         hints = get_type_hints(expected)
-        return expected(**_record({field.name: hints[field.name] for field in fields(expected)}, value, where))
+        return expected(**_record({field.name: hints[field.name] for field in fields(expected)}, value, where, makers))
     if origin in (Union, types.UnionType):
-        return _any_of(parts, value, where)
+        return _any_of(parts, value, where, makers)
     if origin is Literal:
         if not isinstance(value, str) or value not in parts:
             raise ValueError(f"{where} is {_short(value)}, which is not known{did_you_mean(str(value)[:100], parts)}")
         return value
     if origin is dict and isinstance(value, dict):
-        return {typed(str, key, where): typed(parts[1], one, f"{where}.{key}") for key, one in value.items()}
+        return {typed(str, key, where): typed(parts[1], one, f"{where}.{key}", makers) for key, one in value.items()}
     if origin in (list, tuple) and isinstance(value, list):
         each = parts if origin is tuple and parts[-1] is not ... else (parts[0],) * len(value)
         if len(each) == len(value):
-            return origin(
-                typed(kind, one, f"{where}[{i}]") for i, (kind, one) in enumerate(zip(each, value, strict=True))
-            )
+            pairs = enumerate(zip(each, value, strict=True))
+            return origin(typed(kind, one, f"{where}[{i}]", makers) for i, (kind, one) in pairs)
     elif expected is Any or (isinstance(expected, type) and expected in _PLAIN and _PLAIN[expected](value)):
         return float(value) if expected is float else value
     raise ValueError(f"{where} is {_short(value)}, expected {_short_name(expected)}")
 
 
-def _record(expected: Mapping[str, Any], value: Any, where: str) -> dict[str, Any]:
+def _record(expected: Mapping[str, Any], value: Any, where: str, makers: Makers) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError(f"{where} is {_short(value)}, expected {listing(expected)}")
     for name in sorted(expected.keys() ^ value.keys()):
         problem = "is missing" if name in expected else f"is not expected{did_you_mean(name[:100], expected)}"
         raise ValueError(f"{where}: {_short(name)} {problem}")
-    return {name: typed(each, value[name], f"{where}.{name}") for name, each in expected.items()}
+    return {name: typed(each, value[name], f"{where}.{name}", makers) for name, each in expected.items()}
 
 
-def _any_of(parts: tuple[Any, ...], value: Any, where: str) -> Any:
+def _any_of(parts: tuple[Any, ...], value: Any, where: str, makers: Makers) -> Any:
     problems = []
     for part in parts:
         try:
-            return None if part is type(None) and value is None else typed(part, value, where)
+            return None if part is type(None) and value is None else typed(part, value, where, makers)
         except ValueError as error:
             problems.append(error)
     raise problems[0] if len(parts) == 2 and parts[1] is type(None) else ValueError(f"{where} is {_short(value)}")

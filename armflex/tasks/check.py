@@ -14,6 +14,7 @@ from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, Smal
 from armflex.estimate.spread import without_declared_doubt
 from armflex.estimate.tip_uncertainty import AT_REST, length_sigma, tip_covariance
 from armflex.mechanics.deflection import Deflection, DeflectionBatch
+from armflex.parallel import in_threads
 from armflex.trajectory import Points, Trajectory
 
 COVERAGE = 2.0
@@ -134,23 +135,32 @@ def check(
     trajectory = trajectory.with_constants(arm, covariates or {})
     derived, trajectory = trajectory.derived_directions(arm), trajectory.prepared(arm)
     _check_steps(arm, trajectory)
-    judge = _Judge(without_declared_doubt(arm), trajectory, tolerance, angle, method)
-    rows: list[Point] = []
-    for first in range(0, len(trajectory), TOGETHER):
-        some = np.arange(first, min(first + TOGETHER, len(trajectory)))
+    certain, count = without_declared_doubt(arm), len(trajectory)
+
+    def judged(piece: tuple[bool, np.ndarray]) -> tuple[list[Point], _Judge]:
+        (between, some), judge = piece, _Judge(certain, trajectory, tolerance, angle, method)
+        if between:
+            return _worst_between(judge, some), judge
         found = judge.at(judge.rows(some), [judge.where(i) for i in some.tolist()])
-        rows += [judge.point(found, i, trajectory.via[row]) for i, row in enumerate(some)]
-    segments: list[Point] = []
-    for first in range(0, len(trajectory) - 1, TOGETHER):
-        segments += _worst_between(judge, np.arange(first, min(first + TOGETHER, len(trajectory) - 1)))
-        if progress:
-            progress(len(segments), len(trajectory) - 1)
+        return [judge.point(found, i, trajectory.via[row]) for i, row in enumerate(some)], judge
+
+    both = ((False, np.arange(count)), (True, np.arange(count - 1)))
+    pieces = [(between, every[i : i + TOGETHER]) for between, every in both for i in range(0, len(every), TOGETHER)]
+    points: list[Point] = []
+    met: dict[str, Flag] = {}
+    samples = 0
+    for found, judge in in_threads(judged, pieces):
+        points += found
+        met |= {code: flag for code, flag in judge.flags.items() if code not in met}
+        samples += judge.samples
+        if progress and len(points) > count:
+            progress(len(points) - count, count - 1)
+    rows, segments = points[:count], points[count:]
     vias = sorted((row for row in rows if row.name), key=lambda point: point.badness)
-    everything = [*rows, *segments]
-    worst = min(everything, key=lambda point: point.badness)
-    ok = all(point.verdict == "ok" for point in everything)
-    flags = (*derived, *judge.flags.values())
-    return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, judge.samples, flags, tuple(rows))
+    worst = min(points, key=lambda point: point.badness)
+    ok = all(point.verdict == "ok" for point in points)
+    flags = (*derived, *met.values())
+    return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, samples, flags, tuple(rows))
 
 
 WORST_LAST = ("fail", "uncertain", "ok")
@@ -177,7 +187,7 @@ class _Samples(NamedTuple):
 
 
 class _Judge:
-    """Evaluates points and collects what was met on the way."""
+    """Evaluates some points and collects what was met on the way; one thread's own."""
 
     def __init__(self, arm: Arm, trajectory: Trajectory, tolerance: float, angle: float | None, method: str) -> None:
         self.arm, self.trajectory, self.method = arm, trajectory, method

@@ -57,7 +57,7 @@ class CompensatedRow:
         time: [s].
         via: Name of the via-point, or ''.
         before: (6,) error of the tip without compensation, deflected minus rigid, base axes [m, rad].
-        after: (6,) error that remains in the same form.
+        after: (6,) error that remains in the same form [m, rad].
         change: (nq,) change of the joint positions [rad or m].
         reached: Whether the matched components are within `TOLERANCE`.
         reason: Why not: "limit", "too far", "singular", "joints", "equilibrium", "history" or "tolerance", and what

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -81,8 +81,10 @@ def predict(
         ArmflexError: A row cannot be computed; its file and line are named.
     """
     doubts = _Doubts(arm)
-    pieces = [rows] if remembers(arm) else (rows.levelled().some(some) for some in _together(len(rows)))
-    found = []
+    pieces, found = [rows], []
+    if not remembers(arm):
+        levelled, cuts = rows.levelled(), range(TOGETHER, len(rows), TOGETHER)
+        pieces = (levelled.some(some) for some in np.split(np.arange(len(rows)), cuts))
     certain = without_declared_doubt(arm)
     for piece in pieces:
         one, batch, fitted = _predicted(arm, certain, _with_constants(arm, piece, covariates or {}))
@@ -149,10 +151,6 @@ def predict_file(
                 progress(doubts.rows, None)
 
 
-def _together(count: int) -> Iterator[range]:
-    return (range(start, min(start + TOGETHER, count)) for start in range(0, count, TOGETHER))
-
-
 def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]:
     """Return what is predicted of some rows, how the arm stands in them, and doubts about what was fitted.
 
@@ -173,15 +171,17 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         raise
     fitted, about = fitted_variance(arm, rows)
     untold = (untold_shifts(Setup(arm, instrument), rows, unread(len(rows), Position)) ** 2).sum(axis=0)
-    predicted = Prediction(
-        rows,
-        instrument.readings(found.pose, rows.session),
-        np.array([pin.log3(rotation) for rotation in instrument.rotations(found.pose, rows.session)]),
-        _sigma(found, instrument, fitted, untold),
-        found.displacement,
-        (),
-    )
-    return predicted, found, about
+    # What directions leave open is told beside what a law or a fit has: alone it would be taken for all of it.
+    variance = None if fitted is None and found.covariance is None else untold
+    if variance is not None and fitted is not None:
+        variance = fitted + variance
+    if variance is not None and found.covariance is not None:
+        seen = Position.unread(len(rows)).jacobian(instrument, found.pose)
+        variance = variance + np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
+    position = instrument.readings(found.pose, rows.session)
+    rotation = np.array([pin.log3(turn) for turn in instrument.rotations(found.pose, rows.session)])
+    sigma = None if variance is None else np.sqrt(variance)
+    return Prediction(rows, position, rotation, sigma, found.displacement, ()), found, about
 
 
 def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]) -> Measurements:
@@ -200,20 +200,6 @@ def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]
     derived = tuple(name for name in rows.derived if name not in constants)
     known = {**rows.covariates, **columns}
     return replace(rows, **own, approach=np.column_stack(approach), covariates=known, derived=derived)
-
-
-def _sigma(found: DeflectionBatch, instrument: Instrument, fitted: Array | None, untold: Array) -> Array | None:
-    """Return (N, 3) standard uncertainties of the target's position: the laws' own, of what was fitted, and `untold`.
-
-    None where neither a law nor a fit has one: what directions leave open would be taken for all of it.
-    """
-    if fitted is None and found.covariance is None:
-        return None
-    variance = untold if fitted is None else fitted + untold
-    if found.covariance is not None:
-        seen = Position.unread(len(found.q)).jacobian(instrument, found.pose)
-        variance = variance + np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
-    return np.sqrt(variance)
 
 
 class _Doubts:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.special import fdtrc
 
 from armflex.conventions import TWIST_NAMES
-from armflex.estimate.calibrate import Calibration
-from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import believed, held_out, pose_folds
 from armflex.estimate.learn import settled
 from armflex.estimate.spread import certainty_of
@@ -23,8 +22,7 @@ from armflex.trace.findings import Found, Smallest, Trace, Unexplained, Unidenti
 from armflex.trace.next_measurement import lacking, next_rows
 from armflex.trace.projection import project
 from armflex.trace.search import Round
-from armflex.trace.state import State, fitted_to, lost_rows, sorted_out, without
-from armflex.trace.telling import Report
+from armflex.trace.state import State, lost_rows, sorted_out, without
 from armflex.trace.unrecorded import NOTICED, RandomTwist, as_likely, localise
 from armflex.trace.withdraw import never_worse
 
@@ -44,32 +42,24 @@ LARGER = 2.0
 """Variance over that of repeats from which a residual without a place is told at all."""
 
 
-def so_far(calibration: Calibration, first: Fit, state: State, places: tuple[RandomTwist, ...]) -> Trace:
+def so_far(state: State, places: tuple[RandomTwist, ...]) -> Trace:
     """Return the account of a search that goes on: what was accepted, with what is known without comparing it.
 
-    Args:
-        calibration: Before anything was added, lost beams and all.
-        first: The same without lost beams.
-        state: What was accepted.
-        places: Likeliest places of what was left at first.
+    `places` are the likeliest of what was left at first.
     """
     worths = [worth_of(state, index)[0] for index in range(len(state.effects))]
     left = unexplained(state, localise(state.fit, state.scene, project(state.fit), state.groups))
     found = tuple(_found(state, index, worth, ()) for index, worth in enumerate(worths))
-    return replace(_summed_up(calibration, first, state, places, found, left), unfinished=True)
+    return _summed_up(state, places, found, left, unfinished=True)
 
 
-def conclude(calibration: Calibration, first: Fit, state: State, places: tuple[RandomTwist, ...], say: Report) -> Trace:
-    """Return the account of a search that has come to its end, after second thoughts about what it added.
-
-    Args: See `so_far`; `say` is called with what is being done.
-    """
-    say("putting effects in each other's places")
-    state = sorted_out(exchanged(state, say))
-    state, withdrawn, compared = never_worse(first, state, say)
-    say(f"searching what {len(state.rows)} rows still show")
+def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
+    """Return the account of a search that has come to its end, after second thoughts about what it added."""
+    state.say("putting effects in each other's places")
+    state, withdrawn, compared = never_worse(sorted_out(exchanged(state)))
+    state.say(f"searching what {len(state.rows)} rows still show")
     looked = state.looked  # which costs nothing where nothing changed
-    say("comparing what else would do")
+    state.say("comparing what else would do")
     found = tuple(_found(state, index, *equivalents(state, index)) for index in range(len(state.effects)))
     left = unexplained(state, looked.places)
     together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
@@ -77,11 +67,13 @@ def conclude(calibration: Calibration, first: Fit, state: State, places: tuple[R
         view = look(state.fit.setup, state.measurements, together)
         errors = view.residual[:, view.positions]
         left = Unexplained(None, None, None, None, float(np.sqrt((errors**2).sum() / len(state.asked))))
-    summed = _summed_up(calibration, first, state, places, found, left)
-    say("looking what could not be told, and what to measure next")
+    state.say("looking what could not be told, and what to measure next")
     rivals = [[rival for rival, _ in one.equivalent] for one in found]
-    return replace(
-        summed,
+    return _summed_up(
+        state,
+        places,
+        found,
+        left,
         not_identifiable=not_identifiable(looked, state),
         smallest=smallest(looked, state),
         next_measurement=(*next_rows(state, rivals), *lacking(state.measurements)),
@@ -91,34 +83,27 @@ def conclude(calibration: Calibration, first: Fit, state: State, places: tuple[R
 
 
 def _summed_up(
-    calibration: Calibration,
-    first: Fit,
-    state: State,
-    places: tuple[RandomTwist, ...],
-    found: tuple[Found, ...],
-    left: Unexplained | None,
+    state: State, places: tuple[RandomTwist, ...], found: tuple[Found, ...], left: Unexplained | None, **more: Any
 ) -> Trace:
-    """Return the account without what a search for more, and for what else would do, has to tell."""
-    before = fitted_to(first, state.measurements, state.rows)
-    folds, judged = pose_folds(state.groups), believed(before, state.fit)
-    final = state.fit.setup
+    """Return the account, with what more there is to tell."""
+    fit, calibration = state.fit, state.calibration
+    folds, judged = pose_folds(state.groups), believed(state.calibrated, fit)
     # A random twist stays behind, because nobody can foresee it.
     effects = (*calibration.arm.effects, *(one.effect for one in found))
-    arm = replace(
-        settled(final.arm, state.fit), effects=effects, instrument=final.instrument, certainty=certainty_of(state.fit)
-    )
+    arm, instrument = settled(fit.setup.arm, fit), fit.setup.instrument
     return Trace(
-        arm=arm,
+        arm=replace(arm, effects=effects, instrument=instrument, certainty=certainty_of(fit)),
         calibration=calibration,
-        before=before,
+        before=state.calibrated,
         state=state,
         found=found,
         unexplained=left,
         places=places,
-        noise=state.fit.noise,
-        held_out_before=held_out(before, folds, judged=judged).rms,
-        held_out_after=held_out(state.fit, folds, judged=judged).rms,
-        held_out_sessions=sessions_held_out(before, state.fit, state.effects, state.sessions),
+        noise=fit.noise,
+        held_out_before=held_out(state.calibrated, folds, judged=judged).rms,
+        held_out_after=held_out(fit, folds, judged=judged).rms,
+        held_out_sessions=sessions_held_out(state.calibrated, fit, state.effects, state.sessions),
+        **more,
     )
 
 

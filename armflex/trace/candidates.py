@@ -54,8 +54,11 @@ class Candidate:
         return Effect(self.law, self.location, full(amplitudes, self.location, len(self.law.amplitudes)) + self.inner)
 
 
-FLUSHED = 2**22
-"""Numbers of a bank's columns that are made at a time."""
+FLUSHED, TOGETHER = 2**22, 4096
+"""Numbers of a bank's columns that are made at a time, or so many columns of a long campaign."""
+
+TOLD = 256
+"""Candidates after which it is told how far one has come."""
 
 KEPT = 2**24
 """Numbers up to which a bank keeps its columns; more are made again whenever they are asked for."""
@@ -163,27 +166,30 @@ class Bank:
         view, held = self.fit.view, 0
         shared: dict[tuple[str, tuple[str, ...], Values], Array] = {}
         waiting: dict[tuple[Act, bool, str, bytes], list[tuple[int, Array]]] = {}
+        here, of_load, before = None, False, (None, None)
         for index, candidate in enumerate(self.candidates):
-            self.tell("screening candidates", index, len(self.candidates))
+            if index % TOLD == 0:
+                self.tell("screening candidates", index, len(self.candidates))
             law, location, inner = candidate.law, candidate.location, candidate.inner
-            direction = law.direction(self.scene.here(location, view.arm), inner)
+            if before[0] is not law or before[1] is not location:  # they come in a row
+                here, of_load, before = self.scene.here(location, view.arm), law.of_load(location), (law, location)
+            direction = law.direction(here, inner)
             if direction is not None:
-                if law.of_load(location):
-                    found = law.shapes(location, inner, view, self.scene)[list(location.terms)]
+                if of_load:
+                    found = law.shapes(location, inner, view, self.scene)
                 else:  # the same at every site
                     key = (law.name, location.covariates, inner)
-                    if key not in shared:
-                        shared[key] = law.shapes(location, inner, view, self.scene)
-                    found = (
-                        shared[key] if len(location.terms) == len(shared[key]) else shared[key][list(location.terms)]
-                    )
+                    found = shared.get(key)
+                    if found is None:
+                        found = shared[key] = law.shapes(location, inner, view, self.scene)
+                found = found if len(location.terms) == len(found) else found[list(location.terms)]
             else:
                 found = law.features(location, inner, view, self.scene)
             along = b"" if direction is None else direction.tobytes()
             waiting.setdefault((law.act, law.changes_model, location.site, along), []).append((index, found))
             # Sums round by where a bank is cut: a law that changes the model counts by its columns.
             held += view.sigma.size * len(location.terms) if law.changes_model else found.size
-            if held > FLUSHED:
+            if held > max(FLUSHED, TOGETHER * len(view.rows)):
                 yield from (self._part(along, some) for (*_, along), some in waiting.items())
                 waiting, held = {}, 0
         yield from (self._part(along, some) for (*_, along), some in waiting.items())

@@ -9,34 +9,32 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal, get_type_hints
+from typing import Any, get_type_hints
 
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import TWIST_NAMES
-from armflex.errors import FileError, Place, listing
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.errors import FileError, Place, did_you_mean, listing
 from armflex.estimate.effect_block import EffectBlock
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import look
 from armflex.laws.effects.catalogue import EVERY
-from armflex.laws.effects.effect import Effect, EffectLaw
+from armflex.laws.effects.effect import EffectLaw
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.scene import Scene
 from armflex.measured.measurements import Measurements
-from armflex.rows.rows import POSE
 from armflex.storage.digest import digest
 from armflex.storage.schema import strict_json, typed
 from armflex.storage.whole_file import write_whole
-from armflex.trace.accept import Proof, Step
-from armflex.trace.candidates import Candidate
-from armflex.trace.polish import Polished
+from armflex.trace.accept import Step
 from armflex.trace.state import State, scene_at
-from armflex.trace.unrecorded import PoseBlock, RandomTwist
+from armflex.trace.unrecorded import PoseBlock
 from armflex.version import __version__
 
 FORMAT = "armflex-trace-checkpoint-2"
@@ -45,6 +43,23 @@ LARGEST = 2**28
 """Bytes of the largest file that is read: a thousand times what a search of a thousand poses leaves."""
 
 Table = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """What a file says of the state after a round: all that cannot be computed again.
+
+    Attributes:
+        left_out: Rows that were to be used and are not.
+        heed, effects, random: See `State`.
+        values: Of everything that was fitted.
+    """
+
+    left_out: tuple[int, ...]
+    heed: bool
+    effects: tuple[EffectBlock, ...]
+    random: PoseBlock | None
+    values: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,43 +75,14 @@ class Progress:
 
     state: State
     scenes: tuple[Scene, ...] = ()
-    rounds: tuple[Table, ...] = ()
+    rounds: tuple[Kept, ...] = ()
     ended: bool = False
 
     def after(self, state: State) -> Progress:
         """Return the progress after one more round."""
-        return Progress(state, (*self.scenes, state.scene), (*self.rounds, _told_round(state, self.scenes)))
-
-
-def expected(scene: Scene) -> Table:
-    """Return what a file says of a search of a campaign, by type; see `typed`."""
-    number = float | Literal["inf", "-inf"]  # JSON has no infinity: nothing is known beforehand, or before all time
-    partners = {place.partner for law in EVERY.values() for place in law.places(scene.records)}
-    axis: Any = Literal[*TWIST_NAMES]
-    twist = {"site": Literal[*scene.sites], "axis": axis, "std": float}
-    alike = {**twist, "ratio": float}
-    random = {**twist, "alike": list[alike]}
-    place = {
-        "law": Literal[*EVERY],
-        "site": Literal[*scene.sites],
-        "axis": axis | None,
-        "covariates": tuple[Literal[*scene.row.covariates, *(f"q_{joint}" for joint in scene.joints)], ...],
-        "terms": tuple[int, ...],
-        "partner": Literal[*sorted({"", *TWIST_NAMES, *scene.sessions, *scene.payloads, *partners})],
-        "free": tuple[int, ...],
-    }
-    effect = {**place, "values": tuple[number, ...], "prior": list[number], "seen": int}
-    polished = {**place, "inner": tuple[number, ...], "amplitudes": list[float], "gain": float, "evidence": float}
-    proof = get_type_hints(Proof) | {"null": number}
-    a_round = {
-        "left_out": list[int],
-        "heed": bool,
-        "effects": list[effect],
-        "random": list[random],
-        "values": list[float],
-    }
-    a_step = {"proof": proof, "witness": bool, "ranking": list[polished]}
-    return {"format": str, "about": Any, "ended": bool, "rounds": list[a_round], "steps": list[a_step]}
+        left_out = tuple(np.setdiff1d(state.asked, state.rows).tolist())
+        kept = Kept(left_out, state.heed, state.effects, state.random, state.fit.values)
+        return Progress(state, (*self.scenes, state.scene), (*self.rounds, kept))
 
 
 def identity(arm: Arm, measurements: Measurements, rows: np.ndarray | None, keep: bool) -> Table:
@@ -115,53 +101,23 @@ def _digests(value: Any) -> dict[str, str]:
 
 def write_checkpoint(path: Path, about: Mapping[str, Any], progress: Progress) -> None:
     """Write how far a search has come, whole or not at all; raise `FileError` where it cannot be written."""
-    steps = []
-    for step in progress.state.steps:
-        assert step is not None
-        ranking = [
-            {
-                **_told_place(one.candidate.law, one.candidate.location, one.free),
-                "inner": _told_numbers(one.candidate.inner),
-                "gain": one.gain,
-                "evidence": one.evidence,
-                "amplitudes": np.asarray(one.amplitudes).tolist(),
-            }
-            for one in step.ranking
-        ]
-        (null,) = _told_numbers([step.proof.null])
-        steps.append({"proof": {**asdict(step.proof), "null": null}, "witness": step.witness, "ranking": ranking})
-    said = {"format": FORMAT, "about": about, "ended": progress.ended, "rounds": list(progress.rounds), "steps": steps}
+    rounds, steps = (_plain(one, progress.scenes) for one in (progress.rounds, progress.state.steps))
+    said = {"format": FORMAT, "about": about, "ended": progress.ended, "rounds": rounds, "steps": steps}
     text = json.dumps({**said, "sha256": _sha256(said)}, allow_nan=False, indent=1)
     write_whole(path, (text + "\n").encode())
 
 
-def _told_round(state: State, scenes: Sequence[Scene]) -> Table:
-    return {
-        "left_out": np.setdiff1d(state.asked, state.rows).tolist(),
-        "heed": state.heed,
-        "effects": [
-            {
-                **_told_place(block.effect.law, block.effect.location, block.free),
-                "values": _told_numbers(block.effect.values),
-                "prior": _told_numbers(block.prior.tolist()),
-                "seen": next(number for number, scene in enumerate(scenes) if scene is block.scene),
-            }
-            for block in state.effects
-        ],
-        "random": [
-            {"site": one.site, "axis": one.axis, "std": one.std, "alike": [asdict(twist) for twist in one.alike]}
-            for one in ((state.random and [state.random]) or [])
-        ],
-        "values": state.fit.values.tolist(),
-    }
-
-
-def _told_place(law: EffectLaw, location: Location, free: Sequence[int]) -> Table:
-    return {"law": law.name, **asdict(location), "free": list(free)}
-
-
-def _told_numbers(values: Sequence[float]) -> list[float | str]:
-    return [value if np.isfinite(value) else str(float(value)) for value in values]
+def _plain(value: Any, scenes: Sequence[Scene]) -> Any:
+    """Return what JSON says of a value: a law by its name, a scene by its number, infinity as text."""
+    if isinstance(value, EffectLaw):
+        return value.name
+    if isinstance(value, Scene):
+        return next(number for number, scene in enumerate(scenes) if scene is value)
+    if is_dataclass(value):
+        return {one.name: _plain(getattr(value, one.name), scenes) for one in fields(value)}
+    if isinstance(value, tuple | np.ndarray):
+        return [_plain(one, scenes) for one in (value.tolist() if isinstance(value, np.ndarray) else value)]
+    return str(value) if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def read_checkpoint(path: Path, about: Mapping[str, Any]) -> Table:
@@ -228,19 +184,65 @@ def restored(path: Path, said: Table, begun: State) -> Progress:
     Raises:
         FileError: What it says is no search of this arm and campaign.
     """
+    scenes, rounds, state, scene = [begun.scene], [], begun, begun.scene
+    partners = {place.partner for law in EVERY.values() for place in law.places(scene.records)}
+    partners |= {"", *TWIST_NAMES, *scene.sessions, *scene.payloads}
+
+    def seen(number: Any) -> Scene:
+        return scenes[_whole(number, len(scenes), "scene")]
+
+    makers = {
+        float: _number,
+        Array: lambda values: np.array([_number(one) for one in values]),
+        np.ndarray: lambda values: np.array([_whole(one, 2**31, "group") for one in values]),
+        EffectLaw: _law,
+        Location: partial(_location, scene, partners),
+        Scene: seen,
+    }
     try:
-        said = typed(expected(begun.scene), said, "it")
-        steps, scenes, state = tuple(_step(one) for one in said["steps"]), [begun.scene], begun
-        seen = {effect["seen"] for one in said["rounds"] for effect in one["effects"]}
+        steps = typed(tuple[Step, ...], said["steps"], "steps", makers)
+        for one in (polished for step in steps for polished in step.ranking):
+            law, location = one.candidate.law, one.candidate.location
+            _check_places(law, location, one.free)
+            fits = len(one.candidate.inner) == len(law.inner) and len(one.amplitudes) == len(location.terms)
+            _expect(fits, f"{law.name} has {len(law.inner)} inner values, and an amplitude for each of its terms")
+        wanted = {effect["scene"] for one in said["rounds"] for effect in one["effects"]}
         for number, one in enumerate(said["rounds"], 1):
+            rounds.append(typed(Kept, one, f"rounds[{number - 1}]", makers))
             # Only a round that effects remember, and the last, must be computed again.
-            if number == len(said["rounds"]) or number in seen:
-                state = _state(one, begun, scenes)
+            if number == len(said["rounds"]) or number in wanted:
+                state = _state(rounds[-1], begun)
             scenes.append(state.scene)
         _expect(len(state.effects) == len(steps), f"{len(steps)} steps for {len(state.effects)} effects")
-        return Progress(replace(state, steps=steps), tuple(scenes), tuple(said["rounds"]), said["ended"])
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        raise FileError(Place(path), f"does not hold a search of this arm: {error}") from None
+        ended = typed(bool, said["ended"], "ended")
+        return Progress(replace(state, steps=steps), tuple(scenes), tuple(rounds), ended)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+        what = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) and error.args else error
+        raise FileError(Place(path), f"does not hold a search of this arm: {what}") from None
+
+
+def _state(kept: Kept, begun: State) -> State:
+    """Return the state after a round, everything that follows from its values computed again."""
+    asked, effects, random, values = begun.asked, kept.effects, kept.random, kept.values
+    left_out = [_whole(row, len(begun.measurements), "left_out") for row in kept.left_out]
+    _expect(set(left_out) <= set(asked.tolist()), "left_out names a row that is not used")
+    for block in effects:
+        law, location = block.effect.law, block.effect.location
+        _check_places(law, location, block.free)
+        count, free = len(law.amplitudes) + len(law.inner), len(location.terms) + len(block.free)
+        found = len(block.effect.values)
+        _expect(found == count, f"{found} values of {law.name}, expected {count}")
+        good = len(block.prior) == free and bool((block.prior > 0.0).all())
+        _expect(good, f"prior of {law.name}: expected {free} numbers above 0")
+    if random is not None:
+        _expect(random.std > 0.0, f"std is {random.std}, expected more than 0")
+    blocks = (*begun.blocks, *effects, *(() if random is None else (random,)))
+    count = sum(len(block.labels) for block in blocks)
+    _expect(len(values) == count, f"{len(values)} values for {count} parameters")
+    view = look(realise(begun.declared, blocks, values), begun.measurements, np.setdiff1d(asked, left_out))
+    fitted = Fit(begun.declared, blocks, values, view, huber_weights(view), ())
+    scene = scene_at(fitted, begun.measurements)
+    return replace(begun, rows=view.rows, effects=effects, random=random, fit=fitted, scene=scene, heed=kept.heed)
 
 
 def _expect(good: bool, problem: str) -> None:
@@ -248,64 +250,40 @@ def _expect(good: bool, problem: str) -> None:
         raise ValueError(problem)
 
 
-def _state(said: Table, begun: State, scenes: Sequence[Scene]) -> State:
-    """Return the state after a round, everything that follows from its values computed again."""
-    asked, left_out, last = begun.asked, said["left_out"], len(begun.measurements) - 1
-    _expect(all(0 <= row <= last for row in left_out), f"left_out: expected a whole number from 0 to {last} each")
-    _expect(set(left_out) <= set(asked.tolist()), "left_out names a row that is not used")
-    effects = []
-    for place, one in enumerate(said["effects"], len(begun.declared.arm.effects)):
-        law, location = _place(one)
-        values, prior = tuple(map(float, one["values"])), np.array([float(number) for number in one["prior"]])
-        count, free = len(law.amplitudes) + len(law.inner), len(location.terms) + len(one["free"])
-        _expect(len(values) == count, f"{len(values)} values of {law.name}, expected {count}")
-        _expect(
-            len(prior) == free and bool((prior > 0.0).all()), f"prior of {law.name}: expected {free} numbers above 0"
-        )
-        seen = one["seen"]
-        _expect(0 <= seen < len(scenes), f"seen is {seen}, expected a whole number from 0 to {len(scenes) - 1}")
-        effects.append(EffectBlock(Effect(law, location, values), one["free"], scenes[seen], place, prior))
-    randoms, groups = [], begun.scene.column(POSE).astype(int)
-    for one in said["random"]:
-        alike = tuple(RandomTwist(**other) for other in one["alike"])
-        _expect(one["std"] > 0.0, f"std is {one['std']}, expected more than 0")
-        randoms.append(PoseBlock(one["site"], one["axis"], one["std"], groups, alike))
-    _expect(len(randoms) < 2, "random: expected one at most")
-    blocks = (*begun.blocks, *effects, *randoms)
-    values, count = np.array(said["values"]), sum(len(block.labels) for block in blocks)
-    _expect(len(values) == count, f"{len(values)} values for {count} parameters")
-    view = look(realise(begun.declared, blocks, values), begun.measurements, np.setdiff1d(asked, left_out))
-    fitted = Fit(begun.declared, blocks, values, view, huber_weights(view), ())
-    scene = scene_at(fitted, begun.measurements)
-    known = {
-        "rows": view.rows,
-        "effects": tuple(effects),
-        "random": next(iter(randoms), None),
-        "fit": fitted,
-        "scene": scene,
-    }
-    return replace(begun, **known, heed=said["heed"])
+def _number(value: Any) -> float:
+    if value in ("inf", "-inf"):  # nothing is known beforehand, or a beginning before all time
+        return float(value)
+    good = type(value) in (int, float) and bool(np.isfinite(float(value)))
+    _expect(good, f"{value!r} is no finite number, expected a finite number")
+    return float(value)
 
 
-def _step(said: Table) -> Step:
-    proof = Proof(**{**said["proof"], "null": float(said["proof"]["null"])})
-    ranking = []
-    for one in said["ranking"]:
-        law, location = _place(one)
-        inner, amplitudes = tuple(map(float, one["inner"])), np.array(one["amplitudes"])
-        fits = len(inner) == len(law.inner) and len(amplitudes) == len(location.terms)
-        _expect(fits, f"{law.name} has {len(law.inner)} inner values, and an amplitude for each of its terms")
-        candidate = Candidate(law, location, inner)
-        ranking.append(Polished(candidate, one["gain"], one["evidence"], amplitudes, one["free"]))
-    return Step(tuple(ranking), proof, said["witness"])
+def _whole(value: Any, count: int, name: str) -> int:
+    _expect(
+        type(value) is int and 0 <= value < count, f"{name} is {value!r}, expected a whole number from 0 to {count - 1}"
+    )
+    return value
 
 
-def _place(said: Table) -> tuple[EffectLaw, Location]:
-    """Return law and location, whose terms and free inner values are some of the law's, each once."""
-    law = EVERY[said["law"]]
-    some = {"terms": range(len(law.amplitudes)), "free": [i for i, inner in enumerate(law.inner) if inner.smooth]}
-    for name, known in some.items():
-        asked = said[name]
-        good = len(set(asked)) == len(asked) and set(asked) <= set(known) and (asked or name == "free")
-        _expect(bool(good), f"{name} of {law.name}: expected different ones of {listing(map(str, known))}")
-    return law, Location(**{one.name: said[one.name] for one in fields(Location)})
+def _law(name: Any) -> EffectLaw:
+    _expect(name in EVERY, f"no law {name!r}{did_you_mean(str(name), EVERY)}")
+    return EVERY[name]
+
+
+def _location(scene: Scene, partners: Set[str], said: Any) -> Location:
+    """Return a place that a campaign has, and a partner that some law has there."""
+    found = Location(**typed(get_type_hints(Location), said, "location"))
+    unknown = set(found.covariates) - {*scene.row.covariates, *(f"q_{joint}" for joint in scene.joints)}
+    _expect(found.site in scene.sites, f"no site {found.site!r}{did_you_mean(found.site, scene.sites)}")
+    _expect(found.axis in (None, *TWIST_NAMES), f"no axis {found.axis!r}{did_you_mean(str(found.axis), TWIST_NAMES)}")
+    _expect(not unknown, f"no columns {listing(sorted(unknown))} in this campaign")
+    _expect(found.partner in partners, f"no partner {found.partner!r} in this campaign")
+    return found
+
+
+def _check_places(law: EffectLaw, location: Location, free: Sequence[int]) -> None:
+    """Raise `ValueError` where terms or free inner values are not some of the law's, each once."""
+    smooth = [i for i, inner in enumerate(law.inner) if inner.smooth]
+    for name, asked, known in (("terms", location.terms, range(len(law.amplitudes))), ("free", free, smooth)):
+        good = len(set(asked)) == len(asked) and set(asked) <= set(known) and (len(asked) > 0 or name == "free")
+        _expect(good, f"{name} of {law.name}: expected different ones of {listing(map(str, known))}")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -60,21 +60,22 @@ def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]
     """
     themselves = [candidate_of(state.fitted[index]) for index in indices]
     worth, projection = worth_of(state, *indices)
+    shapes = [one for one in themselves if one.law.shape]
 
     def tried() -> Iterator[Candidate]:
         yield from candidates_of(CATALOGUE.values(), state.scene)
-        for one in themselves:
-            if one.law.shape:
-                for site, axis in shaped_places(state.scene.records):
-                    yield replace(one, location=replace(one.location, site=site, axis=axis))
+        for one in shapes:
+            for site, axis in shaped_places(state.scene.records):
+                yield replace(one, location=replace(one.location, site=site, axis=axis))
 
     def spot(one: Candidate) -> tuple[str, str, str | None, str]:
         return one.law.name, one.location.site, one.location.axis, one.location.partner
 
-    sifted = sift(bank(tried(), state.fit, state.scene, state.tell), projection)
+    # What the search has looked at is looked at again, all but shapes without a name.
+    sifted = sift(bank(tried(), state.fit, state.scene, state.tell) if shapes else state.physical, projection)
+    found = (sifted.bank.candidates[i] for i in best_per_spot(sifted, len(sifted.bank.candidates)))
     taken, rivals = {spot(one) for one in themselves}, []
-    for number, i in enumerate(best_per_spot(sifted, COMPARED + 1)):
-        candidate = sifted.bank.candidates[i]
+    for number, candidate in enumerate(islice((one for one in found if shapes or not one.law.shape), COMPARED + 1)):
         state.tell(f"refining {candidate.name}", number, COMPARED + 1)
         if spot(candidate) not in taken:
             rivals.append(polish(candidate, state.fit, state.scene, projection))
@@ -91,13 +92,13 @@ def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, fl
     return worth, tuple(found.values())
 
 
-def exchanged(state: State, say: Callable[[str], None]) -> State:
+def exchanged(state: State) -> State:
     """Return the state without effects that are no longer worth `SAME`.
 
     Where several were added one by one, the first were chosen while the others were missing: what now stands clearly
     better in an effect's place takes it, and one that does as well as two takes theirs.
     """
-    state = _pruned(state, say)
+    state = _pruned(state)
     count = len(state.effects)
     if not 1 < count <= SWAPPED:
         return state
@@ -105,26 +106,24 @@ def exchanged(state: State, say: Callable[[str], None]) -> State:
         worth, rivals = rivals_of(state, index)
         plain = state.effects[index].effect.law.plain
         better = [one for one in rivals if one.evidence > worth + SAME and plain <= one.candidate.law.plain]
-        state = _in_place(state, (index,), better, SAME, say) or state
+        state = _in_place(state, (index,), better, SAME) or state
     for pair in combinations(range(count), 2):
         worth, rivals = rivals_of(state, *pair)
-        merged = _in_place(state, pair, [one for one in rivals if one.evidence > worth], 0.0, say)
+        merged = _in_place(state, pair, [one for one in rivals if one.evidence > worth], 0.0)
         if merged is not None:
             return merged
     return state
 
 
-def _in_place(
-    state: State, indices: Sequence[int], better: Sequence[Polished], margin: float, say: Callable[[str], None]
-) -> State | None:
+def _in_place(state: State, indices: Sequence[int], better: Sequence[Polished], margin: float) -> State | None:
     """Return the state with the first of some candidates in place of effects.
 
     None where it cannot stand there, or where the information criterion falls by less than a margin.
     """
     if not better:
         return None
-    say(f"trying {better[0].effect.name} for {' and '.join(state.effects[index].effect.name for index in indices)}")
-    first = indices[0]
+    first, names = indices[0], " and ".join(state.effects[index].effect.name for index in indices)
+    state.say(f"trying {better[0].effect.name} for {names}")
     try:
         trial = moved_to(add(without(state, *indices), better[0]), first)
     except ArmflexError:
@@ -133,17 +132,16 @@ def _in_place(
         return None
     if _information(trial, state) > _information(state, state) - margin:
         return None
-    steps = [*trial.steps]
     step = state.steps[first]
-    steps[first] = step and replace(step, exchanged=True)
-    return replace(trial, steps=tuple(steps))
+    assert step is not None
+    return replace(trial, steps=(*trial.steps[:first], replace(step, exchanged=True), *trial.steps[first + 1 :]))
 
 
 def _information(trial: State, state: State) -> float:
     return information(trial, robust_limit(state.fit.view))
 
 
-def _pruned(state: State, say: Callable[[str], None]) -> State:
+def _pruned(state: State) -> State:
     while state.effects:
         worths = [worth_of(state, i)[0] for i in range(len(state.effects))]
         weakest = int(np.argmin(worths))
@@ -153,6 +151,6 @@ def _pruned(state: State, say: Callable[[str], None]) -> State:
         # The linear estimate misses how much the rest must bend.
         if _information(trial, state) > _information(state, state) + SAME:
             break
-        say(f"dropping {state.effects[weakest].effect.name}")
+        state.say(f"dropping {state.effects[weakest].effect.name}")
         state = trial
     return state

@@ -13,7 +13,6 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.errors import ArmflexError, FileError
 from armflex.estimate.calibrate import calibrate
-from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.estimate.robust import robust_limit
 from armflex.measured.measurements import Measurements
@@ -72,17 +71,17 @@ def trace(
     said = read_checkpoint(checkpoint, about) if checkpoint and resume else None
     steps = partial(tell_steps, teller.step)
     calibration = calibrate(arm, measurements, rows, steps, keep=keep, as_stated=True, anyway=anyway)
-    begun = begin(calibration, teller.step)
-    first, places = begun.fit, localise(begun.fit, begun.scene, project(begun.fit), begun.groups)
+    begun = begin(calibration, teller.step, say)
+    places = localise(begun.fit, begun.scene, project(begun.fit), begun.groups)
     found = Progress(begun, scenes=(begun.scene,))
     if checkpoint and said is not None:
         found = restored(checkpoint, said, begun)
         say(f"going on with {len(found.state.effects)} effects")
     elif checkpoint and not checkpoint.exists():  # that of another search stays until there is something to keep
         write_checkpoint(checkpoint, about, found)
-    _tell_figures(teller, first, found.state)
+    _tell_figures(teller, found.state)
     while not found.ended and len(found.state.effects) < MOST_EFFECTS:
-        known, after = found.state, _round(found.state, say)
+        known, after = found.state, _round(found.state)
         found = replace(found, ended=True) if after is None else found.after(after)
         if checkpoint:
             try:
@@ -90,15 +89,15 @@ def trace(
             except FileError as error:  # a full disk: ended here, the search would lose what it just found
                 say(f"{error}; the search goes on")
         if found.state.effects != known.effects:
-            _tell_figures(teller, first, found.state)
+            _tell_figures(teller, found.state)
             if account is not None:
                 try:
-                    passing = so_far(calibration, first, found.state, places)
+                    passing = so_far(found.state, places)
                 except ArmflexError as error:  # a search is not ended because there is no account yet
                     say(f"no account so far: {error}")
                 else:
                     account(passing)
-    traced = conclude(calibration, first, found.state, places, say)
+    traced = conclude(found.state, places)
     if not found.ended:
         traced = replace(traced, stopped_at=len(found.state.effects))
     if account is not None:
@@ -108,27 +107,27 @@ def trace(
     return traced
 
 
-def _tell_figures(teller: Teller, first: Fit, state: State) -> None:
+def _tell_figures(teller: Teller, state: State) -> None:
     """Say what there is so far: effects, and the error with them."""
     *_, last = (None, *state.steps)
-    unseen = held_out(first, pose_folds(state.groups)).rms if last is None else last.proof.after
+    unseen = held_out(state.first, pose_folds(state.groups)).rms if last is None else last.proof.after
     effects = tuple(block.effect.title for block in state.effects)
     teller.say(effects=effects, rms=state.fit.rms, held_out=unseen)
 
 
-def _round(state: State, say: Report) -> State | None:
+def _round(state: State) -> State | None:
     """Return the state with one more effect, else with an unrecorded cause set aside, else without rows far off.
 
     None where nothing is left to be done.
     """
-    say(f"searching what {len(state.rows)} rows still show")
+    state.say(f"searching what {len(state.rows)} rows still show")
     looked = state.looked
     place = _unrecorded(state, looked)
-    found = _accept(state, looked, say, APART if place is None else FAR_APART)
+    found = _accept(state, looked, APART if place is None else FAR_APART)
     if found is not None:
         return sorted_out(replace(found, heed=True))
     if place is not None:
-        say(f"setting aside a random twist at {place.site} {place.axis}")
+        state.say(f"setting aside a random twist at {place.site} {place.axis}")
         groups = state.scene.column(POSE).astype(int)
         return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(looked.places)))
     # What is far off together stayed because an effect might explain it: none does.
@@ -146,7 +145,7 @@ def _unrecorded(state: State, looked: Round) -> RandomTwist | None:
     return place if is_random and state.random is None and place.ratio >= NOTICED else None
 
 
-def _accept(state: State, looked: Round, say: Report, apart: float) -> State | None:
+def _accept(state: State, looked: Round, apart: float) -> State | None:
     """Return the state with the best candidate in it, None where none is better than chance.
 
     Held-out errors must fall by `apart` standard errors; where that is more than usual, only the catalogue will do.
@@ -154,10 +153,10 @@ def _accept(state: State, looked: Round, say: Report, apart: float) -> State | N
     if apart > APART and not looked.best.candidate.law.physical:
         return None
     null = _beyond_chance(state, looked, looked.best)
-    found = None if null is None else _proven(state, looked, _refitted(state, looked, say), null, apart)
+    found = None if null is None else _proven(state, looked, _refitted(state, looked), null, apart)
     if found is None and looked.contender is not None and apart == APART:
         null = _beyond_chance(state, looked, looked.contender)
-        found = None if null is None else _proven(state, looked, _added(state, [looked.contender], say), null, apart)
+        found = None if null is None else _proven(state, looked, _added(state, [looked.contender]), null, apart)
     return found
 
 
@@ -178,16 +177,16 @@ def _beyond_chance(state: State, looked: Round, best: Polished) -> float | None:
     return null if best.evidence >= null + margin else None
 
 
-def _refitted(state: State, looked: Round, say: Report) -> list[tuple[Polished, State]]:
+def _refitted(state: State, looked: Round) -> list[tuple[Polished, State]]:
     """Return the shortlist with everything refitted, the best first; a contender alone where it leaves nothing.
 
     What the data do not tell apart goes by plainness.
     """
-    contender = _added(state, [looked.first], say) if looked.could else []
+    contender = _added(state, [looked.first]) if looked.could else []
     if contender and contender[0][1].looked.ranking[0].evidence < ENOUGH:
         return contender
     limit = robust_limit(state.fit.view)
-    added = [(information(after, limit), one, after) for one, after in _added(state, looked.shortlist, say)]
+    added = [(information(after, limit), one, after) for one, after in _added(state, looked.shortlist)]
     if not added:
         return contender
     added.sort(key=lambda one: one[0])
@@ -195,10 +194,10 @@ def _refitted(state: State, looked: Round, say: Report) -> list[tuple[Polished, 
     return [(one, after) for _, one, after in sorted(added, key=lambda entry: entry[1] is not plain)]
 
 
-def _added(state: State, candidates: Sequence[Polished], say: Report) -> list[tuple[Polished, State]]:
+def _added(state: State, candidates: Sequence[Polished]) -> list[tuple[Polished, State]]:
     found, limit = [], robust_limit(state.fit.view)
     for candidate in candidates:
-        say(f"refitting with {candidate.effect.name}")
+        state.say(f"refitting with {candidate.effect.name}")
         with contextlib.suppress(ArmflexError):  # an arm that buckles or a fit that does not settle is no answer
             after = add(state, candidate)
             if stands(after) and after.fit.cost(limit) < state.fit.cost(limit):

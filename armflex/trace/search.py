@@ -15,6 +15,7 @@ from armflex.laws.effects.location import LINK, Location
 from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, suspects
 from armflex.trace.candidates import (
+    Bank,
     Candidate,
     Sifted,
     bank,
@@ -25,7 +26,6 @@ from armflex.trace.candidates import (
 )
 from armflex.trace.polish import Polished, polish, sensible
 from armflex.trace.projection import Projection, project
-from armflex.trace.telling import Tell, silent
 from armflex.trace.unrecorded import RandomTwist, localise
 
 REFINED = 14
@@ -161,19 +161,17 @@ def plainest(alike: Sequence[Polished]) -> Polished:
     return min(little, key=lambda one: not one.candidate.location.turns)
 
 
-def search(fit: Fit, scene: Scene, groups: np.ndarray, tell: Tell = silent) -> Round:
+def search(named: Bank, groups: np.ndarray) -> Round:
     """Return what the catalogue and free shapes could explain of a fit's residual.
 
     Waves and bumps are tried where a free shape did well, and products of columns where much is left.
 
     Args:
-        fit: The fit with everything that is known so far.
-        scene: The campaign.
+        named: Everything physical, at the fit with everything that is known so far.
         groups: (M,) pose number of every measured row.
-        tell: Called with how far it has come.
     """
+    fit, scene, tell = named.fit, named.scene, named.tell
     projection = project(fit)
-    named = bank(candidates_of((law for law in EVERY.values() if law.physical), scene), fit, scene, tell)
     unnamed = (law for law in EVERY.values() if not (law.physical or law.sought))
     free = bank(candidates_of(unnamed, scene), fit, scene, tell)
     tell("projecting candidates", 0, 0)

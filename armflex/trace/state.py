@@ -15,6 +15,7 @@ from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import View, look
+from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.remember import without_direction
@@ -26,11 +27,11 @@ from armflex.parameters import numbers_of
 from armflex.rows.rows import POSE
 from armflex.setup import Setup
 from armflex.trace.accept import Step
-from armflex.trace.candidates import Candidate, candidate_columns
+from armflex.trace.candidates import Bank, Candidate, bank, candidate_columns, candidates_of
 from armflex.trace.polish import Polished, sensible
 from armflex.trace.projection import project
 from armflex.trace.search import Round, search
-from armflex.trace.telling import Tell, silent, tell_steps
+from armflex.trace.telling import Report, Tell, silent, tell_steps
 from armflex.trace.unrecorded import PoseBlock
 
 LOST = 0.1
@@ -54,6 +55,8 @@ class State:
     """A fit of the declared parameters, the effects added so far, and a random twist where a cause is unknown.
 
     Attributes:
+        calibration: Before anything was added, lost beams and all.
+        first: The same without lost beams.
         measurements: The campaign.
         asked: Rows that were to be used.
         rows: Those of them in use: all but lost beams, and rows that do not tell what an added effect depends on.
@@ -66,8 +69,11 @@ class State:
         steps: For each effect how it, or what it stands for, was added; None of one that is yet to be proven.
         heed: Whether rows that are far off in company stay in use; see `lost_beams`.
         tell: Called with how far a search or a fit has come.
+        say: Called with what is being done.
     """
 
+    calibration: Calibration
+    first: Fit
     measurements: Measurements
     asked: np.ndarray
     rows: np.ndarray
@@ -80,6 +86,15 @@ class State:
     steps: tuple[Step | None, ...] = ()
     heed: bool = True
     tell: Tell = silent
+    say: Report = silent
+
+    @cached_property
+    def calibrated(self) -> Fit:
+        """The calibration, fitted to the rows in use."""
+        first = self.first
+        if np.array_equal(self.rows, first.view.rows):
+            return first
+        return fit(first.declared, first.blocks, self.measurements, self.rows, first.values)
 
     @cached_property
     def groups(self) -> np.ndarray:
@@ -119,15 +134,35 @@ class State:
     @cached_property
     def looked(self) -> Round:
         """What the catalogue and free shapes could still explain."""
-        return search(self.fit, self.scene, self.groups, self.tell)
+        return search(self.physical, self.groups)
+
+    @cached_property
+    def physical(self) -> Bank:
+        """Every candidate that is physics rather than a free shape."""
+        laws = (law for law in EVERY.values() if law.physical)
+        return bank(candidates_of(laws, self.scene), self.fit, self.scene, self.tell)
 
 
-def begin(calibration: Calibration, tell: Tell = silent) -> State:
+def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -> State:
     """Return the state after a calibration `as_stated`: nothing added, lost beams left out."""
     fitted, measurements = calibration.fit, calibration.measurements
-    rows, scene = fitted.view.rows, scene_at(fitted, measurements)
-    state = State(measurements, rows, rows, fitted.declared, fitted.blocks, (), None, fitted, scene, tell=tell)
-    return sorted_out(state, THOROUGH)
+    state = State(
+        calibration=calibration,
+        first=fitted,
+        measurements=measurements,
+        asked=fitted.view.rows,
+        rows=fitted.view.rows,
+        declared=fitted.declared,
+        blocks=fitted.blocks,
+        effects=(),
+        random=None,
+        fit=fitted,
+        scene=scene_at(fitted, measurements),
+        tell=tell,
+        say=say,
+    )
+    state = sorted_out(state, THOROUGH)
+    return replace(state, first=state.fit)
 
 
 def sorted_out(state: State, effort: Effort = ROUGH) -> State:
@@ -174,13 +209,6 @@ def lost_beams(view: View, sessions: Sequence[str], poses: np.ndarray, heed: boo
         others, alike = np.bincount(poses)[poses] - 1, np.bincount(poses, far)[poses] - far
         lost &= (beside < FELLOWS) & ((alike < FELLOWS) | (2 * alike < others))
     return lost & (lost.mean() <= MOST)
-
-
-def fitted_to(fitted: Fit, measurements: Measurements, rows: np.ndarray) -> Fit:
-    """Return the same fit to other rows of its campaign."""
-    if np.array_equal(rows, fitted.view.rows):
-        return fitted
-    return fit(fitted.declared, fitted.blocks, measurements, rows, fitted.values)
 
 
 def scene_at(fitted: Fit, measurements: Measurements) -> Scene:

@@ -13,7 +13,7 @@ Tell = Callable[[str, int, int], None]
 """Called within a stage, often: with what is tried, how many were, and of how many (0 where nobody knows)."""
 
 
-def silent(trying: str, done: int, total: int) -> None:
+def silent(*told: object) -> None:
     """Say nothing."""
 
 

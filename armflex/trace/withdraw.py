@@ -9,7 +9,6 @@ competed at last, was decided with every reading in sight.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +26,7 @@ from armflex.trace.candidates import Candidate, bank, candidate_columns, grid, s
 from armflex.trace.polish import polish
 from armflex.trace.projection import projected, ridge_for
 from armflex.trace.search import searched
-from armflex.trace.state import State, fitted_to, scene_at, sorted_out, with_random, without
+from armflex.trace.state import State, scene_at, sorted_out, with_random, without
 from armflex.trace.unrecorded import PoseBlock
 
 
@@ -84,44 +83,31 @@ class Withdrawn:
         return found.linear_before, found.linear_after
 
 
-def never_worse(
-    first: Fit, state: State, say: Callable[[str], None]
-) -> tuple[State, tuple[Withdrawn, ...], Compared | None]:
-    """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares.
-
-    Args:
-        first: The calibration, before anything was added.
-        state: The effects after second thoughts.
-        say: Called with what is being done.
-    """
+def never_worse(state: State) -> tuple[State, tuple[Withdrawn, ...], Compared | None]:
+    """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares."""
     withdrawn: list[Withdrawn] = []
     while state.effects or state.random:
-        say("predicting held-out poses, with what is chosen and fitted without them")
-        found = compared(first, state)
+        state.say("predicting held-out poses, with what is chosen and fitted without them")
+        found = compared(state)
         if not found.worse:
             return state, tuple(withdrawn), found
-        index, rest = _best_without(first, state)
+        index, rest = _best_without(state)
         effect = state.fitted[index] if index < len(state.effects) else None
         withdrawn.append(Withdrawn(effect, state.random if effect is None else None, found))
-        say(f"withdrawing {withdrawn[-1].title}: held-out poses are predicted worse with it")
-        state = rest if rest.effects or rest.random else _bare(first, rest)
+        state.say(f"withdrawing {withdrawn[-1].title}: held-out poses are predicted worse with it")
+        state = rest if rest.effects or rest.random else _bare(rest)
     return state, tuple(withdrawn), None
 
 
-def compared(first: Fit, state: State) -> Compared:
+def compared(state: State) -> Compared:
     """Return the errors of the calibrated arm and of a state on held-out poses.
 
     Every row asked for that tells what the effects depend on is judged, also those that no fit uses, where either comes
     near it.
-
-    Args:
-        first: The calibration, before anything was added.
-        state: The state.
     """
     rows = state.asked[~state.untold]
     folds = pose_folds(state.measurements.pose_number[rows])
-    calibrated = fitted_to(first, state.measurements, state.rows)
-    before, after = (_seen(fit, state, rows) for fit in (calibrated, state.fit))
+    before, after = (_seen(fit, state, rows) for fit in (state.calibrated, state.fit))
     judged, used = near(before.view, after.view), np.isin(rows, state.rows)
     plain = before.columns, before.prior, before.residual + before.columns @ before.values
     left: tuple[list[Array], list[Array]] = ([], [])
@@ -139,8 +125,8 @@ def compared(first: Fit, state: State) -> Compared:
             metres = error.reshape(len(learned), -1)[:, where] / np.sqrt(fit.weights)[:, None]
             errors.append((metres * fit.view.sigma[:, where])[asked])
     refitted = [float(np.sqrt((np.concatenate(errors) ** 2).sum(axis=1).mean())) for errors in left]
-    groups, both = pose_folds(state.groups), believed(calibrated, state.fit)
-    linear = [held_out(fit, groups, judged=both).rms for fit in (calibrated, state.fit)]
+    groups, both = pose_folds(state.groups), believed(state.calibrated, state.fit)
+    linear = [held_out(fit, groups, judged=both).rms for fit in (state.calibrated, state.fit)]
     return Compared(refitted[0], refitted[1], linear[0], linear[1])
 
 
@@ -186,29 +172,27 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[Array, A
     return columns, prior, data
 
 
-def _best_without(first: Fit, state: State) -> tuple[int, State]:
+def _best_without(state: State) -> tuple[int, State]:
     """Return which effect (after the last: the random twist) is best left out, and the state without it."""
     trials: list[tuple[float, int, State]] = []
-    folds, calibrated = pose_folds(state.groups), fitted_to(first, state.measurements, state.rows)
-    judged = believed(calibrated, state.fit)
+    folds, judged = pose_folds(state.groups), believed(state.calibrated, state.fit)
     for index in range(len(state.effects) + (state.random is not None)):
         with contextlib.suppress(ArmflexError):
             trial = without(state, index) if index < len(state.effects) else with_random(state, None)
             trials.append((held_out(trial.fit, folds, judged=judged).rms, index, trial))
     if not trials:
-        return len(state.effects) - 1 if state.effects else 0, _bare(first, state)
+        return len(state.effects) - 1 if state.effects else 0, _bare(state)
     _, index, trial = min(trials, key=lambda one: one[:2])
     with contextlib.suppress(ArmflexError):
         trial = sorted_out(trial)
     return index, trial
 
 
-def _bare(first: Fit, state: State) -> State:
+def _bare(state: State) -> State:
     """Return the calibration itself as a state: just the values that it has for the rows in use."""
 
-    def at(fitted: Fit, state: State) -> State:
+    def at(fitted: Fit) -> State:
         scene = scene_at(fitted, state.measurements)
         return replace(state, rows=fitted.view.rows, effects=(), steps=(), random=None, fit=fitted, scene=scene)
 
-    bare = sorted_out(at(first, state), THOROUGH)
-    return at(fitted_to(first, bare.measurements, bare.rows), bare)
+    return at(sorted_out(at(state.first), THOROUGH).calibrated)

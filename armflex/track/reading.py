@@ -55,7 +55,11 @@ class Reading:
     def of(cls, measurements: Measurements, row: int, timed: bool = False) -> Reading:
         """Return a row of a campaign, with its time if wanted; a direction that no row before tells is not given."""
         known = {name: float(values[row]) for name, values in measurements.known.items()}
-        turned = measurements.rotation is not None and np.isfinite(measurements.sigma_r[row])
+        rotation, sigma_r = measurements.rotation, measurements.sigma_r
+        if rotation is not None and sigma_r is not None and np.isfinite(sigma_r[row]):
+            turned = rotation[row], float(sigma_r[row])
+        else:
+            turned = None, None
         return cls(
             measurements.q[row],
             measurements.position[row],
@@ -63,8 +67,7 @@ class Reading:
             measurements.payload[row],
             measurements.session[row],
             float(measurements.time[row]) if timed else None,
-            measurements.rotation[row] if turned else None,
-            float(measurements.sigma_r[row]) if turned else None,
+            *turned,
             {name: value for name, value in known.items() if value or name not in measurements.derived},
         )
 

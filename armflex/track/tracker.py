@@ -108,19 +108,19 @@ class Tracker:
 
     @property
     def values(self) -> Array:
-        """(P,) deviations from the arm that tracking started with; values of learned laws as they are."""
+        """(P,) deviations from the first arm in the parameters' units; values of learned laws as they are."""
         return self._model.at(self._state.point, self._state.estimate.values)
 
     @property
     def covariance(self) -> Array:
-        """(P, P) covariance, drift up to now included."""
+        """(P, P) covariance in the parameters' units, drift up to now included."""
         state, model = self._state, self._model
         factor, drifted = model.factor(state.estimate.values), self._variance * (state.clock - state.drifted)
         return state.estimate.covariance / np.outer(factor, factor) + np.diag(drifted)
 
     @property
     def std(self) -> Array:
-        """(P,) standard deviations."""
+        """(P,) standard deviations in the parameters' units."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -161,7 +161,7 @@ class Tracker:
             raise InputError(f"expected a Reading, got {reading!r}")
         reading, moved = self._directed(reading)
         seen, clock, state = self._sight(reading), self._clock_at(reading), self._state
-        if self._derived:
+        if moved is not None:
             state.q, state.approach = moved
         if reading.session != state.session:  # its frame is uncertain, readings before it say nothing of its changes
             state.session = reading.session
@@ -169,7 +169,7 @@ class Tracker:
                 state.estimate = widen(state.estimate, self._model.restationed)
             state.watch.restart(state.now)
         state.clock, state.timed = clock, reading.time is not None
-        state.time = float(reading.time) if state.timed else None
+        state.time = None if reading.time is None else float(reading.time)
         self._drift()
         watch = state.watch
         if watch.turning:

@@ -62,10 +62,10 @@ class Change:
         probability: That it was this one, among all laws and no change at all.
         reading: Number of the reading after which it was announced, the first being 1.
         since: Number of the first reading after the change, as far as can be told.
-        size: (k,) by how much, against what was known of the arm just before: joint offsets, geometry, tool and
+        size: (k,) by how much [m, rad], against what was known of the arm before: joint offsets, geometry, tool and
             instrument in m and rad, learned laws in parts of what was declared; of compliances the logarithm of the
             factor that they became larger by (0.18 is 20 %).
-        std: (k,) one standard deviation of each.
+        std: (k,) one standard deviation of each [m, rad].
         others: What else it may have been, with probabilities above one in a hundred.
     """
 
@@ -208,7 +208,8 @@ def seek(watch: Watch, before: Estimate, changeables: Sequence[Changeable]) -> F
     # A change may begin where the sum rises, and where readings begin to be lost to the end.
     last, kept = len(plain.lost) - FEWEST, np.flatnonzero(~plain.lost)
     run = int(kept[-1]) + 1 if len(kept) else 0
-    weights, best = {None: -plain.cost}, {}
+    weights: dict[str | None, float] = {None: -plain.cost}
+    best: dict[str, tuple[Changeable, _Explained, int]] = {}
     for start in sorted({min(watch.rising, last), min(run, last)}):
         for what in task.promising(changeables, start):
             jump = task.jump(what, start)
@@ -323,4 +324,4 @@ def _task(window: Sequence[Seen], before: Estimate) -> _Task:
     errors = np.array([seen.residual[: Position.dimension] for seen in window]) - columns @ before.values
     heard = columns.reshape(-1, len(before.values)) @ before.root
     volume = np.eye(len(heard)) + heard @ heard.T
-    return _Task(columns, errors, np.linalg.inv(volume), float(np.linalg.slogdet(volume)[1]))
+    return _Task(columns, errors, np.asarray(np.linalg.inv(volume), float), float(np.linalg.slogdet(volume)[1]))

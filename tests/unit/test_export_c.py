@@ -98,7 +98,7 @@ def test_what_it_says_of_itself(both: tuple[Arm, CompiledArm]) -> None:
 def test_compensation_is_pythons(both: tuple[Arm, CompiledArm]) -> None:
     """Where the tip can be held; among the joint positions that hold it the nearest, as far as Python shows them."""
     arm, code = both
-    q, number, names = rows(arm, code, 200 if arm.stack.changing and arm.effects else 1000)
+    q, number, names = rows(arm, code, 1000 if arm.payloads and not arm.effects else 200)
     known = {name: STATES[name] for name in code.covariates}
     path = Trajectory(arm.joint_names, 100.0 * np.arange(len(q)), q, names, ("",) * len(q))
     path = dataclasses.replace(path, covariates={name: np.full(len(q), value) for name, value in known.items()})
@@ -108,7 +108,7 @@ def test_compensation_is_pythons(both: tuple[Arm, CompiledArm]) -> None:
     reached = np.array([row.reached for row in wanted.rows])
     assert (reached & (codes != FINE)).sum() <= 0.001 * len(q)
     held = codes == FINE
-    assert held.sum() > 0.9 * len(q)
+    assert held.sum() > 0.8 * len(q)  # three joints near singular positions cannot hold all
     again, poses = code.tips(found[held], number[held])
     assert not again.any()
     goal = np.array([arm.rigid_pose(row).translation for row in q[held]])

@@ -248,38 +248,34 @@ def test_what_is_damaged_is_refused(whole: Whole, tmp_path: Path, damage: Callab
         read_checkpoint(path, identity(whole.arm, whole.rows, whole.used, False))
 
 
-def first_effect(said: dict) -> dict:
+def first_block(said: dict) -> dict:
     return next(one["effects"][0] for one in said["rounds"] if one["effects"])
 
 
+def first_effect(said: dict) -> dict:
+    return first_block(said)["effect"]
+
+
+def first_place(said: dict) -> dict:
+    return first_effect(said)["location"]
+
+
 FOREIGN = {
-    "no such law": (
-        lambda said: first_effect(said).update(law="backlsh"),
-        "'backlsh', which is not known, did you mean 'backlash'",
-    ),
-    "no such site": (
-        lambda said: first_effect(said).update(site="A99"),
-        "site is 'A99', which is",
-    ),
-    "no such axis": (lambda said: first_effect(said).update(axis="rw"), "axis is 'rw', which is"),
-    "no such column": (
-        lambda said: first_effect(said).update(covariates=["tide"]),
-        "covariates[0] is 'tide'",
-    ),
+    "no such law": (lambda said: first_effect(said).update(law="backlsh"), "no law 'backlsh', did you mean 'backlash'"),
+    "no such site": (lambda said: first_place(said).update(site="A99"), "no site 'A99'"),
+    "no such axis": (lambda said: first_place(said).update(axis="rw"), "no axis 'rw'"),
+    "no such column": (lambda said: first_place(said).update(covariates=["tide"]), "no columns tide in"),
     "too many values": (lambda said: first_effect(said)["values"].append(1.0), "values of "),
-    "text for a number": (
-        lambda said: said["rounds"][-1]["values"].__setitem__(0, "1"),
-        "is '1', expected float",
-    ),
+    "text for a number": (lambda said: said["rounds"][-1]["values"].__setitem__(0, "1"), "expected a finite number"),
     "a value more": (lambda said: said["rounds"][-1]["values"].append(0.0), "values for "),
     "a huge number": (lambda said: said["rounds"][-1]["values"].__setitem__(0, 10**400), "does not hold a search"),
-    "no prior": (lambda said: first_effect(said)["prior"].__setitem__(0, 0.0), "numbers above 0"),
+    "no prior": (lambda said: first_block(said)["prior"].__setitem__(0, 0.0), "numbers above 0"),
     "a row beyond": (lambda said: said["rounds"][-1]["left_out"].append(10**6), "whole number from 0 to"),
-    "a round beyond": (lambda said: first_effect(said).update(seen=7), "seen is 7"),
+    "a round beyond": (lambda said: first_block(said).update(scene=7), "scene is 7"),
     "a step too many": (lambda said: said["steps"].append(said["steps"][0]), "steps for"),
-    "no proof": (lambda said: said["steps"][0].pop("proof"), "steps[0]: 'proof' is missing"),
+    "no proof": (lambda said: said["steps"][0].pop("proof"), "'proof' is missing"),
     "true for a flag": (lambda said: said.update(ended="yes"), "ended is 'yes', expected bool"),
-    "rounds of texts": (lambda said: said.update(rounds=["a"]), "rounds[0] is 'a', expected left_out, heed"),
+    "rounds of texts": (lambda said: said.update(rounds=["a"]), "does not hold a search"),
 }
 
 

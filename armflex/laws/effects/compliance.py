@@ -7,14 +7,9 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
-from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.scene import AXES, Records
-from armflex.laws.effects.shapes import TURNS, along, at_joints, unit_twists
-
-
-def _places(records: Records) -> list[Location]:
-    several = [Location(joint, terms=tuple(4 + i for i in turns)) for joint in records.joints for turns in TURNS]
-    return [*at_joints(records), *several]
+from armflex.laws.effects.location import Here
+from armflex.laws.effects.scene import AXES
+from armflex.laws.effects.shapes import about_several, along, at_joints, unit_twists
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -26,7 +21,7 @@ COMPLIANCE = TwistLaw(
     name="compliance",
     words=Words("compliance", "the joint gives more (or less) than declared", "C · w"),
     instead="measure a second target between the joints in question",
-    places=_places,
+    places=lambda records: [*at_joints(records), *about_several(records, 4)],
     amplitudes=(
         Amplitude("C", "{m}/{w}"),
         *(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm") for axis in AXES),

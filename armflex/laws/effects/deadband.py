@@ -9,14 +9,9 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Values, Words
-from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.scene import AXES_TURN, Records
-from armflex.laws.effects.shapes import TURNS, along, at_joints, shares_of_load
-
-
-def _places(records: Records) -> list[Location]:
-    several = [Location(joint, terms=tuple(1 + i for i in turns)) for joint in records.joints for turns in TURNS]
-    return [*at_joints(records), *several]
+from armflex.laws.effects.location import Here
+from armflex.laws.effects.scene import AXES_TURN
+from armflex.laws.effects.shapes import about_several, along, at_joints, shares_of_load
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -29,7 +24,7 @@ DEADBAND = TwistLaw(
     name="deadband",
     words=Words("play taken up by the load", "the joint falls to the loaded side", "g · clip(τ / τ₀, ±1)"),
     instead="reverse the load on the joint with a counterweight or with the arm turned over",
-    places=_places,
+    places=lambda records: [*at_joints(records), *about_several(records, 1)],
     amplitudes=(
         Amplitude("g", "{m}", positive=True),
         *(Amplitude(f"g_{axis}", "rad", positive=True) for axis in AXES_TURN),

@@ -267,7 +267,7 @@ class Effect:
 
     @property
     def acting(self) -> Array:
-        """(k,) values of those of them that act."""
+        """(k,) values of those of them that act, in their units."""
         return np.array([self.values[i] for i in self.location.terms])
 
     @property
@@ -370,7 +370,6 @@ class TwistLaw(EffectLaw):
     basis: Basis
 
     def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
-        """Return (M, k, 6) twists per acting amplitude in some rows."""
         return self.basis(*self._asked(location, inner, view, scene))[:, list(location.terms)]
 
     def direction(self, here: Here, inner: Values) -> Array | None:
@@ -402,7 +401,6 @@ class LoadLaw(EffectLaw):
     pull: Pull
 
     def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
-        """Return (M, k, 6) wrenches per acting amplitude in some rows."""
         pose = view.pose_of(link_of(location.site, scene.robot))
         return self.pull(scene.here(location, view.arm), pose, inner)[:, list(location.terms)]
 
@@ -421,11 +419,9 @@ class ModelLaw(EffectLaw):
     changes_model: ClassVar[bool] = True
 
     def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
-        """Return (M, k, n) changes per acting amplitude in some rows."""
         return self.made(scene.here(location, view.arm), view, scene)[:, list(location.terms)]
 
     def change(self, effect: Effect, model: Model) -> Model:
-        """Return the model with the effect in it."""
         return self.changed(effect, model)
 
 

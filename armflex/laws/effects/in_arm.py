@@ -91,24 +91,19 @@ class SumOfLaws(Composed):
     laws: tuple[Law, ...]
 
     def with_laws(self, laws: Sequence[Law]) -> SumOfLaws:
-        """Return the sum of others."""
         return SumOfLaws(tuple(laws))
 
     def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
-        """Return that all have the same load, and their twists add up."""
         return [(UNITS, wrench)] * len(self.laws)
 
     @property
     def parts(self) -> tuple[Law, ...]:
-        """The parts of all laws."""
         return tuple(part for law in self.laws for part in law.parts)
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the sum of all twists."""
         return sum((law.twist(wrench, row) for law in self.laws[1:]), self.laws[0].twist(wrench, row))
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the sum of all derivatives."""
         return sum((law.tangent(wrench, row) for law in self.laws[1:]), self.laws[0].tangent(wrench, row))
 
 
@@ -145,11 +140,11 @@ class Pulling:
     sizes = (np.inf, np.inf)
 
     def at(self, pose: Array) -> Array:
-        """Return the (..., 6) wrench at the link's origin, base axes, for (..., 4, 4) poses of it."""
+        """Return the (..., 6) wrench at the link's origin [N, Nm], base axes, for (..., 4, 4) poses of it."""
         return np.array(self.amplitudes) @ self.law.pull(self.here, pose, self.inner)
 
     def change(self, pose: Array) -> Array:
-        """Return the (..., 6, 6) change per motion of the link, by central differences."""
+        """Return the (..., 6, 6) change per motion of the link [m, rad], by central differences."""
         ends = [self.at(_moved(pose, side * MOVE)) for side in (1.0, -1.0)]
         return np.swapaxes((ends[0] - ends[1]) / (2.0 * MOVE), -1, -2)
 

@@ -19,8 +19,9 @@ def _places(records: Records) -> list[Location]:
 
 def _weight(here: Here, view: Solved, scene: Scene) -> Array:
     """Return (M, 3, 6) wrenches of gravity at the tip per shift of the centre."""
-    names, partner = [scene.payloads[row] for row in view.rows], here.location.partner
-    mass = np.array([view.arm.payload(name).mass * (partner in ("", name)) for name in names])
+    partner = here.location.partner
+    masses = {name: view.arm.payload(name).mass * (partner in ("", name)) for name in set(scene.payloads)}
+    mass = np.array([masses[scene.payloads[row]] for row in view.rows.tolist()])
     rotation = view.pose_of(view.arm.robot.tip)[:, :3, :3].transpose(0, 2, 1)
     moments = np.cross(rotation, view.arm.robot.gravity) * mass[:, None, None]
     return np.concatenate([np.zeros_like(moments), moments], axis=2)

@@ -32,7 +32,8 @@ def _weight(here: Here, view: Solved, scene: Scene) -> Array:
     names = [scene.payloads[row] for row in view.rows]
     shares = _shares(here.location, {name: arm.payload(name).mass for name in set(scene.payloads)})
     share = np.array([shares.get(name, 0.0) for name in names])
-    lever = np.array([arm.payload(name).com for name in names])
+    centres = {name: arm.payload(name).com for name in set(names)}
+    lever = np.array([centres[name] for name in names])
     moment = np.cross(np.einsum("nij,nj->ni", view.pose_of(arm.robot.tip)[:, :3, :3], lever), gravity)
     return (np.concatenate([np.broadcast_to(gravity, moment.shape), moment], axis=1) * share[:, None])[:, None]
 

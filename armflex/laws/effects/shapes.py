@@ -27,9 +27,6 @@ OVER_ITS_RANGE = "compare the joint's encoder with a second one or an inclinomet
 ON_THE_LINK = "measure a second target on the link"
 ON_THE_FLOOR = "measure fixed targets on the floor in every session"
 
-TURNS = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
-"""Turning axes that laws act about together."""
-
 
 def on_axis(shapes: Shapes) -> Along:
     """Return the basis of (...,) shapes along the location's axis."""
@@ -132,6 +129,12 @@ def at_joints(records: Records, axes: Iterable[str] = AXES, covariate: str | Non
     """Return every joint with each axis."""
     covariates = () if covariate is None else (covariate,)
     return [Location(joint, axis, covariates) for joint in records.joints for axis in axes]
+
+
+def about_several(records: Records, first: int) -> list[Location]:
+    """Return every joint with several of its turning axes, whose amplitudes are the law's from `first` on."""
+    turns = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
+    return [Location(joint, terms=tuple(first + i for i in some)) for joint in records.joints for some in turns]
 
 
 def singly_and_together(

@@ -15,8 +15,8 @@ from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, warmth
 
 
 def _direction(here: Here, inner: Values) -> Array:
-    turn = here.direction[3:]
-    return np.concatenate([np.cross(turn, (1.0 - inner[0]) * here.length), turn])
+    (x, y, z), (u, v, w) = here.direction[3:].tolist(), ((1.0 - inner[0]) * here.length).tolist()
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u, x, y, z])  # numpy takes its time to cross two vectors
 
 
 THERMAL_BENDING = TwistLaw(

@@ -32,11 +32,9 @@ class Carried(Composed):
 
     @property
     def laws(self) -> tuple[Law]:
-        """The law."""
         return (self.law,)
 
     def with_laws(self, laws: Sequence[Law]) -> Carried:
-        """Return another law carried there."""
         return replace(self, law=laws[0])
 
     def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
@@ -61,7 +59,6 @@ class Carried(Composed):
         return 0.5 * (moved + moved.T) if (known == known.T).all() else moved
 
     def affine(self, row: Row) -> tuple[Array, Array] | None:
-        """Return the transported twist without load and compliance."""
         known = self.law.affine(row)
         return None if known is None else (known[0] @ self.action.T, self.action @ known[1] @ self.action.T)
 
@@ -86,11 +83,9 @@ class AtNode(Carried):
         return pin.SE3(np.eye(3), self.node).action
 
     def moved(self, step: Array) -> AtNode:
-        """Return the law at the node, moved."""
         return AtNode(self.law.moved(step), self.node)
 
     def learned(self, travel: Ranges) -> AtNode | None:
-        """Return what is learned of the law, at the node."""
         free = self.law.learned(travel)
         return None if free is None else AtNode(free, self.node)
 
@@ -111,7 +106,6 @@ class ScaledLaw(Carried):
 
     @cached_property
     def action(self) -> Array:
-        """S."""
         return np.diag(np.exp(0.5 * self.logarithms))
 
     @property
@@ -121,18 +115,15 @@ class ScaledLaw(Carried):
 
     @property
     def values(self) -> Array:
-        """Logarithms."""
         return self.logarithms[list(self.axes)]
 
     def at(self, values: Array) -> ScaledLaw:
-        """Return the law with other factors."""
         logarithms = self.logarithms.copy()
         logarithms[list(self.axes)] = values
         return replace(self, logarithms=logarithms)
 
     @property
     def values_covariance(self) -> Array | None:
-        """That of the factors."""
         return np.diag(np.full(len(self.axes), self.std**2)) if self.std else None
 
     def by_values(self, wrench: Array, row: Row) -> Array:

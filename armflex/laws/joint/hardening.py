@@ -52,11 +52,9 @@ class HardeningLaw(Law):
 
     @property
     def values(self) -> Array:
-        """Their logarithms."""
         return np.log([*np.diag(self.compliance)[self._axes], self.energy])
 
     def at(self, values: Array) -> HardeningLaw:
-        """Return the law with other factors."""
         root = np.ones(6)
         root[self._axes] = np.exp(0.5 * (values - self.values)[:-1])
         return replace(self, compliance=self.compliance * np.outer(root, root), energy=float(np.exp(values[-1])))

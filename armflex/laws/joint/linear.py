@@ -92,7 +92,6 @@ class LinearLaw(Law):
         return self.compliance[:size, :size].ravel()
 
     def at(self, values: Array) -> LinearLaw:
-        """Return the law with other entries."""
         if self.fit is None:
             return replace(self, compliance=self.compliance + np.tensordot(values - self.values, SYMMETRIC, axes=1))
         size, compliance = len(self.fit.residual_std), self.compliance.copy()
@@ -105,11 +104,9 @@ class LinearLaw(Law):
         return super().values_covariance if self.fit is None else block_diagonal(*self.fit.row_covariance)
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return C w."""
         return wrench @ self.compliance.T
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return C."""
         return np.broadcast_to(self.compliance, (*wrench.shape[:-1], 6, 6))
 
     def by_values(self, wrench: Array, row: Row) -> Array:
@@ -122,21 +119,17 @@ class LinearLaw(Law):
         return found.reshape(*wrench.shape, -1)
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
-        """Return what readings scattered about the fit."""
         return None if self.fit is None else embed(np.diag(self.fit.residual_std**2))
 
     @property
     def constant(self) -> Array:
-        """C."""
         return self.compliance
 
     @property
     def trained_on(self) -> Array | None:
-        """The loads of the fit."""
         return None if self.fit is None else self.fit.loads
 
     def certain(self) -> LinearLaw:
-        """Return the law with its entries taken as known."""
         fit = self.fit
         told = None if fit is None else replace(fit, row_covariance=np.zeros_like(fit.row_covariance))
         return replace(self, relative_std=0.0, fit=told)

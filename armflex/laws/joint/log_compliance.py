@@ -60,11 +60,9 @@ class LogCompliance(Compliance):
         return tuple(own)
 
     def at(self, values: Array) -> LogCompliance:
-        """Return the law at other entries."""
         return replace(self, values=values)
 
     def compliance(self, row: Row) -> Array:
-        """Return the (..., 6, 6) compliance where the row's joints are."""
         size, vectors = self._eigen(row)
         own = self._slim(row) @ vectors
         return (own * np.exp(size)[..., None, :]) @ np.swapaxes(own, -1, -2)
@@ -85,7 +83,6 @@ class LogCompliance(Compliance):
         return np.concatenate([by_entry * power for power in self._powers(row, 2)], axis=-1)
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
-        """Return the declared law's."""
         return self.declared.scatter(wrench, row)
 
     def moved(self, step: Array) -> Law:

@@ -163,7 +163,6 @@ class NetworkLaw(Law):
         return pack(self)[0] if len(self.hidden) == 1 else np.zeros(0)
 
     def at(self, values: Array) -> NetworkLaw:
-        """Return the law with other weights."""
         return replace(self, **unpack(values, self.size)) if len(self.hidden) == 1 else self
 
     @property
@@ -172,11 +171,9 @@ class NetworkLaw(Law):
         return self.weight_covariance
 
     def certain(self) -> NetworkLaw:
-        """Return the law with the weights of a single network taken as known."""
         return replace(self, weight_covariance=None)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative by the weights."""
         found = np.zeros((*wrench.shape, len(self.values)))
         if found.size:
             scaled = (wrench[..., : self.size] - self.input_mean) / self.input_scale
@@ -217,7 +214,6 @@ class NetworkLaw(Law):
 
     @property
     def trained_on(self) -> Array:
-        """The loads of its training."""
         return self.seen
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:

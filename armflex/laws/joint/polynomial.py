@@ -94,7 +94,6 @@ class PolynomialLaw(Law):
             raise LawError(f"a feature is there twice: {listing(self.features)}")
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6) twist."""
         return self._map.values(wrench)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
@@ -118,7 +117,6 @@ class PolynomialLaw(Law):
         return self.coefficients.T.ravel()
 
     def at(self, values: Array) -> PolynomialLaw:
-        """Return the law with other coefficients."""
         return replace(self, coefficients=np.ascontiguousarray(np.reshape(values, self.coefficients.T.shape).T))
 
     @property
@@ -127,7 +125,6 @@ class PolynomialLaw(Law):
         return block_diagonal(*self.row_covariance)
 
     def certain(self) -> PolynomialLaw:
-        """Return the law with its coefficients taken as known."""
         return replace(self, row_covariance=np.zeros_like(self.row_covariance))
 
     def by_values(self, wrench: Array, row: Row) -> Array:
@@ -138,12 +135,10 @@ class PolynomialLaw(Law):
         return found.reshape(*wrench.shape, -1)
 
     def scatter(self, wrench: Array, row: Row) -> Array:
-        """Return what readings scattered about the fit."""
         return embed(np.diag(self.residual_std**2))
 
     @property
     def trained_on(self) -> Array:
-        """The loads of the fit."""
         return self.loads
 
     @cached_property

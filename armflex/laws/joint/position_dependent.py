@@ -55,7 +55,6 @@ class PositionDependentLaw(Compliance):
         return np.concatenate([part[np.triu_indices(6)] for part in self.coefficients])
 
     def at(self, values: Array) -> PositionDependentLaw:
-        """Return the law with other entries."""
         change = np.reshape(values - self.values, (len(self.coefficients), -1))
         return replace(self, coefficients=self.coefficients + np.tensordot(change, SYMMETRIC, axes=1))
 
@@ -69,7 +68,6 @@ class PositionDependentLaw(Compliance):
         return along @ along.T
 
     def compliance(self, row: Row) -> Array:
-        """Return the (..., 6, 6) compliance at the row's joint position."""
         position = np.asarray(row.position(self.joint))[..., None, None]
         total = self.coefficients[-1]
         for coefficient in self.coefficients[-2::-1]:
@@ -102,7 +100,6 @@ class PositionDependentLaw(Compliance):
         return LogCompliance(self, axes, std, start, self.joint, 0.5 * (low + high), reach, DEGREE)
 
     def scaled(self, factor: Array) -> PositionDependentLaw:
-        """Return the law of S C(q) S."""
         return replace(self, coefficients=self.coefficients * np.outer(factor, factor))
 
 

@@ -132,11 +132,9 @@ class StructuralLaw(Composed):
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """Those of the sub-joints."""
         return tuple(sub.law for sub in self.subjoints)
 
     def with_laws(self, laws: Sequence[Law]) -> StructuralLaw:
-        """Return the structure with other sub-joints."""
         pairs = zip(self.subjoints, laws, strict=True)
         return replace(self, subjoints=tuple(replace(sub, law=law) for sub, law in pairs))
 
@@ -178,7 +176,6 @@ class StructuralLaw(Composed):
         return self._solve(wrench, row)[0]
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative of the tip's twist with respect to the wrench."""
         if self.constant is not None:
             return np.broadcast_to(self.constant, (*wrench.shape, 6))
         if wrench.ndim > 1:
@@ -192,11 +189,9 @@ class StructuralLaw(Composed):
         return np.stack([ask(wrench, rows.some(i)) for i, wrench in enumerate(wrenches)])
 
     def own_scatter(self, wrench: Array, row: Row) -> Array | None:
-        """Return the scatter of the tip node."""
         return None if self.noise is None else np.diag(self.noise**2)
 
     def shares(self, wrench: Array, row: Row) -> list[tuple[Array, Array]]:
-        """Return for each sub-joint the (..., 6, 6) twist of the tip per twist that it gives more, and its load."""
         if self.constant is not None:
             return [(gain, wrench @ load.T) for gain, load in zip(*self._straight, strict=True)]
         if wrench.ndim > 1:

@@ -107,7 +107,6 @@ class TorchLaw(WithoutParameters):
         return embed(self._finite(slopes, load))
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
-        """Return the noise, None where it was not given."""
         return None if self.noise is None else embed(np.diag(np.square(self.noise)))
 
     def widening(self, wrench: Array, row: Row) -> Array | float:
@@ -120,7 +119,6 @@ class TorchLaw(WithoutParameters):
 
     @property
     def trained_on(self) -> Array | None:
-        """The loads of its training, where they were given."""
         return self.seen
 
     def digested(self) -> object:

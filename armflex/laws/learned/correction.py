@@ -53,26 +53,21 @@ class Correction(Law):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Those of the law."""
         return self.law.parameters
 
     @property
     def values(self) -> Array:
-        """Those of the law."""
         return self.law.values
 
     def at(self, values: Array) -> Correction:
-        """Return the correction at other values."""
         return Correction(self.law.at(values), self.seen)
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the twist."""
         if self.seen.sees(wrench):
             return self.law.twist(wrench, row)
         return self.seen.weight(wrench)[..., None] * self.law.twist(self.seen.drawn_in(wrench), row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative by the wrench."""
         if self.seen.sees(wrench):
             return self.law.tangent(wrench, row)
         within = self.seen.drawn_in(wrench)
@@ -81,7 +76,6 @@ class Correction(Law):
         return self.seen.weight(wrench)[..., None, None] * carried + along
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative by the values."""
         by_law = self.law.by_values(self.seen.drawn_in(wrench), row)
         return by_law * self.seen.weight(wrench)[..., None, None]
 
@@ -137,7 +131,6 @@ class Correcting(Law):
     values: Array
 
     def at(self, values: Array) -> Law:
-        """Return the law at other values."""
         return replace(self, values=values)
 
     @cached_property
@@ -187,13 +180,11 @@ class NetworkCorrection(Correcting):
         return cls(seen, np.concatenate(values), neurons)
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the twist."""
         hidden, bias, output = self._weights
         curve = np.tanh((wrench[..., self.axes] / self.typical) @ hidden.T + bias)
         return (curve - np.tanh(bias)) @ (self.to_twist @ output).T
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative by the wrench."""
         hidden, bias, output = self._weights
         slope = 1.0 - np.tanh((wrench[..., self.axes] / self.typical) @ hidden.T + bias) ** 2
         whole = np.zeros((*wrench.shape[:-1], 6, 6))
@@ -202,7 +193,6 @@ class NetworkCorrection(Correcting):
         return whole
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative by the values."""
         hidden, bias, output = self._weights
         z = wrench[..., self.axes] / self.typical
         curve = np.tanh(z @ hidden.T + bias)
@@ -258,15 +248,12 @@ class PolynomialCorrection(Correcting):
         return replace(empty, values=np.zeros(len(empty.parameters)))
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the twist."""
         return self._map.values(wrench * self._inverse)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative by the wrench."""
         return self._map.slopes(wrench * self._inverse) * self._inverse
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative by the values."""
         terms = feature_values(wrench * self._inverse)[..., self._map.places]
         return np.einsum("...p,ab->...abp", terms, self.to_twist).reshape(*wrench.shape[:-1], 6, -1)
 

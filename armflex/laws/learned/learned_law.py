@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
-from typing import NamedTuple
 
 import numpy as np
 
@@ -35,14 +34,6 @@ TRAINED_ALONE = ("torch",)
 MOST_NEURONS = 64
 
 
-class Group(NamedTuple):
-    """Parameters of one size beforehand: their places among the law's, and the size; `sized` where the data tell it."""
-
-    places: slice
-    std: float
-    sized: bool
-
-
 @dataclass(frozen=True, eq=False)
 class LearnedLaw(Law):
     """The declared law with the parameters that it lets learn, and a correction that counts at the loads seen.
@@ -52,9 +43,9 @@ class LearnedLaw(Law):
         free: The same with parameters; values are steps from its own. None where it has none to learn.
         form: The correction as it is where it counts fully, with parameters; None for none.
         seen: The loads that it was learned under, and how a correction ends beyond them.
-        values: (k,) values of both, those of `free` first.
+        values: (k,) values of both in their units, those of `free` first.
         scales: Prior standard deviation of every group of parameters.
-        spread: (k, k) covariance of the values, None where nobody says.
+        spread: (k, k) covariance of the values in their units, None where nobody says.
         reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
     """
 
@@ -73,14 +64,10 @@ class LearnedLaw(Law):
         return tuple(one for law in (self.free, self.form) if law is not None for one in law.parameters)
 
     @cached_property
-    def groups(self) -> tuple[Group, ...]:
-        """Those of one group and size, in order, as expected beforehand."""
-        found, start = [], 0
-        for (_, std, sized), own in groupby(self.expected, key=lambda one: (one.group, one.prior, one.sized)):
-            end = start + len(list(own))
-            found.append(Group(slice(start, end), std, sized))
-            start = end
-        return tuple(found)
+    def groups(self) -> tuple[list[int], ...]:
+        """Places of the parameters of one group and size, in order, as expected beforehand."""
+        kinds = [(one.group, one.prior, one.sized) for one in self.expected]
+        return tuple(list(own) for _, own in groupby(range(len(kinds)), kinds.__getitem__))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -89,12 +76,12 @@ class LearnedLaw(Law):
 
     @property
     def prior(self) -> Array:
-        """(k,) prior standard deviations about zero."""
-        return np.repeat(self.scales, [group.places.stop - group.places.start for group in self.groups])
+        """(k,) prior standard deviations about zero, in the parameters' units."""
+        return np.repeat(self.scales, [len(own) for own in self.groups])
 
     @property
     def start(self) -> Array:
-        """(k,) values where learning starts: the law as declared."""
+        """(k,) values where learning starts, in their units: the law as declared."""
         return np.concatenate([np.zeros(self._count), np.zeros(0) if self.form is None else self.form.values])
 
     @cached_property
@@ -123,33 +110,29 @@ class LearnedLaw(Law):
         return self.plain.constant if self.form is None else None
 
     def at(self, values: Array) -> LearnedLaw:
-        """Return the law at other values."""
         return replace(self, values=values, spread=None)
 
     def without_correction(self) -> LearnedLaw:
         """Return the plain part alone."""
-        count = sum(group.places.stop <= self._count for group in self.groups)
+        count = sum(own[-1] < self._count for own in self.groups)
         values, scales = self.values[: self._count], self.scales[:count]
         return replace(self, form=None, values=values, scales=scales, spread=None, reach=None)
 
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the twist."""
         twist = self.plain.twist(wrench, row)
         return twist if self.correction is None else twist + self.correction.twist(wrench, row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the derivative by the wrench."""
         tangent = np.broadcast_to(self.plain.tangent(wrench, row), (*wrench.shape[:-1], 6, 6))
         return tangent if self.correction is None else tangent + self.correction.tangent(wrench, row)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6, k) derivative of the twist by the values."""
         laws = (None if self.free is None else self.plain, self.correction)
         found = [law.by_values(wrench, row) for law in laws if law is not None]
         return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
 
     def std(self, spread: Array, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6) standard deviation of the twist for a (k, k) covariance of the values."""
+        """Return the (..., 6) standard deviation of the twist [m, rad] for a (k, k) covariance of the values."""
         by = self.by_values(wrench, row)
         return np.sqrt(np.maximum(np.einsum("...ak,kl,...al->...a", by, spread, by, optimize=True), 0.0))
 
@@ -171,7 +154,6 @@ class LearnedLaw(Law):
         return found
 
     def certain(self) -> LearnedLaw:
-        """Return the law with its values taken as known."""
         return replace(self, spread=None)
 
     def settled(self, spread: Array, wrenches: Array, row: Row) -> LearnedLaw:
@@ -200,7 +182,6 @@ class LearnedLaw(Law):
 
     @property
     def trained_on(self) -> Array:
-        """The loads seen."""
         return self.seen.loads
 
     def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
@@ -248,4 +229,4 @@ def learned_law(law: Law, learning: Learning, seen: Seen) -> LearnedLaw:
         straight = free is None or set(TWIST_NAMES).isdisjoint(one.name for one in free.parameters)
         form = PolynomialCorrection.start(seen, linear=straight)
     found = LearnedLaw(law, free, form, seen, np.zeros(0), ())
-    return replace(found, values=found.start, scales=tuple(group.std for group in found.groups))
+    return replace(found, values=found.start, scales=tuple(found.expected[own[0]].prior for own in found.groups))
