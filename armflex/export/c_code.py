@@ -144,7 +144,7 @@ def _tables(arm: Arm) -> _Tables:
     if not arm.modelled:  # in C, which has no arrays without length, a rigid arm has a flexure that does not give
         arm = replace(arm, flexures=(Flexure("rigid", arm.joint_names[0], _stiff),))
     bare = arm.loaded(None)
-    payloads = (*(() if "none" in arm.payloads else ("none",)), *arm.payloads)
+    payloads = ("none", *(name for name in arm.payloads if name != "none"))
     bounds = [arm.loaded(name).stability_bound for name in payloads]
     for name in payloads:
         _ = arm.loaded(name).flags  # raises where a payload is impossible
