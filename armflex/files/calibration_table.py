@@ -183,10 +183,11 @@ def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
     if flexure.learn is None:
         raise table.fail("values", f"flexure {flexure.name!r} has no learn = true: not what was calibrated")
     arrays = {name: table.numbers(name, shape) for name, shape in SHAPES.items()}
+    seen: dict[str, Any] = arrays
     _positive(table, "load_scale", arrays["load_scale"])
     _not_below_zero(table, "twist_scale", arrays["twist_scale"])
     _definite(table, "precision", arrays["precision"])
-    law = learned_law(flexure.law, flexure.learn, Seen(*arrays.values()))
+    law = learned_law(flexure.law, flexure.learn, Seen(**seen))
     values, scales = table.numbers("values", law.values.shape), table.numbers("scales", (len(law.scales),))
     _positive(table, "scales", scales)
     law = replace(law, values=values, scales=tuple(scales.tolist()))

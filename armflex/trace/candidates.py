@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -166,7 +167,8 @@ class Bank:
         view, held = self.fit.view, 0
         shared: dict[tuple[str, tuple[str, ...], Values], Array] = {}
         waiting: dict[tuple[Act, bool, str, bytes], list[tuple[int, Array]]] = {}
-        here, of_load, before = None, False, (None, None)
+        here: Any = None  # of the law and location before
+        of_load, before = False, (None, None)
         for index, candidate in enumerate(self.candidates):
             if index % TOLD == 0:
                 self.tell("screening candidates", index, len(self.candidates))

@@ -138,6 +138,7 @@ def test_size_scales_the_effect_and_nothing_else():
     np.testing.assert_array_equal(whole.errors, quarter.errors)
 
 
+@pytest.mark.slow
 def test_what_calibration_may_move_is_hidden_by_it():
     """An encoder offset is a calibration parameter; backlash is none."""
     offset, backlash = draw("encoder_offset", 3, "six"), draw("backlash", 3, "six")

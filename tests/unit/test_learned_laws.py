@@ -332,6 +332,7 @@ def test_learning_again_begins_at_what_was_declared(six, learned):
     np.testing.assert_allclose(again.rms, found.rms, rtol=1e-2)
 
 
+@pytest.mark.slow
 def test_a_campaign_is_within_the_loads_that_it_taught_and_others_are_told_once(six, learned):
     folder, found = learned
     line, names = found.fit.view.line, found.arm.flexure_names

@@ -87,6 +87,7 @@ def test_what_all_other_folds_tell_is_what_a_fit_without_a_fold_knows(arm: Arm, 
         assert np.allclose(told.information, expected.information, rtol=1e-9, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_fit_that_some_rows_led_to_is_that_of_all(
     arm: Arm, campaign: Measurements, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,6 +29,7 @@ from armflex.storage.digest import digest
 
 torch = pytest.importorskip("torch")
 TorchLaw = pytest.importorskip("armflex.laws.joint.torch_law").TorchLaw
+pytestmark = pytest.mark.slow  # to import torch takes a second
 
 OWN = """\
 import torch

@@ -326,6 +326,7 @@ def test_a_session_whose_name_begins_with_another_has_its_own_frame():
     assert [frame.tolist() for frame in frames] == [list(range(6, 12)), list(range(6))]
 
 
+@pytest.mark.slow
 def test_an_entry_of_a_text_column_is_a_suspect(tmp_path):
     """One of three operators, at random poses, stands J4 a little aside."""
     truth = draw("none", 100, "six").write(tmp_path)

@@ -120,6 +120,7 @@ def test_covariance_is_that_of_least_squares(size: int) -> None:
     assert not predicted[size:].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("structure", ["full", "symmetric", "diagonal"])
 def test_prediction_variance_covers_new_readings(structure: str) -> None:
     """About 95 of 100 fresh readings lie within 1.96 of the stated deviation, with few rows to learn from."""

@@ -117,6 +117,7 @@ def test_what_is_asked_for_in_python() -> None:
         train(data, "polynomial", options=Options(features=("found", "radial")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "value"), [(m, v) for m in ("linear", "polynomial", "neural") for v in (0.0, 3.7e-4)] + [("auto", 0.0)]
 )

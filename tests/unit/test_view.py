@@ -289,6 +289,7 @@ def test_what_is_asked_must_make_sense(heavy: Arm, heavy_path: Trajectory, tmp_p
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @needs_browser
 def test_browser_shows_the_arm(tarm: Arm, tmp_path: Path) -> None:
     """Each link in the colour of its flexure's share; a rigid arm has the URDF's colours, none of these two."""
@@ -302,6 +303,7 @@ def test_browser_shows_the_arm(tarm: Arm, tmp_path: Path) -> None:
     assert hue_share(flexed, colors["A2"]) > 0.002 and colors["A2"] == SCALE[-1]
 
 
+@pytest.mark.slow
 @needs_browser
 def test_browser_plays_the_trajectory(heavy: Arm, tmp_path: Path) -> None:
     """The arm swings evenly for 8 s; a busy computer may show a late moment later, but not never."""
