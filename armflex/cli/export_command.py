@@ -81,7 +81,7 @@ def command(arm: Arm, target: str, output: Path | None, **given: Any) -> None:
     exporter = importlib.import_module(f"armflex.export.{wanted.module}")
     found: Exported = getattr(exporter, wanted.function)(arm, **asked)
     if output is None:
-        click.echo(found.page or found.text, nl=False)
+        say(*(found.page or found.text).splitlines())
     else:
         write_whole(output, found.text.encode())
     for line in found.told:

@@ -181,7 +181,7 @@ def calibrate(
     """
     used, derived = _usable(arm, measurements, rows)
     if not anyway:
-        check_conventions(arm, measurements, used, keep)
+        check_conventions(arm, measurements, used, keep, searched=as_stated)
     declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
     laws = None if keep else law_block(declared, placed.view, seen)

@@ -86,7 +86,9 @@ class Hypothesis:
     loads: bool = False
 
 
-def check_conventions(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False) -> None:
+def check_conventions(
+    arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False, searched: bool = False
+) -> None:
     """Raise where the readings are implausible for an arm, and plausible in another convention.
 
     Args:
@@ -94,6 +96,7 @@ def check_conventions(arm: Arm, measurements: Measurements, rows: np.ndarray, ke
         measurements: The campaign.
         rows: (M,) numbers of the rows used.
         keep: Whether nothing but frames is fitted, so that [prior] need not free anything.
+        searched: Whether what the arm lacks is looked for, which may be all that it lacks.
 
     Raises:
         ConventionError: With the hypotheses that make the campaign plausible, the likeliest first, and how to write
@@ -107,7 +110,8 @@ def check_conventions(arm: Arm, measurements: Measurements, rows: np.ndarray, ke
         raise ConventionError(_said(measurements, rows, found, likely), [one.name for _, one in likely])
     if found is not None and not likely:
         _check_sigma(measurements, rows, found)
-        if found.ratio >= IMPLAUSIBLE and not keep and not found.free:
+        off = found.coarse if searched else found.ratio
+        if off >= IMPLAUSIBLE and not keep and not found.free:
             text = f"readings are {_mm(found.rms)} off the arm, and [prior] frees nothing: there is nothing to fit"
             more = "give it joint_offset, compliance, tool or geometry, one standard deviation each"
             raise ConventionError(f"{text} ({more})", ["[prior] frees nothing"])
@@ -258,7 +262,7 @@ def _misfit(
 def _explained(jacobian: Array, precision: Array, residual: Array) -> tuple[float, Array]:
     """Return the misfit of (M, 3) whitened residuals, and what is left of them; lost beams count less."""
     weights, left = np.ones(len(residual)), residual
-    values, flat = np.zeros(len(precision)), jacobian.reshape(-1, len(precision))
+    values, flat = np.zeros(len(precision)), jacobian.reshape(residual.size, len(precision))
     for _ in range(ROUNDS):
         root = np.repeat(np.sqrt(weights), 3)
         if len(precision):

@@ -33,6 +33,7 @@ READ = {
     "train": ["joint.csv", "--assembly", "arm.toml"],
     "map": ["arm.toml"],
     "view": ["arm.toml", "--traj", "rows.csv"],
+    "export": ["arm.toml", "--to", "urscript", "--traj", "rows.csv"],
 }
 NAMED = ["robot.urdf", "paper_A4_um.safetensors"]
 
