@@ -218,7 +218,7 @@ class _Misfit:
         rms: What is left with the instrument placed and nothing else fitted, RMS of a row [m].
         left: What is left with everything fitted, the median row's [m].
         reach: Of the rows [m].
-        free: Whether [prior] frees anything but frames.
+        free: Whether anything but frames is free or learned.
     """
 
     ratio: float
@@ -256,7 +256,8 @@ def _misfit(
     wide = _explained(jacobian / coarse[:, :, None], precision, residual / coarse)[0] if in_general else ratio
     left = float(np.median(np.linalg.norm(rest * fine, axis=1)))
     rms = float(np.sqrt(np.median((residual**2).sum(axis=1))))
-    return _Misfit(ratio, wide, rms, left, reach, any(one.kind not in FRAMES for one in blocks))
+    free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
+    return _Misfit(ratio, wide, rms, left, reach, free)
 
 
 def _explained(jacobian: Array, precision: Array, residual: Array) -> tuple[float, Array]:
