@@ -99,7 +99,7 @@ class Arm:
         instrument: Where the instrument stands that measured this arm, None when it was not calibrated.
         effects: What it does beyond its flexures, as measurements showed.
         certainty: How well everything that was fitted is known, None where nothing was, or where nobody says.
-        flags: Doubts about the arm as declared.
+        flags: Flags about the arm as declared.
     """
 
     robot: Robot
@@ -333,7 +333,7 @@ class Arm:
         return Prepared(self.loaded(payload), method, enforce_limits, wrenches)
 
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
-        """Return q as (nq,) floats [rad or m] with the doubts about it.
+        """Return q as (nq,) floats [rad or m] with the flags about it.
 
         Raises:
             ShapeError, ArrayTypeError, NotFiniteError: q is no finite (nq,) of sensible size.
@@ -417,6 +417,6 @@ def _not_at_zero(joint: Joint, value: float) -> Flag:
 
 
 def warn(flags: Sequence[Flag]) -> None:
-    """Raise each doubt as a Python warning, once, for those who do not look at `flags`."""
+    """Raise each flag as a Python warning, once, for those who do not look at `flags`."""
     for flag in flags:
         warnings.warn(str(flag), ArmflexWarning, stacklevel=3)

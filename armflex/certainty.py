@@ -63,13 +63,13 @@ class Certainty:
             return ()
         return tuple(self.labels[i] for i in np.flatnonzero(self.directions.any(axis=0)))
 
-    def leaves_open(self, columns: Array) -> Array:
+    def leaves_open(self, jacobian: Array) -> Array:
         """Return (N, d) which of (N, d, P) changes per unit of a parameter go with an undetermined direction."""
         if self.directions is None:
-            return np.zeros(columns.shape[:-1], dtype=bool)
+            return np.zeros(jacobian.shape[:-1], dtype=bool)
         # What parameters do against each other cancels but for rounding, which is by the largest of the d numbers.
-        size = (np.abs(columns) @ np.abs(self.directions.T)).max(axis=1, keepdims=True)
-        return (np.abs(columns @ self.directions.T) > CANCELLED * size).any(axis=-1)
+        size = (np.abs(jacobian) @ np.abs(self.directions.T)).max(axis=1, keepdims=True)
+        return (np.abs(jacobian @ self.directions.T) > CANCELLED * size).any(axis=-1)
 
     def among(self, parameters: Sequence[ArmParameter]) -> Array | None:
         """Return the (k, k) covariance of k parameters in their units, None where it is not known of each."""

@@ -54,7 +54,7 @@ class Configurations:
 
 
 def drawn_range(arm: Arm) -> tuple[Array, Array, tuple[Flag, ...]]:
-    """Return the (nq,) lowest and highest positions that are drawn, and doubts: a continuous joint makes one turn."""
+    """Return the (nq,) lowest and highest positions that are drawn, and flags: a continuous joint makes one turn."""
     lower, upper = arm.robot.lower.copy(), arm.robot.upper.copy()
     turning = np.array([joint.kind == "continuous" for joint in arm.robot.moving])
     lower[turning], upper[turning] = -np.pi, np.pi

@@ -204,9 +204,9 @@ class ArmflexWarning(UserWarning):
 
 @dataclass(frozen=True)
 class Flag:
-    """A doubt that travels with a result: `code` for programs, `text` for people.
+    """A flag that travels with a result: `code` for programs, `text` for people.
 
-    `about` names what one doubt is about in many rows, and `size` tells which of them is the worst.
+    `about` names what one flag is about in many rows, and `size` tells which of them is the worst.
     """
 
     code: str

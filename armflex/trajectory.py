@@ -13,8 +13,8 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, listing
+from armflex.laws.effects.context import MASS
 from armflex.laws.effects.remember import check_covariates, derived_direction
-from armflex.laws.effects.scene import MASS
 from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.rows.rows import APPROACH, last_motion

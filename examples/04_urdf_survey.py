@@ -22,8 +22,8 @@ def main() -> tuple[list[str], dict[str, str]]:
             refused[name] = str(error).replace(f"{root}/", "")
         else:
             loaded.append(name)
-            doubts = Counter(flag.code for flag in arm.flags if flag.code != "rigid")
-            said = ", ".join(f"{count} {code}" for code, count in doubts.items()) or "no doubts"
+            flags = Counter(flag.code for flag in arm.flags if flag.code != "rigid")
+            said = ", ".join(f"{count} {code}" for code, count in flags.items()) or "no doubts"
             print(f"{name}: {len(arm.joint_names)} joints to {arm.robot.tip}; {said}")
     print(*refused.values(), sep="\n")
     print(f"{len(loaded)} of {len(files)} load")

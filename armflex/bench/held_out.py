@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.bench.fitted import Fitted, Learner, predicted, spread
+from armflex.bench.fitted import Fitted, Learner, band, predicted
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, InputError
 from armflex.measured.joint_data import JointData
@@ -91,15 +91,15 @@ def hold_out(learner: Learner, data: JointData, fold: np.ndarray, seed: int = 0,
         except ConvergenceError as error:
             raise ConvergenceError(f"held-out error, without {rows}: {error}", error.history) from None
         residual[out] = data.deflections[out] - predicted(law, data.loads[out])
-        std[out] = spread(law, data.loads[out])
+        std[out] = band(law, data.loads[out])
         if step and step(residual) is False:
             break
     return HeldOut(residual, std, "leave-one-out" if len(labels) == len(data) else f"{len(labels)}-fold")
 
 
 @dataclass(frozen=True)
-class Rival:
-    """A model that may be chosen, by a `name` that tells its options; rivals are listed the plainest first."""
+class Candidate:
+    """A model that may be chosen, by a `name` that tells its options; candidates are listed the plainest first."""
 
     name: str
     model: str
@@ -108,10 +108,10 @@ class Rival:
 
 @dataclass(frozen=True)
 class Compared:
-    """A rival and its held-out errors.
+    """A candidate and its held-out errors.
 
     Attributes:
-        name, model: Of the rival.
+        name, model: Of the candidate.
         squares: (N, k) mean squared error of every number over the repeats; infinite where it could not be fitted.
         reason: Why it could not, or that it was left because it could not be chosen any more.
         seconds: How long it took.
@@ -130,39 +130,40 @@ class Compared:
 
 
 def compare(
-    rivals: Sequence[Rival],
+    candidates: Sequence[Candidate],
     data: JointData,
     seed: int = 0,
     folds: int = FOLDS,
     repeats: int = REPEATS,
     step: Step | None = None,
 ) -> tuple[Compared, ...]:
-    """Return every rival's errors over the repeats of the same random folds, or why it has none; `step` as above."""
+    """Return every candidate's errors over repeats of the same random folds, or why it has none; `step` as above."""
     found = []
-    for rival in rivals:
+    for candidate in candidates:
         began, reason = time.perf_counter(), ""
         try:
             parts = [
-                hold_out(rival.learner, data, random_folds(len(data), folds, own), own, step).residual ** 2
+                hold_out(candidate.learner, data, random_folds(len(data), folds, own), own, step).residual ** 2
                 for own in range(seed, seed + repeats)
             ]
             squares = np.mean(parts, axis=0)
             if np.isnan(squares).any():
                 squares, reason = np.full_like(squares, np.inf), "it could not be chosen any more"
-        except InputError as error:  # too few rows for this model: it is no rival
+        except InputError as error:  # too few rows for this model: it is no candidate
             squares, reason = np.full_like(data.deflections, np.inf), str(error)
-        found.append(Compared(rival.name, rival.model, squares, reason, time.perf_counter() - began))
+        found.append(Compared(candidate.name, candidate.model, squares, reason, time.perf_counter() - began))
     return tuple(found)
 
 
-def race(rivals: Sequence[Rival], data: JointData, seed: int, folds: int, least: Array) -> int:
+def race(candidates: Sequence[Candidate], data: JointData, seed: int, folds: int, least: Array) -> int:
     """Return what `chosen` makes of `compare`, without fits that no longer matter.
 
-    The last rival, which takes longest, is chosen only where its mean loss is the smallest of all. Its squares can but
-    add up: once those of the rows that it has seen, with nothing for the others, are as large in every column as the
-    best rival's over all rows, and its loss above the best one's, it cannot be, and the scale of no column is its own.
+    The last candidate, which takes longest, is chosen only where its mean loss is the smallest of all. Its squares can
+    but add up: once those of the rows that it has seen, with nothing for the others, are as large in every column as
+    the best candidate's over all rows, and its loss above the best one's, it cannot be, and the scale of no column is
+    its own.
     """
-    found = compare(rivals[:-1], data, seed, folds, 1)
+    found = compare(candidates[:-1], data, seed, folds, 1)
     means = np.array([one.squares.mean(axis=0) for one in found])
     scale = np.maximum(means.min(axis=0), np.square(least))
     best = float((means / scale).mean(axis=1).min()) if np.isfinite(scale).all() else np.inf
@@ -171,7 +172,7 @@ def race(rivals: Sequence[Rival], data: JointData, seed: int, folds: int, least:
         at_least = np.nansum(residual**2, axis=0) / len(residual)
         return bool((at_least < means.min(axis=0)).any() or (at_least / scale).mean() <= best)
 
-    return chosen([*found, *compare(rivals[-1:], data, seed, folds, 1, step)], least)
+    return chosen([*found, *compare(candidates[-1:], data, seed, folds, 1, step)], least)
 
 
 def negligible(deflections: Array) -> Array:
@@ -181,10 +182,10 @@ def negligible(deflections: Array) -> Array:
 
 
 def chosen(compared: Sequence[Compared], least: Array | float = 0.0) -> int:
-    """Return the number of the plainest rival within one standard error of the best.
+    """Return the number of the plainest candidate within one standard error of the best.
 
-    Columns count alike: each is measured by the smallest held-out error that any rival reaches on it, or by the (k,)
-    `least` error that counts.
+    Columns count alike: each is measured by the smallest held-out error that any candidate reaches on it, or by the
+    (k,) `least` error that counts.
 
     Raises:
         InputError: None of them could be fitted.
@@ -200,16 +201,19 @@ def chosen(compared: Sequence[Compared], least: Array | float = 0.0) -> int:
 
 
 def assess(
-    rivals: Sequence[Rival], data: JointData, seed: int = 0, step: Step | None = None
+    candidates: Sequence[Candidate], data: JointData, seed: int = 0, step: Step | None = None
 ) -> tuple[HeldOut, dict[str, int]]:
-    """Return the errors of choosing among rivals, and how often each was chosen: anew in each fold; `step` as above."""
+    """Return the errors of choosing among candidates anew in each fold, and how often each was chosen.
+
+    `step` is as above.
+    """
     count: Counter[str] = Counter()
 
     def learner(loads: Array, deflections: Array, inner_seed: int) -> Fitted:
         part = replace(data, loads=loads, deflections=deflections)
-        rival = rivals[race(rivals, part, inner_seed, INNER, negligible(deflections))]
-        count[rival.name] += 1
-        return rival.learner(loads, deflections, inner_seed)
+        candidate = candidates[race(candidates, part, inner_seed, INNER, negligible(deflections))]
+        count[candidate.name] += 1
+        return candidate.learner(loads, deflections, inner_seed)
 
     held = hold_out(learner, data, random_folds(len(data), OUTER, seed), seed, step)
     return replace(held, how=f"{held.how}, choice inside"), dict(count)

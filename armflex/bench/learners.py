@@ -7,7 +7,7 @@ from numbers import Integral
 
 from armflex.bench.fit_linear import STRUCTURES, fit_compliance, fit_polynomial, fit_terms
 from armflex.bench.fitted import Fitted, Learner
-from armflex.bench.held_out import Rival
+from armflex.bench.held_out import Candidate
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError
 from armflex.laws.joint.module_source import module_source
@@ -155,7 +155,7 @@ def _one_of(value: str | None, known: tuple[str, ...], model: str) -> None:
         raise UnknownNameError(f"option of a {model} model", str(value), known)
 
 
-def rivals(options: Options) -> tuple[Rival, ...]:
+def candidates(options: Options) -> tuple[Candidate, ...]:
     """Return what `auto` chooses among, the plainest first."""
     ladder = [
         *((f"linear, {each}", "linear", {"structure": each, "sampler": None}) for each in reversed(STRUCTURES)),
@@ -164,13 +164,13 @@ def rivals(options: Options) -> tuple[Rival, ...]:
         ("terms as found", "polynomial", {"features": (FOUND,)}),
         ("quadratic", "polynomial", {"features": ("quadratic",)}),
     ]
-    plain = [Rival(name, model, learner(model, replace(options, **changed))) for name, model, changed in ladder]
+    plain = [Candidate(name, model, learner(model, replace(options, **changed))) for name, model, changed in ladder]
 
     def network(loads: Array, deflections: Array, seed: int) -> Fitted:
         starts = affordable_starts(options, deflections.size)
         return learner("neural", replace(options, prior="evidence", starts=starts))(loads, deflections, seed)
 
-    return (*plain, Rival(f"network of {options.neurons}", "neural", network))
+    return (*plain, Candidate(f"network of {options.neurons}", "neural", network))
 
 
 def affordable_starts(options: Options, numbers: int) -> int:

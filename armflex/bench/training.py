@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from armflex.bench.fitted import NOWHERE, Fitted, check_span, predicted, wrenches
-from armflex.bench.held_out import FOLDS as RIVAL_FOLDS
+from armflex.bench.held_out import FOLDS as CHOICE_FOLDS
 from armflex.bench.held_out import (
     OUTER,
     REPEATS,
@@ -24,7 +24,7 @@ from armflex.bench.held_out import (
     negligible,
     random_folds,
 )
-from armflex.bench.learners import MODELS, Options, learner, rivals
+from armflex.bench.learners import MODELS, Options, candidates, learner
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import Flag, InputError, LawError, UnknownNameError, listing
 from armflex.laws.joint.linear import LinearLaw, softness
@@ -72,7 +72,7 @@ class TrainResult:
         parameters: What was found, by name.
         diagnostics: Of the sampler, if one ran.
         compared: Every model that was compared, with its (k,) held-out error per column in the file's unit.
-        flags: Doubts: about the table, softer than any steel joint, asymmetric, compliances that the loads do not
+        flags: Flags: about the table, softer than any steel joint, asymmetric, compliances that the loads do not
             determine, chains that have not converged, a network that is not worth its weights.
         seconds: How long each model that was compared took, and the choice anew in every fold; of "auto" alone.
     """
@@ -121,9 +121,9 @@ def train(
     options = replace(options or Options(), structure=structure)
     flags, seconds, seed = bench_flags(data), {}, options.seed
     if model == "auto":
-        check_span(data.loads)  # else the first rival's first fold would be blamed
-        among = rivals(options)
-        step = _counting(progress, REPEATS * min(RIVAL_FOLDS, len(data)) * len(among) + min(OUTER, len(data)))
+        check_span(data.loads)  # else the first candidate's first fold would be blamed
+        among = candidates(options)
+        step = _counting(progress, REPEATS * min(CHOICE_FOLDS, len(data)) * len(among) + min(OUTER, len(data)))
         compared = compare(among, data, seed, step=step)
         best = among[chosen(compared, negligible(data.deflections))]
         model, fitted = best.model, best.learner(data.loads, data.deflections, seed)
@@ -144,7 +144,9 @@ def train(
             text = f"to load this law runs {source}; {trust}"
             flags = (*flags, Flag("runs_code", text))
         # What models without weights do is shown beside a network.
-        plain = [rival for rival in rivals(options) if rival.model != "neural"] if model in NETWORKS else []
+        plain = (
+            [candidate for candidate in candidates(options) if candidate.model != "neural"] if model in NETWORKS else []
+        )
         compared = compare(plain, data, seed)
     errors = (data.deflections - predicted(fitted.law, data.loads)) / data.factors
     train_rms, held_out_rms = np.sqrt((errors**2).mean(axis=0)), held.rms / data.factors
@@ -233,7 +235,7 @@ def bench_flags(data: JointData) -> tuple[Flag, ...]:
 
 
 def law_flags(data: JointData, fitted: Fitted) -> tuple[Flag, ...]:
-    """Return the doubts about what was found; the slope at the mean load stands for a compliance."""
+    """Return the flags about what was found; the slope at the mean load stands for a compliance."""
     slope = fitted.law.tangent(wrenches(data.loads.mean(axis=0, keepdims=True))[0], NOWHERE)
     flags = list(softness(slope))
     if not slope[3:].any():

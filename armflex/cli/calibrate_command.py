@@ -65,8 +65,8 @@ def command(
             samples = sample_laws(found.fit, sample, progress=tick)
     axes: tuple[LearnedAxis, ...] = ()
     if any(p.kind is Kind.LAW for p in found.parameters):  # else they stay as an earlier campaign taught them
-        settled = {name: law for name, law in learned_laws(found.arm).items() if law.spread is not None}
-        axes = learned_axes(found.fit, settled, samples) if settled else ()
+        fitted = {name: law for name, law in learned_laws(found.arm).items() if law.posterior is not None}
+        axes = learned_axes(found.fit, fitted, samples) if fitted else ()
     print_calibration(found, show_all)
     if axes:
         print_laws(axes, samples)

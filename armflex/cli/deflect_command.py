@@ -41,7 +41,7 @@ def command(
     wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(options.parse_force, forces)]
     q = options.parse_positions(positions, arm)
     found = arm.deflection(q, payload, covariates=settled(arm, covariates), wrenches=wrenches, **how)
-    covariance, doubts = total_covariance(found)
+    covariance, flags = total_covariance(found)
     print_deflection(arm, found, covariance)
     arrays = ("q", "joint_loads", "wrenches", "twists", "contributions", "corrected", "remainder", "displacement")
     content = {
@@ -54,7 +54,7 @@ def command(
         "pose": found.pose.homogeneous.tolist(),
         "rigid_pose": found.rigid_pose.homogeneous.tolist(),
     }
-    options.conclude(content, (*found.flags, *overload(arm, found), *doubts), arm)
+    options.conclude(content, (*found.flags, *overload(arm, found), *flags), arm)
 
 
 def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> None:

@@ -134,7 +134,7 @@ def _paper_joint(folder: Path) -> dict[str, float]:
     rows, shifts, extrapolating = [], {}, []
     for preset, text in PRESETS.items():
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the doubts are what this table is about
+            warnings.simplefilter("ignore")  # the flags are what this table is about
             arm = load_arm(folder / "arm.toml", preset=preset)
         found = _straight(arm, allow_large=True)
         own = [i for i, name in enumerate(found.names.flexures) if name.startswith("A4")]

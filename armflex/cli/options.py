@@ -114,7 +114,7 @@ def write_json(content: dict[str, Any], path: Path | None = None) -> None:
 
 
 def conclude(content: dict[str, Any], flags: Sequence[Flag], arm: Arm | None = None) -> None:
-    """Show the doubts about a result, and write it for programs with them, its format's name and the arm's frames."""
+    """Show the flags about a result, and write it for programs with them, its format's name and the arm's frames."""
     show_flags(flags)
     named = {"format": f"armflex-{click.get_current_context().info_name}-1", **content}
     named |= {"flags": [str(flag) for flag in flags]}

@@ -139,13 +139,13 @@ def print_plan(found: Plan) -> None:
     if left:
         reasons = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in found.offered.dropped.items())
         say(f"Of {left + len(found.offered.rows)} rows offered {left} were left out: {reasons}.")
-    for rival in found.rivals:
-        named = zip(rival.suspect.labels, rival.size, rival.suspect.units, strict=True)
+    for hypothesis in found.hypotheses:
+        named = zip(hypothesis.candidate.labels, hypothesis.size, hypothesis.candidate.units, strict=True)
         sizes = ", ".join(f"{label} {value:.3g} {unit}" for label, value, unit in named if value)
-        say(f"{rival.name} {sizes}, {rival.source}")
+        say(f"{hypothesis.name} {sizes}, {hypothesis.source}")
     places = (Kind.INSTRUMENT, Kind.SESSION)  # where the instrument stands is no gain
     others = {one.label for one in found.model.parameters if one.group.kind in places}
-    gaining = [one for one in _parameters(found) if one["name"] not in others and not found.rivals]
+    gaining = [one for one in _parameters(found) if one["name"] not in others and not found.hypotheses]
     gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:MOST_LINES]
     rows = [[p["name"], number(p["before"], 3), number(p["after"], 3), p["unit"]] for p in gaining]
     if rows:
@@ -191,14 +191,14 @@ def as_json(found: Plan) -> dict[str, Any]:
             "random_rows": found.random_rows,
         },
         "parameters": _parameters(found),
-        "separation_sigmas": float(goal.shown(found.reached[-1])) if found.rivals else None,
+        "separation_sigmas": float(goal.shown(found.reached[-1])) if found.hypotheses else None,
         "between": [
             {
-                "name": rival.name,
-                "size": dict(zip(rival.suspect.labels, rival.size.tolist(), strict=True)),
-                "source": rival.source,
+                "name": hypothesis.name,
+                "size": dict(zip(hypothesis.candidate.labels, hypothesis.size.tolist(), strict=True)),
+                "source": hypothesis.source,
             }
-            for rival in found.rivals
+            for hypothesis in found.hypotheses
         ],
         "not_told": [
             {

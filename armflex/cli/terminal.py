@@ -47,14 +47,14 @@ def complain(text: str, end: str = "\n", over: bool = False) -> None:
 
 
 def warn(text: str) -> None:
-    """Print a warning on stderr, once: an arm's doubts come with every result."""
+    """Print a warning on stderr, once: an arm's flags come with every result."""
     if text not in _said:
         _said.add(text)
         complain(f"warning: {text}")
 
 
 def show_flags(flags: Sequence[Flag]) -> None:
-    """Print doubts about a result on stderr."""
+    """Print flags about a result on stderr."""
     for flag in flags:
         warn(str(flag))
 

@@ -242,10 +242,10 @@ def _remarks(found: Trace) -> Iterator[str]:
                 f"{title} is believed because fitted parameters no longer strain against their priors; "
                 "held-out rows are not predicted clearly better."
             )
-        rivals = list(dict.fromkeys(effect.title for effect, _ in one.equivalent))
-        if rivals:
-            more = f", and {len(rivals) - 3} more" if len(rivals) > 3 else ""
-            yield f"These data do not tell {title} from {', '.join(rivals[:3])}{more}."
+        hypotheses = list(dict.fromkeys(effect.title for effect, _ in one.equivalent))
+        if hypotheses:
+            more = f", and {len(hypotheses) - 3} more" if len(hypotheses) > 3 else ""
+            yield f"These data do not tell {title} from {', '.join(hypotheses[:3])}{more}."
     for gone in found.withdrawn:
         calibrated, after = (number(rms * 1e3, 4) for rms in gone.errors)
         yield (
@@ -340,7 +340,7 @@ def _effect_json(found: Found) -> dict[str, Any]:
             for (name, value), unit in zip(effect.named.items(), effect.units, strict=True)
         },
         "held_out_rms_mm": {"before": proof.before * 1e3, "after": proof.after * 1e3},
-        "equivalent": [_place_json(rival) for rival, _ in found.equivalent],
+        "equivalent": [_place_json(hypothesis) for hypothesis, _ in found.equivalent],
         "held_out_sessions_rms_mm": {name: None if rms is None else rms * 1e3 for name, rms in sessions.items()},
         "evidence": found.evidence,
         "chance": proof.null,

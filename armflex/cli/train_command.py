@@ -12,7 +12,7 @@ import numpy as np
 from click.core import ParameterSource
 
 from armflex.bench.fit_linear import STRUCTURES
-from armflex.bench.learners import CONCERNS, MODELS, SAMPLERS, Options, affordable_starts, rivals
+from armflex.bench.learners import CONCERNS, MODELS, SAMPLERS, Options, affordable_starts, candidates
 from armflex.bench.training import CHOICE, TrainResult, train
 from armflex.cli import options
 from armflex.cli.terminal import complain, number, print_table, progress, say
@@ -84,7 +84,7 @@ def command(
     names = tuple(name.strip() for name in features.split(",") if name.strip())
     how = Options(features=names, assembly=built, **others)
     if model == "auto":
-        tried = "; ".join(rival.name for rival in rivals(how))
+        tried = "; ".join(candidate.name for candidate in candidates(how))
         starts = f"from {affordable_starts(how, data.deflections.size)} of {how.starts} starts"
         complain(
             f"comparing on {len(data)} rows: {tried}, {starts}: as many as it has measured numbers for each neuron"

@@ -10,8 +10,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.view import View
 from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import EffectLaw
-from armflex.laws.effects.scene import Scene
 from armflex.parameters import ArmParameter, Kind
 from armflex.setup import Setup
 
@@ -35,7 +35,7 @@ class Block(ABC):
     """(k,) standard deviations about zero; infinite where nothing is known."""
 
     @abstractmethod
-    def columns(self, view: View) -> Array:
+    def jacobian(self, view: View) -> Array:
         """Return (M, d, k) changes of the readings per parameter at the view's setup."""
 
     @abstractmethod
@@ -52,7 +52,7 @@ class Block(ABC):
         """Whether readings change otherwise than in a straight line where a value moves by a tenth."""
         return self.logarithmic
 
-    def of_rows(self, scene: Scene | None) -> Block:
+    def of_rows(self, context: Context | None) -> Block:
         """Return the block as it is asked about other rows, as effects see them."""
         return self
 

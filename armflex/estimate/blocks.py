@@ -18,7 +18,7 @@ from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.effect_block import EffectBlock
 from armflex.estimate.law_block import LawBlock, factor_block, learned_laws
 from armflex.estimate.view import View
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.context import Context
 from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAME, MOUNTED, TARGET, ArmParameter, Kind, numbers_of, of_effect, of_motions, of_offsets
@@ -42,7 +42,7 @@ class RigidBlock(Block):
     changes: Callable[[View], Array]
     moved: Callable[[Setup, Array], Setup]
 
-    def columns(self, view: View) -> Array:
+    def jacobian(self, view: View) -> Array:
         return self.changes(view)
 
     def apply(self, setup: Setup, values: Array) -> Setup:
@@ -57,12 +57,12 @@ def frame_block(setup: Setup) -> Block:
     guess, level = setup.instrument.pose, setup.arm.measurement.gravity_in == "measurement"
 
     def changes(view: View) -> Array:
-        columns = view.by_frame
+        jacobian = view.by_frame
         if level:
             rotation, gravity = view.setup.instrument.pose.rotation, view.setup.arm.robot.gravity
             turned = pin.skew(gravity) @ rotation.T  # base gravity R^T g when R becomes exp(w) R
-            columns[:, :, 3:] += view.answer(view.line.gravity @ turned)
-        return columns
+            jacobian[:, :, 3:] += view.answer(view.line.gravity @ turned)
+        return jacobian
 
     def moved(setup: Setup, values: Array) -> Setup:
         rotation = pin.exp3(values[3:]) @ guess.rotation
@@ -170,19 +170,19 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     return tuple(blocks)
 
 
-def blocks_of(parameters: Sequence[ArmParameter], setup: Setup, scene: Scene | None = None) -> list[Block] | None:
+def blocks_of(parameters: Sequence[ArmParameter], setup: Setup, context: Context | None = None) -> list[Block] | None:
     """Return the blocks that parameters are of, None where they are not those of this arm.
 
-    `scene` is of the rows that the blocks will be asked about; without it effects can only be applied. Their priors no
-    longer matter.
+    `context` is of the rows that the blocks will be asked about; without it effects can only be applied. Their priors
+    no longer matter.
     """
     blocks: list[Block] = []
     for kind, some in groupby(parameters, key=lambda parameter: parameter.group.kind):
-        blocks += _of_kind(kind, list(some), setup, scene)
+        blocks += _of_kind(kind, list(some), setup, context)
     return blocks if parameters_of(blocks) == tuple(parameters) else None
 
 
-def _of_kind(kind: Kind, parameters: list[ArmParameter], setup: Setup, scene: Scene | None) -> list[Block]:
+def _of_kind(kind: Kind, parameters: list[ArmParameter], setup: Setup, context: Context | None) -> list[Block]:
     """Return the blocks of one kind that come nearest to some parameters."""
     arm = setup.arm
     names = tuple(dict.fromkeys(str(parameter.group.of) for parameter in parameters))
@@ -201,7 +201,7 @@ def _of_kind(kind: Kind, parameters: list[ArmParameter], setup: Setup, scene: Sc
             own = of_effect(effect, number)
             if own[0].group in {parameter.group for parameter in parameters}:
                 free = tuple(i for i, one in enumerate(own[len(effect.location.terms) :]) if one in parameters)
-                blocks.append(EffectBlock(effect, free, scene, ordinal, np.zeros(0), number))
+                blocks.append(EffectBlock(effect, free, context, ordinal, np.zeros(0), number))
         return blocks
     rigid: dict[Kind, Callable[[], Block]] = {
         Kind.INSTRUMENT: lambda: frame_block(setup),

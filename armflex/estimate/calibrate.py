@@ -20,10 +20,10 @@ from armflex.estimate.fit import Fit, fit
 from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
 from armflex.estimate.identify import Parameter, parameters
 from armflex.estimate.law_block import law_block
-from armflex.estimate.learn import fit_learning, settled
+from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions
+from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights
-from armflex.estimate.spread import certainty_of
 from armflex.estimate.view import Progress, View, look, position_rms
 from armflex.estimate.weigh import ROUNDS, Weighed
 from armflex.files.arm_file import write_arm
@@ -66,7 +66,7 @@ class Calibration:
         fit: The fit itself: values, covariance, residuals.
         placed: The rows as the declared arm explains them, only the instrument's frame fitted.
         measurements: The campaign.
-        flags: Doubts: directions that the order of the rows stood in for, a search for learned laws that did not
+        flags: Flags: directions that the order of the rows stood in for, a search for learned laws that did not
             settle, an arm that predicts worse than the declared one.
         held_out: RMS of the 3-D error on held-out poses, of the declared arm with the instrument placed and of the
             calibrated one [m]; None where there are too few poses.
@@ -192,10 +192,10 @@ def calibrate(
     else:
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
-    calibrated = replace(settled(found.setup.arm, found), **known)
+    calibrated = replace(with_posteriors(found.setup.arm, found), **known)
     errors = _held_out(placed, found, measurements)
-    doubts = (*derived, *flags, *_worse(errors))
-    return Calibration(calibrated, found, placed.view, measurements, doubts, errors)
+    flags = (*derived, *flags, *_worse(errors))
+    return Calibration(calibrated, found, placed.view, measurements, flags, errors)
 
 
 def _fit(
@@ -258,7 +258,7 @@ def _held_out(placed: Fit, found: Fit, measurements: Measurements) -> tuple[floa
 
 
 def _worse(errors: tuple[float, float] | None) -> Iterator[Flag]:
-    """Yield the doubt about an arm that predicts poses it was not fitted to worse than it did before."""
+    """Yield the flag about an arm that predicts poses it was not fitted to worse than it did before."""
     if errors is not None and errors[1] > errors[0]:
         declared, calibrated = (f"{1e3 * error:.3g} mm" for error in errors)
         text = f"poses held out are predicted to {calibrated} RMS, by the arm as declared to {declared}"
@@ -267,7 +267,7 @@ def _worse(errors: tuple[float, float] | None) -> Iterator[Flag]:
 
 
 def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tuple[np.ndarray, tuple[Flag, ...]]:
-    """Return the rows that an arm can be fitted to, and doubts about them; raise where it cannot, see `calibrate`."""
+    """Return the rows that an arm can be fitted to, and flags about them; raise where it cannot, see `calibrate`."""
     asked = np.flatnonzero(measurements.measured) if rows is None else rows
     untold = without_direction([effect for effect in arm.effects if effect.derived], measurements)[asked]
     used = asked[~untold]

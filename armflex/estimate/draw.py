@@ -14,7 +14,7 @@ from armflex.conventions import Array, covariate_array, real_array
 from armflex.covariance import root_of_covariance
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
 from armflex.estimate.blocks import blocks_of
-from armflex.estimate.spread import without_declared_doubt
+from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.mechanics.deflection import check_positions
 from armflex.mechanics.loads import Payload
 from armflex.mechanics.many_rows import draw_laws
@@ -43,7 +43,7 @@ def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     """
     draws, seed = check_draws(draws, seed)
     rng = np.random.default_rng(seed)
-    setup = Setup(without_declared_doubt(arm), Instrument())
+    setup = Setup(without_declared_uncertainty(arm), Instrument())
     blocks, root = [], np.zeros((0, 0))
     if arm.certainty is not None:
         blocks, root = blocks_of(arm.certainty.parameters, setup), root_of_covariance(arm.certainty.covariance)

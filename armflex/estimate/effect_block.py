@@ -10,8 +10,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect, EffectLaw, full
-from armflex.laws.effects.scene import Scene
 from armflex.parameters import ArmParameter, of_effect
 from armflex.setup import Setup
 
@@ -32,7 +32,7 @@ class EffectBlock(Block):
     Attributes:
         effect: Where it starts; its fixed inner parameters stay as they are here.
         free: Which inner parameters move, from where they start; positive ones by the logarithm of a factor.
-        scene: The campaign; None where the block is only applied.
+        context: The campaign; None where the block is only applied.
         ordinal: Place of the effect among the arm's.
         prior: (k,) standard deviations of its values about zero; see `amplitude_prior`.
         number: Which it is among the arm's effects of the same name, from 1 on; see `numbers_of`.
@@ -40,7 +40,7 @@ class EffectBlock(Block):
 
     effect: Effect
     free: tuple[int, ...]
-    scene: Scene | None
+    context: Context | None
     ordinal: int
     prior: Array
     number: int = 1
@@ -60,10 +60,10 @@ class EffectBlock(Block):
     def start(self) -> Array:
         return np.concatenate([self.effect.acting, np.zeros(len(self.free))])
 
-    def columns(self, view: View) -> Array:
+    def jacobian(self, view: View) -> Array:
         """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
-        assert self.scene is not None
-        return effect_columns(view.setup.arm.effects[self.ordinal], self.free, view, self.scene)
+        assert self.context is not None
+        return effect_jacobian(view.setup.arm.effects[self.ordinal], self.free, view, self.context)
 
     def at(self, values: Array) -> Effect:
         """Return the effect at (k,) values of the block."""
@@ -81,8 +81,8 @@ class EffectBlock(Block):
     def looks_like(self) -> EffectLaw:
         return self.effect.law
 
-    def of_rows(self, scene: Scene | None) -> EffectBlock:
-        return replace(self, scene=scene)
+    def of_rows(self, context: Context | None) -> EffectBlock:
+        return replace(self, context=context)
 
     def stepped(self, setup: Setup, step: Array) -> Setup:
         """Return the setup with the effect a step away, but for that by which it remembers: its state tells."""
@@ -104,25 +104,25 @@ class EffectBlock(Block):
         return {label: float(size) * unit for label, size, unit in zip(self.labels, std, scales, strict=True)}
 
 
-def effect_columns(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
+def effect_jacobian(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
     """Return (M, d, k) changes of the readings: exact per amplitude, central differences per free inner parameter."""
     location, law = effect.location, effect.law
-    columns = [view.effect_columns(effect, scene)]
+    jacobian = [view.effect_jacobian(effect, context)]
     for i in free:
         step = STEP if law.inner[i].positive else STEP * max(abs(effect.inner[i]), 1e-2)
         ends = []
         for side in (1.0, -1.0):
             moved = list(effect.inner)
             moved[i] = law.inner[i].moved(effect.inner[i], side * step)
-            ends.append(view.columns(law, location, tuple(moved), scene) @ effect.acting)
-        columns.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
-    return np.concatenate(columns, axis=2)
+            ends.append(view.jacobian(law, location, tuple(moved), context) @ effect.acting)
+        jacobian.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
+    return np.concatenate(jacobian, axis=2)
 
 
-def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, scene: Scene) -> Array:
+def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
     """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`, inner ones loosely."""
-    columns = view.effect_columns(effect, scene)
-    moved = np.sqrt((columns[:, view.positions] ** 2).sum(axis=1).mean(axis=0))
+    jacobian = view.effect_jacobian(effect, context)
+    moved = np.sqrt((jacobian[:, view.positions] ** 2).sum(axis=1).mean(axis=0))
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])

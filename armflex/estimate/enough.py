@@ -54,14 +54,14 @@ def check_enough(points: Array, sigma: Array) -> None:
     Raises:
         IdentifiabilityError: With rank, condition and names of what is left free.
     """
-    columns = rigid_motion(points - points.mean(axis=0)) / sigma[:, :, None]
+    jacobian = rigid_motion(points - points.mean(axis=0)) / sigma[:, :, None]
     # About their centre points always tell a shift; a turn must be known to better than COARSEST.
-    turns = np.linalg.svd(COARSEST * columns.reshape(-1, 6)[:, 3:], full_matrices=False)
+    turns = np.linalg.svd(COARSEST * jacobian.reshape(-1, 6)[:, 3:], full_matrices=False)
     known = turns.S >= 1.0
     if not known.all():
         free = (turns.Vh[~known] ** 2).sum(axis=0) > 0.1
         names = [f"instrument {TWIST_NAMES[3 + axis]}" for axis in np.flatnonzero(free)]
         alike = "are all alike" if not known.any() else "lie on one line"
-        condition = float(np.linalg.cond(columns.reshape(-1, 6)))
+        condition = float(np.linalg.cond(jacobian.reshape(-1, 6)))
         text = f"{len(points)} measured points {alike}: they cannot tell how the instrument stands"
         raise IdentifiabilityError(text, 3 + int(known.sum()), condition, names)

@@ -12,7 +12,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
 from armflex.estimate.block import Block, parameters_of, places_of
-from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_columns, whitened_residual
+from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_regressors, whitened_residual
 from armflex.estimate.view import Progress, View, look, position_rms
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
@@ -111,9 +111,9 @@ class Fit:
         return self.prior**-2.0
 
     @cached_property
-    def columns(self) -> Array:
+    def regressors(self) -> Array:
         """(M d, P) whitened and weighted change of the readings per unit of a parameter."""
-        return whitened_columns(self.blocks, self.view, self.weights)
+        return whitened_regressors(self.blocks, self.view, self.weights)
 
     @cached_property
     def residual(self) -> Array:
@@ -123,7 +123,7 @@ class Fit:
     @cached_property
     def told(self) -> Array:
         """(P, P) what the readings alone tell of the values, in their units: products of the columns."""
-        return self.columns.T @ self.columns
+        return self.regressors.T @ self.regressors
 
     @cached_property
     def freedom(self) -> float:
@@ -337,11 +337,14 @@ class _Task:
     def problem(self, here: _Iterate, limit: float) -> _Problem:
         """Return the linear problem about an iterate."""
         weights = huber_weights(here.view, limit)
-        columns, residual = whitened_columns(self.blocks, here.view, weights), whitened_residual(here.view, weights)
-        precision, pull = self.prior**-2.0, columns.T @ residual
+        regressors, residual = (
+            whitened_regressors(self.blocks, here.view, weights),
+            whitened_residual(here.view, weights),
+        )
+        precision, pull = self.prior**-2.0, regressors.T @ residual
         gradient = pull - precision * np.where(np.isfinite(self.prior), here.values, 0.0)
         bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
-        return _Problem(LinearGaussian.of(columns, precision), gradient, bend)
+        return _Problem(LinearGaussian.of(regressors, precision), gradient, bend)
 
     def descend(
         self, here: _Iterate, problem: _Problem, limit: float, trials: int, damping: float

@@ -68,15 +68,15 @@ def held_out(
         refitted: For every fold, parameters that may follow the fold's own rows (a session's frame), if any.
         judged: (M,) rows that count, see `believed`; those that this fit believes when not given.
     """
-    data, size, rows = fit.residual + fit.columns @ fit.values, fit.view.residual.shape[1], _readings_of(fit, folds)
+    data, size, rows = fit.residual + fit.regressors @ fit.values, fit.view.residual.shape[1], _readings_of(fit, folds)
     left, told = np.empty(len(data)), told_by_others(fit, folds)
-    scores = _of_others([fit.columns[own].T @ data[own] for own in rows])
+    scores = _of_others([fit.regressors[own].T @ data[own] for own in rows])
     for number, own in enumerate(rows):
-        columns = fit.columns[own]
-        error = data[own] - columns @ told[number].solve(scores[number])
+        regressors = fit.regressors[own]
+        error = data[own] - regressors @ told[number].solve(scores[number])
         if refitted is not None and len(refitted[number]):
             some = refitted[number]
-            follow = columns[:, some]
+            follow = regressors[:, some]
             error = error - follow @ most_probable(follow, fit.precision[some], error)
         left[own] = error
     where = fit.view.positions
@@ -86,7 +86,7 @@ def held_out(
 
 def told_by_others(fit: Fit, folds: np.ndarray) -> list[LinearGaussian]:
     """Return for every fold what the rows of all others tell of a fit's values, from the (M,) fold of every row."""
-    own = [columns.T @ columns for columns in (fit.columns[rows] for rows in _readings_of(fit, folds))]
+    own = [regressors.T @ regressors for regressors in (fit.regressors[rows] for rows in _readings_of(fit, folds))]
     return [LinearGaussian(told).with_precision(fit.precision) for told in _of_others(own)]
 
 

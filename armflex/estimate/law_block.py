@@ -50,14 +50,14 @@ class LawsBlock(Block):
     def start(self) -> Array:
         return np.concatenate([law.values for law in self.laws])
 
-    def columns(self, view: View) -> Array:
+    def jacobian(self, view: View) -> Array:
         """Return the columns of every value, through the laws' answer; effects add nothing to them."""
-        line, names, columns = view.line, view.setup.arm.flexure_names, []
+        line, names, jacobian = view.line, view.setup.arm.flexure_names, []
         for place, name in enumerate(self.flexures):
             index = names.index(name)
             free = self._free(place, view.setup.arm.flexures[index].law)
-            columns.append(line.laws[:, :, index] @ free.by_values(line.flexure_wrenches[:, index], line.row))
-        return view.answer(np.concatenate(columns, axis=2))
+            jacobian.append(line.laws[:, :, index] @ free.by_values(line.flexure_wrenches[:, index], line.row))
+        return view.answer(np.concatenate(jacobian, axis=2))
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         return self._with(setup, [law.at(own) for law, own in zip(self.laws, self.split(values), strict=True)])

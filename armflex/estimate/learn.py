@@ -24,7 +24,7 @@ from armflex.setup import Setup
 
 FIRM = 4.0
 """How many values' worth the expected size of a group is: a scale that the data hardly tell must not run to nothing,
-which would leave what they cannot tell without any doubt."""
+which would leave what they cannot tell without any flag."""
 
 MOST = 4.0
 """Times what is expected beforehand that a group may be at most. Where an arm lacks something else, the readings would
@@ -57,7 +57,7 @@ def fit_learning(
     by_scatter: bool,
     progress: Progress | None = None,
 ) -> tuple[Fit, tuple[Flag, ...]]:
-    """Return the most probable values of all blocks and laws together, and doubts.
+    """Return the most probable values of all blocks and laws together, and flags.
 
     The laws' scales are found by evidence, and with them the weights of readings that scatter more than they state.
 
@@ -104,7 +104,7 @@ def fit_learning(
     return replace(found, factor=weighed.factor), tuple(flags)
 
 
-def settled(arm: Arm, found: Fit) -> Arm:
+def with_posteriors(arm: Arm, found: Fit) -> Arm:
     """Return a fitted arm whose learned laws carry the covariance of their values, and how far corrections go."""
     block = next((block for block in found.blocks if isinstance(block, LawBlock)), None)
     if block is None:
@@ -114,7 +114,7 @@ def settled(arm: Arm, found: Fit) -> Arm:
     return with_laws(
         arm,
         {
-            name: laws[name].settled(
+            name: laws[name].with_posterior(
                 covariance[np.ix_(own, own)], line.flexure_wrenches[:, names.index(name)], line.row
             )
             for name, own in places.items()

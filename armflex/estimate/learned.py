@@ -60,9 +60,9 @@ def learned_axes(fit: Fit, laws: Mapping[str, LearnedLaw], samples: LawSamples |
         loads, row, start = line.flexure_wrenches[:, names.index(name)], line.row, law.at(law.start)
         declared, learned = start.twist(loads, row), law.twist(loads, row)
         correction = np.zeros_like(loads) if law.correction is None else law.correction.twist(loads, row)
-        assert law.spread is not None
+        assert law.posterior is not None
         expected = np.diag([one.prior**2 for one in law.expected])
-        std, before = law.std(law.spread, loads, row), start.std(expected, loads, row)
+        std, before = law.std(law.posterior, loads, row), start.std(expected, loads, row)
         drawn = [] if samples is None else [samples.twists(name, loads, row).std(axis=0)]
         columns = (declared, learned, learned - declared, correction, std, before, *drawn)
         rms = np.sqrt([(values**2).mean(axis=0) for values in columns])

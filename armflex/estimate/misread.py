@@ -241,7 +241,7 @@ def _misfit(
             instrument = replace(instrument, pose=_placed_robustly(base, measurements.position[rows]))
             view = look(Setup(arm, instrument), measurements, rows)
         blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
-        parts = [block.columns(view)[:, view.positions] for block in blocks]
+        parts = [block.jacobian(view)[:, view.positions] for block in blocks]
     except ArmflexError:
         return None
     residual = view.residual[:, view.positions]

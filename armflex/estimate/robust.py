@@ -17,11 +17,11 @@ TOGETHER = 2048
 """Rows whose columns are made together: what they are made of takes some ten times their own memory."""
 
 
-def whitened_columns(blocks: Sequence[Block], view: View, weights: Array) -> Array:
+def whitened_regressors(blocks: Sequence[Block], view: View, weights: Array) -> Array:
     """Return (M d, P) columns of all blocks, whitened and weighted."""
     ends = np.cumsum([0, *(len(block.parameters) for block in blocks)])
     scale = np.sqrt(weights)[:, None] / view.sigma
-    columns = np.empty((*view.residual.shape, ends[-1]))
+    regressors = np.empty((*view.residual.shape, ends[-1]))
     placed = [(block, slice(*pair)) for block, pair in zip(blocks, pairwise(ends.tolist()), strict=True)]
     pieces = [np.arange(len(scale))[i : i + TOGETHER] for i in range(0, len(scale), TOGETHER)]
     local = [(block, place) for block, place in placed if block.by_row or len(pieces) < 2]
@@ -29,14 +29,14 @@ def whitened_columns(blocks: Sequence[Block], view: View, weights: Array) -> Arr
     def fill(some: np.ndarray) -> None:
         part = view if len(pieces) == 1 else view.some(some)
         for block, place in local:
-            np.multiply(block.columns(part), scale[some, :, None], out=columns[some[0] : some[-1] + 1, :, place])
+            np.multiply(block.jacobian(part), scale[some, :, None], out=regressors[some[0] : some[-1] + 1, :, place])
 
     for _ in in_threads(fill, pieces):
         pass
     for block, place in placed:
         if (block, place) not in local:
-            columns[:, :, place] = block.columns(view) * scale[:, :, None]
-    return columns.reshape(view.residual.size, ends[-1])
+            regressors[:, :, place] = block.jacobian(view) * scale[:, :, None]
+    return regressors.reshape(view.residual.size, ends[-1])
 
 
 def whitened_residual(view: View, weights: Array) -> Array:

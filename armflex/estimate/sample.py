@@ -83,7 +83,7 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
         (weight * view.answer(line.laws[:, :, i]), line.flexure_wrenches[:, i], law)
         for i, law in ((names.index(name), law) for name, law in laws.items())
     ]
-    others = found.columns.copy()
+    others = found.regressors.copy()
     others[:, places] = 0.0
 
     # The (P, k) directions that are told, each a standard deviation of Laplace's posterior long.
@@ -97,16 +97,16 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
     def density(steps: Array) -> tuple[float, Array]:
         """Return the log posterior density, but for a constant, (k,) steps from the fit, and its gradient."""
         values = found.values + directions @ steps
-        moved, columns = others @ (values - found.values), others.copy()
+        moved, regressors = others @ (values - found.values), others.copy()
         own = zip(seen, block.split(values[places]), block.split(places), strict=True)
         for (answer, loads, law), part, here in own:
             there = law.at(part)
             moved += (answer @ (there.twist(loads, row) - law.twist(loads, row))[..., None]).ravel()
-            columns[:, here] = (answer @ there.by_values(loads, row)).reshape(len(columns), -1)
+            regressors[:, here] = (answer @ there.by_values(loads, row)).reshape(len(regressors), -1)
         residual = (found.residual - moved) / noise
         pull = np.where(np.isfinite(prior), values / prior**2, 0.0)
         value = -0.5 * float(residual @ residual) - 0.5 * float(pull @ values)
-        return value, directions.T @ (columns.T @ residual / noise - pull)
+        return value, directions.T @ (regressors.T @ residual / noise - pull)
 
     walks: list[Walk] = []
     for one in np.random.SeedSequence(seed).spawn(CHAINS):

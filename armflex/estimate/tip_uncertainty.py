@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.estimate.spread import displacement_covariance, without_declared_doubt
+from armflex.estimate.posterior import displacement_covariance, without_declared_uncertainty
 from armflex.laws.effects.remember import remembers
 from armflex.mechanics.deflection import Deflection, DeflectionBatch
 from armflex.mechanics.loads import Payload
@@ -33,7 +33,7 @@ REMEMBERED = (
 
 
 def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None, tuple[Flag, ...]]:
-    """Return the covariance of the tip's displacement, of the laws and of what the arm was fitted to, and doubts.
+    """Return the covariance of the tip's displacement, of the laws and of what the arm was fitted to, and flags.
 
     `Deflection.covariance` is of the laws alone. On an arm that was calibrated or traced the fitted parameters have a
     covariance of their own, in which the declared uncertainty of fitted compliances is contained already: they are not
@@ -43,22 +43,22 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
         found: What `Arm.deflection` returned.
 
     Returns:
-        (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty; and doubts.
+        (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty; and flags.
     """
     if isinstance(found, DeflectionBatch):
-        certain, case = without_declared_doubt(cast(Arm, found.arm)), found.case
+        certain, case = without_declared_uncertainty(cast(Arm, found.arm)), found.case
         laws = replace(found, arm=certain).covariance
         payloads = [_known_as(certain, certain.payload(found.payload(i))) for i in range(len(found.q))]
-        covariance, doubts = tip_covariance(certain, found.q, payloads, case.covariates, laws)
+        covariance, flags = tip_covariance(certain, found.q, payloads, case.covariates, laws)
     else:
         case, solved = found.solved.case, found.solved
-        certain = without_declared_doubt(cast(Arm, solved.loaded.arm))
+        certain = without_declared_uncertainty(cast(Arm, solved.loaded.arm))
         own = replace(found, solved=solved._replace(loaded=certain.loaded(found.payload))).covariance
         laws, payloads = None if own is None else own[None], [_known_as(certain, found.payload)]
-        covariance, doubts = tip_covariance(certain, found.q[None], payloads, case.covariates, laws)
+        covariance, flags = tip_covariance(certain, found.q[None], payloads, case.covariates, laws)
         covariance = None if covariance is None else covariance[0]
     rest = certain.certainty is None or not (case.moves or case.wrenches)
-    return covariance, doubts if rest else (*doubts, AT_REST)
+    return covariance, flags if rest else (*flags, AT_REST)
 
 
 def _known_as(arm: Arm, payload: Payload) -> str | Payload:
@@ -72,20 +72,20 @@ def tip_covariance(
     """Return the (N, 6, 6) covariance of the tip's displacement, base axes [m, rad], None where nobody states one.
 
     Args:
-        arm: The arm; for one that was fitted `laws` are those of `without_declared_doubt`.
+        arm: The arm; for one that was fitted `laws` are those of `without_declared_uncertainty`.
         q: (N, nq) joint positions [rad or m].
         payloads: What is carried in each row, or its name.
         covariates: What the arm's effects depend on, numbers or (N,) by name.
         laws: (N, 6, 6) covariance that the laws themselves give, None where none does.
 
     Returns:
-        The covariance, and doubts about it.
+        The covariance, and met about it.
     """
     if arm.certainty is None:
         return laws, ()
     known = {name: np.broadcast_to(np.asarray(value, dtype=float), len(q)) for name, value in covariates.items()}
     derived = tuple(dict.fromkeys(name for effect in arm.effects for name in effect.derived))
-    parts, doubts = [np.zeros((0, 6, 6))], dict.fromkeys(REMEMBERED if remembers(arm) else ())
+    parts, met = [np.zeros((0, 6, 6))], dict.fromkeys(REMEMBERED if remembers(arm) else ())
     for some in (slice(first, first + AT_ONCE) for first in range(0, len(q), AT_ONCE)):
         given = {name: values[some] for name, values in known.items()}
         # A direction of 0 is one that nothing tells: of effects that derive it, the joint came from either side.
@@ -95,9 +95,9 @@ def tip_covariance(
         if part is None:
             return laws, flags
         parts.append(part)
-        doubts |= dict.fromkeys(flags)
+        met |= dict.fromkeys(flags)
     fitted = np.concatenate(parts)
-    return fitted if laws is None else laws + fitted, tuple(doubts)
+    return fitted if laws is None else laws + fitted, tuple(met)
 
 
 def length_sigma(vectors: Array, covariance: Array) -> Array:

@@ -11,10 +11,10 @@ import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import Array
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
 from armflex.laws.effects.location import Location, link_of, same_site, site_of
 from armflex.laws.effects.remember import directions
-from armflex.laws.effects.scene import Scene
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
@@ -109,13 +109,13 @@ class View:
         """Return the (M, 4, 4) pose of a link in the base [m]."""
         return self.line.links[:, self.line.link_names.index(link)]
 
-    def columns(self, law: EffectLaw, location: Location, inner: Values, scene: Scene) -> Array:
+    def jacobian(self, law: EffectLaw, location: Location, inner: Values, context: Context) -> Array:
         """Return (M, d, k) changes of the readings per unit of an effect's acting amplitudes, exact where zero."""
-        return self.per(law, location) @ law.features(location, inner, self, scene).transpose(0, 2, 1)
+        return self.per(law, location) @ law.features(location, inner, self, context).transpose(0, 2, 1)
 
-    def effect_columns(self, effect: Effect, scene: Scene) -> Array:
+    def effect_jacobian(self, effect: Effect, context: Context) -> Array:
         """Return (M, d, k) changes of the readings per unit of an effect's acting amplitudes at its inner values."""
-        return self.columns(effect.law, effect.location, effect.inner, scene)
+        return self.jacobian(effect.law, effect.location, effect.inner, context)
 
     def per(self, law: EffectLaw, location: Location) -> Array:
         """Return (M, d, n) changes of the readings per unit of the features that a law has at a location."""

@@ -19,10 +19,10 @@ from armflex.errors import ArmflexError, InputError, UnsupportedError
 from armflex.export.c_laws import Factor, Terms, terms_of
 from armflex.export.exported import Exported
 from armflex.laws import Law, LinearLaw
+from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import BoundTwist, Pulling
 from armflex.laws.effects.remember import depended_on
-from armflex.laws.effects.scene import MASS
 from armflex.laws.effects.shapes import end_of, middle_of
 from armflex.laws.learned.seen import Seen
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Chain, link_frame

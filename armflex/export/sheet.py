@@ -25,7 +25,7 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array, number
 from armflex.errors import listing
-from armflex.estimate.spread import OTHER_PARAMETERS, blocks_of
+from armflex.estimate.posterior import OTHER_PARAMETERS, blocks_of
 from armflex.export.exported import Exported
 from armflex.export.rigid import (
     configurations,

@@ -95,11 +95,11 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
-    doubts = [*robot.flags, *flags, *_softness(flexures, anywhere(robot))]
+    flags = [*robot.flags, *flags, *_softness(flexures, anywhere(robot))]
     if measurement.gravity_in == "measurement" and not calibrated:
         text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
-        doubts.append(Flag("gravity_in", f"gravity {text}"))
-    arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=tuple(doubts))
+        flags.append(Flag("gravity_in", f"gravity {text}"))
+    arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=tuple(flags))
     if not calibrated:
         return _with_effects(arm, effects)
     table = root.sub("calibration")
@@ -197,7 +197,7 @@ def _read_prior(table: Declaration) -> Prior:
 
 
 def _softness(flexures: tuple[Flexure, ...], row: Row) -> Iterator[Flag]:
-    """Yield doubts about how the flexures give, and how well that is known."""
+    """Yield flags about how the flexures give, and how well that is known."""
     for flexure in flexures:
         for flag in (flag for law in flexure.law.leaves for flag in softness(law.tangent(np.zeros(6), row))):
             yield Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}")

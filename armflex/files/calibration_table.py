@@ -154,7 +154,7 @@ def with_certainty(table: Declaration, arm: Arm) -> Arm:
     if certainty is None:
         return arm
     learned = {one.name: one.learned for one in arm.flexures if one.learned}
-    laws = {name: replace(law, spread=certainty.among(of_law(name, law))) for name, law in learned.items()}
+    laws = {name: replace(law, posterior=certainty.among(of_law(name, law))) for name, law in learned.items()}
     changed = [replace(one, law=laws[one.name]) if one.name in laws else one for one in arm.flexures]
     return replace(arm, flexures=tuple(changed), certainty=certainty)
 

@@ -18,9 +18,9 @@ import numpy as np
 from armflex.declaration import Declaration
 from armflex.errors import ArmFileError, did_you_mean, listing
 from armflex.laws.effects.catalogue import CATALOGUE, SHAPES
+from armflex.laws.effects.context import AXES, Records
 from armflex.laws.effects.effect import Effect, EffectLaw, full
 from armflex.laws.effects.location import BASE, TOOL, Location
-from armflex.laws.effects.scene import AXES, Records
 from armflex.rows.rows import APPROACH
 
 if TYPE_CHECKING:

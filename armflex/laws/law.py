@@ -92,7 +92,7 @@ class Row:
         known = {name: values[index] if np.ndim(values) else values for name, values in self.covariates.items()}
         return Row(self.q[index] if self.q.ndim > 1 else self.q, self.joint_index, known)
 
-    def spread(self, count: int) -> Row:
+    def repeated(self, count: int) -> Row:
         """Return N rows where a leading axis may have been left at 1 or out."""
         known = {
             name: np.broadcast_to(values, (count, *np.shape(values)[1:])) if np.ndim(values) else values
@@ -275,7 +275,7 @@ class Law(ABC):
 
     @property
     def trained(self) -> bool:
-        """Whether the law knows the loads that it was trained on, so that `doubts` is worth asking."""
+        """Whether the law knows the loads that it was trained on, so that `flags` is worth asking."""
         return self.trained_on is not None
 
     @property
@@ -283,7 +283,7 @@ class Law(ABC):
         """Whether anything of the law is known to be not known."""
         return self.values_covariance is not None and bool(self.values_covariance.any())
 
-    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+    def flags(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return what is doubtful about the answer to a (6,) wrench [N, Nm]: loads beyond those trained on."""
         return () if self.trained_on is None else beyond(self.trained_on, wrench)
 
@@ -348,7 +348,7 @@ class SteppedLaw(WithoutParameters):
 
 
 class Composed(Law):
-    """A law made of others: its parameters are theirs, and its uncertainty, draws and doubts follow from theirs."""
+    """A law made of others: its parameters are theirs, and its uncertainty, draws and flags follow from theirs."""
 
     laws: tuple[Law, ...]
     """What it is made of: a field or a property."""
@@ -432,11 +432,11 @@ class Composed(Law):
         """Return none: [prior] says nothing of laws within a law; `learn = true` frees those."""
         return ()
 
-    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+    def flags(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         if not self.trained:
             return ()
         asked = zip(self.laws, self.shares(wrench, row), strict=True)
-        return tuple(flag for law, (_, load) in asked for flag in law.doubts(load, row))
+        return tuple(flag for law, (_, load) in asked for flag in law.flags(load, row))
 
 
 def anywhere(robot: Robot) -> Row:

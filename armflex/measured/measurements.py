@@ -1,7 +1,7 @@
 """A campaign: where the tip was measured, over configurations, payloads and sessions.
 
 Units are converted once, row order is kept because some effects have a memory, and no row is dropped: rows where the
-arm went but nothing was read stay, masked. Every column without a meaning of its own is a suspect covariate.
+arm went but nothing was read stay, masked. Every column without a meaning of its own is a candidate covariate.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
-from armflex.measured.doubts import check_joint_units, check_one_unit, first_nan, in_other_units, table_flags
+from armflex.measured.data_flags import check_joint_units, check_one_unit, first_nan, in_other_units, table_flags
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
@@ -47,7 +47,7 @@ class Measurements(Rows):
     Attributes:
         readings: What was read in each row, of every kind.
         sha256: Of the file, and of the points' file where there is one.
-        flags: Doubts about the table.
+        flags: Flags about the table.
         frame: Name of the frame that the positions are in, '' where the files do not say.
     """
 
@@ -175,7 +175,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurement
     """Yield the rows of a table of inputs, so many at most at a time, as `read_measurements` gives them all.
 
     The table is read twice: all of it is looked at before its first rows are given. What is kept meanwhile does not
-    grow with it, but for measured positions. Text columns are given by their levels, see `Rows.levelled`, and doubts
+    grow with it, but for measured positions. Text columns are given by their levels, see `Rows.levelled`, and flags
     about the table are left out. What is no file, but a pipe, is given in one piece.
 
     Raises:

@@ -214,7 +214,7 @@ def _is_point(cells: Sequence[str], k: int) -> bool:
 
 
 def with_points(table: Table, points: PointExport) -> tuple[Table, tuple[Flag, ...]]:
-    """Return a campaign's table with columns x, y, z and whatever else was exported, and doubts about the match.
+    """Return a campaign's table with columns x, y, z and whatever else was exported, and flags about the match.
 
     A row's point is named by its column `point`, or its `pose` where there is none: as `Point`, `Group::Point` or
     `Collection::Group::Point`. Rows of one name take its points in order. Where groups share a name, the group is the

@@ -81,9 +81,9 @@ class Deflection:
     def __repr__(self) -> str:
         """Two lines: how far the tip moves, and what is doubtful."""
         shift, turn = (float(np.linalg.norm(part)) for part in (self.displacement[:3], self.displacement[3:]))
-        doubts = ", ".join(flag.code for flag in self.flags) or "none"
+        flags = ", ".join(flag.code for flag in self.flags) or "none"
         moves = f"{self.names.tip} moves {shift * 1e3:.4g} mm and turns {turn * 1e3:.3g} mrad"
-        return f"<Deflection: {moves} under {self.payload.mass:g} kg ({self.method}); doubts: {doubts}>"
+        return f"<Deflection: {moves} under {self.payload.mass:g} kg ({self.method}); flags: {flags}>"
 
     @property
     def q(self) -> Array:
@@ -120,7 +120,7 @@ class Deflection:
 
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
-        """Doubts about this result."""
+        """Flags about this result."""
         return (*self.asked_flags, *self.solved.loaded.sag_flags(self.displacement), *self.unseen)
 
     @cached_property
@@ -265,8 +265,8 @@ class Deflection:
 
     @cached_property
     def unseen(self) -> tuple[Flag, ...]:
-        """Doubts about loads beyond those that a trained law has seen."""
-        return self._stack.doubts(self.wrenches.ravel(), self._row) if self._stack.trained else ()
+        """Flags about loads beyond those that a trained law has seen."""
+        return self._stack.flags(self.wrenches.ravel(), self._row) if self._stack.trained else ()
 
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
         """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm."""
@@ -277,15 +277,15 @@ class Deflection:
 def deflect(
     loaded: LoadedArm, case: LoadCase, flags: tuple[Flag, ...], method: str, allow_large: bool = False
 ) -> Deflection:
-    """Return what the arm does in a case; `flags` are the doubts about its joint positions.
+    """Return what the arm does in a case; `flags` are the known about its joint positions.
 
     Raises:
         As `find_equilibrium`.
     """
-    doubts = loaded.flags_under(case.wrenches, case.a is not None) if case.wrenches or case.moves else loaded.flags
+    known = loaded.flags_under(case.wrenches, case.a is not None) if case.wrenches or case.moves else loaded.flags
     # Beyond its limits a joint may be farther out than the proof of stability knows of.
     found = find_equilibrium(loaded, case, method, allow_large, within=not flags)
-    return Deflection(found, (*doubts, *flags) if flags else doubts)
+    return Deflection(found, (*known, *flags) if flags else known)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -430,16 +430,16 @@ class DeflectionBatch:
 
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
-        """Doubts, each with the first row it concerns."""
+        """Flags, each with the first row it concerns."""
         unseen = [] if self.first_unseen is None else [(self.first_unseen[0], flag) for flag in self.first_unseen[1]]
         found: dict[str, Flag] = {}
-        for number, flag in sorted((*self.doubts, *unseen), key=lambda pair: pair[0]):
+        for number, flag in sorted((*self.flags_by_row, *unseen), key=lambda pair: pair[0]):
             found.setdefault(flag.code, Flag(flag.code, f"row {number}: {flag.text}"))
         return tuple(found.values())
 
     @property
-    def doubts(self) -> list[tuple[int, Flag]]:
-        """The doubts about arm, loads, limits and sag, with the first row of each kind; `unseen` has those of laws."""
+    def flags_by_row(self) -> list[tuple[int, Flag]]:
+        """The flags about arm, loads, limits and sag, with the first row of each kind; `unseen` has those of laws."""
         arm, found = self.arm, []
         for loaded, rows in by_payload(arm, self.payloads, len(self.q)):
             found += [(int(rows[0]), flag) for flag in self._flags_of(loaded)] if len(rows) else []
@@ -453,15 +453,15 @@ class DeflectionBatch:
 
     @cached_property
     def first_unseen(self) -> tuple[int, tuple[Flag, ...]] | None:
-        """The first row whose loads are beyond those that a trained law has seen, and the doubts about it."""
+        """The first row whose loads are beyond those that a trained law has seen, and the flags about it."""
         return next(self.unseen(), None)
 
     def unseen(self) -> Iterator[tuple[int, tuple[Flag, ...]]]:
-        """Yield the rows whose loads are beyond those that a trained law has seen, and the doubts about them."""
+        """Yield the rows whose loads are beyond those that a trained law has seen, and the flags about them."""
         stack = self.arm.stack
         for i, wrenches in enumerate(self.wrenches.reshape(len(self.q), -1)) if stack.trained else ():
             row = self.arm.loaded(self.payload(i)).row(self.q[i], self.case.some(i).covariates)
-            flags = stack.doubts(wrenches, row)
+            flags = stack.flags(wrenches, row)
             if flags:
                 yield i, flags
 

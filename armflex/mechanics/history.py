@@ -12,9 +12,9 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.laws import Row
+from armflex.laws.effects.context import known_columns
 from armflex.laws.effects.effect import Effect, Manipulator
 from armflex.laws.effects.location import resolve
-from armflex.laws.effects.scene import known_columns
 from armflex.mechanics.deflection import Asked, Deflection, deflect_batch
 from armflex.mechanics.loaded import Structure
 from armflex.mechanics.pinocchio_model import LoadCase

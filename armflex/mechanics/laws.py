@@ -74,9 +74,9 @@ class LawStack:
         """`places` of the flexures whose law was trained."""
         return tuple(place for place in self.places if place[2].trained)
 
-    def doubts(self, wrenches: Array, row: Row) -> tuple[Flag, ...]:
+    def flags(self, wrenches: Array, row: Row) -> tuple[Flag, ...]:
         """Return where (6 n,) wrenches [N, Nm] are beyond what a law was trained on."""
-        asked = [(name, law.doubts(wrenches[place], row)) for name, place, law in self.trained]
+        asked = [(name, law.flags(wrenches[place], row)) for name, place, law in self.trained]
         return tuple(replace(f, text=f"flexure {name!r}: {f.text}", about=name) for name, flags in asked for f in flags)
 
     @cached_property

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from armflex.conventions import Array
 from armflex.errors import Flag, PayloadError, UnknownNameError
 from armflex.laws import Row
-from armflex.laws.effects.scene import MASS
+from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
@@ -49,7 +49,7 @@ class Structure(Protocol):
         robot: The validated robot.
         corrections: Constant errors of its kinematics, bodies included.
         payload_rating: Heaviest rated payload [kg], None when not stated.
-        flags: Doubts about it as declared.
+        flags: Flags about it as declared.
         sites: Of its flexures, in order; `stack` has their laws.
         pulls: Loads on its links.
         names: Of joints and flexures, base and tip.
@@ -95,7 +95,7 @@ class Structure(Protocol):
         ...
 
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
-        """Return q as (nq,) floats [rad or m] with the doubts about it."""
+        """Return q as (nq,) floats [rad or m] with the flags about it."""
         ...
 
     def checked(self, values: ArrayLike, name: str) -> Array:
@@ -143,7 +143,7 @@ class LoadedArm:
 
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
-        """Doubts about the arm, and about its standing still with the payload.
+        """Flags about the arm, and about its standing still with the payload.
 
         Raises:
             PayloadError: The payload's centre of mass is beyond the arm's reach.
@@ -158,7 +158,7 @@ class LoadedArm:
         return (*arm.flags, Flag("beyond_rating", text))
 
     def flags_under(self, wrenches: Sequence[Wrench], accelerated: bool) -> tuple[Flag, ...]:
-        """Return `flags` with the doubts about loads from outside [N, Nm] and about accelerating the payload.
+        """Return `flags` with the flags about loads from outside [N, Nm] and about accelerating the payload.
 
         Raises:
             PayloadError, UnknownNameError: As `flags`; a load is at no link of the arm.

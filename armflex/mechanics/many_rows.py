@@ -217,7 +217,7 @@ class RowSolver:
         self._run(q, laws, pushed, rooms, False, False, into)  # for the loads on the rigid arm
         if laws.curved:
             laws.expand(into.wrenches)
-        fine, settled = self._run(q, laws, pushed, rooms, True, self._exact, into), np.zeros(len(q), dtype=bool)
+        fine, converged = self._run(q, laws, pushed, rooms, True, self._exact, into), np.zeros(len(q), dtype=bool)
         if not self._exact:
             return fine
         for _ in range(ROUNDS):
@@ -225,11 +225,11 @@ class RowSolver:
             twists, wrenches = (np.where(fine[:, None, None], part, 0.0) for part in (into.twists, into.wrenches))
             before, pushed = pushed, self.pushes.wrenches(q, twists)
             moved = laws.expand(wrenches, slopes=False) if laws.curved else 0.0
-            settled |= (moved <= SETTLED) & (turned(before, pushed) <= SETTLED)
-            if (settled | ~fine).all():
+            converged |= (moved <= SETTLED) & (turned(before, pushed) <= SETTLED)
+            if (converged | ~fine).all():
                 break
             fine &= self._run(q, laws, pushed, rooms, True, True, into)
-        return fine & settled
+        return fine & converged
 
     def _run(
         self, q: Array, laws: RowLaws, pushed: Array, rooms: Array, ready: bool, exact: bool, into: Solution

@@ -35,7 +35,7 @@ Quick = Callable[[Any, dict[str, float]], Answer | None]
 class Prepared:
     """`loop = arm.prepared("p300")`, then `loop(q)` at every tick: the tip's displacement, nothing else computed.
 
-    The answers and the errors are those of `arm.deflection(q, "p300")`, to 1e-13 m and rad; doubts that are no errors
+    The answers and the errors are those of `arm.deflection(q, "p300")`, to 1e-13 m and rad; flags that are no errors
     are not looked for. No answer depends on those before it. Laws that are affine in the load, networks and dead loads
     are the quickest; other laws and loads take some rounds each. It has its own workspace and remembers its last
     answer: one object for each thread.

@@ -193,7 +193,7 @@ def path(goal: Goal, known: LinearGaussian, rows: Array) -> Array:
     return np.array(reached)
 
 
-def instead(own: Effect, rival: Effect) -> str:
+def instead(own: Effect, hypothesis: Effect) -> str:
     """Return what tells two effects apart that move the tip alike."""
-    told = dict.fromkeys(effect.law.instead for effect in (rival, own) if effect.law.instead)
+    told = dict.fromkeys(effect.law.instead for effect in (hypothesis, own) if effect.law.instead)
     return ", or ".join(told) or "measure a second target between the places in question"

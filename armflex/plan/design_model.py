@@ -15,14 +15,14 @@ from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
 from armflex.estimate.block import Block, parameters_of, places_of
 from armflex.estimate.blocks import blocks_of, declared_blocks, frame_block
-from armflex.estimate.effect_block import EffectBlock, amplitude_prior, effect_columns
+from armflex.estimate.effect_block import EffectBlock, amplitude_prior, effect_jacobian
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
-from armflex.estimate.robust import whitened_columns
-from armflex.estimate.spread import OTHER_PARAMETERS, scene_of
+from armflex.estimate.posterior import OTHER_PARAMETERS, context_of
+from armflex.estimate.robust import whitened_regressors
 from armflex.estimate.view import View, look
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect
-from armflex.laws.effects.scene import Scene
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
@@ -45,14 +45,14 @@ class Told:
     Attributes:
         campaign: What was measured.
         view: All of its rows.
-        scene: The same as effects see them.
+        context: The same as effects see them.
         weights: (M,) what every row counts beside the others, 0 where nothing was read.
         fit: The campaign's fit.
     """
 
     campaign: Measurements
     view: View
-    scene: Scene
+    context: Context
     weights: Array
     fit: Fit
 
@@ -65,7 +65,7 @@ class Before:
         setup: Arm and instrument, calibrated where there is something to do it with.
         told: What a campaign tells, None where nothing was measured.
         noise: Standard deviation of the readings over the stated one, 1 or more.
-        flags: Doubts about the campaign.
+        flags: Flags about the campaign.
     """
 
     setup: Setup
@@ -83,7 +83,7 @@ class Before:
         if self.told is None:
             return replace(self, setup=setup)
         view = look(setup, self.told.campaign, np.arange(len(self.told.campaign)))
-        told = replace(self.told, view=view, scene=scene_of(view, self.told.campaign))
+        told = replace(self.told, view=view, context=context_of(view, self.told.campaign))
         return replace(self, setup=setup, told=told)
 
 
@@ -102,18 +102,18 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     fitted, weights = found.fit, np.zeros(len(after))
     weights[fitted.view.rows] = fitted.weights
     view = look(fitted.setup, after, np.arange(len(after)))
-    told = Told(after, view, scene_of(view, after), weights, fitted)
+    told = Told(after, view, context_of(view, after), weights, fitted)
     return Before(fitted.setup, told, max(found.scatter, 1.0), found.flags)
 
 
 @dataclass(frozen=True, eq=False)
-class Suspect(EffectBlock):
+class CandidateBlock(EffectBlock):
     """An effect that is in question: free about its own values, whether or not the arm has it (`ordinal` NOWHERE)."""
 
-    def columns(self, view: View) -> Array:
+    def jacobian(self, view: View) -> Array:
         """Return (M, d, k) changes of the readings."""
-        assert self.scene is not None
-        return effect_columns(self.effect, self.free, view, self.scene)
+        assert self.context is not None
+        return effect_jacobian(self.effect, self.free, view, self.context)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ class Model:
     """Parameters in units of their standard deviations `scale`, and what is known of them.
 
     Attributes:
-        blocks: All that is free, suspects last.
+        blocks: All that is free, candidates last.
         scale: (P,) prior standard deviations; those of a calibrated arm as its campaign left them.
         known: What is known before the rows that are planned, in units of `scale`.
         prior: (P,) standard deviations before anything was measured; infinite where nobody says.
@@ -153,7 +153,7 @@ class Model:
 
     def rows(self, offer: Offer) -> Array:
         """Return (N, 3, P) changes of offered readings, in standard deviations of the readings."""
-        return answers(self.blocks, offer.view, offer.scene) * self.scale
+        return answers(self.blocks, offer.view, offer.context) * self.scale
 
     def std(self, known: LinearGaussian) -> Array:
         """Return the (P,) standard deviations of all parameters in their units."""
@@ -171,13 +171,13 @@ def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
     return before.seen_by(setup), offer.seen_by(setup)
 
 
-def answers(blocks: Sequence[Block], view: View, scene: Scene) -> Array:
+def answers(blocks: Sequence[Block], view: View, context: Context) -> Array:
     """Return (M, d, P) whitened changes of the readings of some rows per parameter of blocks made for others."""
-    here = [block.of_rows(scene) for block in blocks]
-    return whitened_columns(here, view, np.ones(len(view.rows))).reshape(*view.residual.shape, -1)
+    here = [block.of_rows(context) for block in blocks]
+    return whitened_regressors(here, view, np.ones(len(view.rows))).reshape(*view.residual.shape, -1)
 
 
-def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model:
+def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock]) -> Model:
     """Return the model of what is known before, and of rows like those offered.
 
     Free is what [prior] frees, for the planned session beside the campaign's, learned laws, and the effects of the arm
@@ -189,24 +189,24 @@ def model_of(before: Before, offer: Offer, suspects: Sequence[Suspect]) -> Model
     setup, known = before.setup, before.told
     arm, laws = setup.arm, learned_laws(setup.arm)
     if known is None and arm.certainty is not None:
-        return _stored(setup, arm.certainty, offer, suspects)
+        return _stored(setup, arm.certainty, offer, candidates)
     if known is None:
         rows = Measurements.of(offer.rows, offer.view.readings)
     else:
         rows = replace(known.campaign, session=(*known.campaign.session, offer.rows.session[0]))
     blocks = [*declared_blocks(setup, rows), *_law_blocks(laws)]
-    asked = {suspect.ordinal for suspect in suspects}
+    asked = {candidate.ordinal for candidate in candidates}
     for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
         if ordinal not in asked and not effect.remembers:
             free = free_inner(effect)
-            prior = amplitude_prior(effect, free, offer.view, offer.scene)
-            blocks.append(EffectBlock(effect, free, offer.scene, ordinal, prior, number=number))
-    blocks += suspects
+            prior = amplitude_prior(effect, free, offer.view, offer.context)
+            blocks.append(EffectBlock(effect, free, offer.context, ordinal, prior, number=number))
+    blocks += candidates
     scale = _finite(blocks)
     told = LinearGaussian(np.eye(len(scale)))
     if known is not None:
-        columns = answers(blocks, known.view, known.scene) * scale / before.noise
-        told = told.with_rows(columns * np.sqrt(known.weights)[:, None, None])
+        jacobian = answers(blocks, known.view, known.context) * scale / before.noise
+        told = told.with_rows(jacobian * np.sqrt(known.weights)[:, None, None])
     return Model(tuple(blocks), scale, told, scale)
 
 
@@ -229,7 +229,7 @@ def _finite(blocks: Sequence[Block]) -> Array:
     return np.where(np.isfinite(prior), prior, np.where(units == "m", ANYWHERE, ANYHOW))
 
 
-def _stored(setup: Setup, certainty: Certainty, offer: Offer, suspects: Sequence[Suspect]) -> Model:
+def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequence[CandidateBlock]) -> Model:
     """Return the model of a calibrated arm: frames anew, because another instrument may come.
 
     A law that is to be learned since is as uncertain as it was declared, whatever was known of its compliance: all
@@ -244,15 +244,15 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, suspects: Sequence
     parameters = certainty.parameters
     if blocks_of(parameters, setup) is None:
         raise InputError(OTHER_PARAMETERS.text)
-    anew = {suspect.parameters[0].group for suspect in suspects if suspect.ordinal != NOWHERE}
+    anew = {candidate.parameters[0].group for candidate in candidates if candidate.ordinal != NOWHERE}
     anew |= {Group(Kind.COMPLIANCE, name) for name in new}
     known = certainty.part(
         [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in anew]
     )
     frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
-    kept = blocks_of(known.parameters, setup, scene=offer.scene)
+    kept = blocks_of(known.parameters, setup, context=offer.context)
     assert kept is not None  # some of what is there as a whole
-    fresh = [*_law_blocks(new), *suspects]
+    fresh = [*_law_blocks(new), *candidates]
     blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(known.covariance)), _finite(frames)
     scale = np.concatenate([wide, std, _finite(fresh)])
     normal, inside = np.eye(len(scale)), slice(len(wide), len(wide) + len(std))

@@ -12,9 +12,9 @@ from armflex.arm import Arm
 from armflex.configurations import Configurations
 from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, InputError, listing
-from armflex.estimate.spread import scene_of
+from armflex.estimate.posterior import context_of
 from armflex.estimate.view import View, look
-from armflex.laws.effects.scene import Scene
+from armflex.laws.effects.context import Context
 from armflex.mechanics.history import known_rows
 from armflex.readings import Position, unread
 from armflex.rows import Rows
@@ -101,14 +101,14 @@ class Offer:
         box: (N, b) where each is in the unit cube of what may be asked.
         rows: The rows.
         view: What the instrument would see of them.
-        scene: The same as effects see them.
+        context: The same as effects see them.
         dropped: How many others were left out, by reason.
     """
 
     box: Array
     rows: Rows
     view: View
-    scene: Scene
+    context: Context
     dropped: Counter[str]
 
     def with_sigma(self, sigma: Array) -> Offer:
@@ -118,10 +118,10 @@ class Offer:
     def seen_by(self, setup: Setup) -> Offer:
         """Return the same rows as another arm or instrument has them."""
         view = look(setup, self.rows, np.arange(len(self.rows)), readings=self.view.readings)
-        return replace(self, view=view, scene=scene_of(view, self.rows))
+        return replace(self, view=view, context=context_of(view, self.rows))
 
 
-def spread(reach: Reach, setup: Setup, count: int, seed: int) -> Offer:
+def spread_evenly(reach: Reach, setup: Setup, count: int, seed: int) -> Offer:
     """Return up to `count` rows spread evenly over all that may be asked, `count` a power of two.
 
     Raises:
@@ -159,7 +159,7 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
     if len(high) < len(held):
         held, rows = held[high], rows.some(high)
         view = look(setup, rows, np.arange(len(held)), readings=readings.some(high))
-    return Offer(box[held], rows, view, scene_of(view, rows), +dropped)
+    return Offer(box[held], rows, view, context_of(view, rows), +dropped)
 
 
 def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:

@@ -42,10 +42,10 @@ def draw_plan(found: Plan, path: str | Path) -> Path:
 
         curve, *maps = figure.subplots(1, 3, width_ratios=(1.1, 1.0, 1.0))
         _draw_curve(curve, found)
-        doubt = {title: values * 1e3 for title, values in found.doubt.items()}
-        every = np.concatenate(list(doubt.values()))
+        uncertainty = {title: values * 1e3 for title, values in found.uncertainty.items()}
+        every = np.concatenate(list(uncertainty.values()))
         norm = LogNorm(float(np.quantile(every, 0.01)), float(np.quantile(every, 0.99)))
-        for axes, (title, values) in zip(maps, doubt.items(), strict=True):
+        for axes, (title, values) in zip(maps, uncertainty.items(), strict=True):
             marks = _draw_map(axes, found, values, norm)
             axes.set_title(title)
         maps[0].set_ylabel("z [m]")

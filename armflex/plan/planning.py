@@ -12,18 +12,18 @@ from armflex.arm import Arm
 from armflex.configurations import drawn_range
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, did_you_mean, listing
-from armflex.estimate.spread import scene_of
+from armflex.estimate.posterior import context_of
 from armflex.estimate.view import look
+from armflex.laws.effects.context import MASS, TEMPERATURE
 from armflex.laws.effects.effect import Effect
-from armflex.laws.effects.scene import MASS, TEMPERATURE
 from armflex.measured.measurements import Measurements
 from armflex.parameters import Kind
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.drive import driven
-from armflex.plan.offer import Reach, around, rows_at, spread
+from armflex.plan.hypotheses import Hypothesis, candidate_of, hypothesis_of, named_effect, refitted, spelled
+from armflex.plan.offer import Reach, around, rows_at, spread_evenly
 from armflex.plan.result import TOLD, UNKNOWN, Plan, blind_spots
-from armflex.plan.rivals import Rival, named_effect, refitted, rival_of, spelled, suspect_of
 from armflex.readings import Position, unread
 from armflex.rows.rows import APPROACH
 from armflex.trajectory import Trajectory
@@ -102,29 +102,31 @@ def plan(
     reach, flags = _reach_of(before, effects, payloads, settable, sigma, floor)
     path_flags = () if along is None else along.derived_directions(before.setup.arm)
     flags = (*before.flags, *path_flags, *flags)
-    offer = spread(reach, before.setup, OFFERED, seed)
+    offer = spread_evenly(reach, before.setup, OFFERED, seed)
     if len(offer.rows) < rows:
         raise InputError(f"{rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")
     before, offer = learning(before, offer)
-    suspects = [suspect_of(effect, reach.arm, offer) for effect in effects]
-    refits = [refitted(suspect, before) for suspect in suspects]
+    candidates = [candidate_of(effect, reach.arm, offer) for effect in effects]
+    refits = [refitted(candidate, before) for candidate in candidates]
     explained = min((max(found.noise, 1.0) for found in refits if found), default=before.noise)
     if explained < before.noise:  # one of them is what makes readings scatter
         before = replace(before, noise=explained)
         reach = replace(reach, sigma=_sigma_of(before, sigma))
         offer = offer.with_sigma(reach.sigma)
-    model = model_of(before, offer, suspects)
+    model = model_of(before, offer, candidates)
     if before.noise > SCATTER:
         text = f"readings scatter {before.noise:.2g} times as much as stated: something is missing, trace it first"
         flags = (*flags, Flag("unexplained_residual", text))
-    rivals = tuple(rival_of(suspect, found, offer) for suspect, found in zip(suspects, refits, strict=True))
-    if not rivals and not model.moving.any():
+    hypotheses = tuple(
+        hypothesis_of(candidate, found, offer) for candidate, found in zip(candidates, refits, strict=True)
+    )
+    if not hypotheses and not model.moving.any():
         raise InputError(
             "nothing is free: [prior] has neither joint_offset, compliance nor geometry, no law is to be learned, and "
             "the arm has no effect"
         )
     every = model.rows(offer)
-    goal = _goal(before, model, every, rivals, along)
+    goal = _goal(before, model, every, hypotheses, along)
     tick(1, ROUNDS + 1)
 
     # The best of all that is offered, then of what is near it; the most telling first.
@@ -154,10 +156,10 @@ def plan(
         reached=reached,
         random=np.array([path(goal, known, every[some]) for some in draws]),
         everything=goal.value(known.with_rows(every)),
-        rivals=rivals,
+        hypotheses=hypotheses,
         blind=blind_spots(model, every, float(reach.sigma.max())),
         offered=offer,
-        doubt=_doubts(model, reach, every, told, seed),
+        uncertainty=_uncertainties(model, reach, every, told, seed),
         way=way,
         flags=flags,
     )
@@ -197,7 +199,7 @@ def _reach_of(
     sigma: float | None,
     floor: float,
 ) -> tuple[Reach, tuple[Flag, ...]]:
-    """Return what may be asked of the arm, and doubts.
+    """Return what may be asked of the arm, and flags.
 
     Raises:
         InputError: Values of what an effect depends on are missing, or given for what none does; payloads are given
@@ -261,13 +263,15 @@ def _sigma_of(before: Before, sigma: float | None) -> Array:
     return before.noise * np.median(before.campaign.sigma[before.campaign.measured], axis=0)
 
 
-def _goal(before: Before, model: Model, every: Array, rivals: Sequence[Rival], along: Trajectory | None) -> Goal:
+def _goal(
+    before: Before, model: Model, every: Array, hypotheses: Sequence[Hypothesis], along: Trajectory | None
+) -> Goal:
     """Return what is to be made as large as can be, where (N, 3, P) changes of the readings are offered."""
-    if rivals:
+    if hypotheses:
         truths = []
-        for rival in rivals:
-            own, places = np.zeros(len(model.scale)), model.place(rival.suspect)
-            own[places] = rival.size / model.scale[places]
+        for hypothesis in hypotheses:
+            own, places = np.zeros(len(model.scale)), model.place(hypothesis.candidate)
+            own[places] = hypothesis.size / model.scale[places]
             truths.append(Truth(own, np.setdiff1d(np.arange(len(own)), places), float(own @ own)))
         # One law may hold the other as a special case: then rows are for the case that the wider one is true.
         whole = model.known.with_rows(every)
@@ -281,11 +285,11 @@ def _goal(before: Before, model: Model, every: Array, rivals: Sequence[Rival], a
     known = {name: values[some] for name, values in ordered.known.items()}
     rows = rows_at(before.setup.arm, ordered.q[some], tuple(along.payload[i] for i in some), known)
     view = look(before.setup, rows, np.arange(len(some)), readings=unread(len(some), Position))
-    seen = answers(model.blocks, view, scene_of(view, rows)) * model.scale
+    seen = answers(model.blocks, view, context_of(view, rows)) * model.scale
     return IOptimal(np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some))
 
 
-def _doubts(model: Model, reach: Reach, every: Array, rows: Array, seed: int) -> dict[str, Array]:
+def _uncertainties(model: Model, reach: Reach, every: Array, rows: Array, seed: int) -> dict[str, Array]:
     """Return what to draw by its title: (N,) standard deviations of what would be read in 3-D [m].
 
     How the next session moves the instrument is no part of it: that is not of the arm.

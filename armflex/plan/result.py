@@ -16,9 +16,9 @@ from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, numbered
 from armflex.plan.design import Goal, IOptimal, TOptimal, instead
-from armflex.plan.design_model import Model, Suspect
+from armflex.plan.design_model import CandidateBlock, Model
+from armflex.plan.hypotheses import Hypothesis
 from armflex.plan.offer import Offer, Reach
-from armflex.plan.rivals import Rival
 from armflex.rows import Rows
 
 TOLD = 3.0
@@ -63,7 +63,7 @@ def blind_spots(model: Model, rows: Array, sigma: float) -> tuple[Blind, ...]:
     most = np.sqrt((rows**2).sum(axis=1)).max(axis=0)
     found = []
     for block in model.blocks:
-        if block.kind in FRAMES or isinstance(block, Suspect):
+        if block.kind in FRAMES or isinstance(block, CandidateBlock):
             continue
         law = block.looks_like
         for place in model.place(block)[left[model.place(block)]].tolist():
@@ -89,13 +89,13 @@ class Plan:
         reached: (n + 1,) the goal's value after none, one, ... of them, the most telling first.
         random: (DRAWS, m + 1) the same of poses at random.
         everything: The goal's value if all rows that were offered were measured.
-        rivals: The two effects in question, if any.
+        hypotheses: The two effects in question, if any.
         blind: Parameters of which no tip reading tells anything.
         offered: Rows that were offered first, spread evenly.
-        doubt: By title, (N,) standard deviation there of what the instrument would read, in 3-D [m]: before or, while
+        flag: By title, (N,) standard deviation there of what the instrument would read, in 3-D [m]: before or, while
             nothing is known of where the instrument stands, after as many rows at random; and after the plan.
         way: Motion of all joints together, in ranges, and what it would be in the order in which rows were chosen.
-        flags: Doubts.
+        flags: Flags.
     """
 
     rows: Rows
@@ -107,10 +107,10 @@ class Plan:
     reached: Array
     random: Array
     everything: float
-    rivals: tuple[Rival, ...]
+    hypotheses: tuple[Hypothesis, ...]
     blind: tuple[Blind, ...]
     offered: Offer
-    doubt: Mapping[str, Array]
+    uncertainty: Mapping[str, Array]
     way: tuple[float, float]
     flags: tuple[Flag, ...]
 
@@ -157,17 +157,19 @@ class Plan:
 
 def _between(plan: Plan) -> tuple[str, ...]:
     """Return whether two effects in question will be told apart, and what else would tell them."""
-    if not plan.rivals:
+    if not plan.hypotheses:
         return ()
-    one, other = (rival.suspect.effect for rival in plan.rivals)
-    titles = [f"{rival.suspect.effect.title}{numbered(rival.suspect.number)}" for rival in plan.rivals]
+    one, other = (hypothesis.candidate.effect for hypothesis in plan.hypotheses)
+    titles = [
+        f"{hypothesis.candidate.effect.title}{numbered(hypothesis.candidate.number)}" for hypothesis in plan.hypotheses
+    ]
     pair, apart = " from ".join(titles), float(plan.goal.shown(plan.reached[-1]))
     told: tuple[str, ...] = ()
     if plan.goal.shown(plan.everything) < TOLD:
         return (f"No tip reading tells {pair}; instead, {instead(one, other)}.",)
     if isinstance(plan.goal, TOptimal) and len(plan.goal.truths) == 1:
         places = np.flatnonzero(plan.goal.truths[0].own)
-        true = int(places[0] not in plan.model.place(plan.rivals[0].suspect))
+        true = int(places[0] not in plan.model.place(plan.hypotheses[0].candidate))
         told += (
             f"Were {titles[1 - true]} true, {titles[true]} and what calibration frees would do as well whatever is "
             f"read; these rows are for the case that it is {titles[true]}. Otherwise, {instead(one, other)}.",

@@ -65,7 +65,7 @@ def check_faults(urdf: Urdf, scope: Scope) -> tuple[Flag, ...]:
 
 
 def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, ...]:
-    """Return the doubts about masses and inertias of a checked tree.
+    """Return the flags about masses and inertias of a checked tree.
 
     Raises:
         UrdfError: A moving body of the chain has no mass (unless `allow_massless`, or it is a mere crossing of axes),
@@ -106,7 +106,7 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
 
 
 def _check_link(urdf: Urdf, link: Link, inertial: Inertial, carried: bool) -> list[Flag]:
-    """Return the doubts about one body; raise where the CoM of one that is carried is far beyond it."""
+    """Return the flags about one body; raise where the CoM of one that is carried is far beyond it."""
     flags, where, mass = _check_inertia(link.name, inertial.inertia, inertial.place), inertial.place, inertial.mass
     # The roots are taken first, because masses may be next to nothing.
     gyration = float(np.sqrt(max(np.trace(inertial.inertia), 0.0) / 2.0) / np.sqrt(mass))

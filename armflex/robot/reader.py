@@ -125,7 +125,7 @@ class Reader:
     def fail(self, element: etree._Element, problem: str) -> UrdfError:
         return UrdfError(self.place(element), problem)
 
-    def doubt(self, element: etree._Element, code: str, text: str) -> None:
+    def flag(self, element: etree._Element, code: str, text: str) -> None:
         self.flags.append(Flag(code, f"{self.place(element)}: {text}"))
 
     @contextmanager
@@ -187,7 +187,7 @@ class Reader:
         return [child for child in kept if child.tag in allowed]
 
     def _refuse_tag(self, element: etree._Element, child: etree._Element, allowed: frozenset[str]) -> None:
-        """Keep an unknown or misplaced tag as a fault; doubt it where what it could have meant is given anyway."""
+        """Keep an unknown or misplaced tag as a fault; flag it where what it could have meant is given anyway."""
         owner = next((tag for tag, inside in CHILDREN.items() if child.tag in inside), None)
         hint = f"; it belongs inside <{owner}>" if owner else did_you_mean(child.tag, allowed)
         if "xacro" in child.tag:
@@ -200,7 +200,7 @@ class Reader:
             meant = [part for part in element if child.tag in CHILDREN.get(part.tag, ())]
             harmless = bool(meant) and all(part.find(child.tag) is not None for part in meant)
         if harmless or not self.strict:
-            self.doubt(child, "unknown_tag", f"{problem}: passed over")
+            self.flag(child, "unknown_tag", f"{problem}: passed over")
         elif element.tag == "robot":
             raise self.fail(child, problem)
         else:
@@ -226,7 +226,7 @@ class Reader:
             return np.zeros(3), np.eye(3)
         rpy = self.numbers(origin, "rpy", 3, "0 0 0")
         if np.abs(rpy).max() > 2.0 * np.pi:
-            self.doubt(origin, "rpy_in_degrees", f"rpy {origin.get('rpy')!r} exceeds a full turn: degrees?")
+            self.flag(origin, "rpy_in_degrees", f"rpy {origin.get('rpy')!r} exceeds a full turn: degrees?")
         return self.numbers(origin, "xyz", 3, "0 0 0"), rotation_of(rpy)
 
 

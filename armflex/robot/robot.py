@@ -137,7 +137,7 @@ def load_robot(
 def lock_side_joints(
     urdf: Urdf, base: str, chain: tuple[Joint, ...], locked: Mapping[str, float]
 ) -> tuple[dict[str, float], tuple[Flag, ...]]:
-    """Return the position of every moving joint off the chain [rad or m], and the doubts: they weigh but do not move.
+    """Return the position of every moving joint off the chain [rad or m], and the flags: they weigh but do not move.
 
     Each is held as asked; else, where it mimics another such joint, as that one says; else at zero or the nearest
     limit. A joint that mimics one of the chain should move with it, as a counterweight does, so it is flagged.

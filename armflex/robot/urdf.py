@@ -103,7 +103,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF as data; `flags` are the doubts met while reading."""
+    """A URDF as data; `flags` are the flags met while reading."""
 
     name: str
     path: Path
@@ -215,7 +215,7 @@ def _materials(reader: Reader, root: etree._Element) -> dict[str, str]:
             try:
                 rgba = reader.numbers(color, "rgba", 4)
             except UrdfError as error:
-                reader.doubt(color, "color", error.problem)
+                reader.flag(color, "color", error.problem)
                 continue
             red, green, blue = (round(255 * value) for value in np.clip(rgba[:3], 0.0, 1.0))
             found[element.get("name")] = f"#{red:02x}{green:02x}{blue:02x}"
@@ -259,7 +259,7 @@ def _joint(reader: Reader, element: etree._Element) -> Joint:
         origin, rotation = reader.pose(element)
     if np.linalg.norm(origin) > FARTHEST:
         text = f"joint {name!r}: origin is {np.linalg.norm(origin):g} m from its parent link: millimetres?"
-        reader.doubt(element, "origin_in_millimetres", text)
+        reader.flag(element, "origin_in_millimetres", text)
     ends = []
     for tag in ("parent", "child"):
         if (end := reader.only(element, tag)) is None:
@@ -281,14 +281,14 @@ def _joint(reader: Reader, element: etree._Element) -> Joint:
 def _axis(reader: Reader, element: etree._Element, name: str, default: Array) -> Array:
     axis = reader.only(element, "axis")
     if axis is None:
-        reader.doubt(element, "axis_missing", f"joint {name!r} has no <axis>: x is taken, the specification's default")
+        reader.flag(element, "axis_missing", f"joint {name!r} has no <axis>: x is taken, the specification's default")
         return default
     vector = reader.numbers(axis, "xyz", 3)
     norm = float(np.linalg.norm(vector))
     if norm < 1e-6:
         raise reader.fail(axis, f"joint {name!r}: axis is zero")
     if abs(norm - 1.0) > 1e-6:
-        reader.doubt(axis, "axis_not_unit", f"joint {name!r}: axis has length {norm:.6g}, normalised")
+        reader.flag(axis, "axis_not_unit", f"joint {name!r}: axis has length {norm:.6g}, normalised")
     return vector / norm
 
 
@@ -312,7 +312,7 @@ def _limits(reader: Reader, element: etree._Element, name: str, kind: str) -> tu
         raise reader.fail(limit, f"joint {name!r}: lower limit {lower:g} exceeds upper limit {upper:g}")
     if kind == "revolute" and max(abs(lower), abs(upper)) > WIDEST:
         text = f"joint {name!r}: limits {lower:g} to {upper:g} rad exceed two turns: degrees?"
-        reader.doubt(limit, "limit_in_degrees", text)
+        reader.flag(limit, "limit_in_degrees", text)
     return lower, upper, effort or np.inf, velocity or np.inf
 
 

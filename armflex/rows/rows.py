@@ -18,7 +18,7 @@ STILL = 1e-9
 """Joints that move by less [rad or m] from row to row stand still: rounding turns no joint round."""
 
 POSE = "pose_number"
-"""Column that numbers the poses; for random twists, not a suspect, and not among what is known of rows by itself."""
+"""Column that numbers the poses; for random twists, not a candidate, and not among what is known of rows by itself."""
 
 APPROACH = "approach_"
 """Begins the name of a column that says from which side a joint came: 1 upwards, -1 downwards, 0 neither."""

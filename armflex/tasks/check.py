@@ -11,7 +11,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming
-from armflex.estimate.spread import without_declared_doubt
+from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import AT_REST, length_sigma, tip_covariance
 from armflex.mechanics.deflection import Deflection, DeflectionBatch
 from armflex.parallel import in_threads
@@ -87,7 +87,7 @@ class CheckReport:
         segments: Worst point of each stretch between rows, in order.
         path_worst: Worst point anywhere on the path.
         samples: Number of configurations evaluated.
-        flags: Doubts met on the way.
+        flags: Flags met on the way.
         rows: Every row, in order, via-points among them.
     """
 
@@ -135,7 +135,7 @@ def check(
     trajectory = trajectory.with_constants(arm, covariates or {})
     derived, trajectory = trajectory.derived_directions(arm), trajectory.prepared(arm)
     _check_steps(arm, trajectory)
-    certain, count = without_declared_doubt(arm), len(trajectory)
+    certain, count = without_declared_uncertainty(arm), len(trajectory)
 
     def judged(piece: tuple[bool, np.ndarray]) -> tuple[list[Point], _Judge]:
         (between, some), judge = piece, _Judge(certain, trajectory, tolerance, angle, method)
@@ -218,7 +218,7 @@ class _Judge:
         parts += [*points.covariates.values()]
         table = np.column_stack([part for part in parts if part is not None])
         _, first, back = np.unique(table, axis=0, return_index=True, return_inverse=True)
-        order = np.argsort(first)  # as they come, so that a doubt is about the first of them
+        order = np.argsort(first)  # as they come, so that a flag is about the first of them
         place, first = np.argsort(order)[back.ravel()], first[order]
         v, a = (None if values is None else values[first] for values in (points.v, points.a))
         known = {name: values[first] for name, values in points.covariates.items()}
@@ -240,7 +240,7 @@ class _Judge:
         except ArmflexError:  # one bad row must not hide the others
             reason[:] = [self.trouble(points, i, name) for i, name in enumerate(names)]
             found = self.arm.deflection(points.q, points.payload, enforce_limits=False, allow_large=True, **asked)
-        self.doubt(found, points.time)
+        self.keep_flags(found, points.time)
         return self.judge(found, self.covariance(found, points, known, reason == ""), points, reason)
 
     def trouble(self, points: Points, i: int, name: str) -> str:
@@ -256,9 +256,9 @@ class _Judge:
                 return str(error)
         return ""
 
-    def doubt(self, found: DeflectionBatch, time: Array) -> None:
-        """Keep the doubts that were not met before."""
-        met = [*found.doubts, *((i, flag) for i, flags in found.unseen() for flag in flags)]
+    def keep_flags(self, found: DeflectionBatch, time: Array) -> None:
+        """Keep the flags that were not met before."""
+        met = [*found.flags_by_row, *((i, flag) for i, flags in found.unseen() for flag in flags)]
         effort = np.array([joint.effort for joint in self.arm.robot.moving])
         over = np.flatnonzero((np.abs(found.drive_loads) > effort).any(axis=1))[:1]
         met += [(int(i), flag) for i in over for flag in overload(self.arm, found.row(int(i)))]
@@ -294,11 +294,11 @@ class _Judge:
             each = [length_sigma(found.displacement[:, half], covariance[:, half, half]) for half in halves]
             sigmas = np.stack(each, axis=1)
         limits = np.array([self.tolerance] if self.angle is None else [self.tolerance, self.angle])
-        size, doubts = sizes[:, : len(limits)], COVERAGE * np.nan_to_num(sigmas[:, : len(limits)], posinf=np.inf)
+        size, half_widths = sizes[:, : len(limits)], COVERAGE * np.nan_to_num(sigmas[:, : len(limits)], posinf=np.inf)
         margins = limits - size
-        verdicts = np.where(np.abs(margins) < doubts, 1, np.where(margins >= 0.0, 2, 0))
+        verdicts = np.where(np.abs(margins) < half_widths, 1, np.where(margins >= 0.0, 2, 0))
         verdict = np.where(reason == "", verdicts.min(axis=1), 0)
-        most, least = ((size + sign * doubts) / limits for sign in (1.0, -1.0))
+        most, least = ((size + sign * half_widths) / limits for sign in (1.0, -1.0))
         scores = np.stack([sizes[:, 0] / self.tolerance, most.max(axis=1), least.max(axis=1)], axis=1)
         scores = np.where((reason == "")[:, None], scores, np.maximum(scores, [0.0, 2.0, 2.0]))
         cause = np.zeros(len(sizes), dtype=int)

@@ -87,7 +87,7 @@ class Compensation:
         match: "position" or "pose".
         between_m: Largest error of the tip halfway between rows of one payload, the path being straight in joint
             space there [m]; None with targets of one's own.
-        flags: Doubts: near singular rows, joints asked to move faster than their limit, payloads that change,
+        flags: Flags: near singular rows, joints asked to move faster than their limit, payloads that change,
             changes that may not be the smallest.
     """
 
@@ -155,7 +155,7 @@ def compensate(
         rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
         gaps = _gaps(arm, trajectory, moved)
     widest = None if gaps is None else float(gaps.max(initial=0.0))
-    flags = [*moved.derived_directions(arm), *_doubts(arm, trajectory, moved, rows)]
+    flags = [*moved.derived_directions(arm), *_flags_about(arm, trajectory, moved, rows)]
     if between is not None and (widest is None or widest > between):
         left = "is not looked at with targets of one's own" if widest is None else f"is still {widest:.3g} m"
         text = f"the error halfway between rows {left}; at most {between:g} m was asked"
@@ -171,15 +171,15 @@ def compensate(
     return result
 
 
-def _doubts(arm: Arm, commanded: Trajectory, moved: Trajectory, rows: Sequence[CompensatedRow]) -> Iterator[Flag]:
+def _flags_about(arm: Arm, commanded: Trajectory, moved: Trajectory, rows: Sequence[CompensatedRow]) -> Iterator[Flag]:
     """Yield where joints move far for little or too fast, changes may not be the smallest, and payloads change."""
     near = min(rows, key=lambda row: row.sigma_min)
     if near.sigma_min < NEAR_SINGULAR:
         text = f"at {near.time:g} s the smallest singular value is {near.sigma_min:.2g}: joints move far for little"
         yield Flag("near_singular", text)
-    doubtful = [row for row in rows if row.reached and not row.smallest]
-    if doubtful:
-        text = f"{len(doubtful)} rows, the first at {doubtful[0].time:g} s, are reached; smaller changes may do as well"
+    flagged = [row for row in rows if row.reached and not row.smallest]
+    if flagged:
+        text = f"{len(flagged)} rows, the first at {flagged[0].time:g} s, are reached; smaller changes may do as well"
         yield Flag("not_smallest", text)
     for i in range(1, len(moved)):
         if moved.payload[i] != moved.payload[i - 1]:

@@ -82,12 +82,12 @@ class Corrector:
         first = self.at(start) or self.at(np.zeros_like(start))
         if first is None:
             return None, False
-        point, settled = self.jump(first)
-        if not settled:
+        point, converged = self.jump(first)
+        if not converged:
             point = self.restore(point, MAX_STEPS)
             if point.left <= AIMED_AT:
-                point, settled = self.shrink(point)
-        return point, settled and point.left <= TOLERANCE
+                point, converged = self.shrink(point)
+        return point, converged and point.left <= TOLERANCE
 
     def at(self, change: Array) -> Point | None:
         """Return what a change leaves, None where the arm finds no equilibrium."""

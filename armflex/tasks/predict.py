@@ -14,7 +14,7 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
-from armflex.estimate.spread import fitted_variance, without_declared_doubt
+from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
 from armflex.estimate.view import untold_shifts
 from armflex.laws.effects.remember import (
     check_covariates,
@@ -51,7 +51,7 @@ class Prediction:
             neither has one; what the instrument's noise adds is not in it. Infinite, and flagged, where it depends on
             what neither a campaign nor a prior determined.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
-        flags: Doubts, each with the first row it concerns; those about a law with the worst, and how many there are.
+        flags: Flags, each with the first row it concerns; those about a law with the worst, and how many there are.
     """
 
     rows: Measurements
@@ -80,25 +80,23 @@ def predict(
             joint is taken as halfway, and `sigma` holds that it came from either side.
         ArmflexError: A row cannot be computed; its file and line are named.
     """
-    doubts = _Doubts(arm)
+    met = _Flags(arm)
     pieces, found = [rows], []
     if not remembers(arm):
         levelled, cuts = rows.levelled(), range(TOGETHER, len(rows), TOGETHER)
         pieces = (levelled.some(some) for some in np.split(np.arange(len(rows)), cuts))
-    certain = without_declared_doubt(arm)
+    certain = without_declared_uncertainty(arm)
     for piece in pieces:
         one, batch, fitted = _predicted(arm, certain, _with_constants(arm, piece, covariates or {}))
-        doubts.add(one.rows, batch, fitted)
+        met.add(one.rows, batch, fitted)
         found.append(one)
         if progress:
-            progress(doubts.rows, len(rows))
+            progress(met.rows, len(rows))
     parts = ([getattr(one, name) for one in found] for name in ("position", "rotation", "displacement"))
     position, rotation, displacement = (np.concatenate(part) for part in parts)
     stds = [one.sigma for one in found if one.sigma is not None]  # of all pieces, or of none
     sigma = np.concatenate(stds) if stds else None
-    return Prediction(
-        _with_constants(arm, rows, covariates or {}), position, rotation, sigma, displacement, doubts.flags
-    )
+    return Prediction(_with_constants(arm, rows, covariates or {}), position, rotation, sigma, displacement, met.flags)
 
 
 def predict_file(
@@ -119,7 +117,7 @@ def predict_file(
         output: Written whole or not at all: x y z, sigma_*, the orientation pose_r*, and the displacement dx to rz.
 
     Returns:
-        The number of rows, and doubts.
+        The number of rows, and flags.
 
     Raises:
         TableError: As `read_measurements`.
@@ -128,14 +126,14 @@ def predict_file(
     """
     from joblib import cpu_count  # takes a tenth of a second
 
-    doubts = _Doubts(arm)
+    met = _Flags(arm)
     whole = remembers(arm)
     pieces = iter([read_measurements(path, arm, inputs_only=True)]) if whole else stream_inputs(path, arm, TOGETHER)
-    certain, threads = without_declared_doubt(arm), cpu_count()
+    certain, threads = without_declared_uncertainty(arm), cpu_count()
     waiting: deque[Future[tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]]] = deque()
     with writing_table(output) as write, ThreadPoolExecutor(threads) as pool:
         while True:
-            with enough_memory(f"rows from {doubts.rows} on"):
+            with enough_memory(f"rows from {met.rows} on"):
                 rows = next(pieces, None)
                 if rows is not None:
                     asked = _with_constants(arm, rows, covariates or {})
@@ -143,18 +141,18 @@ def predict_file(
                 if rows is not None and len(waiting) <= threads:
                     continue
                 if not waiting:
-                    return doubts.rows, doubts.flags
+                    return met.rows, met.flags
                 found, batch, fitted = waiting.popleft().result()
-                doubts.add(found.rows, batch, fitted)
+                met.add(found.rows, batch, fitted)
                 write(_columns(found))
             if progress:
-                progress(doubts.rows, None)
+                progress(met.rows, None)
 
 
 def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]:
-    """Return what is predicted of some rows, how the arm stands in them, and doubts about what was fitted.
+    """Return what is predicted of some rows, how the arm stands in them, and flags about what was fitted.
 
-    `certain` is the arm `without_declared_doubt`.
+    `certain` is the arm `without_declared_uncertainty`.
     """
     every = np.arange(len(rows))
     derived_directions(arm, rows, every)  # raises where one is needed that is not told
@@ -202,8 +200,8 @@ def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]
     return replace(rows, **own, approach=np.column_stack(approach), covariates=known, derived=derived)
 
 
-class _Doubts:
-    """The doubts about rows that come in pieces: each with the first row it concerns, those about a law with the worst,
+class _Flags:
+    """The flags about rows that come in pieces: each with the first row it concerns, those about a law with the worst,
     and how many there are.
 
     Attributes:
@@ -225,7 +223,7 @@ class _Doubts:
         self._untold |= {name: self._untold.get(name, 0) + count for name, count in untold.items()}
         if arm.instrument and arm.instrument.sessions:
             self._sessions |= set(rows.session) - set(arm.instrument.sessions)
-        for number, flag in sorted(found.doubts, key=lambda pair: pair[0]):
+        for number, flag in sorted(found.flags_by_row, key=lambda pair: pair[0]):
             said = flag if flag in arm.flags else Flag(flag.code, f"row {self.rows + number}: {flag.text}")
             self._first.setdefault(flag.code, said)
         for number, flags in found.unseen():

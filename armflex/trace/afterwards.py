@@ -10,8 +10,8 @@ from scipy.special import fdtrc
 
 from armflex.conventions import TWIST_NAMES
 from armflex.estimate.held_out import believed, held_out, pose_folds
-from armflex.estimate.learn import settled
-from armflex.estimate.spread import certainty_of
+from armflex.estimate.learn import with_posteriors
+from armflex.estimate.posterior import certainty_of
 from armflex.estimate.view import look, position_rms
 from armflex.laws.effects.effect import Effect
 from armflex.measured.repeats import repeats
@@ -48,7 +48,7 @@ def so_far(state: State, places: tuple[RandomTwist, ...]) -> Trace:
     `places` are the likeliest of what was left at first.
     """
     worths = [worth_of(state, index)[0] for index in range(len(state.effects))]
-    left = unexplained(state, localise(state.fit, state.scene, project(state.fit), state.groups))
+    left = unexplained(state, localise(state.fit, state.context, project(state.fit), state.groups))
     found = tuple(_found(state, index, worth, ()) for index, worth in enumerate(worths))
     return _summed_up(state, places, found, left, unfinished=True)
 
@@ -68,7 +68,7 @@ def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
         errors = view.residual[:, view.positions]
         left = Unexplained(None, None, None, None, float(np.sqrt((errors**2).sum() / len(state.asked))))
     state.say("looking what could not be told, and what to measure next")
-    rivals = [[rival for rival, _ in one.equivalent] for one in found]
+    hypotheses = [[hypothesis for hypothesis, _ in one.equivalent] for one in found]
     return _summed_up(
         state,
         places,
@@ -76,7 +76,7 @@ def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
         left,
         not_identifiable=not_identifiable(looked, state),
         smallest=smallest(looked, state),
-        next_measurement=(*next_rows(state, rivals), *lacking(state.measurements)),
+        next_measurement=(*next_rows(state, hypotheses), *lacking(state.measurements)),
         compared=compared,
         withdrawn=withdrawn,
     )
@@ -90,7 +90,7 @@ def _summed_up(
     folds, judged = pose_folds(state.groups), believed(state.calibrated, fit)
     # A random twist stays behind, because nobody can foresee it.
     effects = (*calibration.arm.effects, *(one.effect for one in found))
-    arm, instrument = settled(fit.setup.arm, fit), fit.setup.instrument
+    arm, instrument = with_posteriors(fit.setup.arm, fit), fit.setup.instrument
     return Trace(
         arm=replace(arm, effects=effects, instrument=instrument, certainty=certainty_of(fit)),
         calibration=calibration,
@@ -119,9 +119,9 @@ def _found(state: State, index: int, worth: float, others: tuple[tuple[Effect, f
 
 def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
     """Return laws and sites of which fitted parameters take over all but nothing, with the parameter that does most."""
-    bank, columns = looked.sifted[0].bank, looked.projection.columns
+    bank, regressors = looked.sifted[0].bank, looked.projection.regressors
     whole, inside = _left_over(looked)
-    sizes = np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
+    sizes = np.maximum(np.sqrt((regressors**2).sum(axis=0)), 1e-300)
     found: dict[tuple[str, str], Unidentifiable] = {}
     added = {(effect.law.name, effect.location) for effect in state.fitted}
     for index, candidate in enumerate(bank.candidates):
@@ -133,7 +133,7 @@ def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
         partner: ArmParameter | None = None
         if whole[index] > 0.0:  # the parameter whose column is most like its own
             own = bank.group(index)[:, 0]
-            likeness = np.abs(columns.T @ own) / (sizes * float(np.linalg.norm(own)))
+            likeness = np.abs(regressors.T @ own) / (sizes * float(np.linalg.norm(own)))
             partner = state.fit.parameters[int(likeness.argmax())]
         found[key] = Unidentifiable(*key, partner)
     return tuple(found.values())
@@ -147,8 +147,8 @@ def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
     raw, scale = np.zeros(len(bank.candidates)), fit.view.sigma[:, where] / np.sqrt(fit.weights)[:, None]
     for part in bank.parts:
         first = np.isin(part.places, bank.starts[:-1])
-        columns = part.columns[:, first].reshape(*fit.view.sigma.shape, -1)[:, where] * scale[:, :, None]
-        raw[part.groups] = np.sqrt((columns**2).sum(axis=1).mean(axis=0))
+        regressors = part.regressors[:, first].reshape(*fit.view.sigma.shape, -1)[:, where] * scale[:, :, None]
+        raw[part.groups] = np.sqrt((regressors**2).sum(axis=1).mean(axis=0))
     found: dict[str, list[float]] = {}
     whole, inside = _left_over(looked)
     for index in np.flatnonzero((bank.sizes == 1) & (inside > ALMOST * whole)):

@@ -12,9 +12,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Inner, Values, full
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.scene import Scene
 from armflex.trace.projection import Projection, evidence
 from armflex.trace.telling import Tell, silent
 
@@ -83,7 +83,7 @@ class Part:
     answer: Array | None
 
     @property
-    def columns(self) -> Array:
+    def regressors(self) -> Array:
         """(n, K) the columns themselves."""
         if self.answer is None:
             return self.shapes.T
@@ -114,13 +114,13 @@ class Bank:
 
     Attributes:
         candidates: One per group of columns.
-        fit, scene: Where the columns are made.
+        fit, context: Where the columns are made.
         tell: Called with how many of them are.
     """
 
     candidates: tuple[Candidate, ...]
     fit: Fit = field(repr=False)
-    scene: Scene = field(repr=False)
+    context: Context = field(repr=False)
     tell: Tell = field(default=silent, repr=False)
 
     @cached_property
@@ -140,15 +140,15 @@ class Bank:
 
     def group(self, index: int) -> Array:
         """Return the (n, k) columns of one candidate."""
-        return candidate_columns(self.candidates[index], self.fit, self.scene)
+        return candidate_regressors(self.candidates[index], self.fit, self.context)
 
     @property
-    def columns(self) -> Array:
+    def regressors(self) -> Array:
         """(n, K) all columns side by side; to go through `parts` takes less memory."""
-        columns = np.empty((self.fit.residual.size, self.starts[-1]))
+        regressors = np.empty((self.fit.residual.size, self.starts[-1]))
         for part in self.parts:
-            columns[:, part.places] = part.columns
-        return columns
+            regressors[:, part.places] = part.regressors
+        return regressors
 
     @property
     def parts(self) -> Iterable[Part]:
@@ -174,19 +174,19 @@ class Bank:
                 self.tell("screening candidates", index, len(self.candidates))
             law, location, inner = candidate.law, candidate.location, candidate.inner
             if before[0] is not law or before[1] is not location:  # they come in a row
-                here, of_load, before = self.scene.here(location, view.arm), law.of_load(location), (law, location)
+                here, of_load, before = self.context.here(location, view.arm), law.of_load(location), (law, location)
             direction = law.direction(here, inner)
             if direction is not None:
                 if of_load:
-                    found = law.shapes(location, inner, view, self.scene)
+                    found = law.shapes(location, inner, view, self.context)
                 else:  # the same at every site
                     key = (law.name, location.covariates, inner)
                     found = shared.get(key)
                     if found is None:
-                        found = shared[key] = law.shapes(location, inner, view, self.scene)
+                        found = shared[key] = law.shapes(location, inner, view, self.context)
                 found = found if len(location.terms) == len(found) else found[list(location.terms)]
             else:
-                found = law.features(location, inner, view, self.scene)
+                found = law.features(location, inner, view, self.context)
             along = b"" if direction is None else direction.tobytes()
             waiting.setdefault((law.act, law.changes_model, location.site, along), []).append((index, found))
             # Sums round by where a bank is cut: a law that changes the model counts by its columns.
@@ -205,8 +205,8 @@ class Bank:
             answer = view.to_twist(first.location.site) @ np.frombuffer(direction) * _scale(self.fit)
             return Part(groups, places, np.concatenate(brought), answer)
         answer = view.per(first.law, first.location) * _scale(self.fit)[:, :, None]
-        columns = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
-        return Part(groups, places, columns.transpose(1, 0, 2).reshape(len(places), -1), None)
+        regressors = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
+        return Part(groups, places, regressors.transpose(1, 0, 2).reshape(len(places), -1), None)
 
 
 def with_signs(residual: Array, signs: Array) -> Array:
@@ -214,14 +214,14 @@ def with_signs(residual: Array, signs: Array) -> Array:
     return (residual.reshape(len(signs), -1, 1) * signs[:, None]).reshape(len(residual), -1)
 
 
-def candidate_columns(candidate: Candidate, fit: Fit, scene: Scene) -> Array:
+def candidate_regressors(candidate: Candidate, fit: Fit, context: Context) -> Array:
     """Return the (n, k) whitened and weighted columns of a candidate at a fit."""
-    return whiten(fit.view.columns(candidate.law, candidate.location, candidate.inner, scene), fit)
+    return whiten(fit.view.jacobian(candidate.law, candidate.location, candidate.inner, context), fit)
 
 
-def whiten(columns: Array, fit: Fit) -> Array:
+def whiten(regressors: Array, fit: Fit) -> Array:
     """Return (n, k) whitened and weighted (M, d, k) columns."""
-    return (columns * _scale(fit)[:, :, None]).reshape(fit.view.residual.size, -1)
+    return (regressors * _scale(fit)[:, :, None]).reshape(fit.view.residual.size, -1)
 
 
 def _scale(fit: Fit) -> Array:
@@ -229,22 +229,22 @@ def _scale(fit: Fit) -> Array:
     return np.sqrt(fit.weights)[:, None] / fit.view.sigma
 
 
-def grid(law: EffectLaw, location: Location, scene: Scene) -> Iterator[Values]:
+def grid(law: EffectLaw, location: Location, context: Context) -> Iterator[Values]:
     """Yield starting values of a law's inner parameters."""
-    yield from product(*(tuple(float(v) for v in inner.grid(location, scene)) for inner in law.inner))
+    yield from product(*(tuple(float(v) for v in inner.grid(location, context)) for inner in law.inner))
 
 
-def candidates_of(laws: Iterable[EffectLaw], scene: Scene) -> Iterator[Candidate]:
+def candidates_of(laws: Iterable[EffectLaw], context: Context) -> Iterator[Candidate]:
     """Yield every candidate of some laws in a campaign."""
     for law in laws:
-        for location in law.places(scene.records):
-            for inner in grid(law, location, scene) if law.inner else ((),):
+        for location in law.places(context.records):
+            for inner in grid(law, location, context) if law.inner else ((),):
                 yield Candidate(law, location, inner)
 
 
-def bank(candidates: Iterable[Candidate], fit: Fit, scene: Scene, tell: Tell = silent) -> Bank:
+def bank(candidates: Iterable[Candidate], fit: Fit, context: Context, tell: Tell = silent) -> Bank:
     """Return candidates with their columns at a fit, which are made when they are asked for."""
-    return Bank(tuple(candidates), fit, scene, tell)
+    return Bank(tuple(candidates), fit, context, tell)
 
 
 @dataclass(frozen=True, eq=False)

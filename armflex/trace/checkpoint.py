@@ -25,15 +25,15 @@ from armflex.estimate.fit import Fit, realise
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import look
 from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import EffectLaw
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.scene import Scene
 from armflex.measured.measurements import Measurements
 from armflex.storage.digest import digest
 from armflex.storage.schema import strict_json, typed
 from armflex.storage.whole_file import write_whole
 from armflex.trace.accept import Step
-from armflex.trace.state import State, scene_at
+from armflex.trace.state import State, context_at
 from armflex.trace.unrecorded import PoseBlock
 from armflex.version import __version__
 
@@ -68,13 +68,13 @@ class Progress:
 
     Attributes:
         state: After the last round.
-        scenes: The campaign as it was seen before the first round and after each: effects remember one of them.
+        contexts: The campaign as it was seen before the first round and after each: effects remember one of them.
         rounds: What a file says of each round.
         ended: Whether nothing is left to be found.
     """
 
     state: State
-    scenes: tuple[Scene, ...] = ()
+    contexts: tuple[Context, ...] = ()
     rounds: tuple[Kept, ...] = ()
     ended: bool = False
 
@@ -82,7 +82,7 @@ class Progress:
         """Return the progress after one more round."""
         left_out = tuple(np.setdiff1d(state.asked, state.rows).tolist())
         kept = Kept(left_out, state.heed, state.effects, state.random, state.fit.values)
-        return Progress(state, (*self.scenes, state.scene), (*self.rounds, kept))
+        return Progress(state, (*self.contexts, state.context), (*self.rounds, kept))
 
 
 def identity(arm: Arm, measurements: Measurements, rows: np.ndarray | None, keep: bool) -> Table:
@@ -101,22 +101,22 @@ def _digests(value: Any) -> dict[str, str]:
 
 def write_checkpoint(path: Path, about: Mapping[str, Any], progress: Progress) -> None:
     """Write how far a search has come, whole or not at all; raise `FileError` where it cannot be written."""
-    rounds, steps = (_plain(one, progress.scenes) for one in (progress.rounds, progress.state.steps))
+    rounds, steps = (_plain(one, progress.contexts) for one in (progress.rounds, progress.state.steps))
     said = {"format": FORMAT, "about": about, "ended": progress.ended, "rounds": rounds, "steps": steps}
     text = json.dumps({**said, "sha256": _sha256(said)}, allow_nan=False, indent=1)
     write_whole(path, (text + "\n").encode())
 
 
-def _plain(value: Any, scenes: Sequence[Scene]) -> Any:
-    """Return what JSON says of a value: a law by its name, a scene by its number, infinity as text."""
+def _plain(value: Any, contexts: Sequence[Context]) -> Any:
+    """Return what JSON says of a value: a law by its name, a context by its number, infinity as text."""
     if isinstance(value, EffectLaw):
         return value.name
-    if isinstance(value, Scene):
-        return next(number for number, scene in enumerate(scenes) if scene is value)
+    if isinstance(value, Context):
+        return next(number for number, context in enumerate(contexts) if context is value)
     if is_dataclass(value):
-        return {one.name: _plain(getattr(value, one.name), scenes) for one in fields(value)}
+        return {one.name: _plain(getattr(value, one.name), contexts) for one in fields(value)}
     if isinstance(value, tuple | np.ndarray):
-        return [_plain(one, scenes) for one in (value.tolist() if isinstance(value, np.ndarray) else value)]
+        return [_plain(one, contexts) for one in (value.tolist() if isinstance(value, np.ndarray) else value)]
     return str(value) if isinstance(value, float) and not np.isfinite(value) else value
 
 
@@ -184,20 +184,20 @@ def restored(path: Path, said: Table, begun: State) -> Progress:
     Raises:
         FileError: What it says is no search of this arm and campaign.
     """
-    scenes, rounds, state, scene = [begun.scene], [], begun, begun.scene
-    partners = {place.partner for law in EVERY.values() for place in law.places(scene.records)}
-    partners |= {"", *TWIST_NAMES, *scene.sessions, *scene.payloads}
+    contexts, rounds, state, context = [begun.context], [], begun, begun.context
+    partners = {place.partner for law in EVERY.values() for place in law.places(context.records)}
+    partners |= {"", *TWIST_NAMES, *context.sessions, *context.payloads}
 
-    def seen(number: Any) -> Scene:
-        return scenes[_whole(number, len(scenes), "scene")]
+    def seen(number: Any) -> Context:
+        return contexts[_whole(number, len(contexts), "context")]
 
     makers = {
         float: _number,
         Array: lambda values: np.array([_number(one) for one in values]),
         np.ndarray: lambda values: np.array([_whole(one, 2**31, "group") for one in values]),
         EffectLaw: _law,
-        Location: partial(_location, scene, partners),
-        Scene: seen,
+        Location: partial(_location, context, partners),
+        Context: seen,
     }
     try:
         steps = typed(tuple[Step, ...], said["steps"], "steps", makers)
@@ -206,16 +206,16 @@ def restored(path: Path, said: Table, begun: State) -> Progress:
             _check_places(law, location, one.free)
             fits = len(one.candidate.inner) == len(law.inner) and len(one.amplitudes) == len(location.terms)
             _expect(fits, f"{law.name} has {len(law.inner)} inner values, and an amplitude for each of its terms")
-        wanted = {effect["scene"] for one in said["rounds"] for effect in one["effects"]}
+        wanted = {effect["context"] for one in said["rounds"] for effect in one["effects"]}
         for number, one in enumerate(said["rounds"], 1):
             rounds.append(typed(Kept, one, f"rounds[{number - 1}]", makers))
             # Only a round that effects remember, and the last, must be computed again.
             if number == len(said["rounds"]) or number in wanted:
                 state = _state(rounds[-1], begun)
-            scenes.append(state.scene)
+            contexts.append(state.context)
         _expect(len(state.effects) == len(steps), f"{len(steps)} steps for {len(state.effects)} effects")
         ended = typed(bool, said["ended"], "ended")
-        return Progress(replace(state, steps=steps), tuple(scenes), tuple(rounds), ended)
+        return Progress(replace(state, steps=steps), tuple(contexts), tuple(rounds), ended)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         what = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) and error.args else error
         raise FileError(Place(path), f"does not hold a search of this arm: {what}") from None
@@ -241,8 +241,8 @@ def _state(kept: Kept, begun: State) -> State:
     _expect(len(values) == count, f"{len(values)} values for {count} parameters")
     view = look(realise(begun.declared, blocks, values), begun.measurements, np.setdiff1d(asked, left_out))
     fitted = Fit(begun.declared, blocks, values, view, huber_weights(view), ())
-    scene = scene_at(fitted, begun.measurements)
-    return replace(begun, rows=view.rows, effects=effects, random=random, fit=fitted, scene=scene, heed=kept.heed)
+    context = context_at(fitted, begun.measurements)
+    return replace(begun, rows=view.rows, effects=effects, random=random, fit=fitted, context=context, heed=kept.heed)
 
 
 def _expect(good: bool, problem: str) -> None:
@@ -270,11 +270,11 @@ def _law(name: Any) -> EffectLaw:
     return EVERY[name]
 
 
-def _location(scene: Scene, partners: Set[str], said: Any) -> Location:
+def _location(context: Context, partners: Set[str], said: Any) -> Location:
     """Return a place that a campaign has, and a partner that some law has there."""
     found = Location(**typed(get_type_hints(Location), said, "location"))
-    unknown = set(found.covariates) - {*scene.row.covariates, *(f"q_{joint}" for joint in scene.joints)}
-    _expect(found.site in scene.sites, f"no site {found.site!r}{did_you_mean(found.site, scene.sites)}")
+    unknown = set(found.covariates) - {*context.row.covariates, *(f"q_{joint}" for joint in context.joints)}
+    _expect(found.site in context.sites, f"no site {found.site!r}{did_you_mean(found.site, context.sites)}")
     _expect(found.axis in (None, *TWIST_NAMES), f"no axis {found.axis!r}{did_you_mean(str(found.axis), TWIST_NAMES)}")
     _expect(not unknown, f"no columns {listing(sorted(unknown))} in this campaign")
     _expect(found.partner in partners, f"no partner {found.partner!r} in this campaign")

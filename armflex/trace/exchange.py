@@ -25,7 +25,7 @@ SWAPPED = 3
 """Most effects that are tried in each other's places: each trial refits everything twice."""
 
 COMPARED = 12
-"""Best rivals whose inner parameters are refined."""
+"""Best hypotheses whose inner parameters are refined."""
 
 
 def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
@@ -37,23 +37,27 @@ def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
     terms = (len(state.effects[index].effect.location.terms) for index in indices)
     amplitudes = np.concatenate([place[:count] for place, count in zip(places, terms, strict=True)])
     # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
-    data = fit.residual + fit.columns[:, amplitudes] @ fit.values[amplitudes] + fit.columns[:, rest] @ fit.values[rest]
-    return projected(fit.columns[:, rest], fit.precision[rest], data, ridge_for(fit), fit.view.count), own
+    data = (
+        fit.residual
+        + fit.regressors[:, amplitudes] @ fit.values[amplitudes]
+        + fit.regressors[:, rest] @ fit.values[rest]
+    )
+    return projected(fit.regressors[:, rest], fit.precision[rest], data, ridge_for(fit), fit.view.count), own
 
 
 def worth_of(state: State, *indices: int) -> tuple[float, Projection]:
     """Return the evidence of some effects beside the others, and the projection without them.
 
-    They are charged for all that the search chose, like their rivals: also a moment or a number of waves, which no fit
-    moves.
+    They are charged for all that the search chose, like the other hypotheses: also a moment or a number of waves, which
+    no fit moves.
     """
     projection, own = leave_out(state, *indices)
-    gain = projection.gain(state.fit.columns[:, own])[0]
+    gain = projection.gain(state.fit.regressors[:, own])[0]
     parameters = sum(candidate_of(state.fitted[index]).parameters for index in indices)
     return float(evidence(gain, projection.objective, projection.count, parameters)), projection
 
 
-def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]:
+def hypotheses_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]:
     """Return the evidence of some effects beside the others, and the best candidates that could take their place.
 
     Those are of the catalogue, and for a shape without a name the same shape at every other place.
@@ -63,30 +67,30 @@ def rivals_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]
     shapes = [one for one in themselves if one.law.shape]
 
     def tried() -> Iterator[Candidate]:
-        yield from candidates_of(CATALOGUE.values(), state.scene)
+        yield from candidates_of(CATALOGUE.values(), state.context)
         for one in shapes:
-            for site, axis in shaped_places(state.scene.records):
+            for site, axis in shaped_places(state.context.records):
                 yield replace(one, location=replace(one.location, site=site, axis=axis))
 
     def spot(one: Candidate) -> tuple[str, str, str | None, str]:
         return one.law.name, one.location.site, one.location.axis, one.location.partner
 
     # What the search has looked at is looked at again, all but shapes without a name.
-    sifted = sift(bank(tried(), state.fit, state.scene, state.tell) if shapes else state.physical, projection)
+    sifted = sift(bank(tried(), state.fit, state.context, state.tell) if shapes else state.physical, projection)
     found = (sifted.bank.candidates[i] for i in best_per_spot(sifted, len(sifted.bank.candidates)))
-    taken, rivals = {spot(one) for one in themselves}, []
+    taken, hypotheses = {spot(one) for one in themselves}, []
     for number, candidate in enumerate(islice((one for one in found if shapes or not one.law.shape), COMPARED + 1)):
         state.tell(f"refining {candidate.name}", number, COMPARED + 1)
         if spot(candidate) not in taken:
-            rivals.append(polish(candidate, state.fit, state.scene, projection))
-    return worth, tuple(sorted(rivals, key=lambda one: -one.evidence))
+            hypotheses.append(polish(candidate, state.fit, state.context, projection))
+    return worth, tuple(sorted(hypotheses, key=lambda one: -one.evidence))
 
 
 def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, float], ...]]:
     """Return an effect's evidence beside the others, and every other candidate within `SAME` of it, once per place."""
-    worth, rivals = rivals_of(state, index)
+    worth, hypotheses = hypotheses_of(state, index)
     found: dict[str, tuple[Effect, float]] = {}
-    for one in rivals:
+    for one in hypotheses:
         if one.gain > 0.0 and one.evidence > worth - SAME:
             found.setdefault(one.effect.title, (one.effect, worth - one.evidence))
     return worth, tuple(found.values())
@@ -103,13 +107,13 @@ def exchanged(state: State) -> State:
     if not 1 < count <= SWAPPED:
         return state
     for index in range(count):
-        worth, rivals = rivals_of(state, index)
+        worth, hypotheses = hypotheses_of(state, index)
         plain = state.effects[index].effect.law.plain
-        better = [one for one in rivals if one.evidence > worth + SAME and plain <= one.candidate.law.plain]
+        better = [one for one in hypotheses if one.evidence > worth + SAME and plain <= one.candidate.law.plain]
         state = _in_place(state, (index,), better, SAME) or state
     for pair in combinations(range(count), 2):
-        worth, rivals = rivals_of(state, *pair)
-        merged = _in_place(state, pair, [one for one in rivals if one.evidence > worth], 0.0)
+        worth, hypotheses = hypotheses_of(state, *pair)
+        merged = _in_place(state, pair, [one for one in hypotheses if one.evidence > worth], 0.0)
         if merged is not None:
             return merged
     return state

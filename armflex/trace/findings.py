@@ -14,8 +14,8 @@ from armflex.conventions import Array
 from armflex.estimate.calibrate import Calibration, Outlier
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.held_out import believed
-from armflex.estimate.learn import settled
-from armflex.estimate.spread import certainty_of
+from armflex.estimate.learn import with_posteriors
+from armflex.estimate.posterior import certainty_of
 from armflex.estimate.view import look, position_rms
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
@@ -237,7 +237,7 @@ def predictable_residual(state: State) -> Array:
     view = state.fit.view
     if state.random is None:
         return view.residual
-    return view.residual + state.random.columns(view) @ state.values_of(state.random)
+    return view.residual + state.random.jacobian(view) @ state.values_of(state.random)
 
 
 def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
@@ -256,5 +256,5 @@ def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
     stated = [{name: std for name, std in found.std.items() if np.isfinite(std)} for found in trace.found]
     effects = [effect_table(found.effect, std) for found, std in zip(trace.found, stated, strict=True)]
     setup = realise(fit.declared, trace.state.blocks, fit.values)  # effects are written by themselves
-    arm = replace(settled(setup.arm, fit), instrument=setup.instrument, certainty=certainty_of(fit))
+    arm = replace(with_posteriors(setup.arm, fit), instrument=setup.instrument, certainty=certainty_of(fit))
     return write_arm(declared, arm, campaign, path, effects, trace.unfinished)

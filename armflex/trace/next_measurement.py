@@ -1,7 +1,7 @@
-"""What to measure next: rows that tell an effect from its rivals best, or what no row of this kind will ever tell.
+"""What to measure next: rows that tell an effect from its hypotheses best, or what no row of this kind will ever tell.
 
 Sequential T-optimality (Atkinson and Fedorov 1975; Hunter and Reiner 1965): of many rows that the arm could be driven
-to, the one where the effect and its best imitation by a rival, refitted to the campaign, differ most in standard
+to, the one where the effect and its best imitation by a hypothesis, refitted to the campaign, differ most in standard
 deviations of the reading and of what is uncertain.
 """
 
@@ -14,10 +14,10 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError
-from armflex.estimate.spread import scene_of
+from armflex.estimate.posterior import context_of
 from armflex.estimate.view import View, look
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect
-from armflex.laws.effects.scene import Scene
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import numbered
@@ -25,7 +25,7 @@ from armflex.plan.design import Truth, instead
 from armflex.readings import Position, unread
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH, LEVEL_OF
-from armflex.trace.candidates import candidate_columns
+from armflex.trace.candidates import candidate_regressors
 from armflex.trace.state import State, candidate_of
 
 OFFERED = 120
@@ -37,7 +37,7 @@ APART = 600.0
 TELLING = 1.0
 """Expected difference, in standard deviations of one reading, below which a row tells nothing."""
 
-RIVALS = 2
+HYPOTHESES = 2
 
 RIDGE = 1e-12
 """Prior precision relative to a column's square: what the readings leave open is next to unknown.
@@ -47,14 +47,14 @@ tell two effects apart would be proposed. So it is above `linear_gaussian.ROUNDI
 """
 
 
-def next_rows(state: State, rivals: Sequence[Sequence[Effect]]) -> tuple[str, ...]:
-    """Return in words what would tell each effect from its leading rivals.
+def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str, ...]:
+    """Return in words what would tell each effect from its leading hypotheses.
 
     Args:
         state: The final fit.
-        rivals: For every effect, those that fit as well, the closest first.
+        hypotheses: For every effect, those that fit as well, the closest first.
     """
-    if not any(rivals):
+    if not any(hypotheses):
         return ()
     setup, offer = state.fit.setup, _offered(state.measurements)
     known = len(state.declared.arm.effects) + len(state.effects)  # a random twist knows only the poses it was fitted to
@@ -64,17 +64,17 @@ def next_rows(state: State, rivals: Sequence[Sequence[Effect]]) -> tuple[str, ..
         view = look(setup, offer, np.arange(OFFERED), readings=unread(OFFERED, Position, sigma=sigma))
     except ArmflexError:  # a mixture of positions that the arm does not hold: no proposal is better than a wrong one
         return ()
-    scene, told = scene_of(view, offer), []
-    for index, others in enumerate(rivals):
+    context, told = context_of(view, offer), []
+    for index, others in enumerate(hypotheses):
         own = state.fitted[index]
-        for rival in others[:RIVALS]:
-            pair = f"{own.title}{numbered(state.effects[index].number)} from {rival.title}"
-            row, sigmas, difference = _apart(state, index, rival, view, scene)
+        for hypothesis in others[:HYPOTHESES]:
+            pair = f"{own.title}{numbered(state.effects[index].number)} from {hypothesis.title}"
+            row, sigmas, difference = _apart(state, index, hypothesis, view, context)
             if sigmas < TELLING:
-                told.append(f"No more rows like those recorded tell {pair}; instead, {instead(own, rival)}.")
+                told.append(f"No more rows like those recorded tell {pair}; instead, {instead(own, hypothesis)}.")
                 continue
             size = f"{difference * 1e3:.2g} mm apart, {sigmas:.2g} standard deviations"
-            told.append(f"To tell {pair}: measure at {_described(own, rival, offer, row)} ({size}).")
+            told.append(f"To tell {pair}: measure at {_described(own, hypothesis, offer, row)} ({size}).")
     return tuple(told)
 
 
@@ -107,19 +107,19 @@ def _offered(known: Measurements) -> Rows:
     )
 
 
-def _apart(state: State, index: int, rival: Effect, view: View, scene: Scene) -> tuple[int, float, float]:
-    """Return the offered row at which an effect and a rival in its stead differ most, by how much [sigma, m]."""
+def _apart(state: State, index: int, hypothesis: Effect, view: View, context: Context) -> tuple[int, float, float]:
+    """Return the offered row at which an effect and a hypothesis in its stead differ most, by how much [sigma, m]."""
     fit, own = state.fit, state.fitted[index]
     kept = [block for block in (*state.blocks, *state.effects) if block is not state.effects[index]]
     places = np.concatenate([np.zeros(0, dtype=int), *(fit.places(block) for block in kept)])
-    imitation = candidate_columns(candidate_of(rival), fit, state.scene)
-    effect = candidate_columns(candidate_of(own), fit, state.scene) @ own.acting
-    measured = np.hstack([fit.columns[:, places], imitation, effect[:, None]])
-    precision = np.concatenate([fit.precision[places], np.zeros(len(rival.location.terms) + 1)])
+    imitation = candidate_regressors(candidate_of(hypothesis), fit, state.context)
+    effect = candidate_regressors(candidate_of(own), fit, state.context) @ own.acting
+    measured = np.hstack([fit.regressors[:, places], imitation, effect[:, None]])
+    precision = np.concatenate([fit.precision[places], np.zeros(len(hypothesis.location.terms) + 1)])
     known = LinearGaussian.of(measured, precision + RIDGE * (measured**2).sum(axis=0))
-    there = [block.of_rows(scene).columns(view) for block in kept]
-    there.append(view.effect_columns(rival, scene))
-    there.append((view.effect_columns(own, scene) @ own.acting)[:, :, None])
+    there = [block.of_rows(context).jacobian(view) for block in kept]
+    there.append(view.effect_jacobian(hypothesis, context))
+    there.append((view.effect_jacobian(own, context) @ own.acting)[:, :, None])
     after = np.concatenate(there, axis=2)
     truth = Truth(np.eye(len(precision))[-1], np.arange(len(precision) - 1))
     sigmas = np.sqrt(truth.apart(known, after / view.sigma[:, :, None])[1])
@@ -127,11 +127,11 @@ def _apart(state: State, index: int, rival: Effect, view: View, scene: Scene) ->
     return best, float(sigmas[best]), float(np.linalg.norm(after[best] @ truth.departure(known)))
 
 
-def _described(own: Effect, rival: Effect, offer: Rows, row: int) -> str:
+def _described(own: Effect, hypothesis: Effect, offer: Rows, row: int) -> str:
     """Return an offered row in words, with the values of the columns that either effect depends on."""
     where = ", ".join(f"{name}={offer.q[row, j]:.3g}" for j, name in enumerate(offer.joint_names))
     told = [f"{where} with payload {offer.payload[row]}"]
-    for name in dict.fromkeys((*own.location.covariates, *rival.location.covariates)):
+    for name in dict.fromkeys((*own.location.covariates, *hypothesis.location.covariates)):
         if name.startswith(APPROACH):
             joint = name.removeprefix(APPROACH)
             upwards = offer.approach[row, offer.joint_names.index(joint)] > 0.0

@@ -14,12 +14,12 @@ from scipy.optimize import minimize
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import resolve
-from armflex.laws.effects.scene import Scene
 from armflex.laws.joint.linear import SOFTEST
-from armflex.trace.candidates import Candidate, candidate_columns
+from armflex.trace.candidates import Candidate, candidate_regressors
 from armflex.trace.projection import Projection, evidence
 
 FINE = 1e-3
@@ -62,7 +62,7 @@ class Polished:
         return self.candidate.effect(self.amplitudes)
 
 
-def polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection) -> Polished:
+def polish(candidate: Candidate, fit: Fit, context: Context, projection: Projection) -> Polished:
     """Return a candidate with those inner parameters refined that are worth their number."""
     law = candidate.law
 
@@ -70,9 +70,11 @@ def polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection)
         return replace(one, inner=(*one.inner[:index], value, *one.inner[index + 1 :]))
 
     def weighed(one: Candidate, free: tuple[int, ...] = ()) -> Polished:
-        columns = candidate_columns(one, fit, scene)
-        gain, amplitudes = projection.gain(columns) if np.isfinite(columns).all() else (0.0, np.zeros(columns.shape[1]))
-        if gain > 0.0 and not sensible(one, amplitudes, fit, scene):
+        regressors = candidate_regressors(one, fit, context)
+        gain, amplitudes = (
+            projection.gain(regressors) if np.isfinite(regressors).all() else (0.0, np.zeros(regressors.shape[1]))
+        )
+        if gain > 0.0 and not sensible(one, amplitudes, fit, context):
             gain, amplitudes = 0.0, np.zeros(len(amplitudes))
         worth = float(evidence(gain, projection.objective, projection.count, one.parameters))
         return Polished(one, gain, worth, amplitudes, free)
@@ -82,7 +84,7 @@ def polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection)
         # A first step: half the distance to the next value of the search grid.
         sizes = []
         for inner, i in zip(inners, free, strict=True):
-            grid = {float(value) for value in inner.grid(candidate.location, scene)}
+            grid = {float(value) for value in inner.grid(candidate.location, context)}
             values = np.array(sorted(grid - ({0.0} if inner.positive else set())))
             raw, here = np.log(values) if inner.positive else values, start.candidate.inner[i]
             alone = 0.3 if inner.positive else max(abs(here), 1.0) * 0.3
@@ -107,7 +109,7 @@ def polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection)
         best = weighed(one)
         for index, inner in enumerate(law.inner):
             if inner.polished and not inner.smooth:  # all moments between two rows around the coarse grid's choice
-                time = np.unique(scene.column("time"))
+                time = np.unique(context.column("time"))
                 between = 0.5 * (time[1:] + time[:-1])
                 reach, middle = max(1, len(between) // 20), int(np.searchsorted(between, best.candidate.inner[index]))
                 near = between[max(0, middle - reach) : middle + reach + 1].tolist()
@@ -118,7 +120,7 @@ def polish(candidate: Candidate, fit: Fit, scene: Scene, projection: Projection)
     return max(found, key=lambda one: one.evidence)
 
 
-def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, present: bool = False) -> bool:
+def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context, present: bool = False) -> bool:
     """Return whether a candidate with these amplitudes is possible on the fitted arm, or is `present` in it."""
     law, location, arm = candidate.law, candidate.location, fit.setup.arm
     acting = [law.amplitudes[i] for i in location.terms]
@@ -126,11 +128,11 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, pr
         if (value < 0.0 and amplitude.positive) or abs(value) > amplitude.most:
             return False
     effect = candidate.effect(amplitudes)
-    if not law.possible(effect, scene, arm):
+    if not law.possible(effect, context, arm):
         return False
     if law.act is not Act.TWIST:
         return True
-    features = law.features(location, candidate.inner, fit.view, scene)
+    features = law.features(location, candidate.inner, fit.view, context)
     sizes = np.sqrt((np.einsum("mka,k->ma", features, amplitudes) ** 2).mean(axis=0))
     if not ((sizes[:3] < LARGEST_SHIFT).all() and (sizes[3:] < LARGEST_TURN).all()):
         return False
@@ -138,16 +140,16 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, scene: Scene, pr
         return bool(_is_stiff(np.abs(amplitudes[0]) * resolve(location, arm.robot, ()).direction))
     if not law.loaded or law.memory is not None:
         return True
-    return _gives(effect, fit, scene, present)
+    return _gives(effect, fit, context, present)
 
 
-def _gives(effect: Effect, fit: Fit, scene: Scene, present: bool) -> bool:
+def _gives(effect: Effect, fit: Fit, context: Context, present: bool) -> bool:
     """Return whether in most rows the joint gives the way it is pushed, and no more than a joint can."""
     arm, view = fit.setup.arm, fit.view
     here = resolve(effect.location, arm.robot, arm.modelled)
     bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
     some = np.unique(np.linspace(0, len(view.rows) - 1, ROWS).astype(int))
-    wrenches, row = view.line.load_at(effect.location.site)[some], scene.row.some(view.rows[some])
+    wrenches, row = view.line.load_at(effect.location.site)[some], context.row.some(view.rows[some])
     own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
     good = _is_stiff(np.einsum("...ii->...i", own))
     if effect.law.passive:  # the whole compliance has a positive diagonal, and couplings within it

@@ -32,7 +32,7 @@ class Projection:
         count: Number of readings; places of orientations that were not read are zero in everything, and none.
     """
 
-    columns: Array
+    regressors: Array
     precision: Array
     residual: Array
     objective: float
@@ -42,35 +42,35 @@ class Projection:
     @cached_property
     def fitted(self) -> LinearGaussian:
         """What readings and priors tell of the fitted parameters."""
-        return LinearGaussian.of(self.columns, self.precision)
+        return LinearGaussian.of(self.regressors, self.precision)
 
     @cached_property
     def half(self) -> Array:
         """(r, n) R'A' with R a root of N^-1, so that half' half = A N^-1 A'."""
-        return self.fitted.root.T @ self.columns.T
+        return self.fitted.root.T @ self.regressors.T
 
     def absorbed(self, change: Array) -> Array:
         """Return the (P,) values by which fitted parameters take over a (n,) change of the readings."""
-        return self.fitted.solve(self.columns.T @ change)
+        return self.fitted.solve(self.regressors.T @ change)
 
-    def information(self, columns: Array) -> tuple[Array, Array]:
+    def information(self, regressors: Array) -> tuple[Array, Array]:
         """Return (k, k) X'X - X'A N^-1 A'X of (n, k) columns, and the diagonal of X'X."""
-        seen = self.half @ columns
-        whole = columns.T @ columns
+        seen = self.half @ regressors
+        whole = regressors.T @ regressors
         return whole - seen.T @ seen, np.diag(whole)
 
-    def gain(self, columns: Array) -> tuple[float, Array]:
+    def gain(self, regressors: Array) -> tuple[float, Array]:
         """Return what (n, k) columns lower the objective by together, and their (k,) amplitudes."""
-        inside, whole = self.information(columns)
-        score = columns.T @ self.residual
+        inside, whole = self.information(regressors)
+        score = regressors.T @ self.residual
         amplitudes = LinearGaussian(inside).with_precision(self.ridge * whole).solve(score)
         return float(score @ amplitudes), amplitudes
 
 
 def project(fit: Fit) -> Projection:
     """Return the projection of a fit."""
-    data = fit.residual + fit.columns @ fit.values
-    return projected(fit.columns, fit.precision, data, ridge_for(fit), fit.view.count)
+    data = fit.residual + fit.regressors @ fit.values
+    return projected(fit.regressors, fit.precision, data, ridge_for(fit), fit.view.count)
 
 
 def ridge_for(fit: Fit) -> float:
@@ -78,14 +78,14 @@ def ridge_for(fit: Fit) -> float:
     return float((fit.view.sigma[:, :3] ** 2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
 
 
-def projected(columns: Array, precision: Array, data: Array, ridge: float, count: int) -> Projection:
+def projected(regressors: Array, precision: Array, data: Array, ridge: float, count: int) -> Projection:
     """Return the projection of a linear problem at its exact solution.
 
     A fit stops a little short of it, and along what only priors hold a little is enough to mimic a gain.
     """
-    rough = Projection(columns, precision, data, 0.0, ridge, count)
+    rough = Projection(regressors, precision, data, 0.0, ridge, count)
     values = rough.absorbed(data)
-    residual = data - columns @ values
+    residual = data - regressors @ values
     objective = float(residual @ residual + (precision * values**2).sum())
     return replace(rough, residual=residual, objective=objective)
 

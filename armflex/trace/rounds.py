@@ -72,8 +72,8 @@ def trace(
     steps = partial(tell_steps, teller.step)
     calibration = calibrate(arm, measurements, rows, steps, keep=keep, as_stated=True, anyway=anyway)
     begun = begin(calibration, teller.step, say)
-    places = localise(begun.fit, begun.scene, project(begun.fit), begun.groups)
-    found = Progress(begun, scenes=(begun.scene,))
+    places = localise(begun.fit, begun.context, project(begun.fit), begun.groups)
+    found = Progress(begun, contexts=(begun.context,))
     if checkpoint and said is not None:
         found = restored(checkpoint, said, begun)
         say(f"going on with {len(found.state.effects)} effects")
@@ -128,7 +128,7 @@ def _round(state: State) -> State | None:
         return sorted_out(replace(found, heed=True))
     if place is not None:
         state.say(f"setting aside a random twist at {place.site} {place.axis}")
-        groups = state.scene.column(POSE).astype(int)
+        groups = state.context.column(POSE).astype(int)
         return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(looked.places)))
     # What is far off together stayed because an effect might explain it: none does.
     left = sorted_out(replace(state, heed=False)) if state.heed else state

@@ -10,10 +10,10 @@ import numpy as np
 
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import EffectLaw
 from armflex.laws.effects.location import LINK, Location
-from armflex.laws.effects.scene import Scene
-from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, suspects
+from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, candidate_columns
 from armflex.trace.candidates import (
     Bank,
     Candidate,
@@ -170,16 +170,16 @@ def search(named: Bank, groups: np.ndarray) -> Round:
         named: Everything physical, at the fit with everything that is known so far.
         groups: (M,) pose number of every measured row.
     """
-    fit, scene, tell = named.fit, named.scene, named.tell
+    fit, context, tell = named.fit, named.context, named.tell
     projection = project(fit)
     unnamed = (law for law in EVERY.values() if not (law.physical or law.sought))
-    free = bank(candidates_of(unnamed, scene), fit, scene, tell)
+    free = bank(candidates_of(unnamed, context), fit, context, tell)
     tell("projecting candidates", 0, 0)
     sifted = [sift(named, projection), sift(free, projection)]
     screened, shaped = sifted
-    places = localise(fit, scene, projection, groups)
-    chosen = [one.candidate for one in _possible(screened, fit, scene, LOOKED_AT, REFINED)]
-    chosen += [one.candidate for one in _possible(shaped, fit, scene, LOOKED_AT, 3)]
+    places = localise(fit, context, projection, groups)
+    chosen = [one.candidate for one in _possible(screened, fit, context, LOOKED_AT, REFINED)]
+    chosen += [one.candidate for one in _possible(shaped, fit, context, LOOKED_AT, 3)]
 
     def best_of(most: int, laws: Sequence[EffectLaw], locations: Sequence[Location]) -> list[Candidate]:
         """Return the best of shapes that are sought, with every starting value, all their terms acting."""
@@ -187,9 +187,9 @@ def search(named: Bank, groups: np.ndarray) -> Round:
             Candidate(one, replace(location, terms=tuple(range(len(one.amplitudes)))), inner)
             for one in laws
             for location in locations
-            for inner in grid(one, location, scene)
+            for inner in grid(one, location, context)
         ]
-        sifted.append(sift(bank(tried, fit, scene, tell), projection))
+        sifted.append(sift(bank(tried, fit, context, tell), projection))
         return [tried[i] for i in best_per_spot(sifted[-1], most)]
 
     did_well = [shaped.bank.candidates[i] for i in best_per_spot(shaped, SHAPED)]
@@ -198,7 +198,7 @@ def search(named: Bank, groups: np.ndarray) -> Round:
     chosen += best_of(SECOND_BEST[0], (WAVE, BUMP), sorted(spots, key=str))
     if float(screened.gain.max(initial=0.0)) < MUCH * (projection.objective - projection.count):
         likely = places[:PLACES]
-        pairs = list(permutations(suspects(scene.records), 2))
+        pairs = list(permutations(candidate_columns(context.records), 2))
         products = best_of(
             SECOND_BEST[1], [PRODUCT], [Location(p.site, p.axis, pair) for p in likely for pair in pairs]
         )
@@ -209,30 +209,30 @@ def search(named: Bank, groups: np.ndarray) -> Round:
     refined = []
     for number, candidate in enumerate(chosen):
         tell(f"refining {candidate.name}", number, len(chosen))
-        refined.append(polish(candidate, fit, scene, projection))
+        refined.append(polish(candidate, fit, context, projection))
     ranking = tuple(sorted(refined, key=lambda one: -one.evidence))
-    return Round(projection, tuple(sifted), places, ranking, _plain(scene))
+    return Round(projection, tuple(sifted), places, ranking, _plain(context))
 
 
-def searched(sifted: Sifted, fit: Fit, scene: Scene, most: int) -> Round:
+def searched(sifted: Sifted, fit: Fit, context: Context, most: int) -> Round:
     """Return the round of some candidates alone, the best for every law and location that is possible, none refined."""
-    found = _possible(sifted, fit, scene, most, most)
-    return Round(sifted.projection, (sifted,), (), tuple(found), _plain(scene))
+    found = _possible(sifted, fit, context, most, most)
+    return Round(sifted.projection, (sifted,), (), tuple(found), _plain(context))
 
 
-def _plain(scene: Scene) -> frozenset[str]:
+def _plain(context: Context) -> frozenset[str]:
     """Return the names of plain laws; in a single session nothing can be held out against those of time alone."""
-    several = len(set(scene.sessions)) > 1
+    several = len(set(context.sessions)) > 1
     return frozenset(law.name for law in EVERY.values() if law.plain and (several or not law.timed))
 
 
-def _possible(sifted: Sifted, fit: Fit, scene: Scene, looked_at: int, most: int) -> list[Polished]:
+def _possible(sifted: Sifted, fit: Fit, context: Context, looked_at: int, most: int) -> list[Polished]:
     """Return the best candidates, one per law and location, whose amplitudes are possible; none refined."""
     found: list[Polished] = []
     for index in best_per_spot(sifted, looked_at):
         candidate, gain = sifted.bank.candidates[index], float(sifted.gain[index, 0])
         amplitudes = sifted.projection.gain(sifted.bank.group(index))[1]
-        if gain > 0.0 and sensible(candidate, amplitudes, fit, scene):
+        if gain > 0.0 and sensible(candidate, amplitudes, fit, context):
             found.append(Polished(candidate, gain, float(sifted.evidence[index]), amplitudes, ()))
         if len(found) >= most:
             break

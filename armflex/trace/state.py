@@ -16,10 +16,10 @@ from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import View, look
 from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.remember import without_direction
-from armflex.laws.effects.scene import Scene, survey
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
@@ -27,7 +27,7 @@ from armflex.parameters import numbers_of
 from armflex.rows.rows import POSE
 from armflex.setup import Setup
 from armflex.trace.accept import Step
-from armflex.trace.candidates import Bank, Candidate, bank, candidate_columns, candidates_of
+from armflex.trace.candidates import Bank, Candidate, bank, candidate_regressors, candidates_of
 from armflex.trace.polish import Polished, sensible
 from armflex.trace.projection import project
 from armflex.trace.search import Round, search
@@ -65,7 +65,7 @@ class State:
         effects: Added effects, in the order added.
         random: Random twist per pose, None where there is none.
         fit: All of them together.
-        scene: The campaign as the catalogue sees it, at this fit.
+        context: The campaign as the catalogue sees it, at this fit.
         steps: For each effect how it, or what it stands for, was added; None of one that is yet to be proven.
         heed: Whether rows that are far off in company stay in use; see `lost_beams`.
         tell: Called with how far a search or a fit has come.
@@ -82,7 +82,7 @@ class State:
     effects: tuple[EffectBlock, ...]
     random: PoseBlock | None
     fit: Fit
-    scene: Scene
+    context: Context
     steps: tuple[Step | None, ...] = ()
     heed: bool = True
     tell: Tell = silent
@@ -140,7 +140,7 @@ class State:
     def physical(self) -> Bank:
         """Every candidate that is physics rather than a free shape."""
         laws = (law for law in EVERY.values() if law.physical)
-        return bank(candidates_of(laws, self.scene), self.fit, self.scene, self.tell)
+        return bank(candidates_of(laws, self.context), self.fit, self.context, self.tell)
 
 
 def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -> State:
@@ -157,7 +157,7 @@ def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -
         effects=(),
         random=None,
         fit=fitted,
-        scene=scene_at(fitted, measurements),
+        context=context_at(fitted, measurements),
         tell=tell,
         say=say,
     )
@@ -211,7 +211,7 @@ def lost_beams(view: View, sessions: Sequence[str], poses: np.ndarray, heed: boo
     return lost & (lost.mean() <= MOST)
 
 
-def scene_at(fitted: Fit, measurements: Measurements) -> Scene:
+def context_at(fitted: Fit, measurements: Measurements) -> Context:
     """Return the campaign as the catalogue sees it at a fit: loads at every site of every driven row."""
     arm, view = fitted.setup.arm, fitted.view
     known = known_rows(arm, measurements) | {POSE: measurements.pose_number.astype(float)}
@@ -233,7 +233,7 @@ def add(state: State, found: Polished) -> State:
     """
     fit, what = state.fit, found.effect
     # What is fitted already moves to make room.
-    change = candidate_columns(found.candidate, fit, state.scene) @ found.amplitudes
+    change = candidate_regressors(found.candidate, fit, state.context) @ found.amplitudes
     values = moved(fit.blocks, fit.values, -project(fit).absorbed(change))
     what = replace(what, derived=tuple(name for name in what.location.covariates if name in state.measurements.derived))
     starts = [values[fit.places(block)] for block in state.effects]
@@ -245,9 +245,9 @@ def add(state: State, found: Polished) -> State:
             sums = tuple(a + b for a, b in zip(known.values, what.values, strict=True))
             what = replace(known, location=replace(known.location, terms=terms), values=sums)
             break
-    prior = amplitude_prior(what, found.free, fit.view, state.scene)
+    prior = amplitude_prior(what, found.free, fit.view, state.context)
     ordinal = len(state.declared.arm.effects) + place
-    block = EffectBlock(what, found.free, state.scene, ordinal, prior)
+    block = EffectBlock(what, found.free, state.context, ordinal, prior)
     effects = (*state.effects[:place], block, *state.effects[place + 1 :])
     starts[place : place + 1] = [block.start]
     return refit(replace(state, steps=steps), effects, state.random, _with_starts(state, values, starts))
@@ -310,8 +310,8 @@ def refit(
     blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
     tell = partial(tell_steps, state.tell)
     fitted = fit(state.declared, blocks, state.measurements, state.rows, start, tell, effort)
-    scene = scene_at(fitted, state.measurements)
-    return replace(state, effects=effects, random=random, fit=fitted, scene=scene)
+    context = context_at(fitted, state.measurements)
+    return replace(state, effects=effects, random=random, fit=fitted, context=context)
 
 
 def information(state: State, limit: float) -> float:
@@ -333,5 +333,5 @@ def candidate_of(effect: Effect) -> Candidate:
 def stands(state: State) -> bool:
     """Return whether every effect is still possible with what the fit made of it."""
     return all(
-        sensible(candidate_of(effect), effect.acting, state.fit, state.scene, present=True) for effect in state.fitted
+        sensible(candidate_of(effect), effect.acting, state.fit, state.context, present=True) for effect in state.fitted
     )

@@ -17,9 +17,9 @@ from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
 from armflex.estimate.view import View
 from armflex.laws import Row
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Values, Words
 from armflex.laws.effects.location import LINK, Here, Location
-from armflex.laws.effects.scene import Scene
 from armflex.parameters import ArmParameter, Group, Kind
 from armflex.rows.rows import POSE
 from armflex.setup import Setup
@@ -62,12 +62,12 @@ class RandomTwist:
         return "m" if self.axis.startswith("d") else "rad"
 
 
-def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray) -> tuple[RandomTwist, ...]:
+def localise(fit: Fit, context: Context, projection: Projection, groups: np.ndarray) -> tuple[RandomTwist, ...]:
     """Return every site and axis, the likeliest first.
 
     Args:
         fit: The fit whose residual is looked at.
-        scene: The campaign.
+        context: The campaign.
         projection: The same fit's.
         groups: (M,) number of the pose of every measured row: rows of one pose share a twist.
     """
@@ -82,10 +82,10 @@ def localise(fit: Fit, scene: Scene, projection: Projection, groups: np.ndarray)
     residual, scale = residual / levels, scale / levels
     total, count = float((residual**2).sum()), int(groups.max()) + 1
     found = []
-    for site in scene.sites:
-        columns = view.to_twist(site) * scale[:, :, None]
-        scores = np.einsum("md,mda->ma", residual, columns)
-        squares = np.einsum("mda,mda->ma", columns, columns)
+    for site in context.sites:
+        jacobian = view.to_twist(site) * scale[:, :, None]
+        scores = np.einsum("md,mda->ma", residual, jacobian)
+        squares = np.einsum("mda,mda->ma", jacobian, jacobian)
         for axis, name in enumerate(TWIST_NAMES):
             score = np.asarray(np.bincount(groups, scores[:, axis], count), float)
             square = np.asarray(np.bincount(groups, squares[:, axis], count), float)
@@ -151,7 +151,7 @@ class PoseBlock(Block):
         """(k,) the size."""
         return np.full(len(self.parameters), self.std)
 
-    def columns(self, view: View) -> Array:
+    def jacobian(self, view: View) -> Array:
         """Return (M, d, k): every pose moves its own rows."""
         answer = view.to_twist(self.site)[:, :, TWIST_NAMES.index(self.axis)]
         own = self.groups[view.rows][:, None] == np.arange(len(self.parameters))

@@ -22,11 +22,11 @@ from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
 from armflex.linear_gaussian import most_probable
-from armflex.trace.candidates import Candidate, bank, candidate_columns, grid, sift
+from armflex.trace.candidates import Candidate, bank, candidate_regressors, grid, sift
 from armflex.trace.polish import polish
 from armflex.trace.projection import projected, ridge_for
 from armflex.trace.search import searched
-from armflex.trace.state import State, scene_at, sorted_out, with_random, without
+from armflex.trace.state import State, context_at, sorted_out, with_random, without
 from armflex.trace.unrecorded import PoseBlock
 
 
@@ -109,7 +109,7 @@ def compared(state: State) -> Compared:
     folds = pose_folds(state.measurements.pose_number[rows])
     before, after = (_seen(fit, state, rows) for fit in (state.calibrated, state.fit))
     judged, used = near(before.view, after.view), np.isin(rows, state.rows)
-    plain = before.columns, before.prior, before.residual + before.columns @ before.values
+    plain = before.regressors, before.prior, before.residual + before.regressors @ before.values
     left: tuple[list[Array], list[Array]] = ([], [])
     for number in range(int(folds.max()) + 1):
         state.tell("without some poses", number, int(folds.max()) + 1)
@@ -118,9 +118,9 @@ def compared(state: State) -> Compared:
             (left[0], before, plain),
             (left[1], after, _chosen_again(after, state, learned)),
         ):
-            columns, prior, data = problem
+            regressors, prior, data = problem
             mask = np.repeat(learned, len(data) // len(learned))
-            error = data - columns @ most_probable(columns[mask], prior**-2.0, data[mask])
+            error = data - regressors @ most_probable(regressors[mask], prior**-2.0, data[mask])
             where = fit.view.positions
             metres = error.reshape(len(learned), -1)[:, where] / np.sqrt(fit.weights)[:, None]
             errors.append((metres * fit.view.sigma[:, where])[asked])
@@ -156,20 +156,22 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[Array, A
         own.append(places)
         values[places[len(block.effect.location.terms) :]] = 0.0  # inner values are none of a linear problem's own
     rest = np.setdiff1d(np.arange(len(values)), np.concatenate(own))
-    columns, prior, data = fit.columns[:, rest], fit.prior[rest], fit.residual + fit.columns @ values
+    regressors, prior, data = fit.regressors[:, rest], fit.prior[rest], fit.residual + fit.regressors @ values
     mask, count = np.repeat(learned, len(data) // len(learned)), int(np.isfinite(fit.view.sigma[learned]).sum())
     for block, step in zip(state.effects, state.steps, strict=True):
-        problem = projected(columns * mask[:, None], prior**-2.0, data * mask, ridge_for(fit), count)
-        rivals = [one.candidate for one in step.ranking] if step is not None else []
-        places = dict.fromkeys([(one.law, one.location) for one in (block.effect, *rivals)])
-        tried = (Candidate(law, location, i) for law, location in places for i in grid(law, location, state.scene))
-        found = searched(sift(bank(tried, masked, state.scene, state.tell), problem), masked, state.scene, len(places))
-        best = polish(found.first.candidate, masked, state.scene, problem) if found.ranking else None
+        problem = projected(regressors * mask[:, None], prior**-2.0, data * mask, ridge_for(fit), count)
+        hypotheses = [one.candidate for one in step.ranking] if step is not None else []
+        places = dict.fromkeys([(one.law, one.location) for one in (block.effect, *hypotheses)])
+        tried = (Candidate(law, location, i) for law, location in places for i in grid(law, location, state.context))
+        found = searched(
+            sift(bank(tried, masked, state.context, state.tell), problem), masked, state.context, len(places)
+        )
+        best = polish(found.first.candidate, masked, state.context, problem) if found.ranking else None
         if best is not None and best.gain > 0.0:
-            ridge = amplitude_prior(best.effect, (), fit.view, state.scene)
-            columns = np.hstack([columns, candidate_columns(best.candidate, fit, state.scene)])
+            ridge = amplitude_prior(best.effect, (), fit.view, state.context)
+            regressors = np.hstack([regressors, candidate_regressors(best.candidate, fit, state.context)])
             prior = np.concatenate([prior, ridge])
-    return columns, prior, data
+    return regressors, prior, data
 
 
 def _best_without(state: State) -> tuple[int, State]:
@@ -192,7 +194,7 @@ def _bare(state: State) -> State:
     """Return the calibration itself as a state: just the values that it has for the rows in use."""
 
     def at(fitted: Fit) -> State:
-        scene = scene_at(fitted, state.measurements)
-        return replace(state, rows=fitted.view.rows, effects=(), steps=(), random=None, fit=fitted, scene=scene)
+        context = context_at(fitted, state.measurements)
+        return replace(state, rows=fitted.view.rows, effects=(), steps=(), random=None, fit=fitted, context=context)
 
     return at(sorted_out(at(state.first), THOROUGH).calibrated)

@@ -26,11 +26,11 @@ unit_matrix = cache(np.eye)
 class Seen(NamedTuple):
     """A reading at the point where the arm is linearised, in standard deviations.
 
-    `residual` (d,) is measured minus predicted there, `columns` (d, P) its fall per parameter.
+    `residual` (d,) is measured minus predicted there, `jacobian` (d, P) its fall per parameter.
     """
 
     residual: Array
-    columns: Array
+    jacobian: Array
 
 
 class Innovation(NamedTuple):
@@ -43,7 +43,7 @@ class Innovation(NamedTuple):
         whitened: (d,) the surprise in standard deviations.
     """
 
-    heard: Array
+    through_root: Array
     inverse: Array
     factor: Array
     whitened: Array
@@ -69,20 +69,20 @@ def estimate_of(covariance: Array) -> Estimate:
 
 def innovation(estimate: Estimate, seen: Seen) -> Innovation:
     """Return what a reading says beyond an estimate."""
-    heard = seen.columns.dot(estimate.root)
-    factor, _ = dpotrf(heard.dot(heard.T) + unit_matrix(len(heard)), lower=1, clean=1)
+    through_root = seen.jacobian.dot(estimate.root)
+    factor, _ = dpotrf(through_root.dot(through_root.T) + unit_matrix(len(through_root)), lower=1, clean=1)
     inverse, _ = dtrtri(factor, lower=1)
-    surprise = seen.residual - seen.columns.dot(estimate.values)
-    return Innovation(heard, inverse, factor, inverse.dot(surprise))
+    surprise = seen.residual - seen.jacobian.dot(estimate.values)
+    return Innovation(through_root, inverse, factor, inverse.dot(surprise))
 
 
 def absorb(estimate: Estimate, found: Innovation) -> Estimate:
     """Return the estimate that knows a reading, too."""
-    gain = estimate.root.dot(found.heard.T)
+    gain = estimate.root.dot(found.through_root.T)
     half, _ = dtrtri(found.factor + unit_matrix(len(gain.T)), lower=1)
     turned = gain.dot(found.inverse.T)
     values = estimate.values + turned.dot(found.whitened)
-    return Estimate(values, estimate.root - turned.dot(half.dot(found.heard)))
+    return Estimate(values, estimate.root - turned.dot(half.dot(found.through_root)))
 
 
 def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
@@ -99,16 +99,16 @@ def take(estimate: Estimate, seen: Seen) -> tuple[Estimate, float, float]:
         return estimate, 0.0, distance
     # As if it were so noisy that its gain is a part of what it was, however little is known of the parameters.
     weight = (far / distance) ** 2
-    expected = found.factor.dot(found.factor.T) / weight - found.heard.dot(found.heard.T)
+    expected = found.factor.dot(found.factor.T) / weight - found.through_root.dot(found.through_root.T)
     noise = np.linalg.cholesky(expected)
-    lighter = Seen(np.linalg.solve(noise, seen.residual), np.linalg.solve(noise, seen.columns))
+    lighter = Seen(np.linalg.solve(noise, seen.residual), np.linalg.solve(noise, seen.jacobian))
     return absorb(estimate, innovation(estimate, lighter)), weight, distance
 
 
-def spread(estimate: Estimate, seen: Seen) -> float:
+def expected_variance(estimate: Estimate, seen: Seen) -> float:
     """Return the mean variance of what is read that is due to the parameters, by that of the noise."""
-    heard = seen.columns.dot(estimate.root)
-    return float(np.vdot(heard, heard)) / len(heard)
+    through_root = seen.jacobian.dot(estimate.root)
+    return float(np.vdot(through_root, through_root)) / len(through_root)
 
 
 def widen(estimate: Estimate, variance: Array) -> Estimate:

@@ -16,7 +16,7 @@ from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import blocks_of, declared_blocks
 from armflex.estimate.fit import realise
 from armflex.estimate.law_block import learned_laws, with_laws
-from armflex.estimate.spread import OTHER_PARAMETERS
+from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.view import look, untold_shifts
 from armflex.laws.effects.remember import derived_directions
 from armflex.parameters import FRAME, ArmParameter, Group, Kind, of_law
@@ -131,9 +131,9 @@ class Model:
             known = Certainty(self.parameters, others @ covariance @ others.T, directions=unknown)
         setup, laws = self.setup(values), {}
         for name, law in learned_laws(setup.arm).items():
-            spread = known.among(of_law(name, law))
-            if spread is not None:
-                laws[name] = replace(law, spread=spread)
+            posterior = known.among(of_law(name, law))
+            if posterior is not None:
+                laws[name] = replace(law, posterior=posterior)
         return replace(with_laws(setup.arm, laws), instrument=setup.instrument, certainty=known.beside(self.aside))
 
 
@@ -225,7 +225,7 @@ class Sight:
         row = as_row(reading, self.setup.arm)
         derived_directions(self.setup.arm, row, np.arange(1))
         view = look(self.setup, row, np.arange(1))
-        columns = np.concatenate([block.columns(view) for block in self.blocks], axis=2)[0]
+        jacobian = np.concatenate([block.jacobian(view) for block in self.blocks], axis=2)[0]
         noise = np.diag(view.sigma[0] ** 2)
         noise[view.positions, view.positions] += self.beside**2 * np.eye(Position.dimension)
         if self.unexplained is not None:
@@ -235,5 +235,5 @@ class Sight:
         shifts = untold_shifts(self.setup, row, row.readings)[:, 0]
         noise += shifts.T @ shifts
         factor = np.linalg.cholesky(noise)
-        whitened = np.ascontiguousarray(np.linalg.solve(factor, columns))
+        whitened = np.ascontiguousarray(np.linalg.solve(factor, jacobian))
         return Seen(np.linalg.solve(factor, view.residual[0]), whitened)

@@ -127,7 +127,7 @@ def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
     for name, estimate in zip(ESTIMATES, (state.estimate, watch.first.estimate, watch.later.estimate), strict=True):
         arrays |= {f"{name} values": estimate.values, f"{name} root": estimate.root}
     for i, seen in enumerate(watch.window):
-        arrays |= {f"window {i} residual": seen.residual, f"window {i} columns": seen.columns}
+        arrays |= {f"window {i} residual": seen.residual, f"window {i} columns": seen.jacobian}
     for i, change in enumerate(state.changes):
         arrays |= {f"change {i} size": change.size, f"change {i} std": change.std}
     numbers = ("q", "position", "sigma", "rotation", "sigma_r", "time")  # found good; what was given may be of any kind

@@ -16,7 +16,7 @@ from armflex.errors import ArmflexError, InputError, ModelFileError, Place, Unkn
 from armflex.mechanics.many_rows import kernel
 from armflex.rows.rows import APPROACH, last_motion
 from armflex.storage.digest import digest
-from armflex.track.estimate import Estimate, estimate_of, recentred, spread, take, widen
+from armflex.track.estimate import Estimate, estimate_of, expected_variance, recentred, take, widen
 from armflex.track.model import Model, Sight, model_of
 from armflex.track.reading import Reading, as_row, number, sensible
 from armflex.track.state import LAYOUT, State, read_state, write_state
@@ -179,7 +179,7 @@ class Tracker:
         state.outliers += weight < 1.0
         try:
             if watch.unsettled:
-                watch.add_unsettled(reading, seen, weight, spread(before, seen))
+                watch.add_unsettled(reading, seen, weight, expected_variance(before, seen))
                 # The window's readings are judged again, each by all others.
                 base = self._before
                 lost, part = contradicted(watch.window, base)
@@ -245,8 +245,8 @@ class Tracker:
         state, watch = self._state, self._state.watch
         try:
             for before in (self._before, watch.first.estimate, watch.later.estimate, state.estimate):
-                heard = [float(np.abs(seen.columns @ before.root).max()) for seen in watch.window]
-                if max(heard, default=0.0) > HEARD:
+                through_root = [float(np.abs(seen.jacobian @ before.root).max()) for seen in watch.window]
+                if max(through_root, default=0.0) > HEARD:
                     raise InputError("a reading says less of the parameters than rounding leaves")
                 if watch.window:
                     contradicted(watch.window, before)

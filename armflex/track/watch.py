@@ -181,16 +181,16 @@ class Watch:
         self.total = max(0.0, self.total + min(distance, outlier_limit(size)) ** 2 - size - SLACK)
         return self.total > GATE and len(self.window) - self.rising >= FEWEST
 
-    def add_unsettled(self, reading: Reading, seen: Seen, weight: float, spread: float) -> None:
-        """Take in a reading, and how wide it was expected; see `estimate.spread`."""
+    def add_unsettled(self, reading: Reading, seen: Seen, weight: float, expected_variance: float) -> None:
+        """Take in a reading, and how wide it was expected; see `estimate.posterior`."""
         self.window.append(seen)
         self.weights.append(weight)
         self.readings.append(reading)
-        self.unsettled = self.unsettled - 1 if spread < FORESEEN and self.part == 1.0 else FEWEST
+        self.unsettled = self.unsettled - 1 if expected_variance < FORESEEN and self.part == 1.0 else FEWEST
 
     def recentre(self, step: Array, factor: Array) -> None:
         """Take in that the arm is linearised elsewhere; see `recentred`."""
-        self.window = [Seen(one.residual - one.columns @ step, one.columns * factor) for one in self.window]
+        self.window = [Seen(one.residual - one.jacobian @ step, one.jacobian * factor) for one in self.window]
         self.first = replace(self.first, estimate=recentred(self.first.estimate, step, factor))
         self.later = replace(self.later, estimate=recentred(self.later.estimate, step, factor))
 
@@ -228,10 +228,10 @@ def seek(watch: Watch, before: Estimate, changeables: Sequence[Changeable]) -> F
     clear = shares[name] >= CLEAR or len(task.errors) - start >= MOST
     if shares[None] > 1.0 - SURE or not clear:
         return None
-    heard = task.jump(what, start).reshape(*task.errors.shape, -1) * ~found.lost[:, None, None]
-    heard = heard.reshape(-1, len(what.places))
-    size = what.sizes * (heard.T @ found.pulls)
-    left = np.eye(len(what.places)) - heard.T @ found.inverse @ heard
+    through_root = task.jump(what, start).reshape(*task.errors.shape, -1) * ~found.lost[:, None, None]
+    through_root = through_root.reshape(-1, len(what.places))
+    size = what.sizes * (through_root.T @ found.pulls)
+    left = np.eye(len(what.places)) - through_root.T @ found.inverse @ through_root
     others = sorted(((one, p) for one, p in shares.items() if one and one != name and p > 0.01), key=lambda x: -x[1])
     std = what.sizes * np.sqrt(np.maximum(np.diag(left), 0.0))
     return Found(what, start, shares[name], size, std, tuple(others), found.lost.tolist())
@@ -254,7 +254,7 @@ def contradicted(window: Sequence[Seen], before: Estimate) -> tuple[list[bool], 
 
 def fainter(seen: Seen, part: float) -> Seen:
     """Return a reading by larger standard deviations."""
-    return seen if part == 1.0 else Seen(part * seen.residual, part * seen.columns)
+    return seen if part == 1.0 else Seen(part * seen.residual, part * seen.jacobian)
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,18 +272,18 @@ class _Task:
     """The window's positions in standard deviations: (n, 3, P) columns, (n, 3) errors and V^-1 (3 n, 3 n) without a
     change, with the logarithm of V's determinant."""
 
-    columns: Array
+    jacobian: Array
     errors: Array
     inverse: Array
     log_volume: float
 
     def promising(self, changeables: Sequence[Changeable], start: int) -> list[Changeable]:
         """Return what says most if it jumped before the reading at `start`, as if no reading were lost."""
-        heard = self.columns.copy()
-        heard[:start] = 0.0
-        heard = heard.reshape(len(self.inverse), -1)
-        through = self.inverse @ heard
-        inner, pull = heard.T @ through, through.T @ self.errors.ravel()
+        through_root = self.jacobian.copy()
+        through_root[:start] = 0.0
+        through_root = through_root.reshape(len(self.inverse), -1)
+        through = self.inverse @ through_root
+        inner, pull = through_root.T @ through, through.T @ self.errors.ravel()
         gains = []  # logarithm of how much more probable a jump makes the errors
         for what in changeables:
             own, sizes = inner[np.ix_(what.places, what.places)], what.sizes
@@ -294,9 +294,9 @@ class _Task:
 
     def jump(self, what: Changeable, start: int) -> Array:
         """Return the (3 n, k) change of the errors per expected size of a jump before the reading at `start`."""
-        heard = self.columns[:, :, what.places] * what.sizes
-        heard[:start] = 0.0
-        return heard.reshape(-1, len(what.places))
+        through_root = self.jacobian[:, :, what.places] * what.sizes
+        through_root[:start] = 0.0
+        return through_root.reshape(-1, len(what.places))
 
     def explained(self, inverse: Array, more_volume: float = 0.0) -> _Explained:
         """Return the cost with V^-1 given, leaving out one reading after the other that all the rest contradict."""
@@ -320,8 +320,8 @@ class _Task:
 
 
 def _task(window: Sequence[Seen], before: Estimate) -> _Task:
-    columns = np.array([seen.columns[: Position.dimension] for seen in window])
-    errors = np.array([seen.residual[: Position.dimension] for seen in window]) - columns @ before.values
-    heard = columns.reshape(-1, len(before.values)) @ before.root
-    volume = np.eye(len(heard)) + heard @ heard.T
-    return _Task(columns, errors, np.asarray(np.linalg.inv(volume), float), float(np.linalg.slogdet(volume)[1]))
+    jacobian = np.array([seen.jacobian[: Position.dimension] for seen in window])
+    errors = np.array([seen.residual[: Position.dimension] for seen in window]) - jacobian @ before.values
+    through_root = jacobian.reshape(-1, len(before.values)) @ before.root
+    volume = np.eye(len(through_root)) + through_root @ through_root.T
+    return _Task(jacobian, errors, np.asarray(np.linalg.inv(volume), float), float(np.linalg.slogdet(volume)[1]))

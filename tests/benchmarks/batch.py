@@ -93,8 +93,8 @@ def followed(arm: Arm, q: np.ndarray) -> None:
     """Print what shares and covariances of a batch take beside those of its rows."""
     for one in arm.flexures:
         assert isinstance(one.law, LinearLaw)
-    doubtful = tuple(replace(one, law=replace(one.law, relative_std=0.1)) for one in arm.flexures)
-    arm = replace(arm, flexures=doubtful)
+    flagged = tuple(replace(one, law=replace(one.law, relative_std=0.1)) for one in arm.flexures)
+    arm = replace(arm, flexures=flagged)
     for name in ("contributions", "covariance"):
         found = arm.deflection(q)
         many = seconds(lambda found=found, name=name: getattr(found, name)) / len(q)

@@ -155,7 +155,7 @@ def test_columns_against_finite_differences(measured, gravity_in, numbers):
     if numbers == 6:  # a difference of rotations is one of rotation vectors where it is small
         rows = dataclasses.replace(rows, rotation=_predicted(realise(setup, blocks, values), rows))
     view = look(realise(setup, blocks, values), rows, some)
-    columns = np.concatenate([block.columns(view) for block in blocks], axis=2)
+    columns = np.concatenate([block.jacobian(view) for block in blocks], axis=2)
     read = np.isfinite(view.sigma)
     assert read.shape == (5, numbers) and read[:, -1].sum() == (5 if numbers == 3 else 4)
     for k, size in enumerate(scale):
@@ -216,10 +216,10 @@ def test_the_whole_covariance_of_the_tip_is_of_what_was_fitted_too(measured, fou
     columns = (ends[0] - ends[1]) / 2e-5
     expected = columns @ fit.posterior.covariance[np.ix_(moving, moving)] @ columns.T
     one, batch = arm.deflection(q, "p200"), arm.deflection(np.array([q, 0.5 * q]), ["p200", "empty"])
-    whole, doubts = total_covariance(one)
+    whole, flags = total_covariance(one)
     np.testing.assert_allclose(whole[:3, :3], expected, rtol=1e-3, atol=1e-3 * expected.max())
     np.testing.assert_allclose(total_covariance(batch)[0][0], whole, rtol=1e-6, atol=1e-9 * whole.max())
-    assert one.covariance is None and not doubts
+    assert one.covariance is None and not flags
     moved = arm.deflection(q, "p200", v=np.zeros(6), a=np.zeros(6))
     assert [flag.code for flag in total_covariance(moved)[1]] == ["certainty_at_rest"]
 

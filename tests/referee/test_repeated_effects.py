@@ -167,10 +167,10 @@ def test_a_plan_knows_the_harmonics_apart(again: Arm) -> None:
     names = planned.model.names
     assert len(set(names)) == len(names) and "effect gear_harmonic J2 ry #2 B" in names
     told = plan(again, 6, between=("gear_harmonic:J2:ry", "gear_harmonic:J2:ry#3"))
-    third = told.rivals[1]
-    assert [one.name for one in told.rivals] == ["gear_harmonic:J2:ry", "gear_harmonic:J2:ry#3"]
-    assert [one.suspect.effect.named["k"] for one in told.rivals] == [harmonics(again)[0], harmonics(again)[2]]
-    np.testing.assert_array_equal(third.size[:2], third.suspect.effect.amplitudes)
+    third = told.hypotheses[1]
+    assert [one.name for one in told.hypotheses] == ["gear_harmonic:J2:ry", "gear_harmonic:J2:ry#3"]
+    assert [one.candidate.effect.named["k"] for one in told.hypotheses] == [harmonics(again)[0], harmonics(again)[2]]
+    np.testing.assert_array_equal(third.size[:2], third.candidate.effect.amplitudes)
     assert len(set(told.model.names)) == len(told.model.names) == len(names)
     with pytest.raises(InputError, match="gear_harmonic:J2:ry or gear_harmonic:J2:ry#2 or gear_harmonic:J2:ry#3: say"):
         plan(again, 6, between=("gear_harmonic:J2", "encoder_offset:J3"))

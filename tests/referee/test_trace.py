@@ -60,17 +60,19 @@ def test_nothing_is_named_where_nothing_is(kind, seed, arm):
 @pytest.fixture(scope="module")
 def backlash(campaign, before) -> Candidate:
     law = CATALOGUE["backlash"]
-    return next(Candidate(law, location, ()) for location in law.places(before.scene.records) if location.site == "J4")
+    return next(
+        Candidate(law, location, ()) for location in law.places(before.context.records) if location.site == "J4"
+    )
 
 
 @pytest.fixture(scope="module")
 def after(before, backlash) -> State:
-    return add(before, polish(backlash, before.fit, before.scene, project(before.fit)))
+    return add(before, polish(backlash, before.fit, before.context, project(before.fit)))
 
 
-def least_squares(columns: Array, prior: Array, data: Array) -> tuple[Array, float]:
+def least_squares(regressors: Array, prior: Array, data: Array) -> tuple[Array, float]:
     """Return values and objective of a linear problem with priors, by a stacked solve."""
-    stacked = np.vstack([columns, np.diag(1.0 / prior)])
+    stacked = np.vstack([regressors, np.diag(1.0 / prior)])
     target = np.concatenate([data, np.zeros(len(prior))])
     scale = np.linalg.norm(stacked, axis=0)
     values = np.linalg.lstsq(stacked / scale, target, rcond=None)[0] / scale
@@ -78,7 +80,7 @@ def least_squares(columns: Array, prior: Array, data: Array) -> tuple[Array, flo
 
 
 def data_of(fit: Fit) -> Array:
-    return fit.residual + fit.columns @ fit.values
+    return fit.residual + fit.regressors @ fit.values
 
 
 NAMES = ("stiffening", "link_geometry", "gear_harmonic", "thermal_growth", "tip_force", "tracker_scale", "backlash")
@@ -86,20 +88,20 @@ NAMES = ("stiffening", "link_geometry", "gear_harmonic", "thermal_growth", "tip_
 
 @pytest.mark.parametrize("name", NAMES)
 def test_gain_is_the_fall_of_a_refit(name, before):
-    fit, scene, projection = before.fit, before.scene, project(before.fit)
-    tried = list(candidates_of([CATALOGUE[name]], scene))
+    fit, context, projection = before.fit, before.context, project(before.fit)
+    tried = list(candidates_of([CATALOGUE[name]], context))
     tried = [tried[i] for i in np.random.default_rng(0).permutation(len(tried))[:4]]
-    candidates = bank(tried, fit, scene)
+    candidates = bank(tried, fit, context)
     batch = sift(candidates, projection)
-    plain = least_squares(fit.columns, fit.prior, data_of(fit))[1]
+    plain = least_squares(fit.regressors, fit.prior, data_of(fit))[1]
     assert projection.objective == pytest.approx(plain, rel=1e-9)
     for index in range(len(candidates.candidates)):
-        columns = candidates.group(index)
-        gain, amplitudes = projection.gain(columns)
+        regressors = candidates.group(index)
+        gain, amplitudes = projection.gain(regressors)
         # What has to move the tip by a tenth of a metre to be seen is not believed: a weak prior on the amplitudes.
-        ridge = 1.0 / np.sqrt(np.maximum(projection.ridge * (columns**2).sum(axis=0), 1e-300))
+        ridge = 1.0 / np.sqrt(np.maximum(projection.ridge * (regressors**2).sum(axis=0), 1e-300))
         values, objective = least_squares(
-            np.hstack([fit.columns, columns]), np.concatenate([fit.prior, ridge]), data_of(fit)
+            np.hstack([fit.regressors, regressors]), np.concatenate([fit.prior, ridge]), data_of(fit)
         )
         assert gain == pytest.approx(plain - objective, rel=1e-4, abs=1e-4)
         assert batch.gain[index, 0] == pytest.approx(gain, rel=1e-6, abs=1e-6)
@@ -110,25 +112,25 @@ def test_gain_is_the_fall_of_a_refit(name, before):
 def everything(before) -> Bank:
     """The catalogue and the shapes, every third candidate of them."""
     laws = [law for law in EVERY.values() if law.name not in ("unnamed_bump", "unnamed_wave")]
-    return bank(list(candidates_of(laws, before.scene))[::3], before.fit, before.scene)
+    return bank(list(candidates_of(laws, before.context))[::3], before.fit, before.context)
 
 
 def test_a_bank_has_every_candidates_columns(everything):
     """What is computed once for a site, or for all of them, is what each candidate has by itself."""
-    columns, starts = everything.columns, everything.starts
-    assert np.isfinite(columns).all() and len({candidate.law.name for candidate in everything.candidates}) > 30
+    regressors, starts = everything.regressors, everything.starts
+    assert np.isfinite(regressors).all() and len({candidate.law.name for candidate in everything.candidates}) > 30
     for index in range(len(everything.candidates)):
-        alone, found = everything.group(index), columns[:, starts[index] : starts[index + 1]]
+        alone, found = everything.group(index), regressors[:, starts[index] : starts[index + 1]]
         np.testing.assert_allclose(found, alone, rtol=1e-9, atol=1e-12 * np.abs(alone).max())
 
 
 def test_what_is_kept_of_a_bank_is_what_its_columns_give(everything, before):
-    projection, columns = project(before.fit), everything.columns
+    projection, regressors = project(before.fit), everything.regressors
     sifted = sift(everything, projection)
-    seen = projection.half @ columns
-    sizes = np.sqrt((columns**2).sum(axis=0))
+    seen = projection.half @ regressors
+    sizes = np.sqrt((regressors**2).sum(axis=0))
     np.testing.assert_allclose(sifted.seen.T, seen, rtol=1e-9, atol=1e-9 * sizes.max())
-    np.testing.assert_allclose(sifted.scores, columns.T @ projection.residual, rtol=1e-9, atol=1e-9 * sizes.max())
+    np.testing.assert_allclose(sifted.scores, regressors.T @ projection.residual, rtol=1e-9, atol=1e-9 * sizes.max())
     assert sorted(np.concatenate([groups for groups, _ in sifted.squares])) == list(range(len(everything.candidates)))
     for groups, squares in sifted.squares:
         for group, square in zip(groups, squares, strict=True):
@@ -143,7 +145,7 @@ def test_a_bank_too_large_to_keep_gives_the_same(everything, before, monkeypatch
     candidates = import_module("armflex.trace.candidates")
     monkeypatch.setattr(candidates, "KEPT", 1000)
     monkeypatch.setattr(candidates, "FLUSHED", 20_000)
-    again = bank(everything.candidates, before.fit, before.scene)
+    again = bank(everything.candidates, before.fit, before.context)
     assert len(list(again.parts)) > kept and again.parts is not again.parts
     streamed = sift(again, projection)
     np.testing.assert_allclose(streamed.gain, whole.gain, rtol=1e-6, atol=1e-9)
@@ -154,15 +156,15 @@ def test_a_bank_too_large_to_keep_gives_the_same(everything, before, monkeypatch
 def test_gain_of_the_truth_is_what_adding_it_brings(before, after, backlash):
     """The whole fit, arm and all: linear to a few percent."""
     projection = project(before.fit)
-    gain = polish(backlash, before.fit, before.scene, projection).gain
+    gain = polish(backlash, before.fit, before.context, projection).gain
     fall = projection.objective - project(after.fit).objective
     assert gain > 100.0 and fall == pytest.approx(gain, rel=0.05)
 
 
 def test_absorbed_is_what_the_other_parameters_take_over(before, backlash):
     fit, projection = before.fit, project(before.fit)
-    change = bank([backlash], fit, before.scene).columns[:, 0]
-    values, _ = least_squares(fit.columns, fit.prior, change)
+    change = bank([backlash], fit, before.context).regressors[:, 0]
+    values, _ = least_squares(fit.regressors, fit.prior, change)
     np.testing.assert_allclose(projection.absorbed(change), values, rtol=1e-5, atol=1e-6 * np.abs(values).max())
 
 
@@ -174,12 +176,12 @@ def test_evidence_is_the_information_criterion():
 def noisy(projection: Projection, seed: int) -> Projection:
     """Return the same problem with nothing but noise in it."""
     noise = np.random.default_rng(seed).normal(size=len(projection.residual))
-    return projected(projection.columns, projection.precision, noise, projection.ridge, projection.count)
+    return projected(projection.regressors, projection.precision, noise, projection.ridge, projection.count)
 
 
 def test_chance_exceeds_the_null_as_often_as_it_should(before):
     laws = [CATALOGUE[name] for name in ("encoder_scale", "backlash", "compliance", "gear_harmonic")]
-    candidates = bank(candidates_of(laws, before.scene), before.fit, before.scene)
+    candidates = bank(candidates_of(laws, before.context), before.fit, before.context)
     known = project(before.fit)
     ranks = []
     for seed in range(60):
@@ -192,7 +194,7 @@ def test_chance_exceeds_the_null_as_often_as_it_should(before):
 
 
 def test_a_real_effect_exceeds_the_null(before):
-    candidates = bank(candidates_of([CATALOGUE["backlash"]], before.scene), before.fit, before.scene)
+    candidates = bank(candidates_of([CATALOGUE["backlash"]], before.context), before.fit, before.context)
     sifted = sift(candidates, project(before.fit))
     assert sifted.evidence.max() > null_maximum(sifted, before.groups).max() + 50.0
     assert candidates.candidates[best_per_spot(sifted, 1)[0]].location.site == "J4"
@@ -204,11 +206,13 @@ def errors_of(fit: Fit, folds: np.ndarray, follow: list[np.ndarray] | None = Non
     squares = np.empty(len(folds))
     for number in np.unique(folds):
         own = np.repeat(folds == number, size)
-        values, _ = least_squares(fit.columns[~own], fit.prior, data[~own])
-        error = data[own] - fit.columns[own] @ values
+        values, _ = least_squares(fit.regressors[~own], fit.prior, data[~own])
+        error = data[own] - fit.regressors[own] @ values
         if follow is not None:
             some = follow[number]
-            error -= fit.columns[own][:, some] @ least_squares(fit.columns[own][:, some], fit.prior[some], error)[0]
+            error -= (
+                fit.regressors[own][:, some] @ least_squares(fit.regressors[own][:, some], fit.prior[some], error)[0]
+            )
         metres = error.reshape(-1, size) / np.sqrt(fit.weights[folds == number])[:, None]
         squares[folds == number] = ((metres * fit.view.sigma[folds == number]) ** 2).sum(axis=1)
     return squares
@@ -251,8 +255,8 @@ def test_a_random_twist_is_found_where_it_is(before, site, axis, std):
     moved = fit.view.to_twist(site)[:, :, TWIST_NAMES.index(axis)] * twists[:, None]
     data = (moved / fit.view.sigma * np.sqrt(fit.weights)[:, None]).ravel()
     noise = np.random.default_rng(3).normal(size=len(data))
-    projection = projected(known.columns, known.precision, data + noise, known.ridge, known.count)
-    places = localise(fit, before.scene, projection, groups)
+    projection = projected(known.regressors, known.precision, data + noise, known.ridge, known.count)
+    places = localise(fit, before.context, projection, groups)
     true = next(place for place in places if (place.site, place.axis) == (site, axis))
     assert true.ratio > 100.0 and true.ratio > places[0].ratio - 3.0  # a lift is a lift anywhere along the column
     assert true.std == pytest.approx(std, rel=0.25)  # of some seventy twists, a few of which are fitted away
@@ -260,7 +264,7 @@ def test_a_random_twist_is_found_where_it_is(before, site, axis, std):
 
 def test_noise_is_nowhere(before):
     known = project(before.fit)
-    ratios = [localise(before.fit, before.scene, noisy(known, seed), before.groups)[0].ratio for seed in range(20)]
+    ratios = [localise(before.fit, before.context, noisy(known, seed), before.groups)[0].ratio for seed in range(20)]
     assert max(ratios) < 0.7 * NOTICED
 
 
@@ -269,28 +273,28 @@ def test_left_out_is_the_fit_without(after):
     projection, own = leave_out(after, 0)
     rest = np.setdiff1d(np.arange(len(fit.values)), own)
     assert [fit.labels[i][1] for i in own] == ["gap"]
-    _, objective = least_squares(fit.columns[:, rest], fit.prior[rest], data_of(fit))
+    _, objective = least_squares(fit.regressors[:, rest], fit.prior[rest], data_of(fit))
     assert projection.objective == pytest.approx(objective, rel=1e-9)
 
 
 def test_an_effect_is_worth_what_it_was_accepted_for(before, after, backlash):
-    first = polish(backlash, before.fit, before.scene, project(before.fit)).evidence
-    worth, rivals = equivalents(after, 0)
+    first = polish(backlash, before.fit, before.context, project(before.fit)).evidence
+    worth, hypotheses = equivalents(after, 0)
     assert worth == pytest.approx(first, rel=0.05)
-    differences = [difference for _, difference in rivals]
+    differences = [difference for _, difference in hypotheses]
     assert differences == sorted(differences) and max(differences) < SAME
-    names = {(rival.law.name, rival.location.site) for rival, _ in rivals}
+    names = {(hypothesis.law.name, hypothesis.location.site) for hypothesis, _ in hypotheses}
     assert ("friction_windup", "J4") in names  # wind-up of a constant friction is backlash
     assert ("backlash", "J4") not in names and ("creep", "J2") not in names
 
 
 def test_rivals_would_have_done_as_well(before, after):
     """Each of them in the effect's place brings the fit as far, to within what is called the same."""
-    worth, rivals = equivalents(after, 0)
+    worth, hypotheses = equivalents(after, 0)
     projection = project(before.fit)
-    for rival, difference in rivals[:3]:
-        candidate = Candidate(rival.law, rival.location, rival.inner)
-        again = polish(candidate, before.fit, before.scene, projection).evidence
+    for hypothesis, difference in hypotheses[:3]:
+        candidate = Candidate(hypothesis.law, hypothesis.location, hypothesis.inner)
+        again = polish(candidate, before.fit, before.context, projection).evidence
         assert again == pytest.approx(worth - difference, abs=0.05 * worth)
 
 

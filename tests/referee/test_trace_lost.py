@@ -192,7 +192,7 @@ def test_poses_are_where_the_joints_stand(slipped):
     np.testing.assert_array_equal(same, groups[:, None] == groups)
     folds = pose_folds(state.groups)
     assert all(len(set(folds[groups == group])) == 1 for group in set(groups))
-    np.testing.assert_array_equal(state.scene.column("pose_number"), pose_groups(nameless))
+    np.testing.assert_array_equal(state.context.column("pose_number"), pose_groups(nameless))
 
 
 def test_whatever_is_ranked_has_competed_with_chance(slipped):

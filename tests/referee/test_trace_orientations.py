@@ -74,10 +74,10 @@ def noisy(state: State, positions: float, orientations: float) -> Projection:
     fit, known = state.fit, project(state.fit)
     noise = np.random.default_rng(5).normal(size=fit.view.sigma.shape) * np.repeat([positions, orientations], 3)
     noise = np.where(np.isfinite(fit.view.sigma), noise, 0.0).ravel()
-    return projected(known.columns, known.precision, noise, known.ridge, known.count)
+    return projected(known.regressors, known.precision, noise, known.ridge, known.count)
 
 
 @pytest.mark.parametrize(("positions", "orientations"), [(1.0, 1.0), (2.0, 1.0), (0.5, 1.0), (1.0, 3.0)])
 def test_noise_of_any_size_is_nowhere(state, positions, orientations):
-    places = localise(state.fit, state.scene, noisy(state, positions, orientations), state.groups)
+    places = localise(state.fit, state.context, noisy(state, positions, orientations), state.groups)
     assert places[0].ratio < NOTICED

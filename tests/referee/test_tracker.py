@@ -28,7 +28,7 @@ def test_same_as_least_squares_on_all_readings_together(known, machine):
     assert all(tracker.update(reading).weight == 1.0 for reading in readings)
     seen = [sight(reading) for reading in readings]
     prior = np.linalg.cholesky(np.linalg.inv(known.certainty.covariance)).T
-    rows = np.vstack([*(one.columns for one in seen), prior])
+    rows = np.vstack([*(one.jacobian for one in seen), prior])
     values = np.concatenate([*(one.residual for one in seen), np.zeros(len(prior))])
     scale = np.sqrt((rows**2).sum(axis=0))
     inverse = np.linalg.pinv(rows / scale)
@@ -73,8 +73,8 @@ def assert_derivatives(model: Model, readings: list[Reading]) -> None:
         ends = [Sight(model.setup(model.point + side * step), model.blocks) for side in (1.0, -1.0)]
         for reading in readings:
             change = (ends[1](reading).residual - ends[0](reading).residual) / (2.0 * size)
-            columns = here(reading).columns
-            np.testing.assert_allclose(columns @ (step / size), change, rtol=0, atol=1e-5 * np.abs(columns).max())
+            jacobian = here(reading).jacobian
+            np.testing.assert_allclose(jacobian @ (step / size), change, rtol=0, atol=1e-5 * np.abs(jacobian).max())
 
 
 def test_close_to_the_batch_calibration(machine):

@@ -3,7 +3,7 @@
     python tests/studies/planned.py [--machines 6]
 
 prints how many random poses it takes for the certainty, and the error, of a planned campaign, and how far apart two
-rival effects are when both are fitted to the readings of a machine that has one of them.
+hypothesis effects are when both are fitted to the readings of a machine that has one of them.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import first_guess
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import fit
-from armflex.estimate.spread import scene_of
+from armflex.estimate.posterior import context_of
 from armflex.estimate.view import look
 from armflex.linear_gaussian import LinearGaussian
+from armflex.plan.hypotheses import named_effect
 from armflex.plan.result import Plan
-from armflex.plan.rivals import named_effect
 
 SIGMA = 2e-4  # m
 Hidden = Callable[[State, Push], None]
@@ -146,7 +146,7 @@ def outcome(machine: Machine, stops: Stops, judged: Stops, seed: int, folder: Pa
     places = [i for i, (block, _) in enumerate(found.fit.labels) if block in ("joint_offset", "compliance")]
     prior = found.fit.prior[places]
     # At stated noise: chance scatters readings, too.
-    known = LinearGaussian.of(found.fit.columns, found.fit.precision).covariance
+    known = LinearGaussian.of(found.fit.regressors, found.fit.precision).covariance
     block = known[np.ix_(places, places)] / np.outer(prior, prior)
     mean = np.exp(0.5 * np.linalg.slogdet(block)[1] / len(places))
     return Came(float(mean), float(np.sqrt((there.sigma**2).sum(axis=1).mean())), float(error))
@@ -226,10 +226,10 @@ def apart(arm: Arm, campaign: Measurements, true: str, false: str) -> float:
         rows = np.flatnonzero(campaign.measured)
         setup = first_guess(arm, campaign, rows)
         view = look(setup, campaign, np.arange(len(campaign)))
-        scene = scene_of(view, campaign)
+        context = context_of(view, campaign)
         effect = named_effect(name, arm, ())
-        prior = amplitude_prior(effect, (), view, scene)
-        blocks = (*declared_blocks(setup, campaign), EffectBlock(effect, (), scene, 0, prior))
+        prior = amplitude_prior(effect, (), view, context)
+        blocks = (*declared_blocks(setup, campaign), EffectBlock(effect, (), context, 0, prior))
         costs.append(fit(setup, blocks, campaign, rows).cost(1e9))
     return costs[1] - costs[0]
 
@@ -249,9 +249,9 @@ def rival_study(
         stops = written(arm, found, folder)
         for seed in range(machines):
             machine = Machine.draw(name, seed)
-            for which, rival in enumerate(found.rivals):
-                push = hidden(machine, rival.name, share * rival.size)
-                names = rival.name, found.rivals[1 - which].name
+            for which, hypothesis in enumerate(found.hypotheses):
+                push = hidden(machine, hypothesis.name, share * hypothesis.size)
+                names = hypothesis.name, found.hypotheses[1 - which].name
                 for told, rows in ((planned, stops), (at_chance, at_random(arm, factor * count, seed))):
                     path = machine.measure(folder / "m.csv", rows, seed, [push])
                     told[seed, which] = apart(arm, read_measurements(path, arm), *names)
@@ -265,7 +265,7 @@ PAIRS = (
     ("six", ("encoder_scale:J3", "encoder_eccentricity:J3")),
     ("six", ("backlash:J2", "backlash:J3")),
 )
-"""Rivals; poses at random tell the last pair easily."""
+"""Hypotheses; poses at random tell the last pair easily."""
 
 
 def main() -> None:

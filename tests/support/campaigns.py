@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from support.campaign_files import ARMS, declared_text, write_clean, write_rows
 from support.plant import Array, Plant, Rows, State, apply, pose, turn
-from support.undeclared import REFERENCE, Effect, Redraw, Scene
+from support.undeclared import REFERENCE, Context, Effect, Redraw
 from support.undeclared_outside import CATALOGUE, LAGGING, UNNAMED
 
 KINDS = tuple(CATALOGUE)
@@ -165,8 +165,8 @@ def once(rng: np.random.Generator, kind: str, seed: int, arm: str, size: float) 
     shifts = np.array(
         [pose(rng.normal(0.0, noise.restationing, 3), turn(rng.normal(0.0, 2e-5, 3))) for _ in range(SESSIONS)]
     )
-    scene = Scene(rng, plant, rows, plant.relax(rows), SESSIONS)
-    found = [hide(scene, name, station, shifts, size) for name in hidden(rng, kind)]
+    context = Context(rng, plant, rows, plant.relax(rows), SESSIONS)
+    found = [hide(context, name, station, shifts, size) for name in hidden(rng, kind)]
     errors, lost = noise.draw(rng, len(rows.q))
     effects, sizes = tuple(e for e, _ in found), tuple(s for _, s in found)
     return Drawn(kind, seed, arm, plant, rows, effects, sizes, station, shifts, noise, errors, lost)
@@ -187,16 +187,16 @@ def noise_of(rng: np.random.Generator, kind: str) -> Noise:
     return Noise(sigma={"none_noisier": 1.5 * SIGMA, "none_quieter": 0.5 * SIGMA}.get(kind, SIGMA))
 
 
-def hide(scene: Scene, kind: str, station: Array, shifts: Array, size: float) -> tuple[Effect, float]:
+def hide(context: Context, kind: str, station: Array, shifts: Array, size: float) -> tuple[Effect, float]:
     """Draw one effect and scale it until it alone moves the readings by the RMS wanted; return that, too."""
     name, _, lag = kind.partition(" ")
     maker = (CATALOGUE | UNNAMED)[name]
-    scene = replace(scene, lagging=bool(lag))
+    context = replace(context, lagging=bool(lag))
     for _ in range(60):
-        wanted = size * scene.log(4e-4, 5e-3)
+        wanted = size * context.log(4e-4, 5e-3)
         try:
-            effect = maker(scene)
-            found = scale(scene, effect, wanted, station, shifts)
+            effect = maker(context)
+            found = scale(context, effect, wanted, station, shifts)
         except (Redraw, ArithmeticError):
             continue
         if effect.least * size <= effect.amplitude:
@@ -204,13 +204,13 @@ def hide(scene: Scene, kind: str, station: Array, shifts: Array, size: float) ->
     raise Redraw
 
 
-def scale(scene: Scene, effect: Effect, wanted: float, station: Array, shifts: Array) -> float:
+def scale(context: Context, effect: Effect, wanted: float, station: Array, shifts: Array) -> float:
     """Set the effect's amplitude; return the RMS reached."""
-    calm = read(scene.plant, scene.calm, station, shifts)
+    calm = read(context.plant, context.calm, station, shifts)
     effect.amplitude, reached = effect.trial, 0.0
     for _ in range(8):
-        state = scene.plant.relax(scene.rows, [effect], scene.calm, 1e-12)
-        moved = (read(scene.plant, state, station, shifts) - calm)[scene.rows.measured]
+        state = context.plant.relax(context.rows, [effect], context.calm, 1e-12)
+        moved = (read(context.plant, state, station, shifts) - calm)[context.rows.measured]
         reached = float(np.sqrt((moved**2).sum(axis=1).mean()))
         if abs(reached / wanted - 1.0) < 1e-3:
             return reached

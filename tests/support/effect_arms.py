@@ -13,8 +13,8 @@ from armflex import Arm, load_arm
 from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw
 from armflex.laws.effects.catalogue import SHAPES
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.scene import Scene
 from support.small_arms import ROBOTS
 
 HEAVY = ROBOTS / "heavy_six"
@@ -45,7 +45,7 @@ def plain() -> Arm:
 
 
 @functools.cache
-def scene() -> Scene:
+def context() -> Context:
     """Everything that a law may ask for was recorded: payloads, sessions, time, hold, temperatures."""
     arm, payloads = plain(), (*plain().payloads, "none", "none")
     count = len(payloads)
@@ -53,7 +53,7 @@ def scene() -> Scene:
     mass = np.array([arm.payload(name).mass for name in payloads])
     row = Row(np.zeros((count, 6)), {}, {**columns, "payload_mass": mass})
     sessions = ("a", *("b",) * (count - 1))
-    return Scene(arm.robot, row, tuple(columns), payloads, sessions, {}, np.zeros((2, 3)))
+    return Context(arm.robot, row, tuple(columns), payloads, sessions, {}, np.zeros((2, 3)))
 
 
 @functools.cache
@@ -61,7 +61,7 @@ def locations(law: EffectLaw) -> list[Location]:
     if law.name not in CATALOGUE:
         columns = ("q_J2", "humidity")[: 2 if law.name.endswith("product") else 1]
         return [Location("J3", "rz", columns, tuple(range(len(law.amplitudes)))), Location("base", "dx", columns, (0,))]
-    return list(law.places(scene().records))
+    return list(law.places(context().records))
 
 
 BACKLASH = 'name = "backlash"\nsite = "J2"\naxis = "ry"\nparameters = { gap = 3.6e-4 }'

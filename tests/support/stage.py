@@ -12,8 +12,8 @@ from armflex import load_arm, read_measurements
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.view import View, look
 from armflex.laws.effects import Effect, EffectLaw, Location
+from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.guide import GUIDE
-from armflex.laws.effects.scene import Scene, survey
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
@@ -38,7 +38,7 @@ class Stage:
     setup: Setup
     rows: Measurements
     view: View
-    scene: Scene
+    context: Context
 
     def with_effect(self, effect: Effect) -> Setup:
         return self.setup.with_effect(effect)
@@ -70,21 +70,21 @@ def stage(request, tmp_path_factory) -> Stage:
     return Stage(setup, rows, view, survey(rows, arm, known_rows(arm, rows), wrenches, points))
 
 
-def everywhere(law: EffectLaw, scene: Scene) -> list[Location]:
+def everywhere(law: EffectLaw, context: Context) -> list[Location]:
     if law in (PRODUCT, WAVE_PRODUCT):
-        joint = scene.joints[1]
+        joint = context.joints[1]
         return [Location(joint, "ry", (f"q_{joint}", "temperature"), tuple(range(len(law.amplitudes))))]
-    return list(law.places(scene.records))
+    return list(law.places(context.records))
 
 
 def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT) -> list[Effect]:
     """Return the law at places drawn at random with values that move the target by about `shift` each."""
     rng, found = np.random.default_rng(3), []
-    locations = [location for location in everywhere(law, stage.scene) if is_loaded(law, location, stage)]
+    locations = [location for location in everywhere(law, stage.context) if is_loaded(law, location, stage)]
     for index in rng.permutation(len(locations)):
-        inner = list(grid(law, locations[index], stage.scene))
+        inner = list(grid(law, locations[index], stage.context))
         candidate = Candidate(law, locations[index], inner[rng.integers(len(inner))])
-        columns = stage.view.columns(law, candidate.location, candidate.inner, stage.scene)
+        columns = stage.view.jacobian(law, candidate.location, candidate.inner, stage.context)
         sizes = np.sqrt((columns**2).sum(axis=1).mean(axis=0))
         acting = [law.amplitudes[i] for i in candidate.location.terms]
         signs = [1.0 if one.positive or one.unit == "kg" else rng.choice((-1.0, 1.0)) for one in acting]
@@ -96,7 +96,7 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
             found.append(candidate.effect(values * scale))
         if len(found) == count:
             return found
-    if law is GUIDE and not any(joint.kind == "prismatic" for joint in stage.scene.robot.moving):
+    if law is GUIDE and not any(joint.kind == "prismatic" for joint in stage.context.robot.moving):
         assert not locations
         pytest.skip("nothing slides")
     assert found, law.name
@@ -110,7 +110,7 @@ def is_loaded(law: EffectLaw, location: Location, stage: Stage) -> bool:
     suffixes = [law.amplitudes[i].name.rpartition("_")[2] for i in location.terms]
     named = {location.axis, location.partner, *suffixes} & set(TWIST_NAMES)
     wanted = [TWIST_NAMES.index(axis) for axis in named or ("rx", "ry", "rz")]
-    sizes = np.sqrt((stage.scene.wrenches[location.site] ** 2).mean(axis=0))
+    sizes = np.sqrt((stage.context.wrenches[location.site] ** 2).mean(axis=0))
     share = sizes / np.repeat([sizes[:3].max(), sizes[3:].max()], 3)
     return bool((share[wanted] > 0.1).all())
 

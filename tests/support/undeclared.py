@@ -44,7 +44,7 @@ class Effect:
 
 
 @dataclass
-class Scene:
+class Context:
     """Where an effect is to be drawn: the arm, what was driven, and the arm's state without effects."""
 
     rng: np.random.Generator
@@ -125,7 +125,7 @@ def pushing(slot: str, index: int, sign: float, direction: Array, shape: Shape) 
 
 
 def twisting(
-    scene: Scene,
+    context: Context,
     slot: str,
     index: int,
     direction: Array,
@@ -138,8 +138,8 @@ def twisting(
     sign: float = 1.0,
 ) -> Effect:
     """Return an effect whose site twists by `amplitude * shape`."""
-    measured = scene.rows.measured
-    value = shape(scene.calm)[measured]
+    measured = context.rows.measured
+    value = shape(context.calm)[measured]
     turned = axis is None or axis.startswith("r")
     size = rms(value) if value.ndim == 1 else float(np.sqrt((value[:, 3:] ** 2).sum(axis=1).mean()))
     if size < 1e-300:
@@ -150,7 +150,7 @@ def twisting(
 
 
 def driven(
-    scene: Scene,
+    context: Context,
     name: str,
     i: int,
     shape: Shape,
@@ -159,13 +159,13 @@ def driven(
     sign: float = 1.0,
 ) -> Effect:
     """An error of the joint's own motion, in the sense of its q."""
-    joint = scene.plant.joints[i]
+    joint = context.plant.joints[i]
     axis = AXES[drive_axis(joint)]
-    return twisting(scene, "motion", i, joint.drive, shape, tell, name, joint.name, axis, covariates, sign)
+    return twisting(context, "motion", i, joint.drive, shape, tell, name, joint.name, axis, covariates, sign)
 
 
 def given(
-    scene: Scene,
+    context: Context,
     name: str,
     i: int,
     a: int,
@@ -175,5 +175,5 @@ def given(
     sign: float = 1.0,
 ) -> Effect:
     """Something that adds to the joint's flexure about one axis."""
-    joint = scene.plant.joints[i]
-    return twisting(scene, "flexure", i, unit(a), shape, tell, name, joint.name, AXES[a], covariates, sign)
+    joint = context.plant.joints[i]
+    return twisting(context, "flexure", i, unit(a), shape, tell, name, joint.name, AXES[a], covariates, sign)

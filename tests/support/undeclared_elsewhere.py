@@ -7,24 +7,24 @@ from collections.abc import Callable
 import numpy as np
 
 from support.plant import Array, Push, State, apply
-from support.undeclared import AXES, Effect, Numbers, Redraw, Scene, Shape, rms, twisting, unit
+from support.undeclared import AXES, Context, Effect, Numbers, Redraw, Shape, rms, twisting, unit
 
 
-def link_name(s: Scene, end: int) -> str:
+def link_name(s: Context, end: int) -> str:
     return s.plant.joints[end].name if end < len(s.plant.joints) else "tool"
 
 
-def any_link(s: Scene) -> int:
+def any_link(s: Context) -> int:
     """Number of the joint that ends a moving link; one past the last is the tool."""
     return int(s.rng.integers(1, len(s.plant.joints) + 1))
 
 
-def weight(s: Scene) -> float:
+def weight(s: Context) -> float:
     """What the arm weighs [N]."""
     return 9.81 * sum(j.mass for j in s.plant.joints)
 
 
-def thermal_growth(s: Scene) -> Effect:
+def thermal_growth(s: Context) -> Effect:
     end = any_link(s)
     origin = s.plant.joints[end].origin if end < len(s.plant.joints) else s.plant.tip
     along = origin[:3, :3].T @ origin[:3, 3]
@@ -48,7 +48,7 @@ def thermal_growth(s: Scene) -> Effect:
     )
 
 
-def thermal_bending(s: Scene) -> Effect:
+def thermal_bending(s: Context) -> Effect:
     end, a = any_link(s), int(s.rng.integers(3, 6))
     warmth, lag = s.warmth()
     return at_link(
@@ -57,7 +57,7 @@ def thermal_bending(s: Scene) -> Effect:
 
 
 def at_link(
-    s: Scene,
+    s: Context,
     name: str,
     end: int,
     a: int,
@@ -69,17 +69,17 @@ def at_link(
     return twisting(s, "link", end, unit(a), shape, tell, name, link_name(s, end), AXES[a], covariates, sign)
 
 
-def link_flexure(s: Scene) -> Effect:
+def link_flexure(s: Context) -> Effect:
     end, a = any_link(s), int(s.rng.integers(3, 6))
     return at_link(s, "link_flexure", end, a, lambda t: t.end_wrenches[:, end, a], lambda x: {"C": x}, ("load",))
 
 
-def link_geometry(s: Scene) -> Effect:
+def link_geometry(s: Context) -> Effect:
     end, a = any_link(s), int(s.rng.integers(6))
     return at_link(s, "link_geometry", end, a, lambda t: np.ones(len(t.rows.q)), lambda x: {AXES[a]: x}, (), s.sign())
 
 
-def link_mass(s: Scene) -> Effect:
+def link_mass(s: Context) -> Effect:
     end = any_link(s)
     body = s.plant.joints[end - 1]
     if s.rng.random() < 0.5:
@@ -106,12 +106,12 @@ def link_mass(s: Scene) -> Effect:
     return loading(s, "link_mass", end, AXES[a], moved, lambda x: {"com": sign * x}, 1e-3, 0.4)
 
 
-def pull_down(s: Scene, t: State, body: int, at: Array) -> tuple[int, Array, Array]:
+def pull_down(s: Context, t: State, body: int, at: Array) -> tuple[int, Array, Array]:
     return body, np.tile(s.plant.gravity, (len(t.rows.q), 1)), apply(t.frames[:, body], at)
 
 
 def pulling(
-    s: Scene,
+    s: Context,
     name: str,
     end: int,
     axis: str | None,
@@ -130,7 +130,7 @@ def pulling(
 
 
 def loading(
-    s: Scene,
+    s: Context,
     name: str,
     end: int,
     axis: str | None,
@@ -146,7 +146,7 @@ def loading(
     return Effect(name, link_name(s, end), axis, covariates, act, tell, trial, limit)
 
 
-def payload_mass(s: Scene) -> Effect:
+def payload_mass(s: Context) -> Effect:
     """The same kg too many on every payload that is one, or every payload heavier by the same share."""
     last, rows = len(s.plant.joints), s.rows
     share, sign = bool(s.rng.random() < 0.5), s.sign()
@@ -159,7 +159,7 @@ def payload_mass(s: Scene) -> Effect:
     return pulling(s, "payload_mass", last, None, pull, lambda x: {key: sign * x}, 0.5 * rows.mass.max(), ("payload",))
 
 
-def payload_com(s: Scene) -> Effect:
+def payload_com(s: Context) -> Effect:
     last, rows, a = len(s.plant.joints), s.rows, int(s.rng.integers(3))
     sign = s.sign()
 
@@ -173,7 +173,7 @@ def payload_com(s: Scene) -> Effect:
     return loading(s, "payload_com", last, AXES[a], moved, lambda x: {AXES[a]: sign * x}, 1e-3, 0.7, ("payload",))
 
 
-def tip_force(s: Scene) -> Effect:
+def tip_force(s: Context) -> Effect:
     last = len(s.plant.joints)
     towards = s.rng.normal(size=3)
     towards /= np.linalg.norm(towards)
@@ -187,7 +187,7 @@ def tip_force(s: Scene) -> Effect:
     return pulling(s, "tip_force", last, None, pull, tell, 0.1 * weight(s))
 
 
-def umbilical(s: Scene) -> Effect:
+def umbilical(s: Context) -> Effect:
     """A spring from a point of a link to a fixed point: k (length - rest)."""
     end = any_link(s)
     origin = s.plant.joints[end].origin if end < len(s.plant.joints) else s.plant.tip
@@ -214,11 +214,11 @@ def umbilical(s: Scene) -> Effect:
     return pulling(s, "umbilical", end, None, pull, lambda x: {"k": x, "rest": rest, **points}, limit, tuple_of_q(s))
 
 
-def tuple_of_q(s: Scene) -> tuple[str, ...]:
+def tuple_of_q(s: Context) -> tuple[str, ...]:
     return tuple(f"q_{j.name}" for j in s.plant.joints)
 
 
-def magnetic_pull(s: Scene) -> Effect:
+def magnetic_pull(s: Context) -> Effect:
     """A force toward a point, falling with the square of the distance; the parameter is the force at 1 m."""
     end = len(s.plant.joints) if s.rng.random() < 0.6 else any_link(s)
     tool = end == len(s.plant.joints)
@@ -238,7 +238,7 @@ def magnetic_pull(s: Scene) -> Effect:
     return pulling(s, "magnetic_pull", end, None, pull, lambda x: {"force_at_1m": x, **place}, limit, tuple_of_q(s))
 
 
-def gravity_tilt(s: Scene) -> Effect:
+def gravity_tilt(s: Context) -> Effect:
     a, sign = int(s.rng.integers(3, 5)), s.sign()
 
     def act(state: State, push: Push, amplitude: float) -> None:
@@ -247,7 +247,7 @@ def gravity_tilt(s: Scene) -> Effect:
     return Effect("gravity_tilt", "base", AXES[a], (), act, lambda x: {"tilt": sign * x}, 1e-4, 0.1)
 
 
-def tool_shift(s: Scene) -> Effect:
+def tool_shift(s: Context) -> Effect:
     """From some session on, or, one time in five, from the first on."""
     a, sign = int(s.rng.integers(3)), s.sign()
     since = 0 if s.rng.random() < 0.2 else int(s.rng.integers(1, s.sessions))
@@ -261,13 +261,13 @@ def tool_shift(s: Scene) -> Effect:
     )
 
 
-def base_compliance(s: Scene) -> Effect:
+def base_compliance(s: Context) -> Effect:
     a = int(s.rng.integers(3, 5))
     return at_base(s, "base_compliance", a, lambda t: t.base_wrench[:, a], lambda x: {"C": x}, ("load",))
 
 
 def at_base(
-    s: Scene,
+    s: Context,
     name: str,
     a: int,
     shape: Shape,
@@ -278,18 +278,18 @@ def at_base(
     return twisting(s, "base", 0, unit(a), shape, tell, name, "base", AXES[a], covariates, sign)
 
 
-def base_thermal(s: Scene) -> Effect:
+def base_thermal(s: Context) -> Effect:
     warmth, lag = s.warmth()
     a = int(s.rng.integers(6))
     return at_base(s, "base_thermal", a, lambda t: warmth, lambda x: {"beta": x, **lag}, ("temperature",), s.sign())
 
 
-def base_drift(s: Scene) -> Effect:
+def base_drift(s: Context) -> Effect:
     a = int(s.rng.integers(6))
     return at_base(s, "base_drift", a, lambda t: t.rows.time - t.rows.time[0], lambda x: {"v": x}, ("time",), s.sign())
 
 
-def tracker_scale(s: Scene) -> Effect:
+def tracker_scale(s: Context) -> Effect:
     sign = s.sign()
 
     def act(state: State, push: Push, amplitude: float) -> None:
@@ -298,7 +298,7 @@ def tracker_scale(s: Scene) -> Effect:
     return Effect("tracker_scale", "base", None, ("range",), act, lambda x: {"ppm": sign * x * 1e6}, 1e-5, 2e-3)
 
 
-def session_frame(s: Scene) -> Effect:
+def session_frame(s: Context) -> Effect:
     """One session set up at least four prior standard deviations away."""
     which = int(s.rng.integers(s.sessions))
     towards = s.rng.normal(size=3)

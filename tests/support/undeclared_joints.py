@@ -5,10 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from support.plant import Array, State
-from support.undeclared import AXES, Effect, Numbers, Scene, Shape, drive_axis, driven, given, play, rms, twisting, unit
+from support.undeclared import (
+    AXES,
+    Context,
+    Effect,
+    Numbers,
+    Shape,
+    drive_axis,
+    driven,
+    given,
+    play,
+    rms,
+    twisting,
+    unit,
+)
 
 
-def within_elastic(s: Scene, i: int, a: int, effect: Effect, shape: Shape) -> Effect:
+def within_elastic(s: Context, i: int, a: int, effect: Effect, shape: Shape) -> Effect:
     """Bound the effect by the elastic twist, so that the joint still gives in the direction of its load."""
     soft = float(s.plant.compliance[s.plant.joints[i].name][a, a])
     largest = 0.9 * soft * np.abs(s.calm.wrenches[:, i, a]).max() / np.abs(shape(s.calm)).max()
@@ -16,12 +29,12 @@ def within_elastic(s: Scene, i: int, a: int, effect: Effect, shape: Shape) -> Ef
     return effect
 
 
-def encoder_offset(s: Scene) -> Effect:
+def encoder_offset(s: Context) -> Effect:
     i = s.joint()
     return driven(s, "encoder_offset", i, lambda t: np.ones(len(t.rows.q)), lambda x: {"offset": x}, (), s.sign())
 
 
-def encoder_scale(s: Scene) -> Effect:
+def encoder_scale(s: Context) -> Effect:
     i = s.joint()
     q0 = float(s.rng.uniform(*np.quantile(s.rows.q[:, i], (0.3, 0.7))))
     covariate = (f"q_{s.plant.joints[i].name}",)
@@ -30,7 +43,7 @@ def encoder_scale(s: Scene) -> Effect:
     )
 
 
-def periodic(s: Scene, name: str, i: int, k: float) -> Effect:
+def periodic(s: Context, name: str, i: int, k: float) -> Effect:
     phase = float(s.rng.uniform(-np.pi, np.pi))
     told = {} if k == 1.0 else {"k": k}
     return driven(
@@ -43,23 +56,23 @@ def periodic(s: Scene, name: str, i: int, k: float) -> Effect:
     )
 
 
-def encoder_eccentricity(s: Scene) -> Effect:
+def encoder_eccentricity(s: Context) -> Effect:
     return periodic(s, "encoder_eccentricity", s.joint(turning=True), 1.0)
 
 
-def gear_harmonic(s: Scene) -> Effect:
+def gear_harmonic(s: Context) -> Effect:
     i = s.joint(turning=True)
     least = max(2.0, 3.0 / float(np.ptp(s.rows.q[:, i])))
     return periodic(s, "gear_harmonic", i, s.log(least, max(14.0, 3.0 * least)))
 
 
-def backlash(s: Scene) -> Effect:
+def backlash(s: Context) -> Effect:
     i = s.joint()
     covariate = (f"approach_{s.plant.joints[i].name}",)
     return driven(s, "backlash", i, lambda t: t.rows.approach[:, i] / 2, lambda x: {"gap": x}, covariate)
 
 
-def friction_windup(s: Scene) -> Effect:
+def friction_windup(s: Context) -> Effect:
     i, a = s.loaded(drive=True)
     name = s.plant.joints[i].name
     b = s.log(0.5, 4.0) / s.spread[i, a]
@@ -73,7 +86,7 @@ def friction_windup(s: Scene) -> Effect:
     )
 
 
-def hysteresis(s: Scene) -> Effect:
+def hysteresis(s: Context) -> Effect:
     i, a = s.loaded()
     moment = s.calm.wrenches[:, i, a]
     radii = [s.log(0.15, 1.2) * float(moment.std()) for _ in range(int(s.rng.integers(1, 4)))]
@@ -89,7 +102,7 @@ def hysteresis(s: Scene) -> Effect:
     return within_elastic(s, i, a, given(s, "hysteresis", i, a, shape, tell, ("load", "order")), shape)
 
 
-def stiffening(s: Scene) -> Effect:
+def stiffening(s: Context) -> Effect:
     i, a = s.loaded()
     typical, cubic = s.spread[i, a], float(s.rng.choice((0.0, 1.0, s.rng.uniform(0.2, 0.8))))
 
@@ -103,7 +116,7 @@ def stiffening(s: Scene) -> Effect:
     return within_elastic(s, i, a, given(s, "stiffening", i, a, shape, tell, ("load",), s.sign()), shape)
 
 
-def deadband(s: Scene) -> Effect:
+def deadband(s: Context) -> Effect:
     i, a = s.loaded()
     reach = float(np.quantile(np.abs(s.calm.wrenches[s.rows.measured, i, a]), 0.9))
     tau0 = s.log(0.1, 0.8) * reach
@@ -118,7 +131,7 @@ def deadband(s: Scene) -> Effect:
     )
 
 
-def even_in_load(s: Scene) -> Effect:
+def even_in_load(s: Context) -> Effect:
     """The square of a moment, or the size of the moment across the axis about which the joint gives."""
     i, a = s.loaded()
     across = [b for b in (3, 4, 5) if b != a]
@@ -138,14 +151,14 @@ def even_in_load(s: Scene) -> Effect:
     return given(s, "even_in_load", i, free, size, lambda x: {"c": x, "of": "|w_perp|"}, ("load",), s.sign())
 
 
-def compliance(s: Scene) -> Effect:
+def compliance(s: Context) -> Effect:
     i, a = s.joint(), int(s.rng.integers(6))
     found = given(s, "compliance", i, a, lambda t: t.wrenches[:, i, a], lambda x: {"C": x}, ("load",))
     found.least = 0.6 * float(s.plant.compliance[s.plant.joints[i].name][a, a])
     return found
 
 
-def cross_coupling(s: Scene) -> Effect:
+def cross_coupling(s: Context) -> Effect:
     i, b = s.loaded()
     a, name = int(s.rng.choice([x for x in (3, 4, 5) if x != b])), s.plant.joints[i].name
 
@@ -164,7 +177,7 @@ def cross_coupling(s: Scene) -> Effect:
     return effect
 
 
-def position_dependent_compliance(s: Scene) -> Effect:
+def position_dependent_compliance(s: Context) -> Effect:
     i, a = s.loaded()
     name, q = s.plant.joints[i].name, s.rows.q[:, i]
     typical, mix = rms(q), float(s.rng.uniform(-np.pi, np.pi))
@@ -183,7 +196,7 @@ def position_dependent_compliance(s: Scene) -> Effect:
     return effect
 
 
-def thermal_softening(s: Scene) -> Effect:
+def thermal_softening(s: Context) -> Effect:
     i, _ = s.loaded()
     joint = s.plant.joints[i]
     warmth, lag = s.warmth()
@@ -205,7 +218,7 @@ def thermal_softening(s: Scene) -> Effect:
     return effect
 
 
-def creep(s: Scene) -> Effect:
+def creep(s: Context) -> Effect:
     i, a = s.loaded()
     t0 = s.log(20.0, 600.0)
 
@@ -216,7 +229,7 @@ def creep(s: Scene) -> Effect:
     return within_elastic(s, i, a, effect, shape)
 
 
-def slip_step(s: Scene) -> Effect:
+def slip_step(s: Context) -> Effect:
     i = s.joint()
     when = float(np.quantile(s.rows.time, s.rng.uniform(0.2, 0.8)) + 1.0)
     return driven(
@@ -230,7 +243,7 @@ def slip_step(s: Scene) -> Effect:
     )
 
 
-def dress_pack(s: Scene) -> Effect:
+def dress_pack(s: Context) -> Effect:
     i = s.joint(turning=True)
     joint, a = s.plant.joints[i], drive_axis(s.plant.joints[i])
     q0 = float(s.rng.uniform(*np.quantile(s.rows.q[:, i], (0.2, 0.8))))

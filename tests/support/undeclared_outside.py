@@ -8,12 +8,12 @@ import numpy as np
 
 import support.undeclared_elsewhere as elsewhere
 import support.undeclared_joints as joints
-from support.undeclared import REFERENCE, Effect, Redraw, Scene, driven, given
+from support.undeclared import REFERENCE, Context, Effect, Redraw, driven, given
 
-Maker = Callable[[Scene], Effect]
+Maker = Callable[[Context], Effect]
 
 
-def bump(s: Scene) -> Effect:
+def bump(s: Context) -> Effect:
     """A narrow place in one joint."""
     i = s.joint()
     centre = float(np.quantile(s.rows.q[:, i], s.rng.uniform(0.2, 0.8)))
@@ -30,7 +30,7 @@ def bump(s: Scene) -> Effect:
     )
 
 
-def other_joint(s: Scene) -> Effect:
+def other_joint(s: Context) -> Effect:
     """One joint turns with the sine of another's position."""
     i, a = s.joint(), int(s.rng.integers(3, 6))
     other = s.joint(turning=True)
@@ -49,7 +49,7 @@ def other_joint(s: Scene) -> Effect:
     )
 
 
-def product(s: Scene) -> Effect:
+def product(s: Context) -> Effect:
     i = s.joint(turning=True)
     k, warm, name = float(s.rng.uniform(2.0, 4.0)), s.rows.temperature - REFERENCE, s.plant.joints[i].name
     told = {"law": "product", "k": k, "T_ref": REFERENCE}
@@ -64,7 +64,7 @@ def product(s: Scene) -> Effect:
     )
 
 
-def random_pose(s: Scene) -> Effect:
+def random_pose(s: Context) -> Effect:
     """A twist per pose that nothing recorded explains."""
     i, a = s.joint(), int(s.rng.integers(3, 6))
     names = np.unique(s.rows.pose)

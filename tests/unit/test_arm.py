@@ -81,10 +81,10 @@ def test_an_arms_doubts_come_with_every_result(tarm, tarm_path):
 
     from armflex.errors import Flag
 
-    doubtful = dataclasses.replace(tarm, flags=(Flag("gravity", "upside down"),))
-    assert "gravity" in [flag.code for flag in doubtful.deflection(Q).flags]
-    assert "gravity" in [flag.code for flag in doubtful.deflection(Q[None]).flags]
-    assert [flag.text for flag in check(doubtful, tarm_path, 1.0).flags if flag.code == "gravity"] == ["upside down"]
+    flagged = dataclasses.replace(tarm, flags=(Flag("gravity", "upside down"),))
+    assert "gravity" in [flag.code for flag in flagged.deflection(Q).flags]
+    assert "gravity" in [flag.code for flag in flagged.deflection(Q[None]).flags]
+    assert [flag.text for flag in check(flagged, tarm_path, 1.0).flags if flag.code == "gravity"] == ["upside down"]
 
 
 def test_a_load_that_follows_its_link_is_flagged(tarm):

@@ -17,7 +17,7 @@ from support.small_arms import one_joint
 from armflex import Arm, InputError, Measurements, Payload, Trajectory, check, predict
 from armflex.certainty import Certainty
 from armflex.errors import ExtrapolationError, NotFiniteError, Place
-from armflex.estimate.spread import without_declared_doubt
+from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.laws import AtNode, LinearLaw
 from armflex.laws.joint.linear import LinearFit
@@ -45,8 +45,8 @@ def sizes(arm: Arm, q: np.ndarray, payload: str) -> tuple[float, float, float, f
 def expected_verdict(limits: list[tuple[float, float, float]]) -> str:
     words = []
     for size, sigma, limit in limits:
-        doubtful = abs(limit - size) < 2.0 * sigma
-        words.append("uncertain" if doubtful else "fail" if size > limit else "ok")
+        flagged = abs(limit - size) < 2.0 * sigma
+        words.append("uncertain" if flagged else "fail" if size > limit else "ok")
     return max(words, key=RANK.get)
 
 
@@ -95,8 +95,8 @@ def test_worst_comes_first_and_the_whole_path_decides(tarm: Arm, tarm_path: Traj
     assert not report.ok and report.path_worst.displacement_m >= report.via_points[0].displacement_m
     assert report.path_worst.verdict == "fail" and len(report.segments) == len(tarm_path) - 1
     assert check(tarm, tarm_path, 1.0).ok
-    doubtful = check(tarm, tarm_path, 0.17)
-    assert doubtful.path_worst.verdict == "uncertain" and not doubtful.ok
+    flagged = check(tarm, tarm_path, 0.17)
+    assert flagged.path_worst.verdict == "uncertain" and not flagged.ok
 
 
 def quick(arm: Arm, q: np.ndarray, payload: str) -> tuple[float, float, float, float]:
@@ -317,11 +317,11 @@ def test_a_fit_s_and_the_laws_uncertainty_are_those_of_predict(heavy: Arm, heavy
     arm = replace(heavy, certainty=Certainty(heavy.named(labels), root @ root.T))
     rows = some_rows(heavy_path, range(0, 5))
     found, _ = tip_covariance(
-        without_declared_doubt(arm),
+        without_declared_uncertainty(arm),
         rows.q,
         rows.payload,
         {},
-        without_declared_doubt(arm).deflection(rows.q, list(rows.payload)).covariance,
+        without_declared_uncertainty(arm).deflection(rows.q, list(rows.payload)).covariance,
     )
     count = len(rows)
     asked = Measurements(

@@ -16,8 +16,8 @@ from armflex.bench.fitted import NOWHERE, Fitted
 from armflex.bench.held_out import (
     INNER,
     OUTER,
+    Candidate,
     Compared,
-    Rival,
     assess,
     chosen,
     compare,
@@ -26,7 +26,7 @@ from armflex.bench.held_out import (
     race,
     random_folds,
 )
-from armflex.bench.learners import Options, affordable_starts, learner, rivals
+from armflex.bench.learners import Options, affordable_starts, candidates, learner
 from armflex.bench.training import CHOICE
 from armflex.laws.law_file import load_law
 from armflex.measured.joint_data import JointData
@@ -103,7 +103,7 @@ def test_a_column_that_is_followed_exactly_does_not_decide() -> None:
 
 def test_rivals_are_compared_on_the_same_rows() -> None:
     data = bench("full", 3)
-    among = [rival for rival in rivals(QUICK) if rival.name.startswith("linear")]
+    among = [candidate for candidate in candidates(QUICK) if candidate.name.startswith("linear")]
     compared = compare(among, data, seed=4, folds=7, repeats=1)
     again = hold_out(learner("linear", Options()), data, random_folds(len(data), 7, 4))
     np.testing.assert_allclose(compared[2].rms, again.rms)
@@ -111,7 +111,7 @@ def test_rivals_are_compared_on_the_same_rows() -> None:
 
 @pytest.mark.slow
 def test_the_choice_is_made_anew_in_every_fold() -> None:
-    held, count = assess([r for r in rivals(QUICK) if not r.name.startswith("network")], bench("radial", 5))
+    held, count = assess([r for r in candidates(QUICK) if not r.name.startswith("network")], bench("radial", 5))
     assert sum(count.values()) == 10
     assert held.residual.shape == (50, 3)
 
@@ -120,14 +120,14 @@ def test_the_choice_sees_no_row_that_is_held_out() -> None:
     """Every fit that leads to the choice in a fold, and the fit chosen, is without that fold's rows."""
     data, seen = bench("full", 5, 40), []
 
-    def watched(rival: Rival) -> Rival:
+    def watched(candidate: Candidate) -> Candidate:
         def learn(loads: np.ndarray, deflections: np.ndarray, seed: int) -> Fitted:
             seen.append(set(loads[:, 0]))
-            return rival.learner(loads, deflections, seed)
+            return candidate.learner(loads, deflections, seed)
 
-        return replace(rival, learner=learn)
+        return replace(candidate, learner=learn)
 
-    assess([watched(rival) for rival in rivals(QUICK)[:2]], data, seed=3)
+    assess([watched(candidate) for candidate in candidates(QUICK)[:2]], data, seed=3)
     per_fold = 2 * INNER + 1
     assert len(seen) == OUTER * per_fold
     fold = random_folds(40, OUTER, 3)
@@ -174,7 +174,7 @@ def test_every_model_is_written_and_answers_in_an_arm(armflex: Run, tmp_path: Pa
 @pytest.mark.parametrize(("kind", "seed"), [("diagonal", 1), ("full", 2), ("radial", 3), ("wavy", 4), ("wavy", 5)])
 def test_fits_are_left_out_only_where_the_choice_is_the_same(kind: str, seed: int) -> None:
     data, fitted = bench(kind, seed, 60 if kind == "wavy" else 30), []
-    *plain, network = rivals(replace(QUICK, neurons=8))
+    *plain, network = candidates(replace(QUICK, neurons=8))
 
     def learn(loads: np.ndarray, deflections: np.ndarray, own: int) -> Fitted:
         fitted.append(len(loads))

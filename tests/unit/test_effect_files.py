@@ -12,7 +12,7 @@ import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.campaigns import draw
-from support.effect_arms import BACKLASH, TEXT, arm_and, arm_with, locations, plain, quietly, scene
+from support.effect_arms import BACKLASH, TEXT, arm_and, arm_with, context, locations, plain, quietly
 
 from armflex import (
     Arm,
@@ -29,7 +29,7 @@ from armflex import (
 from armflex.errors import ArmFileError, MissingCovariateError, UnsupportedError
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
-from armflex.estimate.spread import certainty_of
+from armflex.estimate.posterior import certainty_of
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
@@ -318,7 +318,7 @@ def refitted(calibration: Calibration, *wanted: tuple[Effect, tuple[int, ...]]) 
     """Return what a trace that had found these effects would hold, everything fitted together."""
     state = begin(calibration)
     blocks = [
-        EffectBlock(effect, free, state.scene, i, amplitude_prior(effect, free, state.fit.view, state.scene))
+        EffectBlock(effect, free, state.context, i, amplitude_prior(effect, free, state.fit.view, state.context))
         for i, (effect, free) in enumerate(wanted)
     ]
     state = refit(state, tuple(blocks), None, np.concatenate([state.fit.values, *(one.start for one in blocks)]))
@@ -339,7 +339,7 @@ def named(name: str, site: str, **more: object) -> Effect:
     """Return a law at the first of its locations at a site that has what is asked."""
     law = CATALOGUE[name]
     inner = more.pop("inner", ())
-    fits = (s for s in law.places(scene().records) if s.place == site)
+    fits = (s for s in law.places(context().records) if s.place == site)
     location = next(s for s in fits if all(getattr(s, k) == v for k, v in more.items()))
     return Effect(law, location, (0.0,) * len(law.amplitudes) + inner)
 
@@ -443,7 +443,7 @@ def test_an_arm_whose_model_effects_changed_is_not_fitted_about_them(traced: tup
 def test_a_twist_that_nobody_can_predict_is_kept_as_uncertainty(calm: tuple, tmp_path: Path) -> None:
     file, found, _, test, _ = calm
     state = begin(found)
-    random = PoseBlock("J2", "ry", 4e-4, state.scene.column("pose_number").astype(int))
+    random = PoseBlock("J2", "ry", 4e-4, state.context.column("pose_number").astype(int))
     made = told(found, with_random(state, random))
     written = quietly(write_traced(file, made, tmp_path / "arm.toml"))
     assert written.certainty.unexplained == ("J2", "ry", 4e-4) and not written.effects

@@ -21,10 +21,10 @@ from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.view import look
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.hysteresis import play
-from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
@@ -44,10 +44,10 @@ def test_columns_are_the_readings_changes(name, stage):
     law = EVERY[name]
     for effect in some_effects(law, stage, 2):
         free = tuple(i for i in Candidate(law, effect.location, effect.inner).searched if law.inner[i].smooth)
-        prior = amplitude_prior(effect, free, stage.view, stage.scene)
-        block = EffectBlock(effect, free, stage.scene, 0, prior)
+        prior = amplitude_prior(effect, free, stage.view, stage.context)
+        block = EffectBlock(effect, free, stage.context, 0, prior)
         assert len(block.labels) == len(block.units) == len(block.prior) == len(block.start)
-        columns = block.columns(look(block.apply(stage.setup, block.start), stage.rows, np.arange(ROWS)))
+        columns = block.jacobian(look(block.apply(stage.setup, block.start), stage.rows, np.arange(ROWS)))
         for k in range(len(block.start)):
             step = np.zeros(len(block.start))
             amplitude = k < len(effect.location.terms)
@@ -64,7 +64,7 @@ def test_a_small_effect_moves_the_tip_by_its_column(name, stage):
     """At a hundredth of the size: the tip itself, not only its change, is what first order says."""
     law, size = EVERY[name], 1e-5
     for effect in some_effects(law, stage, 3, size):
-        expected = stage.view.effect_columns(effect, stage.scene) @ effect.acting
+        expected = stage.view.effect_jacobian(effect, stage.context) @ effect.acting
         moved = readings(stage.with_effect(effect), stage.rows) - readings(stage.setup, stage.rows)
         largest = np.abs(expected).max()
         assert largest > 0.01 * size
@@ -101,7 +101,7 @@ def test_a_missing_covariate_is_named_with_the_effect(name, stage):
         if name == "tool_shift" and effect.inner[0] == ALWAYS:
             continue  # moved for the whole campaign: no time is asked for
         asked = needs(effect, stage.with_effect(effect).arm, stage.rows)
-        joints = {f"q_{joint}" for joint in stage.scene.joints}
+        joints = {f"q_{joint}" for joint in stage.context.joints}
         wanted = set(effect.location.covariates) - joints - {"payload_mass"} if law.act is Act.TWIST else set()
         remembered = law.memory is not None
         if remembered and (not effect.location.covariates or effect.inner[-1] > 0.0):
@@ -111,35 +111,35 @@ def test_a_missing_covariate_is_named_with_the_effect(name, stage):
         assert asked == wanted, effect.name
 
 
-def untimed(stage: Stage) -> Scene:
-    known = {name: values for name, values in stage.scene.row.covariates.items() if name != "time"}
-    return replace(stage.scene, row=replace(stage.scene.row, covariates=known), recorded=("temperature",))
+def untimed(stage: Stage) -> Context:
+    known = {name: values for name, values in stage.context.row.covariates.items() if name != "time"}
+    return replace(stage.context, row=replace(stage.context.row, covariates=known), recorded=("temperature",))
 
 
 @pytest.mark.parametrize("name", [name for name in EVERY if name not in (PRODUCT.name, WAVE_PRODUCT.name, GUIDE.name)])
 def test_without_a_time_nothing_that_needs_one_is_tried(name, stage):
-    scene, law = untimed(stage), EVERY[name]
-    locations = list(law.places(scene.records))
+    context, law = untimed(stage), EVERY[name]
+    locations = list(law.places(context.records))
     assert bool(locations) == (name not in ("slip_step", "base_drift", "creep"))
     for location in locations[:: max(1, len(locations) // 20)]:
-        for inner in grid(law, location, scene):
-            assert np.isfinite(stage.view.columns(law, location, inner, scene)).all()
+        for inner in grid(law, location, context):
+            assert np.isfinite(stage.view.jacobian(law, location, inner, context)).all()
 
 
 def test_a_tool_that_moved_a_second_before_the_first_row_has_not_always_been_there(stage):
     late = Effect(CATALOGUE["tool_shift"], Location("tool", "dx", terms=(0,)), (1e-3, 0.0, 0.0, -1.0))
     always = replace(late, values=(1e-3, 0.0, 0.0, ALWAYS))
     time = np.linspace(-2.0, 1.0, ROWS)
-    row = replace(stage.scene.row, covariates={**stage.scene.row.covariates, "time": time})
+    row = replace(stage.context.row, covariates={**stage.context.row.covariates, "time": time})
     moved = [
-        (stage.view.effect_columns(e, replace(stage.scene, row=row)) != 0.0).any(axis=(1, 2)) for e in (late, always)
+        (stage.view.effect_jacobian(e, replace(stage.context, row=row)) != 0.0).any(axis=(1, 2)) for e in (late, always)
     ]
     assert moved[0].tolist() == (time >= -1.0).tolist() and moved[1].all()
     assert list(always.named) == ["dx"] and len(always.units) == 1 and late.named["since"] == -1.0
 
 
 def test_an_entry_that_asked_rows_never_have_is_not_missing(stage):
-    location = Location(stage.scene.joints[1], "ry", ("operator=dan",))
+    location = Location(stage.context.joints[1], "ry", ("operator=dan",))
     arm = stage.with_effect(Effect(EVERY["unnamed_level"], location, (1e-3,))).arm
     assert not known_rows(arm, stage.rows)["operator=dan"].any()
     bare = replace(stage.rows, covariates={"temperature": stage.rows.covariates["temperature"]})
@@ -159,10 +159,10 @@ def test_one_row_and_many_rows_are_alike(name, stage):
     law = EVERY[name]
     for effect in some_effects(law, stage, 2):
         setup = stage.with_effect(effect)
-        here = stage.scene.here(effect.location, setup.arm)
+        here = stage.context.here(effect.location, setup.arm)
         known = known_rows(setup.arm, stage.rows)
-        row = replace(stage.scene.row, covariates=known)
-        wrench = stage.scene.wrenches[effect.location.site]
+        row = replace(stage.context.row, covariates=known)
+        wrench = stage.context.wrenches[effect.location.site]
         whole = law.basis(here, wrench, row, effect.inner)
         assert whole.shape == (ROWS, len(law.amplitudes), 6)
         for i in range(ROWS):
@@ -173,7 +173,7 @@ def test_one_row_and_many_rows_are_alike(name, stage):
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_remembered_load_is_that_of_row_by_row(moving, stage):
     """Play follows the load of each row as the arm carries it without the play, at rest and in motion."""
-    joint = stage.scene.joints[1]
+    joint = stage.context.joints[1]
     effect = Effect(EVERY["hysteresis"], Location(joint, "ry"), (1e-8, 50.0))
     arm, rows = stage.setup.arm, stage.rows
     rng = np.random.default_rng(4)
@@ -196,7 +196,7 @@ def test_a_remembered_load_is_that_of_row_by_row(moving, stage):
 def test_pulls_answer_one_pose_and_many(name, stage):
     law = EVERY[name]
     effect = some_effects(law, stage, 1)[0]
-    here = stage.scene.here(effect.location, stage.setup.arm)
+    here = stage.context.here(effect.location, stage.setup.arm)
     poses = stage.view.line.links[:, 3]
     whole = law.pull(here, poses, effect.inner)
     for i in range(ROWS):

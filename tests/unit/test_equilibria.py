@@ -265,18 +265,18 @@ def test_some_rows_are_the_right_ones(count, data):
 
 def test_one_row_for_all_is_still_that_row():
     shared = Row(np.array([1.0, 2.0]), {"a": 0, "b": 1}, {"humidity": 40.0})
-    for row in (shared.some(3), shared.some(np.array([0, 5])), shared.spread(4)):
+    for row in (shared.some(3), shared.some(np.array([0, 5])), shared.repeated(4)):
         np.testing.assert_array_equal(row.q, [1.0, 2.0])
         assert row.covariate("humidity") == 40.0
 
 
 def test_a_row_is_spread_over_many():
     one = Row(np.array([[1.0, 2.0]]), {"a": 0, "b": 1}, {"temperature": np.array([20.0]), "humidity": 40.0})
-    spread = one.spread(3)
+    spread = one.repeated(3)
     np.testing.assert_array_equal(spread.position("b"), [2.0, 2.0, 2.0])
     np.testing.assert_array_equal(spread.covariate("temperature"), [20.0, 20.0, 20.0])
     assert spread.covariate("humidity") == 40.0
-    again = known(3).spread(3)
+    again = known(3).repeated(3)
     np.testing.assert_array_equal(again.q, known(3).q)
     np.testing.assert_array_equal(again.covariate("temperature"), [20.0, 21.0, 22.0])
 
@@ -313,9 +313,9 @@ LOADED = [name for name, law in EVERY.items() if law.loaded]
 def test_tangents_of_many_loads(name, stage: Stage):
     rng, largest = np.random.default_rng(4), 0.0
     for effect in some_effects(EVERY[name], stage, 3):
-        bound = BoundTwist(effect, stage.scene.here(effect.location, stage.setup.arm))
-        row = replace(stage.scene.row, covariates=known_rows(stage.with_effect(effect).arm, stage.rows))
-        usual = np.maximum(np.sqrt((stage.scene.wrenches[effect.location.site] ** 2).mean(axis=0)), 1.0)
+        bound = BoundTwist(effect, stage.context.here(effect.location, stage.setup.arm))
+        row = replace(stage.context.row, covariates=known_rows(stage.with_effect(effect).arm, stage.rows))
+        usual = np.maximum(np.sqrt((stage.context.wrenches[effect.location.site] ** 2).mean(axis=0)), 1.0)
         wrenches = usual * rng.choice((-1.0, 1.0), (ROWS, 6)) * 10.0 ** rng.uniform(-1.5, 0.3, (ROWS, 6))
         whole = bound.tangent(wrenches, row)
         assert whole.shape == (ROWS, 6, 6)

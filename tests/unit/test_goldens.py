@@ -35,6 +35,6 @@ def test_rounding_is_no_finding() -> None:
     assert partners_of(columns.T @ columns, known, 1, names) == ()
     columns[:, 1] = 1e-3
     assert partners_of(columns.T @ columns, known, 1, names) == ("a", "c")
-    scene = SimpleNamespace(wrenches={"J1": np.array([[1e3, 0.0, 0.0, 5e-10, 20.0, 0.0]])})
-    assert shares_of_load(Location("J1", "rx"), scene, (0.5,)) == ()
-    assert shares_of_load(Location("J1", "ry"), scene, (0.5,)) == [10.0]
+    context = SimpleNamespace(wrenches={"J1": np.array([[1e3, 0.0, 0.0, 5e-10, 20.0, 0.0]])})
+    assert shares_of_load(Location("J1", "rx"), context, (0.5,)) == ()
+    assert shares_of_load(Location("J1", "ry"), context, (0.5,)) == [10.0]

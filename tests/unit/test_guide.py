@@ -17,10 +17,10 @@ from armflex.errors import ArmFileError
 from armflex.files.effect_file import effect_table
 from armflex.laws import Row
 from armflex.laws.effects import Effect, Location
+from armflex.laws.effects.context import Records
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import Here
-from armflex.laws.effects.scene import Records
 from armflex.trace.findings import Trace
 
 SPOT = Location("lift", "ry", ("q_lift",), (0, 1))

@@ -259,7 +259,7 @@ def test_it_is_freed_found_again_saved_drawn_warned_about_planned_for_and_tracke
     drawn = np.array([law_of(one).twist(loads[0], rows.some(0)) for one in draw_arms(again, 5)])
     assert (drawn.std(axis=0)[4] > 0.0).all()
     if learn:
-        assert {flag.code for flag in law_of(again).doubts(100.0 * SIZE, rows.some(0))} == {"extrapolating"}
+        assert {flag.code for flag in law_of(again).flags(100.0 * SIZE, rows.some(0))} == {"extrapolating"}
     tracker = Tracker(again)
     for i in range(10):
         tracker.update(Reading(held_out.q[i], held_out.position[i], SIGMA, held_out.payload[i]))

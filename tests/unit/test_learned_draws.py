@@ -36,7 +36,7 @@ def test_a_step_too_far_leaves_a_compliance():
 def test_draws_spread_as_the_covariance_says(name):
     law, rng = moved(name), np.random.default_rng(7)
     root = 0.05 * rng.normal(size=(len(law.values),) * 2) / np.sqrt(len(law.values))
-    law, wrench, row = replace(law, spread=root @ root.T), 0.7 * SIZE, ROW.some(0)
+    law, wrench, row = replace(law, posterior=root @ root.T), 0.7 * SIZE, ROW.some(0)
     drawn = np.array([law.draw(rng).twist(wrench, row) for _ in range(1000)])
     expected = np.sqrt(np.diag(replace(law, reach=None).covariance(wrench, row)))
     # A standard deviation from 1000 draws is right to a root of 2000, at 4 of them.

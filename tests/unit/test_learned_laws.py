@@ -95,7 +95,7 @@ def test_a_learned_compliance_is_symmetric_and_gains_no_energy(seed, size):
 
 @pytest.mark.parametrize("name", ["polynomial", "neural"])
 def test_a_correction_is_nothing_beyond_the_loads_seen_and_its_doubt_grows(name):
-    law = moved(name).settled(1e-4 * np.eye(len(moved(name).values)), LOADS, ROW)
+    law = moved(name).with_posterior(1e-4 * np.eye(len(moved(name).values)), LOADS, ROW)
     plain = law.plain
     row, mean = ROW.some(0), law.seen.mean
     far = mean + 1.001 * law.seen.faded * (LOADS[0] - mean) / law.seen.outreach(LOADS[0])
@@ -104,7 +104,7 @@ def test_a_correction_is_nothing_beyond_the_loads_seen_and_its_doubt_grows(name)
     np.testing.assert_array_equal(law.twist(far, row), plain.twist(far, row))
     near, beyond = (np.diag(law.covariance(load, row)).max() for load in (LOADS[0], far))
     assert beyond > 4.0 * near
-    assert {flag.code for flag in law.doubts(20.0 * LOADS[0], row)} == {"extrapolating"}
+    assert {flag.code for flag in law.flags(20.0 * LOADS[0], row)} == {"extrapolating"}
 
 
 @pytest.mark.slow
@@ -113,7 +113,7 @@ def test_a_correction_is_nothing_beyond_the_loads_seen_and_its_doubt_grows(name)
 def test_fading_takes_a_quarter_of_the_compliance_at_most(seed, size, name):
     """What is left in any direction is what the correction leaves where it does not fade, or all, less a quarter."""
     law = moved(name, seed, size)
-    law = law.settled(1e-9 * np.eye(len(law.values)), LOADS, ROW)
+    law = law.with_posterior(1e-9 * np.eye(len(law.values)), LOADS, ROW)
     root = np.linalg.pinv(compliance_root(law))
     out = np.random.default_rng(seed).normal(size=(300, 6)) @ np.diag(SIZE)
     out /= law.seen.outreach(law.seen.mean + out)[:, None]
@@ -171,7 +171,7 @@ def test_what_a_bench_says_of_a_law_is_kept():
     fitted = LinearLaw(np.diag(diagonal), fit=LinearFit(rows, scatter, np.array([-SIZE, SIZE])))
     law = learned_law(fitted, Learning("linear"), seen_in(fitted, LOADS, ROW))
     np.testing.assert_allclose(law.prior[:6], 0.02, rtol=1e-9)
-    settled = law.settled(np.zeros((len(law.values),) * 2), LOADS, ROW)
+    settled = law.with_posterior(np.zeros((len(law.values),) * 2), LOADS, ROW)
     np.testing.assert_allclose(settled.covariance(LOADS[0], ROW.some(0)), np.diag(scatter**2), rtol=1e-12)
     away = AtNode(fitted, np.array([0.5, 0.0, 0.2]))
     law = learned_law(away, Learning("linear"), seen_in(away, LOADS, ROW))
@@ -218,7 +218,7 @@ def test_columns_are_derivatives_through_the_equilibrium(six, tmp_path, model):
     setup = first_guess(arm, measurements, np.flatnonzero(measurements.measured))
     block = law_block(setup, look(setup, measurements, np.flatnonzero(measurements.measured)))
     at = block.start + 0.2 * np.random.default_rng(0).normal(size=len(block.labels))
-    columns = block.columns(look(block.apply(setup, at), measurements, rows))
+    columns = block.jacobian(look(block.apply(setup, at), measurements, rows))
     for i in np.random.default_rng(1).choice(len(at), 12, replace=False):
         step = 1e-4 * np.eye(len(at))[i]
         ends = [look(block.apply(setup, at + side * step), measurements, rows).residual for side in (1.0, -1.0)]
@@ -314,7 +314,7 @@ def test_laws_of_names_that_begin_alike_are_read_with_their_own_covariance(six, 
     again = load_arm(write_calibrated(path, found, tmp_path / "learned.toml"))
     for kept, before in zip(again.flexures, found.arm.flexures, strict=True):
         if kept.learn is not None:
-            np.testing.assert_allclose(kept.law.spread, before.law.spread, rtol=1e-6)
+            np.testing.assert_allclose(kept.law.posterior, before.law.posterior, rtol=1e-6)
 
 
 def test_parameters_named_alike_are_refused():
@@ -338,7 +338,7 @@ def test_a_campaign_is_within_the_loads_that_it_taught_and_others_are_told_once(
     line, names = found.fit.view.line, found.arm.flexure_names
     laws = {f.name: f.law for f in found.arm.flexures if f.learn}
     for name, law in laws.items():
-        assert not [d for load in line.flexure_wrenches[:, names.index(name)] for d in law.doubts(load, ROW.some(0))]
+        assert not [d for load in line.flexure_wrenches[:, names.index(name)] for d in law.flags(load, ROW.some(0))]
     narrow = {name: replace(law, seen=replace(law.seen, loads=0.2 * law.seen.loads)) for name, law in laws.items()}
     flags = predict(with_laws(found.arm, narrow), read_measurements(folder / "train.csv", found.arm)).flags
     told = [flag.text for flag in flags if flag.code == "extrapolating"]

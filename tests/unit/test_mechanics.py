@@ -449,14 +449,14 @@ def test_loads_beyond_those_trained_on_are_doubted(tmp_path):
     fitted = LinearLaw(np.diag([1e-9] * 3 + [0] * 3), fit=LinearFit(np.zeros((3, 3, 3)), np.zeros(3), seen))
     arm = one_joint(tmp_path, fitted, com=(1, 0, 0))
     mild, strong = np.array([100.0, 0, 10, 9e9, 0, 0]), np.array([0, 250.0, -16300, 0, 0, 0])
-    assert [flag.code for flag in arm.stack.doubts(mild, None)] == ["does_not_turn"]
-    assert arm.stack.doubts(np.array([100.0, 0, 10, 0, 0, 0]), None) == ()
-    flags = arm.stack.doubts(strong, None)
+    assert [flag.code for flag in arm.stack.flags(mild, None)] == ["does_not_turn"]
+    assert arm.stack.flags(np.array([100.0, 0, 10, 0, 0, 0]), None) == ()
+    flags = arm.stack.flags(strong, None)
     assert [flag.code for flag in flags] == ["extrapolating"] * 2
     assert flags[0].text.endswith("load fy = 250 N is outside the -200 to 200 N it was trained on")
     assert flags[1].text == "flexure 'j': load fz = -16300 N is outside the -10 to 10 N it was trained on"
     certain = with_laws(arm, [LinearLaw(np.eye(6) * 1e-9, 0.1)])
-    assert certain.stack.trained == () and certain.stack.doubts(strong, None) == ()
+    assert certain.stack.trained == () and certain.stack.flags(strong, None) == ()
 
 
 # (g) Methods.

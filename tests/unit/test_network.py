@@ -1,4 +1,4 @@
-"""Network laws: tangents, averages, doubts, files, and a user's own torch module."""
+"""Network laws: tangents, averages, flags, files, and a user's own torch module."""
 
 from __future__ import annotations
 
@@ -126,14 +126,14 @@ def test_covariance_by_hand() -> None:
 def test_beyond_the_loads_trained_on_it_says_so_and_widens(draws: int) -> None:
     law = some_law(3, draws, laplace=draws == 1)
     middle, edge = 0.5 * law.seen.sum(axis=0), law.seen[1]
-    assert law.doubts(six(middle), NOWHERE) == ()
+    assert law.flags(six(middle), NOWHERE) == ()
     out = six(middle + np.array([3.0, 0.0, 0.0]) * (edge - middle))
     linear = LinearLaw(np.eye(6), fit=LinearFit(np.zeros((3, 3, 3)), np.zeros(3), law.seen))
-    assert law.doubts(out, NOWHERE) == linear.doubts(out, NOWHERE)
-    assert [flag.code for flag in law.doubts(out, NOWHERE)] == ["extrapolating"]
+    assert law.flags(out, NOWHERE) == linear.flags(out, NOWHERE)
+    assert [flag.code for flag in law.flags(out, NOWHERE)] == ["extrapolating"]
     corner = six(edge)  # every component was seen, not all at their largest together
-    assert linear.doubts(corner, NOWHERE) == ()
-    (flag,) = law.doubts(corner, NOWHERE)
+    assert linear.flags(corner, NOWHERE) == ()
+    (flag,) = law.flags(corner, NOWHERE)
     times = law.distance(edge) / law.furthest
     assert flag.code == "extrapolating" and f"{times:.3g} times as far" in flag.text and times > 1.0
     for wrench in (corner, out):
@@ -152,7 +152,7 @@ def test_tensors_give_the_law_back(size: int, draws: int, laplace: bool) -> None
     assert ("weight_covariance" in tensors) == laplace
     np.testing.assert_array_equal(again.twist(wrench, NOWHERE), law.twist(wrench, NOWHERE))
     np.testing.assert_array_equal(again.covariance(wrench, NOWHERE), law.covariance(wrench, NOWHERE))
-    assert again.doubts(9 * wrench, NOWHERE) == law.doubts(9 * wrench, NOWHERE) != ()
+    assert again.flags(9 * wrench, NOWHERE) == law.flags(9 * wrench, NOWHERE) != ()
 
 
 @pytest.mark.parametrize("name", sorted(to_tensors(some_law(3, 1, laplace=True))))
@@ -211,9 +211,9 @@ def test_a_torch_module_as_a_law() -> None:
         np.testing.assert_allclose(own.twist(wrench, NOWHERE), moved, rtol=1e-9, atol=1e-18)
         np.testing.assert_allclose(own.tangent(wrench, NOWHERE), shifted.tangent(wrench, NOWHERE), atol=1e-18)
     np.testing.assert_allclose(np.diag(own.covariance(wrenches[0, 0], NOWHERE))[:3], law.noise**2)
-    assert own.trained and own.doubts(9 * LARGEST, NOWHERE)
+    assert own.trained and own.flags(9 * LARGEST, NOWHERE)
     plain = TorchLaw(module.float())
-    assert plain.covariance(LARGEST, NOWHERE) is None and not plain.trained and plain.doubts(LARGEST, NOWHERE) == ()
+    assert plain.covariance(LARGEST, NOWHERE) is None and not plain.trained and plain.flags(LARGEST, NOWHERE) == ()
     assert plain.twist(LARGEST, NOWHERE).dtype == np.float64
     for size, match in ((4, "3 or 6"), (6, "does not take loads")):
         with pytest.raises(LawError, match=match):

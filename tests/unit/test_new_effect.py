@@ -16,12 +16,12 @@ from armflex import calibrate, load_arm, read_measurements
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects import Effect, Location, TwistLaw
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
+from armflex.laws.effects.context import AXES_TURN, Records
 from armflex.laws.effects.effect import Amplitude, Words
 from armflex.laws.effects.location import drive_axis
-from armflex.laws.effects.scene import AXES_TURN, Records
 from armflex.laws.effects.shapes import on_axis, own_position
 from armflex.plan.design import instead
-from armflex.plan.rivals import named_effect, spelled
+from armflex.plan.hypotheses import named_effect, spelled
 from armflex.setup import Setup
 from armflex.show.report.words import called, labelled, units_of
 from armflex.trace.rounds import ENOUGH

@@ -37,8 +37,8 @@ from armflex.laws.learned import Learning
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.drive import driving_order, motion
+from armflex.plan.hypotheses import named_effect, spelled
 from armflex.plan.result import Plan
-from armflex.plan.rivals import named_effect, spelled
 from armflex.prior import Measurement, Prior
 
 BOOM = ROBOTS / "tarm_like" / "measured.toml"
@@ -220,7 +220,7 @@ def test_backlash_and_friction_are_told_only_where_the_load_differs(six: Arm, to
     """Friction wind-up without its load is backlash: rows can only tell that it is more."""
     assert told.goal.shown(told.reached[-1]) > 3.0
     assert "would do as well" in told.advice[0] and "brake" in told.advice[0]
-    assert all("moves readings by 5 standard deviations" in rival.source for rival in told.rivals)
+    assert all("moves readings by 5 standard deviations" in hypothesis.source for hypothesis in told.hypotheses)
     same = plan(six, 4, between=("encoder_offset:J1", "encoder_offset:J2"))
     assert same.advice[0].startswith("No tip reading tells encoder offset at J1 (rz) from encoder offset at J2 (ry)")
     assert "inclinometer" in same.advice[0]
@@ -346,8 +346,8 @@ def test_what_was_measured_counts(campaign) -> None:
     np.testing.assert_allclose(*np.array(pairs).T, rtol=0.02)
     assert [flag.code for flag in further.flags] == ["unexplained_residual"]
     apart = plan(arm, 4, after=measured, between=("backlash:A2", "backlash:A3"))
-    assert apart.rivals[0].source == "estimated from what was measured" and not apart.flags
-    assert apart.rivals[0].size[0] == pytest.approx(0.88e-3, rel=0.05)  # as trace finds it in all rows
+    assert apart.hypotheses[0].source == "estimated from what was measured" and not apart.flags
+    assert apart.hypotheses[0].size[0] == pytest.approx(0.88e-3, rel=0.05)  # as trace finds it in all rows
     assert apart.goal.shown(apart.reached[0]) > 3.0 and apart.reached[-1] > apart.reached[0]
 
 

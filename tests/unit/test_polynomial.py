@@ -96,8 +96,8 @@ def test_linear_features_are_a_compliance(size: int) -> None:
     np.testing.assert_allclose(law.twist(wrench, NOWHERE), linear.twist(wrench, NOWHERE), rtol=1e-9)
     np.testing.assert_allclose(law.tangent(wrench, NOWHERE), linear.tangent(wrench, NOWHERE), rtol=1e-9)
     np.testing.assert_allclose(law.covariance(wrench, NOWHERE), linear.covariance(wrench, NOWHERE), rtol=1e-7)
-    assert [flag.text for flag in law.doubts(9.0 * loads[0], NOWHERE)] == [
-        flag.text for flag in linear.doubts(9.0 * loads[0], NOWHERE)
+    assert [flag.text for flag in law.flags(9.0 * loads[0], NOWHERE)] == [
+        flag.text for flag in linear.flags(9.0 * loads[0], NOWHERE)
     ]
 
 
@@ -199,8 +199,8 @@ def test_loads_beyond_those_trained_on() -> None:
     loads, deflections, _ = bench(3, 40, 0.1)
     law = fit_polynomial(loads, deflections, "linear+radial")
     inside, outside = (np.concatenate([factor * loads.max(axis=0), np.zeros(3)]) for factor in (0.9, 3.0))
-    assert law.doubts(inside, NOWHERE) == ()
-    flags = law.doubts(outside, NOWHERE)
+    assert law.flags(inside, NOWHERE) == ()
+    flags = law.flags(outside, NOWHERE)
     assert [flag.code for flag in flags] == ["extrapolating"] * 3 and "it was trained on" in flags[0].text
     variance = [np.diag(law.covariance(wrench, NOWHERE))[:3] for wrench in (inside, outside)]
     assert (variance[1] > variance[0]).all()

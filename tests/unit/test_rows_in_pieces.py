@@ -73,9 +73,9 @@ def test_columns_in_pieces_are_those_of_all_rows(
     view: View, campaign: Measurements, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blocks, weights = declared_blocks(view.setup, campaign), robust.huber_weights(view)
-    whole = robust.whitened_columns(blocks, view, weights)
+    whole = robust.whitened_regressors(blocks, view, weights)
     monkeypatch.setattr(robust, "TOGETHER", 16)
-    assert np.allclose(robust.whitened_columns(blocks, view, weights), whole, rtol=1e-12, atol=1e-9)
+    assert np.allclose(robust.whitened_regressors(blocks, view, weights), whole, rtol=1e-12, atol=1e-9)
 
 
 def test_what_all_other_folds_tell_is_what_a_fit_without_a_fold_knows(arm: Arm, campaign: Measurements) -> None:
@@ -83,7 +83,7 @@ def test_what_all_other_folds_tell_is_what_a_fit_without_a_fold_knows(arm: Arm, 
     folds = np.arange(len(fit.view.rows)) % 3
     for number, told in enumerate(told_by_others(fit, folds)):
         others = np.repeat(folds != number, 3)
-        expected = LinearGaussian.of(fit.columns[others], fit.precision)
+        expected = LinearGaussian.of(fit.regressors[others], fit.precision)
         assert np.allclose(told.information, expected.information, rtol=1e-9, atol=1e-6)
 
 

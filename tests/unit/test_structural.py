@@ -302,13 +302,13 @@ def test_doubts_are_about_the_loads_on_the_trained_law():
     seen = np.array([[-1e3] * 3 + [-1.0] * 3, [1e3] * 3 + [1.0] * 3])
     fitted = LinearLaw(random_compliance(3), fit=LinearFit(np.zeros((6, 6, 6)), np.zeros(6), seen))
     force = np.array([0, 0, 500.0, 0, 0, 0])
-    assert fitted.trained and fitted.doubts(force, ROW) == ()
-    at_node = AtNode(fitted, np.array([0.1, 0, 0])).doubts(force, ROW)
+    assert fitted.trained and fitted.flags(force, ROW) == ()
+    at_node = AtNode(fitted, np.array([0.1, 0, 0])).flags(force, ROW)
     assert [flag.text[:17] for flag in at_node] == ["load my = 50 Nm i"]
-    beyond = cantilever(np.array([1.0, 0, 0]), UP, root_law=fitted).doubts(3 * force, ROW)
+    beyond = cantilever(np.array([1.0, 0, 0]), UP, root_law=fitted).flags(3 * force, ROW)
     assert [flag.text[:38] for flag in beyond] == ["sub-joint at '0': load fz = 1500 N is "]
     certain = cantilever(np.array([1.0, 0, 0]), UP)
-    assert not certain.trained and certain.doubts(force, ROW) == () and not AtNode(RIGID, np.zeros(3)).trained
+    assert not certain.trained and certain.flags(force, ROW) == () and not AtNode(RIGID, np.zeros(3)).trained
 
 
 # The bundled mast: guide rollers and a cantilever that lengthens.

@@ -86,7 +86,7 @@ def test_a_fitted_structure_is_the_same_from_a_file_in_a_fresh_process(assembly:
     wrench = np.array([900.0, -300.0, 500.0, 20.0, 60.0, -80.0])
     np.testing.assert_allclose(again.twist(wrench, NOWHERE), result.trained.law.twist(wrench, NOWHERE), rtol=1e-12)
     np.testing.assert_allclose(again.covariance(wrench, NOWHERE), result.trained.law.covariance(wrench, NOWHERE))
-    assert again.trained and again.doubts(1e3 * wrench, NOWHERE) and not again.doubts(0.1 * wrench, NOWHERE)
+    assert again.trained and again.flags(1e3 * wrench, NOWHERE) and not again.flags(0.1 * wrench, NOWHERE)
     code = f"import sys, armflex.laws.law_file as f; f.load_law({str(path)!r}); assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -141,8 +141,8 @@ def test_nothing_moves_without_a_load_and_derivatives_are_exact(folder: Path) ->
 
 def test_it_says_where_it_was_not_trained(folder: Path) -> None:
     law = load_law(folder / "laws" / "own.safetensors").law
-    assert law.trained and not law.doubts(0.3 * WRENCH, NOWHERE)
-    assert law.doubts(9.0 * WRENCH, NOWHERE)[0].code == "extrapolating"
+    assert law.trained and not law.flags(0.3 * WRENCH, NOWHERE)
+    assert law.flags(9.0 * WRENCH, NOWHERE)[0].code == "extrapolating"
     stds = [np.sqrt(law.covariance(times * WRENCH, NOWHERE)[0, 0]) for times in (0.5, 5.0, 10.0)]
     assert stds[1] > 3.0 * stds[0] and stds[2] == pytest.approx(4.0 * stds[1], rel=0.3)
 

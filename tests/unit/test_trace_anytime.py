@@ -105,10 +105,10 @@ def test_what_is_unfinished_says_so_wherever_it_is_read(whole: Whole, tmp_path: 
     outputs = Outputs(whole.truth.arm, tmp_path / "t.toml", tmp_path / "t.html", tmp_path / "t.json")
     for found, marked in ((whole.accounts[0], True), (whole.finished, False)):
         outputs.write(found)
-        with warnings.catch_warnings(record=True) as doubts:
+        with warnings.catch_warnings(record=True) as flags:
             warnings.simplefilter("always")
             arm = load_arm(outputs.arm)
-        said = [str(doubt.message) for doubt in doubts]
+        said = [str(doubt.message) for doubt in flags]
         assert any(re.search(r"t\.toml:\d+: written while `armflex trace` was", one) for one in said) is marked
         assert ("unfinished" in [flag.code for flag in arm.flags]) is marked
         assert [effect.name for effect in arm.effects] == [one.effect.name for one in found.found]
@@ -271,7 +271,7 @@ FOREIGN = {
     "a huge number": (lambda said: said["rounds"][-1]["values"].__setitem__(0, 10**400), "does not hold a search"),
     "no prior": (lambda said: first_block(said)["prior"].__setitem__(0, 0.0), "numbers above 0"),
     "a row beyond": (lambda said: said["rounds"][-1]["left_out"].append(10**6), "whole number from 0 to"),
-    "a round beyond": (lambda said: first_block(said).update(scene=7), "scene is 7"),
+    "a round beyond": (lambda said: first_block(said).update(context=7), "context is 7"),
     "a step too many": (lambda said: said["steps"].append(said["steps"][0]), "steps for"),
     "no proof": (lambda said: said["steps"][0].pop("proof"), "'proof' is missing"),
     "true for a flag": (lambda said: said.update(ended="yes"), "ended is 'yes', expected bool"),

@@ -15,7 +15,7 @@ from support.effect_arms import quietly
 
 from armflex import predict, read_measurements, read_points, trace
 from armflex.cli.trace_command import as_json, print_trace
-from armflex.estimate.spread import without_declared_doubt
+from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.trace.findings import Unexplained
 
@@ -113,7 +113,7 @@ def test_the_written_arm_predicts_rows_that_were_not_used(ran, truth: Truth) -> 
 
 def test_what_was_fitted_is_uncertain_in_deflect_and_check_too(ran, armflex: Run) -> None:
     arm = quietly(ran[0] / "traced.toml")
-    certain, q, known = without_declared_doubt(arm), arm.position(J2=0.3), {}
+    certain, q, known = without_declared_uncertainty(arm), arm.position(J2=0.3), {}
     site = arm.effects[0].location.site
     known[f"approach_{site}"] = 1.0
     given = ["--covariates", f"approach_{site}=1"]

@@ -26,17 +26,17 @@ from armflex.trace.findings import write_traced
 from armflex.trace.polish import SOFT, Polished, polish, sensible
 from armflex.trace.projection import project
 from armflex.trace.search import TIE, preferred
-from armflex.trace.state import State, add, scene_at, sorted_out, stands, without
+from armflex.trace.state import State, add, context_at, sorted_out, stands, without
 
 
 def candidate_of(state: State, name: str, site: str, axis: str | None, terms: tuple[int, ...] = (0,)) -> Candidate:
     law = CATALOGUE[name]
-    location = next(s for s in law.places(state.scene.records) if (s.site, s.axis, s.terms) == (site, axis, terms))
-    return Candidate(law, location, next(grid(law, location, state.scene)))
+    location = next(s for s in law.places(state.context.records) if (s.site, s.axis, s.terms) == (site, axis, terms))
+    return Candidate(law, location, next(grid(law, location, state.context)))
 
 
 def is_sensible(state: State, candidate: Candidate, *amplitudes: float) -> bool:
-    return sensible(candidate, np.array(amplitudes), state.fit, state.scene)
+    return sensible(candidate, np.array(amplitudes), state.fit, state.context)
 
 
 # What the rows do not tell.
@@ -47,14 +47,14 @@ def test_rows_that_tell_no_direction_leave_with_the_effect_that_asks_for_it(camp
     approach = rows.approach.copy()
     approach[:20, j] = 0.0
     rows = replace(rows, approach=approach, derived=tuple(f"approach_{name}" for name in rows.joint_names))
-    state = replace(before, measurements=rows, scene=scene_at(before.fit, rows))
+    state = replace(before, measurements=rows, context=context_at(before.fit, rows))
     law = CATALOGUE["backlash"]
     backlash = next(
-        Candidate(law, location, ()) for location in law.places(state.scene.records) if location.site == "J4"
+        Candidate(law, location, ()) for location in law.places(state.context.records) if location.site == "J4"
     )
-    column = bank([backlash], state.fit, state.scene).columns.reshape(len(state.rows), -1)
+    column = bank([backlash], state.fit, state.context).regressors.reshape(len(state.rows), -1)
     np.testing.assert_array_equal(column.any(axis=1), state.rows >= 20)  # what may be either is taken as halfway
-    added = add(state, polish(backlash, state.fit, state.scene, project(state.fit)))
+    added = add(state, polish(backlash, state.fit, state.context, project(state.fit)))
     left = sorted_out(added)
     assert added.uses(state.rows) and left.uses(state.rows[state.rows >= 20]) and left.untold.sum() == 20
     arm = added.fit.setup.arm
@@ -111,8 +111,8 @@ def test_hysteresis_is_no_softer_than_a_joint_can_be(before, axis, softest):
     line = replace(before.fit.view.line)
     line.__dict__["wrenches"] = 1e-3 * before.fit.view.line.wrenches
     fit = replace(before.fit, view=replace(before.fit.view, line=line))
-    loads = {site: 1e-3 * wrenches for site, wrenches in before.scene.wrenches.items()}
-    state = replace(before, fit=fit, scene=replace(before.scene, wrenches=loads))
+    loads = {site: 1e-3 * wrenches for site, wrenches in before.context.wrenches.items()}
+    state = replace(before, fit=fit, context=replace(before.context, wrenches=loads))
     play = Candidate(CATALOGUE["hysteresis"], Location("J6", axis), (1e-6,))
     for side in (1.0, -1.0):
         assert is_sensible(state, play, side * 0.99 * SOFT * softest)
@@ -133,15 +133,15 @@ def polished(candidate: Candidate, amplitudes: Array) -> Polished:
 
 def free_amplitudes(state: State, candidate: Candidate) -> Array:
     """Return the amplitudes that explain most, possible or not."""
-    columns = bank([candidate], state.fit, state.scene).columns
-    return project(state.fit).gain(columns)[1]
+    regressors = bank([candidate], state.fit, state.context).regressors
+    return project(state.fit).gain(regressors)[1]
 
 
 def wanted(state: State, sign: float) -> Candidate:
     """Return the deadband about one axis that the data want most of those they want above, or below, zero."""
     law, projection = CATALOGUE["deadband"], project(state.fit)
-    tried = [c for c in candidates_of([law], state.scene) if c.location.axis and c.location.axis.startswith("r")]
-    gains = [projection.gain(bank([one], state.fit, state.scene).columns) for one in tried]
+    tried = [c for c in candidates_of([law], state.context) if c.location.axis and c.location.axis.startswith("r")]
+    gains = [projection.gain(bank([one], state.fit, state.context).regressors) for one in tried]
     return tried[max((gain, i) for i, (gain, amplitudes) in enumerate(gains) if sign * amplitudes[0] > 0.0)[1]]
 
 
@@ -155,7 +155,7 @@ def test_a_refit_that_turns_a_sign_does_not_stand(before):
 
 def test_one_bad_effect_of_two_is_enough(before):
     good = candidate_of(before, "backlash", "J4", "rx")
-    after = add(before, polish(good, before.fit, before.scene, project(before.fit)))
+    after = add(before, polish(good, before.fit, before.context, project(before.fit)))
     assert stands(after)
     candidate = wanted(after, -1.0)
     both = add(after, polished(candidate, free_amplitudes(after, candidate)))
@@ -219,7 +219,7 @@ def test_the_same_law_elsewhere_is_another_effect(before, site, axis):
 def test_laws_with_inner_parameters_stay_two(before):
     """Two waves in one gear: their numbers of teeth are not to be added up."""
     first = candidate_of(before, "gear_harmonic", "J3", "ry", (0, 1))
-    other = list(grid(first.law, first.location, before.scene))[-1]
+    other = list(grid(first.law, first.location, before.context))[-1]
     assert other != first.inner
     state = added(before, first)
     state = added(state, replace(first, inner=other))
@@ -235,13 +235,13 @@ NAMES = ("backlash", "stiffening", "encoder_scale", "gear_harmonic", "thermal_gr
 @pytest.fixture(scope="module")
 def sifted(before) -> Sifted:
     laws = [CATALOGUE[name] for name in NAMES]
-    return sift(bank(candidates_of(laws, before.scene), before.fit, before.scene), project(before.fit))
+    return sift(bank(candidates_of(laws, before.context), before.fit, before.context), project(before.fit))
 
 
 def only(state: State, known: Sifted, names: frozenset[str]) -> Sifted:
     """Return what a search of these laws alone would have looked at."""
     kept = [candidate for candidate in known.bank.candidates if candidate.law.name in names]
-    return sift(bank(kept, state.fit, state.scene), known.projection)
+    return sift(bank(kept, state.fit, state.context), known.projection)
 
 
 @pytest.mark.parametrize("names", [NAMES[:1], NAMES[1:3], NAMES[3:], NAMES])

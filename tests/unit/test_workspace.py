@@ -174,7 +174,7 @@ def test_a_drawn_arm_without_an_answer(tmp_path: Path) -> None:
 
 
 def softer(arm: Arm, factors: dict[str, tuple[int, float]], certain: Sequence[str] = ()) -> Arm:
-    """Return an arm with entries of compliances times exp(value), and some laws without a doubt of their own."""
+    """Return an arm with entries of compliances times exp(value), and some laws without a flag of their own."""
     flexures = []
     for flexure in arm.flexures:
         law = flexure.law
@@ -237,8 +237,8 @@ def test_verdicts_are_those_of_check(tarm: Arm) -> None:
     found = map_workspace(tarm, "p600", rows=128, voxel=0.001)  # one configuration in each
     assert len(found) == 128 and (found.configurations == 1).all()
     margin = found.margin(0.1)
-    doubtful = np.abs(margin) < 2.0 * found.sigma
-    expected = np.where(doubtful, "uncertain", np.where(margin >= 0.0, "ok", "fail"))
+    flagged = np.abs(margin) < 2.0 * found.sigma
+    expected = np.where(flagged, "uncertain", np.where(margin >= 0.0, "ok", "fail"))
     assert (found.verdicts(0.1) == expected).all() and set(expected) == {"ok", "uncertain", "fail"}
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
+from armflex.laws.effects.context import AXES_TURN, Records
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, Here, Location
-from armflex.laws.effects.scene import AXES_TURN, Records
 
 
 def _places(records: Records) -> list[Location]:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
 from armflex.laws.effects.location import BASE
-from armflex.laws.effects.scene import AXES
 from armflex.laws.effects.shapes import LAGGED, WARM, singly_and_together, warmth, with_temperature
 
 BASE_THERMAL = TwistLaw(

@@ -6,9 +6,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
+from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here
-from armflex.laws.effects.scene import AXES
 from armflex.laws.effects.shapes import about_several, along, at_joints, unit_twists
 
 

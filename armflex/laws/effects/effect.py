@@ -25,7 +25,7 @@ from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
 
 if TYPE_CHECKING:
-    from armflex.laws.effects.scene import Records, Scene
+    from armflex.laws.effects.context import Context, Records
     from armflex.laws.flexure import Flexure
 
 Values = tuple[float, ...]
@@ -50,7 +50,7 @@ class Inner:
 
     Attributes:
         name, unit: As for an amplitude.
-        grid: Starting values for the search at a location of a scene.
+        grid: Starting values for the search at a location of a context.
         positive: Whether only values above zero make sense; such are refined on a logarithmic scale.
         polished: Whether it is refined after the grid.
         smooth: Whether the law changes smoothly with it, so that a fit may move it.
@@ -61,7 +61,7 @@ class Inner:
 
     name: str
     unit: str
-    grid: Callable[[Location, Scene], Iterable[float]]
+    grid: Callable[[Location, Context], Iterable[float]]
     positive: bool = True
     polished: bool = True
     smooth: bool = True
@@ -164,7 +164,7 @@ class EffectLaw(ABC):
         loaded: Whether a twist depends on the wrench.
         linear: Whether it is proportional to it, at given positions and covariates, where the flexure's own law is.
         memory: State it needs, if any.
-        possible: Whether it is believed of a scene and an arm with its values, beyond the bounds of its amplitudes.
+        possible: Whether it is believed of a context and an arm with its values, beyond the bounds of its amplitudes.
         constant: Whether it depends on nothing: nothing is plainer.
         timed: Whether it depends on time alone: in a single session time runs along with the poses.
         spatial: Whether a place in space is searched for it, with which it bends like a free shape.
@@ -188,7 +188,7 @@ class EffectLaw(ABC):
     loaded: bool = False
     linear: bool = False
     memory: Memory | None = None
-    possible: Callable[[Effect, Scene, Manipulator], bool] = lambda effect, scene, arm: True
+    possible: Callable[[Effect, Context, Manipulator], bool] = lambda effect, context, arm: True
     constant: bool = False
     timed: bool = False
     spatial: bool = False
@@ -215,7 +215,7 @@ class EffectLaw(ABC):
         return self.physical and not self.spatial
 
     @abstractmethod
-    def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
+    def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
         """Return (M, k, n) what it does in some rows per amplitude of `location.terms`; `act` says what that is."""
 
     changes_model: ClassVar[bool] = False
@@ -229,7 +229,7 @@ class EffectLaw(ABC):
         """Return the (6,) twist of which every twist is a multiple, None where there is no such; see `shapes`."""
         return None
 
-    def shapes(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
+    def shapes(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
         """Return the (k, M) multiples of `direction`, one per amplitude."""
         raise NotImplementedError(f"the twists of {self.name} have no one direction")
 
@@ -369,22 +369,24 @@ class TwistLaw(EffectLaw):
     act: Act = Act.TWIST
     basis: Basis
 
-    def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
-        return self.basis(*self._asked(location, inner, view, scene))[:, list(location.terms)]
+    def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
+        return self.basis(*self._asked(location, inner, view, context))[:, list(location.terms)]
 
     def direction(self, here: Here, inner: Values) -> Array | None:
         """Return the (6,) twist of a law whose basis is `Along` one, else None."""
         return self.basis.direction(here, inner) if isinstance(self.basis, Along) else None
 
-    def shapes(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
+    def shapes(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
         """Return the (k, M) numbers, one per amplitude, of a law whose basis is `Along` one direction."""
-        return np.array(cast(Along, self.basis).shapes(*self._asked(location, inner, view, scene)))
+        return np.array(cast(Along, self.basis).shapes(*self._asked(location, inner, view, context)))
 
-    def _asked(self, location: Location, inner: Values, view: Solved, scene: Scene) -> tuple[Here, Array, Row, Values]:
+    def _asked(
+        self, location: Location, inner: Values, view: Solved, context: Context
+    ) -> tuple[Here, Array, Row, Values]:
         """Return what the basis is asked about some rows."""
-        here, row = scene.here(location, view.arm), scene.row_at(view)
+        here, row = context.here(location, view.arm), context.row_at(view)
         if self.memory:
-            state = scene.remembered(self.memory, location, inner, view)[view.rows]
+            state = context.remembered(self.memory, location, inner, view)[view.rows]
             row = Row(row.q, row.joint_index, {**row.covariates, self.memory.name(location, inner): state})
         return here, view.load_at(location.site), row, inner
 
@@ -400,9 +402,9 @@ class LoadLaw(EffectLaw):
     act: Act = Act.LOAD
     pull: Pull
 
-    def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
-        pose = view.pose_of(link_of(location.site, scene.robot))
-        return self.pull(scene.here(location, view.arm), pose, inner)[:, list(location.terms)]
+    def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
+        pose = view.pose_of(link_of(location.site, context.robot))
+        return self.pull(context.here(location, view.arm), pose, inner)[:, list(location.terms)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -410,16 +412,16 @@ class ModelLaw(EffectLaw):
     """A law that changes the model itself.
 
     Attributes:
-        made: (here, rows, scene) -> (M, k, n) features, one per amplitude.
+        made: (here, rows, context) -> (M, k, n) features, one per amplitude.
         changed: The model with an effect in it.
     """
 
-    made: Callable[[Here, Solved, Scene], Array]
+    made: Callable[[Here, Solved, Context], Array]
     changed: Callable[[Effect, Model], Model]
     changes_model: ClassVar[bool] = True
 
-    def features(self, location: Location, inner: Values, view: Solved, scene: Scene) -> Array:
-        return self.made(scene.here(location, view.arm), view, scene)[:, list(location.terms)]
+    def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
+        return self.made(context.here(location, view.arm), view, context)[:, list(location.terms)]
 
     def change(self, effect: Effect, model: Model) -> Model:
         return self.changed(effect, model)

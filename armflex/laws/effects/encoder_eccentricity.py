@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
-from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import OVER_ITS_RANGE, at_drives, on_drive, own_position
 
 

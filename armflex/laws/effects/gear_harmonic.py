@@ -6,18 +6,18 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
-from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.shapes import at_drives, on_drive, own_position
 
 MOST_PERIODS = 24.0
 """Periods over a joint's driven range beyond which a campaign of some hundred poses tells nothing."""
 
 
-def _orders(location: Location, scene: Scene) -> Iterable[float]:
+def _orders(location: Location, context: Context) -> Iterable[float]:
     """Return wave numbers a third of a period over the driven range apart, from two per turn (or per range) on."""
-    span = float(np.ptp(scene.row.position(location.place))) or 1.0
+    span = float(np.ptp(context.row.position(location.place))) or 1.0
     least = 2.0 if str(location.axis).startswith("r") else np.pi / span
     return np.arange(least, max(least, 2.0 * np.pi * MOST_PERIODS / span), 2.0 * np.pi / span / 3.0)
 

@@ -8,13 +8,13 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
 from armflex.laws.effects.location import BASE, Here
-from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.shapes import singly_and_together
 
 
-def _turned(here: Here, view: Solved, scene: Scene) -> Array:
+def _turned(here: Here, view: Solved, context: Context) -> Array:
     turned = np.cross(np.eye(3)[:2], view.arm.robot.gravity)
     return np.broadcast_to(turned, (len(view.rows), *turned.shape))
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
+from armflex.laws.effects.context import AXES_TURN, column_of
 from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.scene import AXES_TURN, column_of
 from armflex.laws.effects.shapes import along, of_column, on_axis, shares_of_load
 
 

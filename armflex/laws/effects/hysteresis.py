@@ -7,9 +7,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.laws.effects.context import AXES, Context
 from armflex.laws.effects.effect import Amplitude, Inner, Memory, TwistLaw, Values, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.scene import AXES, Scene
 from armflex.laws.effects.shapes import along, at_joints, on_axis, play_in, stepper
 
 
@@ -22,8 +22,8 @@ def _state(location: Location, inner: Values) -> str:
     return f"play_{location.key}_{inner[0]:.4g}"
 
 
-def _radii(location: Location, scene: Scene) -> Iterable[float]:
-    load = scene.wrenches[location.site][:, AXES.index(str(location.axis))]
+def _radii(location: Location, context: Context) -> Iterable[float]:
+    load = context.wrenches[location.site][:, AXES.index(str(location.axis))]
     return float(np.ptp(load)) * np.array([0.05, 0.1, 0.2, 0.3])
 
 

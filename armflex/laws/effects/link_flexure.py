@@ -1,7 +1,7 @@
 """A link that gives at its end, in the frame before its end joint's motion: C w, on one axis or its three turns."""
 
+from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
-from armflex.laws.effects.scene import AXES
 from armflex.laws.effects.shapes import ON_THE_LINK, singly_and_together, unit_twists
 
 LINK_FLEXURE = TwistLaw(

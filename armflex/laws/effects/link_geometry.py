@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
-from armflex.laws.effects.scene import AXES
 from armflex.laws.effects.shapes import ON_THE_LINK, singly_and_together
 
 LINK_GEOMETRY = TwistLaw(

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Solved, Words
 from armflex.laws.effects.location import Here, Location, link_of
-from armflex.laws.effects.scene import Records, Scene
 from armflex.laws.effects.shapes import middle_of
 
 
@@ -18,7 +18,7 @@ def _places(records: Records) -> list[Location]:
     return [Location(link, terms=terms) for link in records.links for terms in ((0,), (1,), (2,), (3,), (1, 2, 3))]
 
 
-def _weight(here: Here, view: Solved, scene: Scene) -> Array:
+def _weight(here: Here, view: Solved, context: Context) -> Array:
     """Return (M, 4, 6) wrenches of gravity per mass, and per shift of the centre in the link's frame."""
     robot, name = view.arm.robot, link_of(here.location.site, view.arm.robot)
     link, rotation = robot.urdf.links[name], view.pose_of(name)[:, :3, :3]
@@ -35,7 +35,7 @@ def _change(effect: Effect, model: Model) -> Model:
     return replace(model, corrections=replace(model.corrections, bodies={**bodies, link: change}))
 
 
-def _weighs(effect: Effect, scene: Scene, arm: Manipulator) -> bool:
+def _weighs(effect: Effect, context: Context, arm: Manipulator) -> bool:
     """Return whether a link keeps a mass, and not more than all of the arm."""
     link = arm.robot.urdf.links[link_of(effect.location.site, arm.robot)]
     own = link.inertial.mass if link.inertial else 0.0

@@ -17,7 +17,7 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
     return force_at(way / np.maximum(distance, 1e-9) / np.maximum(distance**2 + inner[3] ** 2, 1e-6), lever)
 
 
-REACH = Inner("reach", "m", lambda location, scene: (0.0, 0.15 * scene.size), default=0.0)
+REACH = Inner("reach", "m", lambda location, context: (0.0, 0.15 * context.size), default=0.0)
 
 MAGNETIC_PULL = LoadLaw(
     name="magnetic_pull",

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
 from armflex.laws.effects.location import TOOL, Here, Location, all_and_each
-from armflex.laws.effects.scene import Records, Scene
 
 
 def _places(records: Records) -> list[Location]:
@@ -17,11 +17,11 @@ def _places(records: Records) -> list[Location]:
     return [Location(TOOL, axis, (), terms, name) for name in all_and_each(records.payloads) for axis, terms in choices]
 
 
-def _weight(here: Here, view: Solved, scene: Scene) -> Array:
+def _weight(here: Here, view: Solved, context: Context) -> Array:
     """Return (M, 3, 6) wrenches of gravity at the tip per shift of the centre."""
     partner = here.location.partner
-    masses = {name: view.arm.payload(name).mass * (partner in ("", name)) for name in set(scene.payloads)}
-    mass = np.array([masses[scene.payloads[row]] for row in view.rows.tolist()])
+    masses = {name: view.arm.payload(name).mass * (partner in ("", name)) for name in set(context.payloads)}
+    mass = np.array([masses[context.payloads[row]] for row in view.rows.tolist()])
     rotation = view.pose_of(view.arm.robot.tip)[:, :3, :3].transpose(0, 2, 1)
     moments = np.cross(rotation, view.arm.robot.gravity) * mass[:, None, None]
     return np.concatenate([np.zeros_like(moments), moments], axis=2)

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Solved, Words
 from armflex.laws.effects.location import TOOL, Here, Location, all_and_each
-from armflex.laws.effects.scene import Records, Scene
 
 EACH = "each"
 """Partner of a location whose mass is added to every payload that weighs."""
@@ -26,11 +26,11 @@ def _places(records: Records) -> list[Location]:
     return [Location(TOOL, partner=name) for name in ((*names, EACH) if len(names) > 1 else names)]
 
 
-def _weight(here: Here, view: Solved, scene: Scene) -> Array:
+def _weight(here: Here, view: Solved, context: Context) -> Array:
     """Return the (M, 1, 6) wrenches of gravity at the tip per mass."""
     arm, gravity = view.arm, view.arm.robot.gravity
-    names = [scene.payloads[row] for row in view.rows]
-    shares = _shares(here.location, {name: arm.payload(name).mass for name in set(scene.payloads)})
+    names = [context.payloads[row] for row in view.rows]
+    shares = _shares(here.location, {name: arm.payload(name).mass for name in set(context.payloads)})
     share = np.array([shares.get(name, 0.0) for name in names])
     centres = {name: arm.payload(name).com for name in set(names)}
     lever = np.array([centres[name] for name in names])
@@ -51,9 +51,9 @@ def masses_with(effect: Effect, payloads: Mapping[str, Any]) -> dict[str, float]
     return {name: mass + shares.get(name, 0.0) * effect.values[0] for name, mass in masses.items()}
 
 
-def _weighs(effect: Effect, scene: Scene, arm: Manipulator) -> bool:
+def _weighs(effect: Effect, context: Context, arm: Manipulator) -> bool:
     """Return whether no payload would weigh less than nothing."""
-    return min(masses_with(effect, {name: arm.payload(name) for name in set(scene.payloads)}).values()) >= 0.0
+    return min(masses_with(effect, {name: arm.payload(name) for name in set(context.payloads)}).values()) >= 0.0
 
 
 def _shares(location: Location, masses: dict[str, float]) -> dict[str, float]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from armflex.conventions import Array
 from armflex.laws import Row
+from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location, with_terms
-from armflex.laws.effects.scene import AXES
 from armflex.laws.effects.shapes import along, on_axis, own_position
 
 

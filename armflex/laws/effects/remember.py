@@ -59,7 +59,7 @@ def derived_directions(arm: Manipulator, rows: Rows, asked: np.ndarray) -> tuple
 
 
 def derived_direction(name: str, untold: int) -> Flag:
-    """Return the doubt about a direction that no column gives and some rows do not tell."""
+    """Return the flag about a direction that no column gives and some rows do not tell."""
     text = f"{name} is not given: taken from how the rows before moved the joint"
     if untold:
         rows = "row does not tell it, and is" if untold == 1 else "rows do not tell it, and are"

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.laws.effects.context import AXES, Context, Records
 from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
 from armflex.laws.effects.location import BASE, Here, Location
-from armflex.laws.effects.scene import AXES, Records, Scene
 from armflex.laws.effects.shapes import ON_THE_FLOOR
 
 
@@ -22,8 +22,8 @@ def _places(records: Records) -> list[Location]:
     return [Location(BASE, terms=terms, partner=name) for name in several for terms in ((0, 1, 2), tuple(range(6)))]
 
 
-def _moved(here: Here, view: Solved, scene: Scene) -> Array:
-    own = np.array([scene.sessions[row] == here.location.partner for row in view.rows])
+def _moved(here: Here, view: Solved, context: Context) -> Array:
+    own = np.array([context.sessions[row] == here.location.partner for row in view.rows])
     return own[:, None, None] * np.eye(6)
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
+from armflex.laws.effects.context import AXES, Context, Records, column_of
 from armflex.laws.effects.effect import Along, Inner, Memory, Shapes, Values
 from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
-from armflex.laws.effects.scene import AXES, Records, Scene, column_of
 
 LAGS = (600.0, 1800.0, 5400.0, 10800.0)
 """Time constants to begin a search with [s]: hours for links of a tonne."""
@@ -43,12 +43,12 @@ def along(here: Here, wrench: Array) -> Array:
     return wrench @ here.direction
 
 
-def shares_of_load(location: Location, scene: Scene, shares: tuple[float, ...]) -> Iterable[float]:
+def shares_of_load(location: Location, context: Context, shares: tuple[float, ...]) -> Iterable[float]:
     """Return shares of the largest load along a location's axes, none where it is rounding beside the joint's others.
 
     A law that saturates makes a column of any load, so rounding would become a candidate.
     """
-    wrench = np.abs(scene.wrenches[location.site]).max(axis=0)  # of forces and moments alike: as if at 1 m
+    wrench = np.abs(context.wrenches[location.site]).max(axis=0)  # of forces and moments alike: as if at 1 m
     load = float(wrench[[AXES.index(location.axis)] if location.axis else [2 + term for term in location.terms]].max())
     return () if load <= ROUNDING * wrench.max() else load * np.array(shares)
 
@@ -97,16 +97,18 @@ LAG = "lag"
 LAGGED = Memory(lagged_name, lagged, "K", LAG)
 
 
-def of_column(grid: Callable[[Array], Iterable[float]], place: int = 0) -> Callable[[Location, Scene], Iterable[float]]:
+def of_column(
+    grid: Callable[[Array], Iterable[float]], place: int = 0
+) -> Callable[[Location, Context], Iterable[float]]:
     """Return the values to begin a search with that one of the location's columns gives."""
-    return lambda location, scene: grid(scene.column(location.covariates[place]))
+    return lambda location, context: grid(context.column(location.covariates[place]))
 
 
-def lag_grid(location: Location, scene: Scene) -> Iterable[float]:
+def lag_grid(location: Location, context: Context) -> Iterable[float]:
     """Return no lag, and lags that the campaign is long enough to show; none of them where it has no time."""
-    if not scene.timed:
+    if not context.timed:
         return (0.0,)
-    span = float(np.ptp(scene.column("time")))
+    span = float(np.ptp(context.column("time")))
     return (0.0, *(lag for lag in LAGS if lag < span))
 
 
@@ -202,8 +204,8 @@ def coordinates(name: str, count: int) -> tuple[Inner, ...]:
     """Return the three coordinates of a point in base axes, searched from `count` values each."""
 
     def grid(axis: int) -> Inner:
-        def values(location: Location, scene: Scene) -> Iterable[float]:
-            low, high = scene.box[:, axis]
+        def values(location: Location, context: Context) -> Iterable[float]:
+            low, high = context.box[:, axis]
             return np.linspace(low - 0.2 * (high - low), high + 0.2 * (high - low), count)
 
         return Inner(f"{name}_{'xyz'[axis]}", "m", values, positive=False)

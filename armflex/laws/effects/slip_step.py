@@ -6,17 +6,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.shapes import at_joints, on_axis
 
 STEPS = 40
 """Times to begin the search with."""
 
 
-def _times(location: Location, scene: Scene) -> Iterable[float]:
-    time = np.unique(scene.column("time"))
+def _times(location: Location, context: Context) -> Iterable[float]:
+    time = np.unique(context.column("time"))
     between = 0.5 * (time[1:] + time[:-1])
     return between[np.linspace(0, len(between) - 1, STEPS).astype(int)] if len(between) else ()
 

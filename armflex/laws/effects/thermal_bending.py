@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.laws.effects.context import AXES_TURN
 from armflex.laws.effects.effect import Along, Amplitude, Inner, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.scene import AXES_TURN
 from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, warmth
 
 
@@ -28,6 +28,9 @@ THERMAL_BENDING = TwistLaw(
     ],
     amplitudes=(Amplitude("beta", "rad/K"),),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
-    inner=(Inner("along", "1", lambda location, scene: (1.0, 0.5, 0.0), polished=False, usual=1.0, default=1.0), *WARM),
+    inner=(
+        Inner("along", "1", lambda location, context: (1.0, 0.5, 0.0), polished=False, usual=1.0, default=1.0),
+        *WARM,
+    ),
     memory=LAGGED,
 )

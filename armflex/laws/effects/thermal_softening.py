@@ -6,9 +6,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
+from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.scene import Records
 from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warmth, with_temperature
 
 MOST = 0.1

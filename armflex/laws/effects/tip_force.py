@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, LoadLaw, Words
 from armflex.laws.effects.location import TOOL
-from armflex.laws.effects.scene import AXES
 from armflex.laws.effects.shapes import singly_and_together
 
 TIP_FORCE = LoadLaw(

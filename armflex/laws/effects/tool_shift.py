@@ -8,9 +8,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
+from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Values, Words
 from armflex.laws.effects.location import TOOL, Here, Location
-from armflex.laws.effects.scene import Records, Scene
 
 ALWAYS = -np.inf
 """A start before every row, which needs no time."""
@@ -21,12 +21,12 @@ def _places(records: Records) -> list[Location]:
     return [*single, *([Location(TOOL, None, ("time",), (0, 1, 2))] if records.timed else [])]
 
 
-def _starts(location: Location, scene: Scene) -> Iterable[float]:
+def _starts(location: Location, context: Context) -> Iterable[float]:
     """Return always, and the first moment of every later session where time is known."""
-    if not scene.timed:
+    if not context.timed:
         return (ALWAYS,)
-    time = scene.column("time")
-    first = {name: min(time[i] for i, s in enumerate(scene.sessions) if s == name) for name in set(scene.sessions)}
+    time = context.column("time")
+    first = {name: min(time[i] for i, s in enumerate(context.sessions) if s == name) for name in set(context.sessions)}
     return (ALWAYS, *sorted(first.values())[1:])
 
 

@@ -24,6 +24,6 @@ TRACKER_SCALE = ModelLaw(
     places=lambda records: [Location(BASE)],
     amplitudes=(Amplitude("lambda", "ppm"),),
     act=Act.SCALE,
-    made=lambda here, view, scene: np.full((len(view.rows), 1, 1), PPM),
+    made=lambda here, view, context: np.full((len(view.rows), 1, 1), PPM),
     changed=_change,
 )

@@ -19,10 +19,10 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
     return force_at(stretched * way, lever)
 
 
-HOOK = Inner("hook", "1", lambda location, scene: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0), default=1.0)
+HOOK = Inner("hook", "1", lambda location, context: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0), default=1.0)
 """Where on the link it is hooked, as a part of the way to the link's end."""
 
-REST = Inner("rest", "m", lambda location, scene: (0.0, 0.25 * scene.size), positive=False, default=0.0)
+REST = Inner("rest", "m", lambda location, context: (0.0, 0.25 * context.size), positive=False, default=0.0)
 
 UMBILICAL = LoadLaw(
     name="umbilical",

@@ -12,9 +12,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
+from armflex.laws.effects.context import AXES, Context, Records, column_of
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
-from armflex.laws.effects.scene import AXES, Records, Scene, column_of
 from armflex.laws.effects.shapes import along, of_column, on_axis
 
 KNOTS = 8
@@ -24,7 +24,7 @@ LEAST_PERIODS, PERIODS = 0.5, 6.0
 """Fewest and most periods of a wave over a column's recorded range; less of one is a trend."""
 
 
-def suspects(records: Records) -> tuple[str, ...]:
+def candidate_columns(records: Records) -> tuple[str, ...]:
     """Return every column that may be a cause: what was recorded, and every joint's position."""
     return (*records.recorded, *(f"q_{joint}" for joint in records.joints))
 
@@ -62,9 +62,9 @@ def _wave_product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequenc
     return [wave * factor for factor in (1.0, second - inner[1]) for wave in (sine, cosine)]
 
 
-def _goes_round(effect: Effect, scene: Scene, arm: Manipulator) -> bool:
+def _goes_round(effect: Effect, context: Context, arm: Manipulator) -> bool:
     """Return whether a wave goes through `LEAST_PERIODS` over what was recorded of its column."""
-    return effect.inner[0] * np.ptp(scene.column(effect.location.covariates[0])) >= 2.0 * np.pi * LEAST_PERIODS
+    return effect.inner[0] * np.ptp(context.column(effect.location.covariates[0])) >= 2.0 * np.pi * LEAST_PERIODS
 
 
 LOW = Inner("low", "as recorded", of_column(lambda x: (float(x.min()),)), positive=False, polished=False)
@@ -83,8 +83,10 @@ def shaped_places(records: Records) -> list[tuple[str, str]]:
 
 
 def everywhere(records: Records) -> list[Location]:
-    """Return every joint, the base and the tool with each axis and each suspect column."""
-    return [Location(site, axis, (name,)) for site, axis in shaped_places(records) for name in suspects(records)]
+    """Return every joint, the base and the tool with each axis and each candidate column."""
+    return [
+        Location(site, axis, (name,)) for site, axis in shaped_places(records) for name in candidate_columns(records)
+    ]
 
 
 def _with_all(count: int) -> Callable[[Records], list[Location]]:

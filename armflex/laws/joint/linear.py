@@ -170,7 +170,7 @@ def _unit(i: int, j: int) -> str:
 
 
 def check_compliance(compliance: Array) -> tuple[Flag, ...]:
-    """Return the doubts about a (6, 6) compliance.
+    """Return the flags about a (6, 6) compliance.
 
     Raises:
         LawError: Not symmetric to 1e-9 (Betti), or not positive semi-definite, so that loading it gains energy.

@@ -216,9 +216,9 @@ class NetworkLaw(Law):
     def trained_on(self) -> Array:
         return self.seen
 
-    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+    def flags(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return a flag for every component beyond those trained on, or one for a combination of them that is."""
-        load, flags = wrench[: self.size], super().doubts(wrench, row)
+        load, flags = wrench[: self.size], super().flags(wrench, row)
         times = float(self.distance(load)) / self.furthest
         if times <= 1.0 + 1e-9 or any(flag.code == "extrapolating" for flag in flags):
             return flags

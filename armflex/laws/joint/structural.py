@@ -185,7 +185,7 @@ class StructuralLaw(Composed):
     @staticmethod
     def _each(ask: Callable[[Array, Row], Array], wrenches: Array, row: Row) -> Array:
         """Return what is asked at every load: each has an inner equilibrium of its own."""
-        rows = row.spread(len(wrenches))
+        rows = row.repeated(len(wrenches))
         return np.stack([ask(wrench, rows.some(i)) for i, wrench in enumerate(wrenches)])
 
     def own_scatter(self, wrench: Array, row: Row) -> Array | None:
@@ -195,7 +195,7 @@ class StructuralLaw(Composed):
         if self.constant is not None:
             return [(gain, wrench @ load.T) for gain, load in zip(*self._straight, strict=True)]
         if wrench.ndim > 1:
-            rows, flat = row.spread(len(wrench)), wrench.reshape(-1, 6)
+            rows, flat = row.repeated(len(wrench)), wrench.reshape(-1, 6)
             each = [self.shares(load, rows.some(i)) for i, load in enumerate(flat)]
             return [
                 (np.array([gain for gain, _ in own]), np.array([load for _, load in own]))
@@ -218,13 +218,13 @@ class StructuralLaw(Composed):
         """Return the structure a step away to first order: what sub-joints do against each other cancels in that."""
         return SteppedLaw(self, step)
 
-    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
-        """Return the doubts about the loads on the sub-joints, and about a moment where nodes only translate."""
+    def flags(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+        """Return the flags about the loads on the sub-joints, and about a moment where nodes only translate."""
         if not self.trained:
             return ()
         asked = zip(self.subjoints, self._solve(wrench, row)[2], strict=True)
-        doubts = [(sub.node, flag) for sub, load in asked for flag in sub.law.doubts(load, row)]
-        inside = tuple(Flag(flag.code, f"sub-joint at {node!r}: {flag.text}") for node, flag in doubts)
+        flags = [(sub.node, flag) for sub, load in asked for flag in sub.law.flags(load, row)]
+        inside = tuple(Flag(flag.code, f"sub-joint at {node!r}: {flag.text}") for node, flag in flags)
         return (*inside, *unturned(self.components, wrench))
 
     def _dofs(self, node: str) -> np.ndarray:

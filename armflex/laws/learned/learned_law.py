@@ -46,7 +46,7 @@ class LearnedLaw(Law):
         values: (k,) values of both in their units, those of `free` first.
         scales: Prior standard deviation of every group of parameters.
         spread: (k, k) covariance of the values in their units, None where nobody says.
-        reach: (6,) how large a correction may be at the loads seen, its doubt included [m, rad]; None for none.
+        reach: (6,) how large a correction may be at the loads seen, its uncertainty included [m, rad]; None for none.
     """
 
     declared: Law
@@ -55,7 +55,7 @@ class LearnedLaw(Law):
     seen: Seen
     values: Array
     scales: tuple[float, ...]
-    spread: Array | None = None
+    posterior: Array | None = None
     reach: Array | None = None
 
     @cached_property
@@ -110,13 +110,13 @@ class LearnedLaw(Law):
         return self.plain.constant if self.form is None else None
 
     def at(self, values: Array) -> LearnedLaw:
-        return replace(self, values=values, spread=None)
+        return replace(self, values=values, posterior=None)
 
     def without_correction(self) -> LearnedLaw:
         """Return the plain part alone."""
         count = sum(own[-1] < self._count for own in self.groups)
         values, scales = self.values[: self._count], self.scales[:count]
-        return replace(self, form=None, values=values, scales=scales, spread=None, reach=None)
+        return replace(self, form=None, values=values, scales=scales, posterior=None, reach=None)
 
     def twist(self, wrench: Array, row: Row) -> Array:
         twist = self.plain.twist(wrench, row)
@@ -131,15 +131,15 @@ class LearnedLaw(Law):
         found = [law.by_values(wrench, row) for law in laws if law is not None]
         return np.concatenate([np.zeros((*wrench.shape, 0)), *found], axis=-1)
 
-    def std(self, spread: Array, wrench: Array, row: Row) -> Array:
+    def std(self, posterior: Array, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) standard deviation of the twist [m, rad] for a (k, k) covariance of the values."""
         by = self.by_values(wrench, row)
-        return np.sqrt(np.maximum(np.einsum("...ak,kl,...al->...a", by, spread, by, optimize=True), 0.0))
+        return np.sqrt(np.maximum(np.einsum("...ak,kl,...al->...a", by, posterior, by, optimize=True), 0.0))
 
     @property
     def values_covariance(self) -> Array | None:
         """As the campaign left it."""
-        return self.spread
+        return self.posterior
 
     def scatter(self, wrench: Array, row: Row) -> Array | None:
         """Return the declared law's scatter, and beyond the loads what may be left of a correction.
@@ -154,20 +154,20 @@ class LearnedLaw(Law):
         return found
 
     def certain(self) -> LearnedLaw:
-        return replace(self, spread=None)
+        return replace(self, posterior=None)
 
-    def settled(self, spread: Array, wrenches: Array, row: Row) -> LearnedLaw:
+    def with_posterior(self, posterior: Array, wrenches: Array, row: Row) -> LearnedLaw:
         """Return the law with the (k, k) covariance of its values, fitted where its loads were (M, 6) wrenches."""
-        settled = replace(self, spread=spread)
+        known = replace(self, posterior=posterior)
         seen = replace(self.seen, loads=np.array([wrenches.min(axis=0), wrenches.max(axis=0)]))
         if self.correction is None:
-            return replace(settled, seen=seen)
-        form, own = self.correction.law, spread[self._count :, self._count :]
+            return replace(known, seen=seen)
+        form, own = self.correction.law, posterior[self._count :, self._count :]
         sizes, by = form.twist(wrenches, row), form.by_values(wrenches, row)
-        doubt = np.einsum("nak,kl,nal->na", by, own, by, optimize=True)
+        variance = np.einsum("nak,kl,nal->na", by, own, by, optimize=True)
         faded, energy = fading(self.plain, self.correction, wrenches, row)
-        reach = np.sqrt((sizes**2 + doubt).max(axis=0))
-        return replace(settled, seen=replace(seen, faded=faded, energy=energy), reach=reach)
+        reach = np.sqrt((sizes**2 + variance).max(axis=0))
+        return replace(known, seen=replace(seen, faded=faded, energy=energy), reach=reach)
 
     def moved(self, step: Array) -> LearnedLaw:
         """Return the law whose twist is that of a (k,) step of its values away, to first order; it has no parameters.
@@ -178,13 +178,13 @@ class LearnedLaw(Law):
         count = self._count
         plain = self.plain if self.free is None else self.plain.moved(step[:count])
         form = None if self.correction is None else SteppedLaw(self.correction.law, step[count:])
-        return replace(self, declared=plain, free=None, form=form, values=np.zeros(0), scales=(), spread=None)
+        return replace(self, declared=plain, free=None, form=form, values=np.zeros(0), scales=(), posterior=None)
 
     @property
     def trained_on(self) -> Array:
         return self.seen.loads
 
-    def doubts(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
+    def flags(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return a flag for every component of the load beyond those seen, by more than anybody knows them."""
         low, high = self.seen.loads
         return beyond(np.array([low, high]) + SLACK * (high - low) * np.array([[-1.0], [1.0]]), wrench)

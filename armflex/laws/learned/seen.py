@@ -111,7 +111,7 @@ class Seen:
         return self.mean + (1.0 + OVER) * off / np.where(length > 0.0, length, 1.0)
 
     def unknown(self, wrench: Array) -> Array:
-        """Return the (...) doubt about a correction in parts of how large it may be: none at loads that were seen.
+        """Return the (...) flag about a correction in parts of how large it may be: none at loads that were seen.
 
         It grows with the load, as a correction would that went on.
         """

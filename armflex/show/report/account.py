@@ -26,7 +26,7 @@ Table = tuple[tuple[str, ...], ...]
 def account(trace: Trace) -> SimpleNamespace:
     """Return what the template shows of a trace: plain texts, which it escapes, tables of them, and figures as SVG."""
     accurate = accuracy(trace)
-    left = localise(trace.state.fit, trace.state.scene, project(trace.state.fit), trace.state.groups)
+    left = localise(trace.state.fit, trace.state.context, project(trace.state.fit), trace.state.groups)
     return SimpleNamespace(
         title=f"{trace.arm.robot.urdf.name}: what the arm lacks",
         headline=summary.headline(trace),
@@ -44,7 +44,7 @@ def account(trace: Trace) -> SimpleNamespace:
         hidden=_hidden(trace),
         detectable=figures.detectable(trace.smallest, accurate.stated) if trace.smallest else "",
         outliers=_outliers(trace),
-        doubts=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
+        flags=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
         next_measurement=trace.next_measurement,
         unfinished=trace.unfinished,
         version=__version__,

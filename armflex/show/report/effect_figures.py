@@ -1,4 +1,4 @@
-"""Figures of one effect: the residual against its suspect, its rivals, and the posterior of its parameters."""
+"""Figures of one effect: the residual against its suspect, its hypotheses, and the posterior of its parameters."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def heat(trace: Trace, left: Sequence[RandomTwist]) -> str:
     """Return where a random twist would explain the residual, by site and axis: before and after, or once."""
     from matplotlib.patches import Rectangle
 
-    sites = trace.state.scene.sites
+    sites = trace.state.context.sites
     most = max([NOTICED, *(place.ratio for place in trace.places)])
     pairs = [("Before", trace.places), ("After", left)] if trace.found else [("", trace.places)]
     figure, axes = canvas(10.0 if trace.found else 6.0, 2.9, 1, len(pairs))

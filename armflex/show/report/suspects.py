@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect
-from armflex.laws.effects.scene import Scene
 from armflex.laws.effects.shapes import ABOVE, LAG
 from armflex.show.report.numbers import scaled
 from armflex.trace.findings import Trace
@@ -91,8 +91,8 @@ def suspicion(trace: Trace, index: int) -> Suspicion:
 
 def motion_of(trace: Trace, effect: Effect) -> Array:
     """Return the (M, 3) change of the readings by an effect [m]."""
-    view, scene = trace.state.fit.view, trace.state.scene
-    return view.effect_columns(effect, scene)[:, view.positions] @ effect.acting
+    view, context = trace.state.fit.view, trace.state.context
+    return view.effect_jacobian(effect, context)[:, view.positions] @ effect.acting
 
 
 def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array, str]:
@@ -130,7 +130,7 @@ def _twist(trace: Trace, effect: Effect) -> tuple[Array, Array | None]:
     law, state = effect.law, trace.state
     if law.act is not Act.TWIST:
         return np.zeros((0, 6)), None
-    features = law.features(effect.location, effect.inner, state.fit.view, state.scene)
+    features = law.features(effect.location, effect.inner, state.fit.view, state.context)
     twist = np.einsum("mka,k->ma", features, effect.acting)
     _, sizes, directions = np.linalg.svd(twist, full_matrices=False)
     if sizes[0] == 0.0 or sizes[1] > STRAIGHT * sizes[0]:
@@ -147,7 +147,7 @@ def _gain(trace: Trace, effect: Effect) -> tuple[Array, str]:
     )
     if not is_product:
         return np.ones(len(rows)), ""
-    load = trace.state.scene.wrench(trace.state.fit.view, location.site)[rows, TWIST_NAMES.index(location.axis)]
+    load = trace.state.context.wrench(trace.state.fit.view, location.site)[rows, TWIST_NAMES.index(location.axis)]
     usual = float(np.median(np.abs(load))) or 1.0
     tiny = 1e-3 * usual
     gain = np.where(np.abs(load) < tiny, tiny, load) / usual
@@ -159,22 +159,22 @@ def _gain(trace: Trace, effect: Effect) -> tuple[Array, str]:
 def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, str]:
     """Return (M,) what an effect depends on, and its label with unit."""
     state, location, law = trace.state, effect.location, effect.law
-    rows, scene = state.rows, state.scene
+    rows, context = state.rows, state.context
     if law.memory:
-        here, wrench = scene.here(location, state.fit.setup.arm), scene.wrench(state.fit.view, location.site)
-        values = law.memory.remember(here, wrench, scene.row, effect.inner)[rows]
+        here, wrench = context.here(location, state.fit.setup.arm), context.wrench(state.fit.view, location.site)
+        values = law.memory.remember(here, wrench, context.row, effect.inner)[rows]
         if not location.covariates:
             return _loads(values, "m" if location.turns else "f", f"load {location.axis} that play passes on")
         name, lag = location.covariates[0], effect.named.get(LAG, 0.0)
         return values, f"{name}, {lag / 3600.0:.2g} h behind" if lag else name
     if location.covariates and not (law.loaded and location.covariates[0].startswith("approach_")):
-        return _column(scene, location.covariates[0], rows)
+        return _column(context, location.covariates[0], rows)
     if law.loaded and axis is not None:
         main = int(np.abs(axis).argmax())
-        load = scene.wrench(state.fit.view, location.site)[rows, main]
+        load = context.wrench(state.fit.view, location.site)[rows, main]
         return _loads(load, WRENCH_NAMES[main], f"load {WRENCH_NAMES[main]} at {location.place}")
-    own = location.place in scene.joints and np.ptp(scene.column(f"q_{location.place}")[rows]) > 0.0
-    return _column(scene, f"q_{location.place}" if own and not law.constant else "time", rows)
+    own = location.place in context.joints and np.ptp(context.column(f"q_{location.place}")[rows]) > 0.0
+    return _column(context, f"q_{location.place}" if own and not law.constant else "time", rows)
 
 
 def _loads(values: Array, kind: str, label: str) -> tuple[Array, str]:
@@ -182,11 +182,11 @@ def _loads(values: Array, kind: str, label: str) -> tuple[Array, str]:
     return (values / 1e3, f"{label} [k{unit}]") if np.abs(values).max() >= 2e3 else (values, f"{label} [{unit}]")
 
 
-def _column(scene: Scene, name: str, rows: np.ndarray) -> tuple[Array, str]:
-    if name == "time" and not scene.timed:
+def _column(context: Context, name: str, rows: np.ndarray) -> tuple[Array, str]:
+    if name == "time" and not context.timed:
         return rows.astype(float), "row"
-    values = scene.column(name)[rows]
+    values = context.column(name)[rows]
     if name in ("time", "hold"):
         return (values / 3600.0, f"{name} [h]") if values.max() > 7200.0 else (values, f"{name} [s]")
-    kinds = {f"q_{joint.name}": "m" if joint.kind == "prismatic" else "rad" for joint in scene.robot.moving}
+    kinds = {f"q_{joint.name}": "m" if joint.kind == "prismatic" else "rad" for joint in context.robot.moving}
     return values, f"{name} [{kinds[name]}]" if name in kinds else name

@@ -48,7 +48,7 @@ def units_of(effect: Effect) -> dict[str, str]:
 
 
 def labelled(effect: Effect, number: int = 1) -> str:
-    """Return an effect in as few words as tell it from its rivals: law, place, number, terms, columns."""
+    """Return an effect in as few words as tell it from its hypotheses: law, place, number, terms, columns."""
     law, location = effect.law, effect.location
     terms = [law.amplitudes[i].name for i in location.terms]
     which = f" [{' '.join(terms)}]" if 0 < len(terms) < len(law.amplitudes) else ""

@@ -311,8 +311,8 @@ def _subtitle(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> str
         return "No flexure is declared: this arm is rigid."
     moved, turned = (float(np.linalg.norm(part)) * 1e3 for part in (shown.displacement[:3], shown.displacement[3:]))
     when = f" at {motion.times[motion.worst]:g} s" if len(motion.frames) > 1 else ""
-    doubt = shown.sigma()
-    sigma = "" if doubt is None else f" ± {number(doubt * 1e3, 2)}"
+    uncertainty = shown.sigma()
+    sigma = "" if uncertainty is None else f" ± {number(uncertainty * 1e3, 2)}"
     return f"Tip moves {number(moved)}{sigma} mm and turns {number(turned, 3)} mrad{when}. Shown × {factor:g}."
 
 

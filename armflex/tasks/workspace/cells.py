@@ -128,7 +128,7 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a chunk of configurations gave, and the doubts met."""
+    """What a chunk of configurations gave, and the flags met."""
 
     tally: Tally
     flags: tuple[Flag, ...]
@@ -141,7 +141,7 @@ def _kept(question: Question) -> tuple[Arm, ...]:
 
 
 def answers(question: Question, q: Array) -> Answer:
-    """Return the answers at (N, nq) configurations under every payload; doubts are about the arm itself.
+    """Return the answers at (N, nq) configurations under every payload; flags are about the arm itself.
 
     A configuration is counted with the first payload. A drawn arm's worst counts where the arm itself has its tip: an
     offset that was drawn moves no answer elsewhere.
@@ -176,7 +176,7 @@ def answers(question: Question, q: Array) -> Answer:
 
 Outcome = tuple[np.ndarray, Array, Array, str, tuple[Flag, ...]]
 """Numbers of rows answered together, or of one that was refused, (n, 3) rigid tips [m], (n,) displacements [m], -inf
-where refused, why it was, '' where it was not, and the doubts met."""
+where refused, why it was, '' where it was not, and the flags met."""
 
 
 def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array, rows: np.ndarray) -> Iterator[Outcome]:
@@ -197,7 +197,7 @@ def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array, rows
 
 
 def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tuple[Flag, ...]]:
-    """Return the (n,) standard uncertainties of displacements that were found, and doubts about them.
+    """Return the (n,) standard uncertainties of displacements that were found, and flags about them.
 
     Args:
         question: What was asked.
@@ -208,8 +208,8 @@ def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tu
     for number, name in enumerate(question.payloads):
         rows = np.flatnonzero(payload == number)
         if len(rows):
-            found[rows], doubts = _sigmas(question, q[rows], name)
-            flags |= {flag.code: flag for flag in doubts}
+            found[rows], own = _sigmas(question, q[rows], name)
+            flags |= {flag.code: flag for flag in own}
     return found, tuple(flags.values())
 
 

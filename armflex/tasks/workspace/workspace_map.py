@@ -17,7 +17,7 @@ from armflex.configurations import MOST_ROWS, Configurations, default_voxel, dra
 from armflex.conventions import Array, number
 from armflex.errors import NO_ANSWER, Flag, InputError, UnknownNameError
 from armflex.estimate.draw import draw_arms
-from armflex.estimate.spread import without_declared_doubt
+from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.laws.effects.remember import settled
 from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import in_order
@@ -75,7 +75,7 @@ class WorkspaceMap:
         joints, base, tip: Order of q, and the frames.
         rows, seed: How many configurations were drawn, and how.
         draws: How many arms were drawn.
-        flags: Doubts about the arm as it is; each came up somewhere.
+        flags: Flags about the arm as it is; each came up somewhere.
     """
 
     voxel: float
@@ -134,11 +134,11 @@ class WorkspaceMap:
         What would be ok is uncertain where a drawn arm is beyond the tolerance, or has no answer.
         """
         margin = self.margin(tolerance)
-        doubt = np.zeros(len(self)) if self.sigma is None else COVERAGE * np.nan_to_num(self.sigma, nan=np.inf)
-        doubtful = np.isfinite(margin) & (np.abs(margin) < doubt)
+        half_width = np.zeros(len(self)) if self.sigma is None else COVERAGE * np.nan_to_num(self.sigma, nan=np.inf)
+        uncertain = np.isfinite(margin) & (np.abs(margin) < half_width)
         if self.worst_of_draws is not None:
-            doubtful |= (margin >= 0.0) & (self.worst_of_draws > tolerance)
-        return np.where(doubtful, "uncertain", np.where(margin >= 0.0, "ok", "fail"))
+            uncertain |= (margin >= 0.0) & (self.worst_of_draws > tolerance)
+        return np.where(uncertain, "uncertain", np.where(margin >= 0.0, "ok", "fail"))
 
 
 def map_workspace(
@@ -195,7 +195,7 @@ def map_workspace(
     edge = _edge(voxel, furthest(arm, lower, upper), rows)
     known = settled(arm, covariates or {})
     options = {"covariates": known, "method": method, "strict": strict}
-    arms = (without_declared_doubt(arm), *(draw_arms(arm, draws, seed) if draws else ()))
+    arms = (without_declared_uncertainty(arm), *(draw_arms(arm, draws, seed) if draws else ()))
     question = Question(arms, names, edge, options)
     drawn = Configurations(lower, upper, rows, seed, chunk)
 
@@ -209,7 +209,7 @@ def map_workspace(
         found = kept.resumed([f"chunk-{i:07d}-{size}" for i, size in enumerate(drawn.sizes)], tasks, jobs)
     with closing(found) as chunks:
         tally, met = _gathered(drawn, chunks, progress)
-    sigma, doubts = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
+    sigma, own = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
     some = tally.answered > 0
     blank = np.where(some, 0.0, np.nan)
     return WorkspaceMap(
@@ -232,7 +232,7 @@ def map_workspace(
         rows=rows,
         seed=seed,
         draws=draws,
-        flags=(*flags, *met, *doubts),
+        flags=(*flags, *met, *own),
     )
 
 
@@ -291,7 +291,7 @@ def _manifest(question: Question, drawn: Configurations) -> dict[str, object]:
 def _gathered(
     drawn: Configurations, chunks: Iterable[Answer], progress: Progress | None
 ) -> tuple[Tally, tuple[Flag, ...]]:
-    """Return all chunks as one tally, joined in their order, and the doubts met, each once."""
+    """Return all chunks as one tally, joined in their order, and the flags met, each once."""
     flags: dict[str, Flag] = {}
     waiting: list[Tally] = []
     done = 0
@@ -310,7 +310,7 @@ def _gathered(
 def _uncertainties(
     question: Question, drawn: Configurations, tally: Tally, jobs: int | None, progress: Progress | None
 ) -> tuple[Array | None, tuple[Flag, ...]]:
-    """Return (V,) standard uncertainties of the largest displacements, None where nobody states any, and doubts.
+    """Return (V,) standard uncertainties of the largest displacements, None where nobody states any, and flags.
 
     Only these are asked for: an uncertainty takes as long as tens of displacements.
     """
@@ -318,9 +318,9 @@ def _uncertainties(
     pieces = [some[first : first + WORST_AT_ONCE] for first in range(0, len(some), WORST_AT_ONCE)]
     tasks = (partial(sigmas, question, tally.q[rows], tally.payload[rows]) for rows in pieces)
     sigma, flags, done = np.full(len(tally), np.nan), {}, 0
-    for rows, (found, doubts) in zip(pieces, in_order(tasks, jobs), strict=True):
+    for rows, (found, own) in zip(pieces, in_order(tasks, jobs), strict=True):
         sigma[rows] = found
-        flags |= {flag.code: flag for flag in doubts}
+        flags |= {flag.code: flag for flag in own}
         done += len(rows)
         if progress:
             progress(drawn.rows + done, drawn.rows + len(some))

@@ -90,7 +90,7 @@ def in_other_units(q: Array, arm: Arm) -> np.ndarray:
 
 
 def table_flags(table: Table, found: Measurements) -> tuple[Flag, ...]:
-    """Return the doubts about rows that were read: covariates that cannot be suspects, their order, repetitions."""
+    """Return the flags about rows that were read: covariates that cannot be candidates, their order, repetitions."""
     flags = []
     for name, cells in found.covariates.items():
         if not isinstance(cells, tuple) or levels(cells):

@@ -20,11 +20,11 @@ from armflex.estimate.fit import ROUGH, Fit, fit
 from armflex.files.effect_file import TEMPERATURE as USUAL_TEMPERATURE
 from armflex.files.effect_file import locations_on, names_of
 from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.context import TEMPERATURE, Context
 from armflex.laws.effects.effect import Effect, Inner
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.scene import TEMPERATURE, Scene
 from armflex.parameters import numbered, numbers_of
-from armflex.plan.design_model import NOWHERE, Before, Suspect, answers, free_inner
+from armflex.plan.design_model import NOWHERE, Before, CandidateBlock, answers, free_inner
 from armflex.plan.offer import Offer
 
 SHOWS = 5.0
@@ -88,26 +88,26 @@ def _meant(text: str, names: Collection[str]) -> str | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Rival:
+class Hypothesis:
     """An effect in question.
 
     Attributes:
-        suspect: Its columns.
+        candidate: Its columns.
         size: (k,) values of its free parameters for which rows are planned, inner ones 0.
         source: Where the size is from.
     """
 
-    suspect: Suspect
+    candidate: CandidateBlock
     size: Array
     source: str
 
     @property
     def name(self) -> str:
         """How it is written."""
-        return spelled(self.suspect.effect, self.suspect.number)
+        return spelled(self.candidate.effect, self.candidate.number)
 
 
-def suspect_of(effect: Effect, arm: Arm, offer: Offer) -> Suspect:
+def candidate_of(effect: Effect, arm: Arm, offer: Offer) -> CandidateBlock:
     """Return an effect in question, with inner parameters amid those that a search would begin with.
 
     Raises:
@@ -117,55 +117,55 @@ def suspect_of(effect: Effect, arm: Arm, offer: Offer) -> Suspect:
     number = 1 if ordinal == NOWHERE else numbers_of(arm.effects)[ordinal]
     known = any(effect.amplitudes)
     if not known:
-        inner = tuple(_usual(one, effect, offer.scene) for one in effect.law.inner)
+        inner = tuple(_usual(one, effect, offer.context) for one in effect.law.inner)
         effect = replace(effect, values=(*effect.amplitudes, *inner))
     if effect.remembers:
         text = f"{effect.title} depends on the rows before: no choice of single rows tells it from another effect"
         raise UnsupportedError(text)
     free = free_inner(effect) if known else ()
-    prior = amplitude_prior(effect, free, offer.view, offer.scene)
-    return Suspect(effect, free, offer.scene, ordinal, prior, number=number)
+    prior = amplitude_prior(effect, free, offer.view, offer.context)
+    return CandidateBlock(effect, free, offer.context, ordinal, prior, number=number)
 
 
-def _usual(inner: Inner, effect: Effect, scene: Scene) -> float:
+def _usual(inner: Inner, effect: Effect, context: Context) -> float:
     """Return what an inner parameter is taken to be while nobody has searched for it: nothing lags."""
     if effect.law.memory is not None and inner.name == effect.law.memory.lag:
         return 0.0
     if inner.usual is not None:
         return inner.usual
-    values = sorted(float(value) for value in inner.grid(effect.location, scene))
+    values = sorted(float(value) for value in inner.grid(effect.location, context))
     return values[len(values) // 2] if values else inner.default or 0.0
 
 
-def refitted(suspect: Suspect, before: Before) -> Fit | None:
-    """Return the campaign's fit with a suspect added, None where there is no campaign or the arm has it already."""
+def refitted(candidate: CandidateBlock, before: Before) -> Fit | None:
+    """Return the campaign's fit with a candidate added, None where there is no campaign or the arm has it already."""
     told, arm = before.told, before.setup.arm
-    if told is None or suspect.ordinal != NOWHERE:
+    if told is None or candidate.ordinal != NOWHERE:
         return None
-    prior, known = amplitude_prior(suspect.effect, (), told.view, told.scene), told.fit
-    block = EffectBlock(suspect.effect, (), told.scene, len(arm.effects), prior)
+    prior, known = amplitude_prior(candidate.effect, (), told.view, told.context), told.fit
+    block = EffectBlock(candidate.effect, (), told.context, len(arm.effects), prior)
     start = np.concatenate([known.values, np.zeros(len(prior))])
     return fit(known.declared, (*known.blocks, block), told.campaign, known.view.rows, start, effort=ROUGH)
 
 
-def rival_of(suspect: Suspect, fitted: Fit | None, offer: Offer) -> Rival:
-    """Return the rival with its size: that of the arm, that of a refit if it is clear, or one that shows.
+def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -> Hypothesis:
+    """Return the hypothesis with its size: that of the arm, that of a refit if it is clear, or one that shows.
 
     What shows moves the readings by `SHOWS`, every term as much as the others.
     """
-    effect, terms = suspect.effect, len(suspect.effect.location.terms)
-    inner = np.zeros(len(suspect.labels) - terms)
+    effect, terms = candidate.effect, len(candidate.effect.location.terms)
+    inner = np.zeros(len(candidate.labels) - terms)
     if any(effect.amplitudes):
-        return Rival(suspect, np.append(effect.acting, inner), "of the arm")
+        return Hypothesis(candidate, np.append(effect.acting, inner), "of the arm")
     if fitted is not None:
         found, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
         if np.linalg.norm(found / std) > CLEAR * np.sqrt(terms):
-            return Rival(suspect, np.append(found, inner), "estimated from what was measured")
-    columns = answers([suspect], offer.view, offer.scene)[:, :, :terms]
-    moved = np.sqrt((columns**2).mean(axis=(0, 1)))
+            return Hypothesis(candidate, np.append(found, inner), "estimated from what was measured")
+    jacobian = answers([candidate], offer.view, offer.context)[:, :, :terms]
+    moved = np.sqrt((jacobian**2).mean(axis=(0, 1)))
     moving = moved > 0.0
     if not moving.any():
         raise InputError(f"{effect.title} moves the tip in none of the rows that can be measured")
     shown = np.where(moving, SHOWS / np.where(moving, moved, 1.0), 0.0) / np.sqrt(moving.sum())
     source = f"taken so large that it moves readings by {SHOWS:g} standard deviations"
-    return Rival(suspect, np.append(shown, inner), source)
+    return Hypothesis(candidate, np.append(shown, inner), source)

@@ -1,4 +1,4 @@
-"""A campaign as the catalogue sees it: everything known in every driven row, and which columns are suspects."""
+"""A campaign as the catalogue sees it: everything known in every driven row, and which columns are candidates."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class Records:
 
     Attributes:
         robot: The robot.
-        recorded: Numeric columns that vary, which are suspects.
+        recorded: Numeric columns that vary, which are candidates.
         timed: Whether it is known when the rows were taken.
-        levels: Suspects that are entries of a text column: 1 where the column has it, else 0.
+        levels: Candidates that are entries of a text column: 1 where the column has it, else 0.
         payloads: Those that weigh.
         sessions: In their order.
     """
@@ -52,7 +52,7 @@ class Records:
 
     @property
     def temperatures(self) -> tuple[str, ...]:
-        """Suspects that go by the name of a temperature."""
+        """Candidates that go by the name of a temperature."""
         return tuple(name for name in self.recorded if TEMPERATURE.search(name))
 
     @property
@@ -67,13 +67,13 @@ class Records:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Context:
     """What is known in the N rows of a campaign, measured or not.
 
     Attributes:
         robot: The robot.
         row: Joint positions and every numeric column of all rows, in the order driven.
-        recorded: Names of the numeric columns that vary, which are suspects.
+        recorded: Names of the numeric columns that vary, which are candidates.
         payloads: Name of each row's payload.
         sessions: Name of each row's session.
         wrenches: (N, 6) load on the structure at every site, local axes.
@@ -159,7 +159,7 @@ class Scene:
         return {}
 
     def wrench(self, view: Solved, site: str) -> Array:
-        """Return the (N, 6) wrench at a site: the view's own where it has a row, else that of the scene."""
+        """Return the (N, 6) wrench at a site: the view's own where it has a row, else that of the context."""
         wrench = self.wrenches[site].copy()
         wrench[view.rows] = view.load_at(site)
         return wrench
@@ -174,24 +174,24 @@ def column_of(row: Row, name: str) -> Array:
 
 def survey(
     rows: Rows, arm: Manipulator, known: Mapping[str, Array], wrenches: Mapping[str, Array], points: Array
-) -> Scene:
-    """Return the scene of a campaign.
+) -> Context:
+    """Return the context of a campaign.
 
     Args:
         rows: All rows in the order driven.
-        arm: The arm; its payloads' masses are suspects, too.
+        arm: The arm; its payloads' masses are candidates, too.
         known: Everything known of the rows, (N,) each; see `known_rows`.
         wrenches: (N, 6) loads at every site.
         points: (..., 3) where links were, in the base [m].
     """
     hidden = {POSE, *(f"approach_{joint}" for joint in rows.joint_names)}
-    suspects = [name for name in known_columns(rows, arm) if name not in hidden and LEVEL_OF not in name]
-    recorded = tuple(name for name in suspects if np.ptp(known[name]) > 0.0)
+    candidates = [name for name in known_columns(rows, arm) if name not in hidden and LEVEL_OF not in name]
+    recorded = tuple(name for name in candidates if np.ptp(known[name]) > 0.0)
     places = points.reshape(-1, 3)
     box = np.array([places.min(axis=0), places.max(axis=0)])
     index = {name: i for i, name in enumerate(rows.joint_names)}
     row = Row(rows.q, index, dict(known))
-    return Scene(arm.robot, row, recorded, rows.payload, rows.session, wrenches, box)
+    return Context(arm.robot, row, recorded, rows.payload, rows.session, wrenches, box)
 
 
 def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:

@@ -15,7 +15,7 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.view import View, look, untold_shifts
-from armflex.laws.effects.scene import Scene, survey
+from armflex.laws.effects.context import Context, survey
 from armflex.mechanics.history import known_rows
 from armflex.parameters import FRAMES, Kind, fitted_group
 from armflex.readings import Orientation, Position, unread
@@ -50,7 +50,7 @@ def certainty_of(fit: Fit) -> Certainty:
 
 
 def fitted_variance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...]]:
-    """Return the (N, 3) variance of predicted readings that is due to fitted parameters, and doubts about it.
+    """Return the (N, 3) variance of predicted readings that is due to fitted parameters, and flags about it.
 
     Rows of a session that was not calibrated have the variance of a session's frame added. None where nothing was
     fitted, or where the arm no longer has what was.
@@ -64,18 +64,18 @@ def fitted_variance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...
         return None, (missing,) if arm.instrument is not None else ()
     setup = Setup(arm, arm.instrument or Instrument())
     view = look(setup, rows, np.arange(len(rows)), readings=unread(len(rows), Position))
-    columns = _columns(arm.certainty, view, rows)
-    if columns is None:
+    jacobian = _jacobian(arm.certainty, view, rows)
+    if jacobian is None:
         return None, (OTHER_PARAMETERS,)
-    variance = np.einsum("ndp,pq,ndq->nd", columns, arm.certainty.covariance, columns, optimize=True)
-    left = arm.certainty.leaves_open(columns)
+    variance = np.einsum("ndp,pq,ndq->nd", jacobian, arm.certainty.covariance, jacobian, optimize=True)
+    left = arm.certainty.leaves_open(jacobian)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)
-    doubts = (_open(arm.certainty, "is infinite where they matter"),) if left.any() else ()
-    return variance, (*doubts, *_lacking(arm.certainty))
+    flags = (_open(arm.certainty, "is infinite where they matter"),) if left.any() else ()
+    return variance, (*flags, *_lacking(arm.certainty))
 
 
 def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...]]:
-    """Return the (N, 6, 6) covariance of the tip's motion, base axes [m, rad], due to fitted parameters, and doubts.
+    """Return the (N, 6, 6) covariance of the tip's motion, base axes [m, rad], due to fitted parameters, and flags.
 
     Where the instrument stands and what it looks at has no part in it, nor has what a tilted instrument would say of
     gravity. None where nothing was fitted, or where the arm no longer has what was.
@@ -84,11 +84,11 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
         return None, ()
     tip = unread(len(rows), Position, Orientation)
     view = look(Setup(arm, Instrument()), rows, np.arange(len(rows)), readings=tip)
-    columns = _columns(arm.certainty, view, rows)
-    if columns is None:
+    jacobian = _jacobian(arm.certainty, view, rows)
+    if jacobian is None:
         return None, (OTHER_PARAMETERS,)
-    columns = np.where([parameter.group.moves for parameter in arm.certainty.parameters], columns, 0.0)
-    covariance = np.einsum("ndp,pq,neq->nde", columns, arm.certainty.covariance, columns, optimize=True)
+    jacobian = np.where([parameter.group.moves for parameter in arm.certainty.parameters], jacobian, 0.0)
+    covariance = np.einsum("ndp,pq,neq->nde", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
@@ -96,18 +96,18 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
     covariance[:, view.positions, view.positions] += arm.certainty.misfit**2 * np.eye(3)
     shifts = untold_shifts(view.setup, rows, tip)
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
-    doubts = (_open(arm.certainty, "leaves them out"),) if arm.certainty.leaves_open(columns).any() else ()
-    return covariance, (*doubts, *_lacking(arm.certainty))
+    flags = (_open(arm.certainty, "leaves them out"),) if arm.certainty.leaves_open(jacobian).any() else ()
+    return covariance, (*flags, *_lacking(arm.certainty))
 
 
 def _open(certainty: Certainty, sigma: str) -> Flag:
-    """Return the doubt about parameters that nothing determines, and what sigma makes of them."""
+    """Return the flag about parameters that nothing determines, and what sigma makes of them."""
     names = listing(certainty.undetermined)
     return Flag("undetermined", f"neither a campaign nor a prior determines {names}: sigma {sigma}")
 
 
 def _lacking(certainty: Certainty) -> tuple[Flag, ...]:
-    """Return the doubt about an arm whose readings scattered more than they stated."""
+    """Return the flag about an arm whose readings scattered more than they stated."""
     if not certainty.misfit:
         return ()
     size = f"{np.sqrt(3.0) * certainty.misfit * 1e3:.3g} mm"
@@ -115,7 +115,7 @@ def _lacking(certainty: Certainty) -> tuple[Flag, ...]:
     return (Flag("lacking", f"{text}, `trace` looks for it"),)
 
 
-def without_declared_doubt(arm: Arm) -> Arm:
+def without_declared_uncertainty(arm: Arm) -> Arm:
     """Return the arm whose fitted compliances carry no declared uncertainty: the fit's covariance stands in for it."""
     known = arm.certainty.groups if arm.certainty else ()
     fitted = [fitted_group(flexure) in known for flexure in arm.flexures]
@@ -138,16 +138,16 @@ def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
     return variance
 
 
-def _columns(certainty: Certainty, view: View, rows: Rows) -> Array | None:
+def _jacobian(certainty: Certainty, view: View, rows: Rows) -> Array | None:
     """Return (N, d, P) changes of what is read per fitted parameter, None where this arm has not all of them."""
     moved = any(group.kind is Kind.EFFECT for group in certainty.groups)
-    blocks = blocks_of(certainty.parameters, view.setup, scene_of(view, rows) if moved else None)
+    blocks = blocks_of(certainty.parameters, view.setup, context_of(view, rows) if moved else None)
     if blocks is None:
         return None
-    return np.concatenate([np.zeros((*view.residual.shape, 0)), *(block.columns(view) for block in blocks)], axis=2)
+    return np.concatenate([np.zeros((*view.residual.shape, 0)), *(block.jacobian(view) for block in blocks)], axis=2)
 
 
-def scene_of(view: View, rows: Rows) -> Scene:
+def context_of(view: View, rows: Rows) -> Context:
     """Return rows as the catalogue sees them, from a view of all of them."""
     wrenches = {site: view.line.load_at(site) for site in view.line.sites}
     known = known_rows(view.setup.arm, rows)
