@@ -7,9 +7,9 @@ that is bolted to the base reads its tip.
 from dataclasses import replace
 
 import numpy as np
-from armflex.laws.joint.scaled import scaled
 
 import armflex
+from armflex.laws.joint.carried import scaled
 from armflex.prior import Measurement, Prior
 
 READINGS, SIGMA, SOFTER = 300, 2e-4, 0.2

@@ -55,7 +55,7 @@ def predicted(law: Law, loads: Array) -> Array:
     return law.twist(wrenches(loads), NOWHERE)[:, : loads.shape[1]]
 
 
-def band(law: Law, loads: Array) -> Array:
+def stated_std(law: Law, loads: Array) -> Array:
     """Return the (N, k) standard deviations of what is predicted, nan where the law carries none."""
     found = np.full(loads.shape, np.nan)
     for own, wrench in zip(found, wrenches(loads), strict=True):

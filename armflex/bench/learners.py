@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from numbers import Integral
 
+from armflex.bench.cross_validation import Candidate
 from armflex.bench.fit_linear import STRUCTURES, fit_compliance, fit_polynomial, fit_terms
 from armflex.bench.fitted import Fitted, Learner
-from armflex.bench.held_out import Candidate
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError
 from armflex.laws.joint.module_source import module_source

@@ -91,9 +91,9 @@ def scaled_problem(loads: Array, deflections: Array, neurons: int) -> tuple[Netw
     off = loads - loads.mean(axis=0)
     varies = np.abs(off).max(axis=0) > 1e-12 * np.abs(loads).max(axis=0)  # else it is the mean's rounding
     check_span(np.where(varies, off, 0.0))
-    band = deflections.std(axis=0)
-    moves = band > 1e-12 * np.abs(deflections).max(axis=0)
-    scale = np.where(moves, band, band.max() or 1.0)  # a column may be constant: the offset holds it
+    std = deflections.std(axis=0)
+    moves = std > 1e-12 * np.abs(deflections).max(axis=0)
+    scale = np.where(moves, std, std.max() or 1.0)  # a column may be constant: the offset holds it
     scaling = Scaling(loads.mean(axis=0), loads.std(axis=0), deflections.mean(axis=0), scale)
     return NetworkProblem(off / scaling.input_scale, (deflections - scaling.output_mean) / scale, neurons), scaling
 

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from armflex.bench.fitted import NOWHERE, Fitted, check_span, predicted, wrenches
-from armflex.bench.held_out import FOLDS as CHOICE_FOLDS
-from armflex.bench.held_out import (
+from armflex.bench.cross_validation import FOLDS as CHOICE_FOLDS
+from armflex.bench.cross_validation import (
     OUTER,
     REPEATS,
     Compared,
@@ -24,6 +23,7 @@ from armflex.bench.held_out import (
     negligible,
     random_folds,
 )
+from armflex.bench.fitted import NOWHERE, Fitted, check_span, predicted, wrenches
 from armflex.bench.learners import MODELS, Options, candidates, learner
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import Flag, InputError, LawError, UnknownNameError, listing

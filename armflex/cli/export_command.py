@@ -38,7 +38,7 @@ PATH = ("traj", "compensate", "covariates")
 """Options of the formats of a path."""
 
 FORMATS = {
-    "urdf": Format("urdf", options=("over",)),
+    "urdf": Format("urdf_file", options=("over",)),
     "sheet": Format("sheet", options=("over",), needs=()),
     "yaml": Format("yaml_files", options=("flavour", "over"), needs=("flavour", "output")),
     "c": Format("c_code", options=("name",)),

@@ -163,7 +163,7 @@ def calibrate(
     Args:
         arm: The arm as declared; its prior says what may move and how far.
         measurements: Where the tip was seen.
-        rows: Row numbers to use; every measured row when not given.
+        rows: (M,) numbers of the rows to use; every measured row when not given.
         progress: Called with (steps done, steps at most).
         keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames, and how the
             target is turned on the tool, are fitted. The covariance of what is kept stays as it was, as if it were

@@ -112,12 +112,12 @@ class Fit:
 
     @cached_property
     def regressors(self) -> Array:
-        """(M d, P) whitened and weighted change of the readings per unit of a parameter."""
+        """(M, P) whitened and weighted change of M readings per unit of a parameter, dimensionless."""
         return whitened_regressors(self.blocks, self.view, self.weights)
 
     @cached_property
     def residual(self) -> Array:
-        """(M d,) whitened and weighted residual, dimensionless."""
+        """(M,) whitened and weighted residuals of M readings, dimensionless."""
         return whitened_residual(self.view, self.weights)
 
     @cached_property

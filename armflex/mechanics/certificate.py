@@ -48,7 +48,7 @@ class StabilityBound:
         change: (n, 2) bound of the change of each flexure's force [N] and moment [N m] where all move by `reference`.
         reference: (n, 2) the norm's shift [m] and turn [rad] of each flexure.
         parts: Of each flexure the laws that add up, each with (2, 2) bounds of its tangent's blocks, None without.
-        steepest: (n, 2, 2) sums of these.
+        compliance_bound: (n, 2, 2) sums of these.
         per_load: Link -> (2, n, 2) `change` per dead force [1/N] and per dead moment [1/(N m)] at its origin.
         ranges: Of the joints.
     """

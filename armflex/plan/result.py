@@ -92,8 +92,8 @@ class Plan:
         hypotheses: The two effects in question, if any.
         blind: Parameters of which no tip reading tells anything.
         offered: Rows that were offered first, spread evenly.
-        flag: By title, (N,) standard deviation there of what the instrument would read, in 3-D [m]: before or, while
-            nothing is known of where the instrument stands, after as many rows at random; and after the plan.
+        uncertainty: By title, (N,) standard deviation there of what the instrument would read, in 3-D [m]: before or,
+            while nothing is known of where the instrument stands, after as many rows at random; and after the plan.
         way: Motion of all joints together, in ranges, and what it would be in the order in which rows were chosen.
         flags: Flags.
     """

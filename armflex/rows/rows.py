@@ -56,7 +56,7 @@ class Driven(Protocol):
         ...
 
     def motion(self, i: int) -> dict[str, Array | None]:
-        """Return row i's velocities and accelerations as `Arm.deflection` takes them."""
+        """Return row i's (nq,) velocities [rad/s or m/s] and accelerations [rad/s^2 or m/s^2], for `Arm.deflection`."""
         ...
 
 

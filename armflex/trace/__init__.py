@@ -36,7 +36,7 @@ def trace(
     Args:
         arm: The arm as declared; its prior says what calibration may move.
         measurements: The campaign, rows in the order driven; unmeasured rows count for effects with a memory.
-        rows: Measured rows to use; all when not given.
+        rows: (M,) numbers of the measured rows to use; all when not given.
         report: Called with what is being done, in words, once for every stage.
         keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames are fitted;
             see `calibrate`.

@@ -23,11 +23,11 @@ class Projection:
     """A fit, seen by candidates.
 
     Attributes:
-        columns: (n, P) whitened and weighted columns of the fitted parameters.
+        regressors: (n, P) whitened and weighted columns of the fitted parameters.
         precision: (P,) prior precision.
         residual: (n,) whitened and weighted residual at the most probable values.
         objective: Sum of squares of residual and prior deviations.
-        shy: Prior precision of a candidate's amplitudes, relative to the square of its column: an effect that would
+        ridge: Prior precision of a candidate's amplitudes, relative to the square of its column: an effect that would
             have to move the tip by more than `LARGEST_MOTION` to be seen is not believed.
         count: Number of readings; places of orientations that were not read are zero in everything, and none.
     """

@@ -17,9 +17,9 @@ from armflex.mechanics.many_rows import kernel
 from armflex.rows.rows import APPROACH, last_motion
 from armflex.storage.digest import digest
 from armflex.track.estimate import Estimate, estimate_of, expected_variance, recentred, take, widen
-from armflex.track.model import Model, Sight, model_of
 from armflex.track.reading import Reading, as_row, number, sensible
-from armflex.track.state import LAYOUT, State, read_state, write_state
+from armflex.track.state_space import Model, Sight, model_of
+from armflex.track.tracker_file import LAYOUT, State, read_state, write_state
 from armflex.track.watch import WINDOW, Anchor, Change, Watch, contradicted, fainter, seek
 
 KEPT = 100

@@ -18,8 +18,8 @@ from armflex.parameters import ArmParameter, Kind
 from armflex.readings import Position
 from armflex.readings.chance import outlier_limit
 from armflex.track.estimate import Estimate, Seen, recentred
-from armflex.track.model import Changeable
 from armflex.track.reading import Reading
+from armflex.track.state_space import Changeable
 
 WINDOW = 8
 """An earlier estimate is kept from 8 to 16 readings back."""

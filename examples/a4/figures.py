@@ -9,8 +9,8 @@ import numpy as np
 from a4.study import Trial, average, determined, precisions
 from a4.surrogate import NOISE, Rows
 
-from armflex.bench.fitted import predicted, spread
-from armflex.bench.held_out import BAND
+from armflex.bench.cross_validation import BAND
+from armflex.bench.fitted import predicted
 from armflex.laws.law import Law
 
 matplotlib.use("Agg")
@@ -24,7 +24,7 @@ def deformation(path: Path, title: str, law: Law, rows: Rows, band: bool = False
     """Draw measured squares and the model's line over the sample number, and beside them what is left."""
     canvas, grid = pyplot.subplots(3, 2, figsize=(11.0, 7.0), sharex=True, layout="constrained")
     line, number = 1e3 * predicted(law, rows.loads), np.arange(1, len(rows.loads) + 1)
-    measured, wide = 1e3 * rows.measured, 1e3 * BAND * spread(law, rows.loads)
+    measured, wide = 1e3 * rows.measured, 1e3 * BAND * stated_std(law, rows.loads)
     for i, (left, right) in enumerate(grid):
         left.plot(number, line[:, i], color=LINE, lw=0.9, label="model")
         for axes, middle, points in ((left, line[:, i], measured[:, i]), (right, 0.0, measured[:, i] - line[:, i])):

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from a4.surrogate import NOISE, Bench, Rows, bench
 
+from armflex.bench.cross_validation import BAND
 from armflex.bench.fit_network import fit_network
-from armflex.bench.fitted import NOWHERE, Fitted, Learner, predicted, spread, wrenches
-from armflex.bench.held_out import BAND
+from armflex.bench.fitted import NOWHERE, Fitted, Learner, predicted, stated_std, wrenches
 from armflex.bench.learners import Options, learner
 from armflex.bench.network_problem import GROUPS
 from armflex.conventions import Array
@@ -105,7 +105,7 @@ def score(law: Law, at: Bench) -> Score:
     training, new = (rms(rows.measured - predicted(law, rows.loads)) for rows in (at.training, at.new))
     exact = rms(at.many.exact - predicted(law, at.many.loads))
     errors = np.abs(at.new.measured - predicted(law, at.new.loads))
-    inside = (errors <= BAND * spread(law, at.new.loads)).mean(axis=0)
+    inside = (errors <= BAND * stated_std(law, at.new.loads)).mean(axis=0)
     return Score(training, new, exact, inside, _density(law, at.new))
 
 

@@ -17,7 +17,7 @@ from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.readings.instrument import Instrument
-from armflex.track.model import Model, Sight, model_of
+from armflex.track.state_space import Model, Sight, model_of
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from armflex.certainty import Certainty
 from armflex.errors import InputError, JointLimitError, UnknownNameError
 from armflex.prior import Prior
 from armflex.track.estimate import Seen, absorb, estimate_of, innovation, take, widen
-from armflex.track.model import model_of
+from armflex.track.state_space import model_of
 
 NOISE = np.sqrt(3.0) * SIGMA
 

@@ -12,8 +12,7 @@ from support.command_line import Run, fine, strict_json
 from support.small_arms import ROBOTS
 
 from armflex import InputError, read_joint_data, train
-from armflex.bench.fitted import NOWHERE, Fitted
-from armflex.bench.held_out import (
+from armflex.bench.cross_validation import (
     INNER,
     OUTER,
     Candidate,
@@ -26,6 +25,7 @@ from armflex.bench.held_out import (
     race,
     random_folds,
 )
+from armflex.bench.fitted import NOWHERE, Fitted
 from armflex.bench.learners import Options, affordable_starts, candidates, learner
 from armflex.bench.training import CHOICE
 from armflex.laws.law_file import load_law

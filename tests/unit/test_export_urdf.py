@@ -21,7 +21,7 @@ from support.command_line import fine, run_here, strict_json
 from support.small_arms import CROOKED, ROBOTS, arm_of, joint, link, one_joint, three_joints
 
 from armflex import Arm, load_arm
-from armflex.export.urdf import export
+from armflex.export.urdf_file import export
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location

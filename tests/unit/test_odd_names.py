@@ -25,7 +25,7 @@ from armflex.plotting import picture
 from armflex.printable import printable
 from armflex.show.view.law_curves import draw_laws
 from armflex.show.view.meshcat_page import render_page
-from armflex.show.view.scene_3d import Context
+from armflex.show.view.scene_3d import Scene
 
 MARKUP, FORMULA, SCRIPT, BOLD, DATA = "[/x]", r"$\frac{$", "<script>alert(1)</script>", "[bold", '"]</script>{{7*7}}'
 ODD = (MARKUP, FORMULA, SCRIPT, BOLD, DATA)
@@ -172,7 +172,7 @@ class Page(HTMLParser):
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Page:
     """Return a page on which there is nothing."""
     path = tmp_path_factory.mktemp("plain") / "page.html"
-    path.write_text(render_page(Context("plain")), encoding="utf-8")
+    path.write_text(render_page(Scene("plain")), encoding="utf-8")
     return Page(path)
 
 

@@ -15,9 +15,9 @@ from support.bench import made
 from support.small_arms import ROBOTS
 
 from armflex import read_joint_data
+from armflex.bench.cross_validation import hold_out
 from armflex.bench.fit_linear import fit_compliance, fit_polynomial
 from armflex.bench.fitted import NOWHERE, predicted
-from armflex.bench.held_out import hold_out
 from armflex.bench.learners import Options, learner
 from armflex.errors import IdentifiabilityError, LawError, UnknownNameError
 from armflex.laws.joint.carried import AtNode

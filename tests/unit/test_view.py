@@ -29,7 +29,7 @@ from armflex.show.view.arm_scene import (
     nice_magnification,
 )
 from armflex.show.view.arm_scene import motion_along as motion_of
-from armflex.show.view.scene_3d import Context
+from armflex.show.view.scene_3d import Scene
 
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no chromium, chromium-browser or google-chrome on PATH")
 TRIANGLE = bytes(80) + struct.pack("<I12fH", 1, *[0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0], 0)
@@ -39,9 +39,9 @@ def still(arm: Arm, q: np.ndarray, payload: str | None = None) -> Motion:
     return Motion(np.zeros(1), (arm.deflection(q, payload),), 0)
 
 
-def drawn(context: Context) -> dict[str, list[str]]:
+def drawn(scene: Scene) -> dict[str, list[str]]:
     """Return the kinds of the shapes by node."""
-    return {node.name: [shape.kind for shape in node.shapes] for node in context.nodes}
+    return {node.name: [shape.kind for shape in node.shapes] for node in scene.nodes}
 
 
 def small(folder: Path, visual: str = "", child: str = "arm") -> Arm:
@@ -116,10 +116,10 @@ def test_round_factor_keeps_the_sag_below_an_eighth_of_the_reach(heavy: Arm) -> 
 def test_drawn_arm_is_where_the_arm_is(tarm: Arm) -> None:
     q = tarm.position(M1=1.0, A4=0.7)
     found = tarm.deflection(q, "p300")
-    context = arm_scene(tarm, still(tarm, q, "p300"), magnification=1.0)
-    line = next(line for line in context.polylines if line.name == "displacement")
+    scene = arm_scene(tarm, still(tarm, q, "p300"), magnification=1.0)
+    line = next(line for line in scene.polylines if line.name == "displacement")
     np.testing.assert_allclose(line.points, [found.rigid_pose.translation, found.pose.translation], atol=1e-12)
-    poses = {node.name: node.poses[0] for node in context.nodes}
+    poses = {node.name: node.poses[0] for node in scene.nodes}
     bent, rigid = found.link_poses(1.0), found.link_poses(0.0)
     for name in tarm.robot.urdf.links:
         if f"flexed/{name}" in poses:
@@ -149,10 +149,10 @@ def test_colours_follow_the_shares(tarm: Arm) -> None:
 
 def test_via_points_carry_the_colour_of_their_verdict(heavy: Arm, heavy_path: Trajectory) -> None:
     report = check(heavy, heavy_path, 0.005)
-    context = arm_scene(heavy, motion_of(heavy, heavy_path), heavy_path, report)
+    scene = arm_scene(heavy, motion_of(heavy, heavy_path), heavy_path, report)
     expected = {point.name: VERDICTS[point.verdict] for point in report.via_points}
-    assert {marker.label: marker.color for marker in context.markers} == expected and len(set(expected.values())) == 3
-    for marker in context.markers:
+    assert {marker.label: marker.color for marker in scene.markers} == expected and len(set(expected.values())) == 3
+    for marker in scene.markers:
         q = heavy_path.q[heavy_path.via.index(marker.label)]
         np.testing.assert_allclose(marker.position, heavy.rigid_pose(q).translation, atol=1e-12)
 
@@ -211,7 +211,7 @@ def test_names_with_slashes(tmp_path: Path) -> None:
     assert view(arm, path=tmp_path / "v.html").is_file()
 
 
-def meshed(folder: Path, filename: str) -> Callable[[], Context]:
+def meshed(folder: Path, filename: str) -> Callable[[], Scene]:
     arm = small(folder, geometry(f'<mesh filename="{filename}" scale="2 2 2"/>'))
     return lambda: arm_scene(arm, still(arm, np.zeros(1)), meshes=True)
 
@@ -224,8 +224,8 @@ def test_meshes_beside_the_urdf_are_drawn_on_request(tmp_path: Path, filename: s
     (folder / "meshes").mkdir(parents=True)
     for place in (folder, folder / "meshes"):
         (place / "part.stl").write_bytes(TRIANGLE)
-    context = meshed(folder, filename)()
-    shape = next(node for node in context.nodes if node.name == "flexed/arm").shapes[0]
+    scene = meshed(folder, filename)()
+    shape = next(node for node in scene.nodes if node.name == "flexed/arm").shapes[0]
     assert (shape.kind, shape.data, shape.data_format, shape.size.tolist()) == ("mesh", TRIANGLE, "stl", [2.0] * 3)
     arm = load_arm(folder / "arm.toml")
     assert "mesh" not in str(drawn(arm_scene(arm, still(arm, np.zeros(1)))))

@@ -14,11 +14,11 @@ from support.pages import BROWSER, hue_share, picture
 
 from armflex.show.view.meshcat_page import capsule_mesh, render_page, tube_mesh
 from armflex.show.view.scene_3d import (
-    Context,
     LegendRow,
     Marker,
     Node,
     Polyline,
+    Scene,
     Shape,
     frame_camera,
     scene_points,
@@ -57,10 +57,10 @@ def arm(group: str, bends: np.ndarray, color: str, opacity: float) -> list[Node]
     return [Node(f"{group}/link {i}", motion[:, i], (body, hub)) for i in range(3)]
 
 
-def small_scene(title: str = "Arm under load") -> Context:
+def small_scene(title: str = "Arm under load") -> Scene:
     bends = np.linspace(-0.2, 0.5, FRAMES)
     path = np.array([(link_poses(bend)[-1] @ translation(1.0, 0.0, 0.0))[:3, 3] for bend in bends])
-    return Context(
+    return Scene(
         title,
         "three links",
         arm("arm", bends + 0.06, ARM, 1.0) + arm("ghost", bends, "#6f8fb0", 0.25),
@@ -106,11 +106,11 @@ def test_same_scene_gives_same_page() -> None:
 
 def test_user_text_is_escaped() -> None:
     evil = "<script>alert(1)</script>"
-    context = Context(
+    scene = Scene(
         evil, evil, markers=(Marker("m", np.zeros(3), label=evil),), legend_title=evil,
         legend=(LegendRow(ARM, evil, evil),), notes=(evil,),
     )  # fmt: skip
-    page = render_page(context)
+    page = render_page(scene)
     assert evil not in page and "<script>alert" not in page
     assert "<title>&lt;script&gt;alert(1)&lt;/script&gt;</title>" in page
 
@@ -183,6 +183,6 @@ def is_closed(faces: np.ndarray) -> bool:
 
 def test_scene_points_follow_the_motion() -> None:
     poses = np.array([translation(0.0, 0.0, 0.0), translation(5.0, 0.0, 0.0)])
-    context = Context("s", nodes=(Node("n", poses, (Shape("box", (2.0, 1.0, 1.0)),)),))
-    points = scene_points(context)
+    scene = Scene("s", nodes=(Node("n", poses, (Shape("box", (2.0, 1.0, 1.0)),)),))
+    points = scene_points(scene)
     np.testing.assert_allclose([points[:, 0].min(), points[:, 0].max()], [-1.0, 6.0])

@@ -45,7 +45,7 @@ class LearnedLaw(Law):
         seen: The loads that it was learned under, and how a correction ends beyond them.
         values: (k,) values of both in their units, those of `free` first.
         scales: Prior standard deviation of every group of parameters.
-        spread: (k, k) covariance of the values in their units, None where nobody says.
+        posterior: (k, k) covariance of the values in their units, None where nobody says.
         reach: (6,) how large a correction may be at the loads seen, its uncertainty included [m, rad]; None for none.
     """
 
@@ -157,7 +157,7 @@ class LearnedLaw(Law):
         return replace(self, posterior=None)
 
     def with_posterior(self, posterior: Array, wrenches: Array, row: Row) -> LearnedLaw:
-        """Return the law with the (k, k) covariance of its values, fitted where its loads were (M, 6) wrenches."""
+        """Return the law with the (k, k) covariance of its values, fitted where its loads were (M, 6) wrenches, SI units."""
         known = replace(self, posterior=posterior)
         seen = replace(self.seen, loads=np.array([wrenches.min(axis=0), wrenches.max(axis=0)]))
         if self.correction is None:

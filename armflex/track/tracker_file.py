@@ -16,8 +16,8 @@ from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.digest import digest
 from armflex.storage.schema import Numbers
 from armflex.track.estimate import Estimate, Seen
-from armflex.track.model import model_of
 from armflex.track.reading import Reading
+from armflex.track.state_space import model_of
 from armflex.track.watch import FEWEST, LONGEST, Anchor, Change, Watch
 
 

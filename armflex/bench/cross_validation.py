@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.bench.fitted import Fitted, Learner, band, predicted
+from armflex.bench.fitted import Fitted, Learner, predicted, stated_std
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, InputError
 from armflex.measured.joint_data import JointData
@@ -91,7 +91,7 @@ def hold_out(learner: Learner, data: JointData, fold: np.ndarray, seed: int = 0,
         except ConvergenceError as error:
             raise ConvergenceError(f"held-out error, without {rows}: {error}", error.history) from None
         residual[out] = data.deflections[out] - predicted(law, data.loads[out])
-        std[out] = band(law, data.loads[out])
+        std[out] = stated_std(law, data.loads[out])
         if step and step(residual) is False:
             break
     return HeldOut(residual, std, "leave-one-out" if len(labels) == len(data) else f"{len(labels)}-fold")
