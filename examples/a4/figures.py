@@ -10,7 +10,7 @@ from a4.study import Trial, average, determined, precisions
 from a4.surrogate import NOISE, Rows
 
 from armflex.bench.cross_validation import BAND
-from armflex.bench.fitted import predicted
+from armflex.bench.fitted import predicted, stated_std
 from armflex.laws.law import Law
 
 matplotlib.use("Agg")

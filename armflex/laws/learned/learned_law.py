@@ -157,7 +157,7 @@ class LearnedLaw(Law):
         return replace(self, posterior=None)
 
     def with_posterior(self, posterior: Array, wrenches: Array, row: Row) -> LearnedLaw:
-        """Return the law with the (k, k) covariance of its values, fitted where its loads were (M, 6) wrenches, SI units."""
+        """Return the law with the (k, k) covariance of its values, fitted at (M, 6) wrenches, all in SI units."""
         known = replace(self, posterior=posterior)
         seen = replace(self.seen, loads=np.array([wrenches.min(axis=0), wrenches.max(axis=0)]))
         if self.correction is None:
