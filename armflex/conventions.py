@@ -153,3 +153,8 @@ def number(value: float, digits: int = 4, resolution: float = MILLI) -> str:
         resolution: In the unit of the value; 0 where every size has a meaning, as a compliance's has.
     """
     return "0" if abs(value) < resolution or value == 0.0 else f"{value:.{digits}g}"
+
+
+def in_mm(length: float) -> str:
+    """Return a length [m] as a message says it: three digits, mm."""
+    return f"{length * 1e3:.3g} mm"

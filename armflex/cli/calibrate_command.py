@@ -30,16 +30,12 @@ SCATTERED = 1.5
 
 
 @click.command(cls=options.Command)
-@click.argument("arm_path", metavar="ARM", type=options.InputPath)
-@click.argument("measurements_path", metavar="MEAS.csv", type=options.InputPath)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Calibrated arm.toml to write.")
 @click.option(
     "--sample", type=click.IntRange(FEWEST_DRAWS), help="Draws per chain: learned laws by NUTS, too (minutes)."
 )
 @click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
-@options.keep
-@options.anyway
-@options.points
+@options.campaign
 def command(
     arm_path: Path,
     measurements_path: Path,

@@ -180,6 +180,14 @@ anyway = click.option(
 )
 
 
+def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command an arm and its campaign, and how both are taken: `keep`, `anyway`, `points`."""
+    measured = click.argument("measurements_path", metavar="MEAS.csv", type=InputPath)
+    for given in (points, anyway, keep, measured, click.argument("arm_path", metavar="ARM", type=InputPath)):
+        function = given(function)
+    return function
+
+
 def declared_arm(path: Path, command: str, keep: bool = False) -> Arm:
     """Return the arm of an arm.toml that a command fits; a bare URDF says nothing of what may move."""
     if path.suffix != ".toml":

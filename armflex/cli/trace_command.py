@@ -40,8 +40,6 @@ MOST_ADVICE = 3
 
 
 @click.command(cls=options.Command)
-@click.argument("arm_path", metavar="ARM", type=options.InputPath)
-@click.argument("measurements_path", metavar="MEAS.csv", type=options.InputPath)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Traced arm.toml to write.")
 @click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of what was found to write.")
 @click.option(
@@ -49,9 +47,7 @@ MOST_ADVICE = 3
     is_flag=True,
     help="Go on from the last accepted effect of the same command, which was interrupted, killed or ended by an error.",
 )
-@options.keep
-@options.anyway
-@options.points
+@options.campaign
 def command(
     arm_path: Path,
     measurements_path: Path,

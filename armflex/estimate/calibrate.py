@@ -290,7 +290,7 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
     instrument = arm.instrument or Instrument()
     known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
     line = respond(arm, measurements.q[rows], [measurements.payload[row] for row in rows], known)
-    points = line.tip[:, :3, 3] + line.tip[:, :3, :3] @ instrument.target
+    points = instrument.in_base(line.tip)
     check_readings(arm, points, measurements, rows)
     if arm.measurement.frame != "base":
         instrument = replace(instrument, pose=fit_frame(points, measurements.position[rows]))

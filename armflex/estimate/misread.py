@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm
-from armflex.conventions import Array
+from armflex.conventions import Array, in_mm
 from armflex.errors import ArmflexError, ConventionError
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.view import look
@@ -34,7 +34,6 @@ from armflex.measured.measurements import Measurements
 from armflex.measured.repeats import repeats
 from armflex.mechanics.history import known_rows
 from armflex.parameters import FRAMES
-from armflex.readings import Position
 from armflex.readings.instrument import Instrument, fit_frame
 from armflex.setup import Setup
 
@@ -63,6 +62,8 @@ EXACT = 0.05
 
 SCATTERED = 30.0
 """Scatter of repeats over the stated standard deviation that is a mistaken unit rather than a bad day."""
+
+RADIANS = np.pi / 180.0
 
 Told = tuple[Arm, Measurements]
 
@@ -112,7 +113,7 @@ def check_conventions(
         _check_sigma(measurements, rows, found)
         off = found.coarse if searched else found.ratio
         if off >= IMPLAUSIBLE and not keep and not found.free:
-            text = f"readings are {_mm(found.rms)} off the arm, and [prior] frees nothing: there is nothing to fit"
+            text = f"readings are {in_mm(found.placed)} off the arm, and [prior] frees nothing: there is nothing to fit"
             more = "give it joint_offset, compliance, tool or geometry, one standard deviation each"
             raise ConventionError(f"{text} ({more})", ["[prior] frees nothing"])
 
@@ -121,12 +122,12 @@ def _likely(
     arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, found: _Misfit | None
 ) -> list[tuple[_Misfit, Hypothesis]]:
     """Return the hypotheses that explain nearly all that the table as it stands does not, the likeliest first."""
-    tried, as_it_stands = [], _placed_rms(arm, measurements, rows)
+    tried, as_it_stands = [], _placed_off(arm, measurements, rows)
     for hypothesis in hypotheses(arm, measurements):
         said = hypothesis.told(arm, measurements)
         # Kinematics that do not bring the points nearer to their places cannot explain them: most need no fit.
         able = found is None or hypothesis.loads or found.coarse >= IMPLAUSIBLE
-        if not able or (found is not None and not hypothesis.loads and _placed_rms(*said, rows) > as_it_stands):
+        if not able or (found is not None and not hypothesis.loads and _placed_off(*said, rows) > as_it_stands):
             continue
         other, least = _misfit(*said, rows, keep), DROP_OF_LOADS if hypothesis.loads else DROP
         if other is not None and (found is None or least * other.ratio < found.ratio):
@@ -138,53 +139,29 @@ def _likely(
 def hypotheses(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
     """Yield every convention that is thought of, for an arm and a campaign."""
     joints, turning = arm.joint_names, [joint.kind != "prismatic" for joint in arm.robot.moving]
-
-    def joint_column(change: Callable[[Array], None]) -> Callable[[Arm, Measurements], Told]:
-        def told(arm: Arm, measurements: Measurements) -> Told:
-            q = np.array(measurements.q)
-            change(q)
-            return arm, replace(measurements, q=q)
-
-        return told
-
-    def times(place: int | list[int], factor: float) -> Callable[[Array], None]:
-        def change(q: Array) -> None:
-            q[:, place] *= factor
-
-        return change
-
-    def plus(place: int, shift: float) -> Callable[[Array], None]:
-        def change(q: Array) -> None:
-            q[:, place] += shift
-
-        return change
-
-    def exchanged(one: int, other: int) -> Callable[[Array], None]:
-        def change(q: Array) -> None:
-            q[:, [one, other]] = q[:, [other, one]]
-
-        return change
-
+    at = np.eye(len(joints))
     for i, j in combinations(range(len(joints)), 2):
         if turning[i] == turning[j]:
             name = f"the columns q_{joints[i]} and q_{joints[j]} are exchanged"
-            yield Hypothesis(name, "exchange their headers", joint_column(exchanged(i, j)))
+            order = np.arange(len(at))
+            order[[i, j]] = j, i
+            yield Hypothesis(name, "exchange their headers", _rewritten(at[order]))
     every = [i for i, turns in enumerate(turning) if turns]
     for i, joint in enumerate(joints):
         remedy = f"turn the signs of q_{joint}, or the joint's axis in the URDF"
-        yield Hypothesis(f"the sign of q_{joint} is turned", remedy, joint_column(times(i, -1.0)))
+        yield Hypothesis(f"the sign of q_{joint} is turned", remedy, _rewritten(np.diag(1.0 - 2.0 * at[i])))
         if turning[i]:
             for degrees in (90, -90, 180):
                 name = f"the home position of {joint} is {degrees:+d} degrees from the URDF's"
                 remedy = f"add {degrees:+d} degrees to q_{joint}, or turn the joint's origin in the URDF"
-                yield Hypothesis(name, remedy, joint_column(plus(i, np.radians(degrees))))
+                yield Hypothesis(name, remedy, _rewritten(at, np.radians(degrees) * at[i]))
     for place, what in [([i], f"q_{joints[i]} is") for i in every] + [(every, "the turning joints are")]:
         name = what.removesuffix(" is").removesuffix(" are")
         if len(place) == 1 or len(every) > 1:
             head = f"{name}_deg" if len(place) == 1 else "q_..._deg"
-            in_degrees = joint_column(times(place, np.pi / 180.0))
+            own = np.isin(np.arange(len(at)), place)
+            in_degrees, in_radians = (_rewritten(np.diag(np.where(own, one, 1.0))) for one in (RADIANS, 1.0 / RADIANS))
             yield Hypothesis(f"{what} in degrees", f"write {head} into the header", in_degrees)
-            in_radians = joint_column(times(place, 180.0 / np.pi))
             yield Hypothesis(f"{what} in radians", "take _deg from the header", in_radians)
     for step, whose in ((1, "before"), (-1, "after")):
         if measurements.measured.sum() > abs(step):
@@ -215,7 +192,7 @@ class _Misfit:
 
     Attributes:
         ratio, coarse: The misfit, see the head of this file, where an arm may be off by `FINE` and by `COARSE`.
-        rms: What is left with the instrument placed and nothing else fitted, RMS of a row [m].
+        placed: What is left with the instrument placed and nothing else fitted, the median row's [m].
         left: What is left with everything fitted, the median row's [m].
         reach: Of the rows [m].
         free: Whether anything but frames is free or learned.
@@ -223,7 +200,7 @@ class _Misfit:
 
     ratio: float
     coarse: float
-    rms: float
+    placed: float
     left: float
     reach: float
     free: bool
@@ -236,10 +213,10 @@ def _misfit(
     try:
         instrument = arm.instrument or Instrument()
         view = look(Setup(arm, instrument), measurements, rows)
-        base = view.line.tip[:, :3, 3] + view.line.tip[:, :3, :3] @ instrument.target
+        base = instrument.in_base(view.line.tip)
         if arm.measurement.frame != "base":
             instrument = replace(instrument, pose=_placed_robustly(base, measurements.position[rows]))
-            view = look(Setup(arm, instrument), measurements, rows)
+            view = look(Setup(arm, instrument), measurements, rows, line=view.line)
         blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
         parts = [block.jacobian(view)[:, view.positions] for block in blocks]
     except ArmflexError:
@@ -255,9 +232,9 @@ def _misfit(
     ratio, rest = _explained(jacobian / fine[:, :, None], precision, residual / fine)
     wide = _explained(jacobian / coarse[:, :, None], precision, residual / coarse)[0] if in_general else ratio
     left = float(np.median(np.linalg.norm(rest * fine, axis=1)))
-    rms = float(np.sqrt(np.median((residual**2).sum(axis=1))))
+    placed = float(np.sqrt(np.median((residual**2).sum(axis=1))))
     free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
-    return _Misfit(ratio, wide, rms, left, reach, free)
+    return _Misfit(ratio, wide, placed, left, reach, free)
 
 
 def _explained(jacobian: Array, precision: Array, residual: Array) -> tuple[float, Array]:
@@ -276,8 +253,8 @@ def _explained(jacobian: Array, precision: Array, residual: Array) -> tuple[floa
     return float(misfit + (precision * values**2).sum() / (3.0 * len(residual))), left
 
 
-def _placed_rms(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float:
-    """Return how far points are off with nothing fitted but where the instrument stands [m], infinite without one."""
+def _placed_off(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float:
+    """Return how far the median point is off, only the instrument placed [m]; infinite where the arm has no answer."""
     instrument, known = arm.instrument or Instrument(), known_rows(arm, measurements)
     given, payloads = {name: values[rows] for name, values in known.items()}, [measurements.payload[i] for i in rows]
     how = {"method": "first_order", "enforce_limits": False, "allow_large": True}
@@ -285,7 +262,7 @@ def _placed_rms(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float
         tip = arm.deflection(measurements.q[rows], payloads, covariates=given, **how).pose
     except ArmflexError:
         return np.inf
-    points, measured = tip[:, :3, 3] + tip[:, :3, :3] @ instrument.target, measurements.position[rows]
+    points, measured = instrument.in_base(tip), measurements.position[rows]
     pose = instrument.pose if arm.measurement.frame == "base" else _placed_robustly(points, measured)
     left = measured - points @ pose.rotation.T - pose.translation
     return float(np.sqrt(np.median((left**2).sum(axis=1))))
@@ -305,15 +282,12 @@ def _check_sigma(measurements: Measurements, rows: np.ndarray, found: _Misfit) -
     """Raise where standard deviations are far above what is left, or far below the scatter of repeats."""
     stated = float(np.median(measurements.sigma[rows]))
     if stated > COARSE * found.reach and found.left < EXACT * stated:
-        text = f"readings are stated to {_mm(stated)}, and are {_mm(found.left)} off the fitted arm"
+        text = f"readings are stated to {in_mm(stated)}, and are {in_mm(found.left)} off the fitted arm"
         raise ConventionError(f"{text}: mm taken for m? (write sigma_mm into the header)", ["sigma is in mm"])
     again = repeats(measurements.some(rows)) if stated < FINE * found.reach else None
     if again is not None and again.same_session.freedom >= 3 and again.same_session.ratio.min() > SCATTERED:
-        scatter, stated = (
-            float(np.sqrt((again.same_session.sigma**2).mean())),
-            float(np.median(measurements.sigma[rows])),
-        )
-        text = f"readings of one pose scatter by {_mm(scatter)}, and are stated to {_mm(stated)}"
+        scatter = float(np.sqrt((again.same_session.sigma**2).mean()))
+        text = f"readings of one pose scatter by {in_mm(scatter)}, and are stated to {in_mm(stated)}"
         raise ConventionError(f"{text}: give sigma the unit that its header says", ["sigma is too small"])
 
 
@@ -325,9 +299,14 @@ def _said(
     if found is None:
         begun = "the arm has no equilibrium at these rows as they are declared"
     else:
-        begun = f"readings are {_mm(found.rms)} off the arm, further than [prior] explains"
-    told = [f"{one.name}? Then they are {_mm(other.rms)} off: {one.remedy}" for other, one in likely]
+        begun = f"readings are {in_mm(found.placed)} off the arm, further than [prior] explains"
+    told = [f"{one.name}? Then they are {in_mm(other.placed)} off: {one.remedy}" for other, one in likely]
     return f"{where}{begun}. " + "; or ".join([told[0][0].upper() + told[0][1:], *told[1:]])
+
+
+def _rewritten(by: Array, shift: Array | float = 0.0) -> Callable[[Arm, Measurements], Told]:
+    """Return the change of joint positions to q times a (nq, nq) matrix and a (nq,) shift."""
+    return lambda arm, measurements: (arm, replace(measurements, q=measurements.q @ by + shift))
 
 
 def _read_apart(step: int) -> Callable[[Arm, Measurements], Told]:
@@ -335,18 +314,13 @@ def _read_apart(step: int) -> Callable[[Arm, Measurements], Told]:
         measured = np.flatnonzero(measurements.measured)
         position = np.array(measurements.position)
         position[measured] = np.roll(position[measured], -step, axis=0)
-        return arm, _with_positions(measurements, position)
+        return arm, replace(measurements, position=position)
 
     return told
 
 
 def _mirrored(arm: Arm, measurements: Measurements) -> Told:
-    return arm, _with_positions(measurements, measurements.position * [1.0, 1.0, -1.0])
-
-
-def _with_positions(measurements: Measurements, position: Array) -> Measurements:
-    kinds = [replace(one, values=position) if isinstance(one, Position) else one for one in measurements.readings.kinds]
-    return replace(measurements, readings=replace(measurements.readings, kinds=tuple(kinds)))
+    return arm, replace(measurements, position=measurements.position * [1.0, 1.0, -1.0])
 
 
 def _placed_anywhere(arm: Arm, measurements: Measurements) -> Told:
@@ -373,12 +347,9 @@ def _masses_times(factor: float) -> Callable[[Arm, Measurements], Told]:
 def _compliance_times(factor: float) -> Callable[[Arm, Measurements], Told]:
     def told(arm: Arm, measurements: Measurements) -> Told:
         row, factors = anywhere(arm.robot), np.full(6, np.sqrt(factor))
-        softer = [replace(one, law=scaled(one.law, factors)) for one in arm.flexures]
-        flexures = tuple(new if one.law.freed(row) else one for new, one in zip(softer, arm.flexures, strict=True))
+        flexures = tuple(
+            replace(one, law=scaled(one.law, factors)) if one.law.freed(row) else one for one in arm.flexures
+        )
         return replace(arm, flexures=flexures), measurements
 
     return told
-
-
-def _mm(length: float) -> str:
-    return f"{length * 1e3:.3g} mm"

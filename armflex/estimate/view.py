@@ -161,6 +161,7 @@ def look(
     some: np.ndarray,
     progress: Progress | None = None,
     readings: Readings | None = None,
+    line: Response | None = None,
 ) -> View:
     """Return the view of some rows at one setup.
 
@@ -170,10 +171,12 @@ def look(
         some: (M,) numbers of those looked at.
         progress: Told how many rows are done.
         readings: What was read in all rows, or would be; what the rows themselves have where it is not given.
+        line: The linearised arm at those rows, where it is known.
     """
-    payloads = [rows.payload[row] for row in some]
-    known = {name: values[some] for name, values in known_rows(setup.arm, rows).items()}
-    line = respond(setup.arm, rows.q[some], payloads, known, progress)
+    if line is None:
+        payloads = [rows.payload[row] for row in some]
+        known = {name: values[some] for name, values in known_rows(setup.arm, rows).items()}
+        line = respond(setup.arm, rows.q[some], payloads, known, progress)
     sessions = tuple(rows.session[row] for row in some)
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))

@@ -13,7 +13,7 @@ from itertools import permutations, product
 import numpy as np
 import pinocchio as pin
 
-from armflex.conventions import Array
+from armflex.conventions import Array, in_mm
 from armflex.errors import AxesError, Place, UnitError
 
 FEWEST_POINTS = 6
@@ -65,7 +65,7 @@ def check_axes(
         straight, _ = _robust_fit(points, measured, 1.0)
         best, turn = _robust_fit(points, measured, -1.0)
         up = np.array([0.0, 0.0, 1.0]) if up is None else up
-        found = f"fit {straight / max(best, 1e-12):.0f} times better mirrored ({_mm(best)} against {_mm(straight)})"
+        found = f"fit {straight / max(best, 1e-12):.0f} times better mirrored ({in_mm(best)} against {in_mm(straight)})"
         swapped = _swapped(turn @ up / np.linalg.norm(up))
         text = f"{found}: {swapped}? Or gravity, or a joint's positions, have the wrong sign"
     else:
@@ -77,7 +77,7 @@ def check_axes(
         ]
         straight, (best, order, signs) = tries[0][0], min(tries, key=lambda entry: entry[0])
         said = ", ".join(f"{'-' if sign < 0 else ''}{'xyz'[i]}" for i, sign in zip(order, signs, strict=True))
-        text = f"are off by {_mm(straight)}, but by {_mm(best)} when x, y, z are read as {said}: swapped axes?"
+        text = f"are off by {in_mm(straight)}, but by {in_mm(best)} when x, y, z are read as {said}: swapped axes?"
     if straight > NEGLIGIBLE and best * DROP < straight:
         raise AxesError(f"{where}measured positions {text}")
 
@@ -111,7 +111,3 @@ def _robust_fit(points: Array, measured: Array, hand: float) -> tuple[float, Arr
         rms = float(np.sqrt((weights * length**2).sum() / weights.sum()))
         weights = np.minimum(1.0, 2.0 * np.median(length) / np.maximum(length, 1e-300)) ** 2
     return rms, turn
-
-
-def _mm(length: float) -> str:
-    return f"{length * 1e3:.3g} mm"

@@ -30,10 +30,13 @@ class Instrument:
     scale: float = 0.0
     mounting: Array = field(default_factory=lambda: np.zeros(3))
 
+    def in_base(self, tip: Array) -> Array:
+        """Return the (N, 3) target in the base frame [m] for (N, 4, 4) tip poses."""
+        return tip[:, :3, 3] + tip[:, :3, :3] @ self.target
+
     def points(self, tip: Array) -> Array:
         """Return the (N, 3) target in the instrument frame [m], sessions left out, for (N, 4, 4) tip poses."""
-        in_base = tip[:, :3, 3] + tip[:, :3, :3] @ self.target
-        return (1.0 + self.scale) * (in_base @ self.pose.rotation.T + self.pose.translation)
+        return (1.0 + self.scale) * (self.in_base(tip) @ self.pose.rotation.T + self.pose.translation)
 
     def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) positions that the instrument would read [m]."""

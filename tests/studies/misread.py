@@ -16,27 +16,12 @@ import warnings
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from support.campaigns import KINDS, draw
-from support.misread_campaigns import faults
+from support.misread_campaigns import faults, judged
 
 from armflex import load_arm, read_measurements
-from armflex.arm import Arm
-from armflex.errors import ConventionError
-from armflex.estimate.misread import check_conventions
-from armflex.measured.measurements import Measurements
-
-
-def judged(arm: Arm, rows: Measurements) -> tuple[str, ...]:
-    """Return what a campaign is said to have been misread as."""
-    try:
-        check_conventions(arm, rows, np.flatnonzero(rows.measured))
-    except ConventionError as error:
-        return error.names
-    return ()
 
 
 def main() -> None:

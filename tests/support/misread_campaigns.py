@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.arm import Arm
+from armflex.errors import ConventionError
+from armflex.estimate.misread import check_conventions
 from armflex.laws.joint.carried import scaled
 from armflex.measured.measurements import Measurements
 from armflex.prior import Prior
@@ -72,3 +74,12 @@ def softer(arm: Arm, factor: float) -> Arm:
     """Return an arm whose compliances are written with a factor."""
     each = np.full(6, np.sqrt(factor))
     return replace(arm, flexures=tuple(replace(one, law=scaled(one.law, each)) for one in arm.flexures))
+
+
+def judged(arm: Arm, rows: Measurements) -> tuple[str, ...]:
+    """Return what a campaign is said to have been misread as."""
+    try:
+        check_conventions(arm, rows, np.flatnonzero(rows.measured))
+    except ConventionError as error:
+        return error.names
+    return ()

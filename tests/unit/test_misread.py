@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from support.campaigns import draw
 from support.command_line import Run, fine
-from support.misread_campaigns import faults
+from support.misread_campaigns import faults, judged
 from support.small_arms import ROBOTS
 
 from armflex import calibrate, load_arm, read_measurements
 from armflex.arm import Arm
 from armflex.errors import ConventionError
-from armflex.estimate.misread import check_conventions
 from armflex.measured.measurements import Measurements
 
 SOME = 90
@@ -28,15 +27,6 @@ def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     truth = draw("none", seed=3, arm=request.param).write(tmp_path_factory.mktemp(request.param))
     arm = load_arm(truth.arm)
     return arm, read_measurements(truth.train, arm).some(np.arange(SOME))
-
-
-def judged(arm: Arm, rows: Measurements) -> tuple[str, ...]:
-    """Return what a campaign is said to have been misread as."""
-    try:
-        check_conventions(arm, rows, np.flatnonzero(rows.measured))
-    except ConventionError as error:
-        return error.names
-    return ()
 
 
 def test_a_campaign_as_it_was_written_is_not_accused(campaign: tuple[Arm, Measurements]) -> None:
