@@ -23,8 +23,8 @@ from armflex.estimate.law_block import law_block
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions
 from armflex.estimate.posterior import certainty_of
-from armflex.estimate.robust import huber_weights
-from armflex.estimate.view import Progress, View, look, position_rms
+from armflex.estimate.robust import huber_weights, instrument_weights
+from armflex.estimate.view import Progress, View, look
 from armflex.estimate.weigh import ROUNDS, Weighed
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
@@ -49,12 +49,17 @@ MANY, SOME = 4096, 8
 
 @dataclass(frozen=True)
 class Outlier:
-    """A row that the fit does not believe: its place, its error [m], and what became of it."""
+    """What the fit does not believe of a row: its place, its error [m, or `unit`], and what became of it.
+
+    `instrument` is the sensor that read it, '' the instrument at the tip.
+    """
 
     row: int
     place: Place | None
     error_m: float
     kind: str = "counted less"
+    instrument: str = ""
+    unit: str = "m"
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +87,12 @@ class Calibration:
     @property
     def declared_rms(self) -> float:
         """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
-        return position_rms(self.placed.residual)
+        return self.placed.rms(self.placed.residual)
 
     @property
     def noise_rms(self) -> float:
         """What the stated standard deviations alone would give [m]."""
-        return position_rms(self.placed.sigma)
+        return self.placed.rms(self.placed.sigma)
 
     @property
     def rms(self) -> float:
@@ -122,14 +127,16 @@ class Calibration:
     @property
     def outliers(self) -> tuple[Outlier, ...]:
         """Rows with little weight, the worst first."""
-        view = self.fit.view
-        error = np.linalg.norm(view.residual[:, view.positions], axis=1)
-        far = np.flatnonzero(self.fit.weights < OUTLIER)
-        places = self.measurements.places
-        ordered = far[np.argsort(-error[far])]
-        return tuple(
-            Outlier(int(view.rows[i]), places[view.rows[i]] if places else None, float(error[i])) for i in ordered
-        )
+        view, places, found = self.fit.view, self.measurements.places, []
+        weights = instrument_weights(view)
+        for number, group in enumerate(view.readings.groups):
+            own = next(kind for kind, place in view.readings.placed if place.start == group.start)
+            error = np.linalg.norm(view.residual[:, group.start : group.start + own.dimension], axis=1)
+            far = np.flatnonzero(weights[:, number] < OUTLIER)
+            for i in far[np.argsort(-error[far])]:
+                place = places[view.rows[i]] if places else None
+                found.append(Outlier(int(view.rows[i]), place, float(error[i]), instrument=own.name, unit=own.unit))
+        return tuple(found)
 
 
 def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Path:

@@ -218,15 +218,15 @@ def _misfit(
             instrument = replace(instrument, pose=_placed_robustly(base, measurements.position[rows]))
             view = look(Setup(arm, instrument), measurements, rows, line=view.line)
         blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
-        parts = [block.jacobian(view)[:, view.positions] for block in blocks]
+        parts = [block.jacobian(view)[:, view.foremost] for block in blocks]
     except ArmflexError:
         return None
-    residual = view.residual[:, view.positions]
+    residual = view.residual[:, view.foremost]
     jacobian = np.concatenate([np.zeros((*residual.shape, 0)), *parts], axis=2)
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
     if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
         return None
-    reach, stated = float(np.linalg.norm(base, axis=1).max()), view.sigma[:, view.positions]
+    reach, stated = float(np.linalg.norm(base, axis=1).max()), view.sigma[:, view.foremost]
     fine, coarse = np.minimum(stated, COARSE * reach), np.maximum(stated, COARSE * reach)
     fine = np.maximum(fine, FINE * reach)
     ratio, rest = _explained(jacobian / fine[:, :, None], precision, residual / fine)

@@ -20,7 +20,6 @@ from armflex.mechanics.history import known_rows
 from armflex.parameters import FRAMES, Kind, fitted_group
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument
-from armflex.readings.position import rigid_motion
 from armflex.rows import Rows
 from armflex.setup import Setup
 
@@ -93,7 +92,7 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
         site, axis, size = arm.certainty.unexplained
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
         covariance += along[:, :, None] * along[:, None]
-    covariance[:, view.positions, view.positions] += arm.certainty.misfit**2 * np.eye(3)
+    covariance[:, view.foremost, view.foremost] += arm.certainty.misfit**2 * np.eye(3)
     shifts = untold_shifts(view.setup, rows, tip)
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
     flags = (_open(arm.certainty, "leaves them out"),) if arm.certainty.leaves_open(jacobian).any() else ()
@@ -131,7 +130,7 @@ def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
     new = np.array([bool(sessions) and session not in sessions for session in rows.session])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
     assert arm.certainty is not None
-    variance = ((rigid_motion(view.points) * std) ** 2).sum(axis=2) * new[:, None] + arm.certainty.misfit**2
+    variance = ((view.by_frame * std) ** 2).sum(axis=2) * new[:, None] + arm.certainty.misfit**2
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
         variance += (size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]) ** 2

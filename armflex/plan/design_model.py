@@ -99,7 +99,7 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     if after is None:
         return Before(Setup(arm, arm.instrument or Instrument()))
     found = calibrate(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
-    fitted, weights = found.fit, np.zeros(len(after))
+    fitted, weights = found.fit, np.zeros((len(after), found.fit.view.readings.size))
     weights[fitted.view.rows] = fitted.weights
     view = look(fitted.setup, after, np.arange(len(after)))
     told = Told(after, view, context_of(view, after), weights, fitted)
@@ -206,7 +206,7 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
     told = LinearGaussian(np.eye(len(scale)))
     if known is not None:
         jacobian = answers(blocks, known.view, known.context) * scale / before.noise
-        told = told.with_rows(jacobian * np.sqrt(known.weights)[:, None, None])
+        told = told.with_rows(jacobian * np.sqrt(known.weights)[:, :, None])
     return Model(tuple(blocks), scale, told, scale)
 
 

@@ -13,7 +13,7 @@ from armflex.estimate.block import Block
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
-from armflex.estimate.robust import huber_weights
+from armflex.estimate.robust import row_weights
 from armflex.estimate.view import View, look
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context, survey
@@ -195,7 +195,7 @@ def lost_beams(view: View, sessions: Sequence[str], poses: np.ndarray, heed: boo
         poses: (M,) number of every row's pose.
         heed: Whether what is far in company stays, as long as some effect may still explain it.
     """
-    weights = huber_weights(view)
+    weights = row_weights(view)
     far = weights < FAR
     lost = weights < LOST
     if heed:

@@ -121,9 +121,7 @@ def compared(state: State) -> Compared:
             regressors, prior, data = problem
             mask = np.repeat(learned, len(data) // len(learned))
             error = data - regressors @ most_probable(regressors[mask], prior**-2.0, data[mask])
-            where = fit.view.positions
-            metres = error.reshape(len(learned), -1)[:, where] / np.sqrt(fit.weights)[:, None]
-            errors.append((metres * fit.view.sigma[:, where])[asked])
+            errors.append(errors_of(fit, error)[asked])
     refitted = [float(np.sqrt((np.concatenate(errors) ** 2).sum(axis=1).mean())) for errors in left]
     groups, both = pose_folds(state.groups), believed(state.calibrated, state.fit)
     linear = [held_out(fit, groups, judged=both).rms for fit in (state.calibrated, state.fit)]
@@ -149,7 +147,7 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[Array, A
         state: The state.
         learned: (M,) rows to learn from.
     """
-    masked = replace(fit, weights=np.where(learned, fit.weights, 0.0))
+    masked = replace(fit, weights=np.where(learned[:, None], fit.weights, 0.0))
     values, own = fit.values.copy(), [np.zeros(0, dtype=int)]
     for block in state.effects:
         places = fit.places(block)
