@@ -55,6 +55,17 @@ UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
 }
 """Kind of quantity -> unit -> factor to SI."""
+
+SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "m/s^2": ("mm/s^2", 1e3), "1": ("1", 1.0)}
+"""SI unit -> the unit in which people are shown an error, and its factor."""
+
+
+def said_of(error: float, unit: str) -> str:
+    """Return an error in an SI unit as people read it: '0.12 mm'."""
+    name, factor = SHOWN[unit]
+    return f"{factor * error:.3g} {name}"
+
+
 UNITS["inclination"] = UNITS["angle"] | {"mm/m": 1e-3, "arcmin": np.pi / 10800.0, "arcsec": np.pi / 648000.0}
 
 NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")

@@ -21,7 +21,18 @@ from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
 from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
-from armflex.parameters import FRAME, MOUNTED, TARGET, ArmParameter, Kind, numbers_of, of_effect, of_motions, of_offsets, of_sensor
+from armflex.parameters import (
+    FRAME,
+    MOUNTED,
+    TARGET,
+    ArmParameter,
+    Kind,
+    numbers_of,
+    of_effect,
+    of_motions,
+    of_offsets,
+    of_sensor,
+)
 from armflex.readings import Orientation, Position
 from armflex.setup import Setup
 
@@ -128,6 +139,19 @@ def sensor_block(setup: Setup, name: str, sessions: tuple[str, ...]) -> Block:
     return RigidBlock(of_sensor(sensor, sessions), np.tile(sensor.std[sensor.free], len(sessions)), changes, moved)
 
 
+def sensor_start(view: View) -> dict[ArmParameter, float]:
+    """Return where a fit of what is open of the sensors may begin."""
+    found: dict[ArmParameter, float] = {}
+    sessions = tuple(dict.fromkeys(view.sessions))
+    for kind, _ in view.readings.placed:
+        for session in (sessions if len(sessions) > 1 else ("",)) if kind.name else ():
+            rows = np.flatnonzero([session in ("", one) for one in view.sessions])
+            sensor = view.arm.sensors[kind.name]
+            begun = kind.some(rows).start(view.at.some(rows))[sensor.free]
+            found |= dict(zip(of_sensor(sensor, [session]), begun.tolist(), strict=True))
+    return found
+
+
 def offset_block(setup: Setup, std: float = 0.0) -> Block:
     """Return the block of a constant error of every joint's position; loads redistribute with it."""
     joints = setup.arm.joint_names
@@ -136,7 +160,9 @@ def offset_block(setup: Setup, std: float = 0.0) -> Block:
         return _corrected(setup, "joint_offset", dict(zip(joints, values.tolist(), strict=True)))
 
     std_of_each = np.full(len(joints), std)
-    return RigidBlock(of_offsets(setup.arm.robot), std_of_each, lambda view: view.answer(lambda line: line.joints), moved)
+    return RigidBlock(
+        of_offsets(setup.arm.robot), std_of_each, lambda view: view.answer(lambda line: line.joints), moved
+    )
 
 
 def geometry_block(setup: Setup, std: float = 0.0) -> Block:

@@ -146,7 +146,7 @@ class Fit:
     def misfit(self) -> float:
         """Standard deviation of each coordinate [m] beyond the stated one, where readings had to be weighed by it."""
         scatter = self.factor * self.noise
-        if self.factor == 1.0 or scatter <= 1.0 or self.view.readings.kinds[0].unit != "m":
+        if self.factor == 1.0 or scatter <= 1.0 or self.view.readings.unit != "m":
             return 0.0
         each = Position.dimension if self.view.readings.of(Position) else 1
         return self.view.rms(self.view.sigma) / self.factor * float(np.sqrt((scatter**2 - 1.0) / each))
@@ -169,7 +169,10 @@ class Fit:
         return self.view.rms(self.view.residual)
 
     def cost(self, limit: Array | float) -> float:
-        """Return -2 log posterior density but for a constant; rows beyond `limit` times the noise count less."""
+        """Return -2 log posterior density but for a constant; rows beyond `limit` times the noise count less.
+
+        `limit` is (G,) of every instrument, or one for all, dimensionless.
+        """
         return objective(self.view, self.values, self.prior, limit)
 
     def places(self, block: Block) -> np.ndarray:
@@ -331,11 +334,11 @@ class _Task:
         """Return the iterate at (P,) values."""
         return _Iterate(values, look(realise(self.declared, self.blocks, values), self.measurements, rows))
 
-    def cost(self, here: _Iterate, limit: float) -> float:
+    def cost(self, here: _Iterate, limit: Array | float) -> float:
         """Return the cost of an iterate."""
         return objective(here.view, here.values, self.prior, limit)
 
-    def problem(self, here: _Iterate, limit: float) -> _Problem:
+    def problem(self, here: _Iterate, limit: Array | float) -> _Problem:
         """Return the linear problem about an iterate."""
         weights = huber_weights(here.view, limit)
         regressors, residual = (
@@ -348,7 +351,7 @@ class _Task:
         return _Problem(LinearGaussian.of(regressors, precision), gradient, bend)
 
     def descend(
-        self, here: _Iterate, problem: _Problem, limit: float, trials: int, damping: float
+        self, here: _Iterate, problem: _Problem, limit: Array | float, trials: int, damping: float
     ) -> tuple[_Iterate, float] | None:
         """Return the iterate after a step, damped until the cost falls or is flat, and the next damping; None if never.
 

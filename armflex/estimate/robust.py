@@ -45,7 +45,7 @@ def whitened_residual(view: View, weights: Array) -> Array:
 
 
 def robust_limit(view: View) -> Array:
-    """Return how many times what noise could make a reading must be off to count less: 1, more while the model is wrong.
+    """Return how many times what noise makes a reading must be off to count less: 1, more while the model is wrong.
 
     While it is wrong all residuals are long; what is far is then judged by their median, not by the noise: (G,), one of
     each instrument's own.
@@ -57,7 +57,7 @@ def robust_limit(view: View) -> Array:
 
 
 def instrument_weights(view: View, limit: Array | float | None = None) -> Array:
-    """Return the (M, G) weights of what each instrument read in a row: a lost beam is no fault of the level beside it."""
+    """Return the (M, G) weights of what each instrument read in a row: a level is no worse for a lost beam."""
     limits = np.broadcast_to(robust_limit(view) if limit is None else limit, len(view.readings.groups))
     weights = np.ones((len(view.residual), len(limits)))
     for number, (length, expected, _) in enumerate(_lengths(view, outlier_limit)):

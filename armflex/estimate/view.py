@@ -68,7 +68,7 @@ class View:
         return self.readings.foremost
 
     def rms(self, errors: Array) -> float:
-        """Return the RMS of the 3-D position error [m] of (M, d) errors; without positions of the `foremost` numbers."""
+        """Return the RMS of the 3-D position error [m] of (M, d) errors; without any of the `foremost` ones."""
         return foremost_rms(self.readings, errors)
 
     @property
@@ -88,7 +88,7 @@ class View:
 
     @property
     def by_scale(self) -> Array:
-        """(M, d) changes of the readings per share by which the instrument's distances are too long."""
+        """(M, d) changes of the readings, in their units, per share by which the instrument's scale is too long."""
         return self.readings.stacked(lambda kind: kind.by_scale(self.at))
 
     @property
@@ -103,7 +103,7 @@ class View:
 
     @property
     def by_gravity(self) -> Array:
-        """(M, d, 3) changes of the readings per gravity in the base: the arm gives, and a level reads it [per m/s^2]."""
+        """(M, d, 3) changes of the readings per gravity in base axes, to which the arm gives [per m/s^2]."""
         return self.answer(lambda line: line.gravity) + self.readings.stacked(lambda kind: kind.by_gravity(self.at))
 
     def by_sensor(self, name: str) -> Array:
@@ -156,11 +156,9 @@ class View:
 
     @cached_property
     def seen(self) -> tuple[tuple[slice, str | None, Array], ...]:
-        """Which numbers see which link, and their (M, n, 6) change with its motion; None is the tip."""
+        """Which numbers see which link, and their (M, n, 6) change with its motion [m, rad]; None is the tip."""
         return tuple(
-            (place, link, seen)
-            for kind, place in self.readings.placed
-            for link, seen in kind.jacobian(self.at).items()
+            (place, link, seen) for kind, place in self.readings.placed for link, seen in kind.jacobian(self.at).items()
         )
 
     def to_twist(self, site: str) -> Array:
@@ -168,9 +166,7 @@ class View:
         if site not in self._to_twist:
             place = site_of(site, self.setup.arm.robot)
             known = [i for i, flexure in enumerate(self.setup.arm.modelled) if same_site(flexure.site, place)]
-            self._to_twist[site] = self.answer(
-                lambda line: line.laws[:, :, known[-1]] if known else line.site(site)
-            )
+            self._to_twist[site] = self.answer(lambda line: line.laws[:, :, known[-1]] if known else line.site(site))
         return self._to_twist[site]
 
     @cached_property
@@ -254,7 +250,7 @@ def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
 
 
 def foremost_rms(readings: Readings, errors: Array) -> float:
-    """Return the RMS of (M, d) errors over the rows read: of the 3-D position [m], without any of the foremost numbers."""
+    """Return the RMS of (M, d) errors over the rows read: of the 3-D position [m], else of the foremost ones."""
     read = np.isfinite(readings.sigma[:, readings.foremost])
     count = read.sum() / (Position.dimension if readings.of(Position) else 1)
     return float(np.sqrt((np.where(read, errors[:, readings.foremost], 0.0) ** 2).sum() / max(count, 1)))

@@ -67,8 +67,8 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
         if one.name == "anchor" and what == "distance":
             value = table.numbers("anchor", (3,))
             if np.linalg.norm(value) > robot.reach + FURTHEST:
-                text = f"is {np.linalg.norm(value):.3g} m from the base, whose arm reaches {robot.reach:.3g} m: millimetres?"
-                raise table.fail("anchor", text)
+                away = f"{np.linalg.norm(value):.3g} m from the base, and the arm reaches {robot.reach:.3g} m"
+                raise table.fail("anchor", f"is {away}: millimetres?")
         elif len(one.axes) == 1:
             value = np.array([table.number(one.name, 0.0)])
         else:
@@ -76,7 +76,9 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
         key = f"{one.name}_std"
         size = table.std(key, 0.0)
         if 0.0 < size < SMALLEST_STD or size > LONGEST[one.unit]:
-            raise table.fail(key, f"expected a standard deviation [{one.unit}] up to {LONGEST[one.unit]:g}, got {size:g}")
+            raise table.fail(
+                key, f"expected a standard deviation [{one.unit}] up to {LONGEST[one.unit]:g}, got {size:g}"
+            )
         declared.append(value)
         std.append(np.full(len(one.axes), size))
     sigma = table.std("sigma")

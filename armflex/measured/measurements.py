@@ -260,7 +260,9 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
     stems = {name.rstrip("0123456789"): name for name in arm.sensors}
     for name, column in table.columns.items():
         base = name.removeprefix("sigma_")
-        own = next((part for part in (base, *base.rsplit("_", 2)[:1], base.rpartition("_")[0]) if _stem(part) in stems), "")
+        own = next(
+            (part for part in (base, *base.rsplit("_", 2)[:1], base.rpartition("_")[0]) if _stem(part) in stems), ""
+        )
         if name not in known and (own or (name != base and arm.sensors)):
             text = f"column {column.header!r}: the arm file declares no [instrument.{own or base}]"
             raise TableError(Place(table.path, 1), f"{text}{did_you_mean(own or base, arm.sensors)}")
@@ -375,7 +377,9 @@ def _sensor_flags(table: Table, found: Measurements, arm: Arm) -> Iterator[Flag]
     for name in found.covariates:
         base, _, axis = name.rpartition("_")
         if axis == "x" and base and f"{base}_y" in found.covariates:
-            text = f"columns {name} and {base}_y are covariates: if an instrument reads them, declare [instrument.{base}]"
+            text = (
+                f"columns {name} and {base}_y are covariates: if an instrument reads them, declare [instrument.{base}]"
+            )
             yield Flag("instrument_undeclared", text)
 
 

@@ -174,7 +174,7 @@ def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
 def answers(blocks: Sequence[Block], view: View, context: Context) -> Array:
     """Return (M, d, P) whitened changes of the readings of some rows per parameter of blocks made for others."""
     here = [block.of_rows(context) for block in blocks]
-    return whitened_regressors(here, view, np.ones(len(view.rows))).reshape(*view.residual.shape, -1)
+    return whitened_regressors(here, view, np.ones(view.residual.shape)).reshape(*view.residual.shape, -1)
 
 
 def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock]) -> Model:

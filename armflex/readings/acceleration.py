@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.readings.kind import Kind, mounted, skew
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import AXES, MOUNTING, SCALE, Nuisance, Sensor
+from armflex.readings.sensor import AXES, MOUNTING, SCALE, Nuisance
 
 OPPOSITE = 'reads = "specific_force"', 'reads = "gravity"'
 
@@ -45,10 +45,12 @@ class Acceleration(Kind):
     def by_own(self, at: Postures) -> Array:
         felt, _, changes = self._felt(at)
         one = np.broadcast_to(np.eye(3), (len(felt), 3, 3))
-        return np.concatenate([skew(felt) @ changes, one, (felt / (1.0 + at.of(self.name, "scale")))[:, :, None]], axis=2)
+        return np.concatenate(
+            [skew(felt) @ changes, one, (felt / (1.0 + at.of(self.name, "scale")))[:, :, None]], axis=2
+        )
 
-    @classmethod
-    def implausible(cls, sensor: Sensor, read: Array, predicted: Array) -> str | None:
+    def implausible(self, at: Postures) -> str | None:
+        sensor, read, predicted = at.sensors[self.name], self.values, self.predicted(at)
         size = float(np.median(np.linalg.norm(read, axis=1)))
         if 0.8 < size < 1.25:
             return "its numbers are as long as 1, not as gravity: in g, not m/s^2? (write the unit into the header)"

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.readings.kind import Kind, point_of
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import ANCHOR, POINT, SCALE, Nuisance, Sensor
+from armflex.readings.sensor import ANCHOR, POINT, SCALE, Nuisance
+
+NEAR = 0.02
+"""Standard deviation of an anchor or a zero [m] up to which a fit finds it from where it is declared."""
+
+ANYWHERE, FALL = 5.0, 5.0
+"""Standard deviation [m] of an anchor that may be anywhere, and how much better one elsewhere must fit to be named."""
+
+COARSE = 1e-3
+"""Standard deviation of a length [m] while nothing else is fitted yet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +63,56 @@ class Distance(Kind):
         point, one = along @ at.pose(sensor.link)[:, :3, :3], np.ones((len(length), 1, 1))
         return np.concatenate([-anchor, one, point, length[:, None, None]], axis=2)
 
-    @classmethod
-    def implausible(cls, sensor: Sensor, read: Array, predicted: Array) -> str | None:
-        ratio = float(np.median(read) / max(np.median(predicted), 1e-9))
+    def start(self, at: Postures) -> Array:
+        """Return anchor and zero as the lengths have them, lost ones counting less; see `Kind.start`.
+
+        Circles about points of one plane meet on both sides of it: the search begins at the declared anchor, and at
+        its image in the plane that fits the points best, and the better end is taken, by readings and prior together.
+        """
+        sensor = at.sensors[self.name]
+        free = np.flatnonzero(sensor.std[:4])
+        read = np.flatnonzero(np.isfinite(self.sigma[:, 0]))
+        found = np.zeros(len(sensor.std))
+        if len(read) <= len(free) or sensor.std[:4].max(initial=0.0) < NEAR:
+            return found
+        from scipy.optimize import least_squares  # not needed to import the package
+
+        own, here = self.some(read), at.some(read)
+        there = point_of(here, sensor.link, here.of(self.name, "point"))[0]
+        if sensor.seen_from is not None:  # as the anchor's link sees the points
+            frame = here.pose(sensor.seen_from)
+            there = np.einsum("nij,ni->nj", frame[:, :3, :3], there - frame[:, :3, 3])
+        declared, size = sensor.declared[:4], np.maximum(own.sigma[:, 0], COARSE)
+
+        def errors(step: Array) -> Array:
+            values = declared.copy()
+            values[free] += step
+            length = np.linalg.norm(there - values[:3], axis=1) + values[3]
+            return np.concatenate([(own.values[:, 0] - length) / size, step / sensor.std[free]])
+
+        begun, middle = [declared[:3]], there.mean(axis=0)
+        normal = np.linalg.svd(there - middle, full_matrices=False)[2][-1]
+        begun.append(declared[:3] - 2.0 * ((declared[:3] - middle) @ normal) * normal)
+        ends = []
+        for anchor in begun:
+            step = (np.append(anchor, declared[3]) - declared)[free]
+            ends.append(least_squares(errors, step, loss="soft_l1"))
+        found[free] = min(ends, key=lambda end: end.cost).x
+        return found
+
+    def implausible(self, at: Postures) -> str | None:
+        sensor, predicted = at.sensors[self.name], self.predicted(at)
+        ratio = float(np.median(self.values) / max(np.median(predicted), 1e-9))
         for unit, factor in (("mm", 1e3), ("cm", 1e2), ("inches", 39.37)):
             if abs(np.log(ratio / factor)) < 0.3:
-                return f"lengths are about {factor:g} times as long as the arm's: in {unit}, not m? (write the unit into the header)"
+                return f"lengths are {factor:g} times the arm's: in {unit}, not m? (write the unit into the header)"
+        # Wherever the anchor may be, its zero as declared.
+        free = np.concatenate([np.full(3, ANYWHERE), sensor.std[3:]])
+        found = self.start(replace(at, sensors={self.name: replace(sensor, std=free)}))
+        there = replace(at, sensors={self.name: replace(sensor, found={"": found})})
+        off, left = (float(np.median(np.abs(self.residual(one)))) for one in (at, there))
+        if FALL * left < off:
+            place = ", ".join(f"{value:.3g}" for value in sensor.declared[:3] + found[:3])
+            away = f"{np.linalg.norm(found[:3]):.2g} m from the declared one"
+            return f"the lengths fit {off / left:.0f} times better from an anchor at [{place}], {away}"
         return None

@@ -24,7 +24,7 @@ class Encoder(Kind):
     nuisances = (Nuisance("bias", ("",), "rad"), SCALE)
 
     def _angle(self, at: Postures) -> tuple[Array, Array]:
-        """Return the (N, 1) position [rad or m], and the (N, 3) axis in the base."""
+        """Return the (N, 1) position [rad or m], and the (N, 3) motion in the base that it is of."""
         sensor, shaft = at.sensors[self.name], at.sensors[self.name].shaft
         assert shaft is not None
         inboard, link = at.pose(shaft.inboard) @ shaft.origin, at.pose(sensor.link)
@@ -35,8 +35,10 @@ class Encoder(Kind):
         # About where the controller has it: a rotation vector is about the axis but for what the joint gives.
         q = at.q[shaft.joint]
         turns = back @ link[:, :3, :3]
-        left = [pin.log3(pin.exp3(-value * shaft.axis) @ turn) for value, turn in zip(q, turns, strict=True)]
-        return q[:, None] + np.array(left).reshape(-1, 3) @ shaft.axis[:, None], axis
+        left = [pin.exp3(-value * shaft.axis) @ turn for value, turn in zip(q, turns, strict=True)]
+        own = [link[i, :3, :3] @ pin.Jlog3(turn).T @ shaft.axis for i, turn in enumerate(left)]
+        angles = np.array([pin.log3(turn) for turn in left]).reshape(-1, 3) @ shaft.axis[:, None]
+        return q[:, None] + angles, np.array(own).reshape(-1, 3)
 
     def predicted(self, at: Postures) -> Array:
         return (1.0 + at.of(self.name, "scale")) * self._angle(at)[0] + at.of(self.name, "bias")

@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.readings.kind import Kind, mounted, skew
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import MOUNTING, Nuisance, Sensor
+from armflex.readings.sensor import MOUNTING, Nuisance
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,15 +52,19 @@ class Inclination(Kind):
         mounting = (skew(up) @ changes)[:, :2] / cosine[:, :, None]
         return np.concatenate([mounting, np.broadcast_to(np.eye(2), (len(up), 2, 2))], axis=2)
 
-    @classmethod
-    def implausible(cls, sensor: Sensor, read: Array, predicted: Array) -> str | None:
+    def implausible(self, at: Postures) -> str | None:
+        read, predicted = self.values, self.predicted(at)
         left = _scatter(read - predicted)
         for unit, factor in (("degrees", np.pi / 180.0), ("mm/m", 1e-3)):
-            if 5.0 * _scatter(factor * read - predicted) < left:
-                return f"angles fit {left / _scatter(factor * read - predicted):.0f} times better in {unit} (write the unit into the header)"
+            best = _scatter(factor * read - predicted)
+            if 5.0 * best < left:
+                return f"angles fit {left / best:.0f} times better in {unit} (write the unit into the header)"
         ways = {"x and y swapped": read[:, ::-1], "x reversed": read * [-1, 1], "y reversed": read * [1, -1]}
         ways |= {"both reversed": -read, "x and y swapped, x reversed": read[:, ::-1] * [-1, 1]}
-        ways |= {"x and y swapped, y reversed": read[:, ::-1] * [1, -1], "x and y swapped, both reversed": -read[:, ::-1]}
+        ways |= {
+            "x and y swapped, y reversed": read[:, ::-1] * [1, -1],
+            "x and y swapped, both reversed": -read[:, ::-1],
+        }
         said, best = min(((name, _scatter(way - predicted)) for name, way in ways.items()), key=lambda pair: pair[1])
         return f"angles fit {left / best:.0f} times better with {said}" if 5.0 * best < left else None
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import Nuisance, Sensor
+from armflex.readings.sensor import Nuisance
 
 Own = TypeVar("Own", bound="Kind")
 
@@ -26,7 +26,7 @@ class Kind(ABC):
 
     Attributes:
         values: (N, d) what was read, in `unit`; zero where nothing was.
-        sigma: (N, d) one standard deviation of each number; infinite where a row has no such reading.
+        sigma: (N, d) one standard deviation of each number, in `unit`; infinite where a row has no such reading.
         name: Of the sensor that read it; '' is the instrument that looks at the tip.
     """
 
@@ -54,7 +54,7 @@ class Kind(ABC):
 
     @classmethod
     def unread(cls: type[Own], count: int, sigma: ArrayLike = 1.0, name: str = "") -> Own:
-        """Return readings that are still to be taken in `count` rows, with their standard deviation, one or (d,)."""
+        """Return readings still to be taken in `count` rows; their standard deviation is one or (d,), in its unit."""
         shape = (count, cls.dimension)
         return cls(np.zeros(shape), np.broadcast_to(np.asarray(sigma, dtype=float), shape), name)
 
@@ -63,8 +63,14 @@ class Kind(ABC):
         """Return what the columns of a sensor of this kind are called."""
         return tuple(f"{name}_{channel}" if channel else name for channel in cls.channels)
 
+    @property
+    def title(self) -> str:
+        """What people are shown: 'wire1 (distance)'."""
+        words = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in type(self).__name__).strip()
+        return f"{self.name} ({words})" if self.name else words
+
     def some(self: Own, rows: np.ndarray) -> Own:
-        """Return the readings of some rows."""
+        """Return the readings of (M,) rows."""
         return replace(self, values=self.values[rows], sigma=self.sigma[rows])
 
     def scaled(self: Own, factor: float) -> Own:
@@ -73,26 +79,26 @@ class Kind(ABC):
 
     @abstractmethod
     def predicted(self, at: Postures) -> Array:
-        """Return the (N, d) numbers that the instrument would read."""
+        """Return the (N, d) numbers that the instrument would read, in `unit`."""
 
     def residual(self, at: Postures) -> Array:
-        """Return (N, d) what was read minus what the instrument would read, zero where nothing was."""
+        """Return (N, d) what was read minus what would be read, in `unit`; zero where nothing was."""
         return np.where(np.isfinite(self.sigma), self.values - self.predicted(at), 0.0)
 
     @abstractmethod
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return the (N, d, 6) change of a reading per motion of every link that it sees, by link; None is the tip."""
+        """Return by link the (N, d, 6) change of a reading per motion [m, rad] of each it sees; None is the tip."""
 
     def by_gravity(self, at: Postures) -> Array:
-        """Return (N, d, 3) change per gravity in the base, the arm held where it is."""
+        """Return (N, d, 3) change per gravity in the base [m/s^2], the arm held where it is."""
         return np.zeros((*self.values.shape, 3))
 
     def by_frame(self, at: Postures) -> Array:
-        """Return (N, d, 6) change per shift [m] and rotation vector [rad] of the instrument's frame about its origin."""
+        """Return (N, d, 6) change per shift [m] and rotation vector [rad] of the instrument's frame."""
         return np.zeros((*self.values.shape, 6))
 
     def by_scale(self, at: Postures) -> Array:
-        """Return (N, d) change per share by which the instrument's distances are too long."""
+        """Return (N, d) change, in `unit`, per share by which the instrument's distances are too long."""
         return np.zeros(self.values.shape)
 
     def by_target(self, at: Postures) -> Array:
@@ -104,12 +110,15 @@ class Kind(ABC):
         return np.zeros((*self.values.shape, 3))
 
     def by_own(self, at: Postures) -> Array:
-        """Return (N, d, K) change per nuisance of the sensor, all of them in order."""
+        """Return (N, d, K) change per nuisance of the sensor, all of them in order and their units."""
         return np.zeros((*self.values.shape, 0))
 
-    @classmethod
-    def implausible(cls, sensor: Sensor, read: Array, predicted: Array) -> str | None:
-        """Return what (M, d) readings look like that are far from what was predicted, None where it is nothing known."""
+    def start(self, at: Postures) -> Array:
+        """Return (K,) deviations of the nuisances, in their units, from which a fit may begin."""
+        return np.zeros(sum(len(one.axes) for one in self.nuisances))
+
+    def implausible(self, at: Postures) -> str | None:
+        """Return what readings look like that are all read and far from what is predicted; None is nothing known."""
         return None
 
 

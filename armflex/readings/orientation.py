@@ -32,7 +32,9 @@ class Orientation(Kind):
 
     def _turns(self, at: Postures) -> Array:
         """Return the (N, 3, 3) orientations that the instrument would read, dimensionless."""
-        return at.instrument.session_turns(at.sessions) @ at.instrument.pose.rotation @ mounted(at, *self._mounted(at))[0]
+        return (
+            at.instrument.session_turns(at.sessions) @ at.instrument.pose.rotation @ mounted(at, *self._mounted(at))[0]
+        )
 
     def predicted(self, at: Postures) -> Array:
         return np.array([pin.log3(turn) for turn in self._turns(at)]).reshape(-1, 3)

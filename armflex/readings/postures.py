@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,6 +31,11 @@ class Postures:
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
     q: Mapping[str, Array] = field(default_factory=dict)
+
+    def some(self, rows: np.ndarray) -> Postures:
+        """Return the arm in (M,) of the rows."""
+        q, sessions = {joint: values[rows] for joint, values in self.q.items()}, [self.sessions[i] for i in rows]
+        return replace(self, pose=lambda link: self.pose(link)[rows], sessions=sessions, q=q)
 
     def of(self, name: str, nuisance: str) -> Array:
         """Return the (N, n) values of a sensor's nuisance in the rows, in its unit."""

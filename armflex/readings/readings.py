@@ -61,6 +61,20 @@ class Readings:
             return slice(0, self.kinds[0].dimension if self.kinds else 0)
         return slice(0, sum(kind.dimension for kind in self.kinds if kind.unit == self.kinds[0].unit))
 
+    @property
+    def unit(self) -> str:
+        """SI unit of the foremost numbers."""
+        return self.kinds[0].unit if self.kinds else "m"
+
+    def by_kind(self, errors: Array) -> tuple[tuple[Kind, float], ...]:
+        """Return every kind with the RMS of what it read of (N, d) errors, the length of all its numbers together."""
+        found = []
+        for kind, place in self.placed:
+            read = np.isfinite(kind.sigma)
+            squares = (np.where(read, errors[:, place], 0.0) ** 2).sum()
+            found.append((kind, float(np.sqrt(squares / max(read.any(axis=1).sum(), 1)))))
+        return tuple(found)
+
     @cached_property
     def groups(self) -> tuple[slice, ...]:
         """Where the numbers stand that were read together: by the instrument at the tip, and by every sensor."""
@@ -80,7 +94,7 @@ class Readings:
     @property
     def read(self) -> np.ndarray:
         """(N,) where anything was read."""
-        return np.isfinite(self.sigma).any(axis=1) if self.kinds else np.zeros(self.count, dtype=bool)
+        return np.any(np.isfinite(self.sigma), axis=1) if self.kinds else np.zeros(self.count, dtype=bool)
 
     def some(self, rows: np.ndarray) -> Readings:
         """Return the readings of some rows, by their (M,) numbers."""

@@ -1,4 +1,4 @@
-"""An instrument beside the tracker, as [instrument.NAME] declares it: where it is, what of that is open, what was found."""
+"""An instrument beside the tracker, as [instrument.NAME] declares it: its place, what of it is open, what was found."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ class Sensor:
         link: Where on the arm.
         sigma: One standard deviation of a reading, in the kind's unit.
         declared: (K,) value of every nuisance of its kind, in their order and units.
-        std: (K,) prior standard deviations about them; 0 keeps one as declared.
-        found: (K,) deviations from what is declared, by session; '' is every session that has none of its own.
+        std: (K,) prior standard deviations about them, in their units; 0 keeps one as declared.
+        found: (K,) deviations from what is declared, in their units, by session; '' is every one that has none.
         seen_from: The link that it stands on or looks from; None is the base.
         sign: -1 for an accelerometer that reads what holds it up, not gravity.
         shaft: Of an encoder.
@@ -89,6 +89,13 @@ class Sensor:
         return np.flatnonzero(self.std)
 
     @property
+    def movable(self) -> np.ndarray:
+        """(k,) places among the K numbers of those that change where a sensor is set up otherwise."""
+        fixed = ("point", "scale")
+        names = [one.name for one in self.kind.nuisances for _ in one.axes]
+        return np.flatnonzero([name not in fixed for name in names])
+
+    @property
     def labels(self) -> tuple[tuple[str, str], ...]:
         """Name and unit of each of the K numbers: 'anchor x'."""
         return tuple((f"{one.name} {axis}".strip(), one.unit) for one in self.kind.nuisances for axis in one.axes)
@@ -105,7 +112,7 @@ class Sensor:
         return self.declared[place] + np.array([known[session] for session in sessions]).reshape(len(sessions), -1)
 
     def moved(self, session: str, step: Array) -> Sensor:
-        """Return the sensor with (k,) steps of what is free added to what was found in a session."""
+        """Return the sensor with (k,) steps of what is free, in its units, added to what was found in a session."""
         found = self.found.get(session, self.found.get("", np.zeros(len(self.declared)))).copy()
         found[self.free] += step
         return replace(self, found={**self.found, session: found})

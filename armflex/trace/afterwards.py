@@ -196,7 +196,9 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
         return None
     scatter, fit = known.same_session, state.fit
     noise = float((scatter.sigma**2).mean())
-    squares = fit.view.residual[:, fit.view.foremost][(fit.weights >= 1.0)[:, fit.view.foremost]] ** 2  # tails make a mean of squares anything
+    squares = (
+        fit.view.residual[:, fit.view.foremost][(fit.weights >= 1.0)[:, fit.view.foremost]] ** 2
+    )  # tails make a mean of squares anything
     freedom = max(squares.size - (fit.view.count - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
     if left < LARGER * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > UNLIKELY:

@@ -314,7 +314,7 @@ def refit(
     return replace(state, effects=effects, random=random, fit=fitted, context=context)
 
 
-def information(state: State, limit: float) -> float:
+def information(state: State, limit: Array | float) -> float:
     """Return n log J + k log n of a state: the smaller the better.
 
     J is what the fit reached, not what its linear problem promises. States are compared at one `limit` of lengths

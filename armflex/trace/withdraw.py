@@ -17,7 +17,7 @@ from armflex.conventions import Array
 from armflex.errors import ArmflexError
 from armflex.estimate.effect_block import amplitude_prior
 from armflex.estimate.fit import THOROUGH, Fit
-from armflex.estimate.held_out import believed, held_out, near, pose_folds
+from armflex.estimate.held_out import believed, errors_of, held_out, near, pose_folds
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
