@@ -289,7 +289,8 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
     """Return the arm with its instrument, placed by a best rigid fit where its frame is unknown."""
     instrument = arm.instrument or Instrument()
     known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
-    line = respond(arm, measurements.q[rows], [measurements.payload[row] for row in rows], known)
+    some = measurements.some(rows)
+    line = respond(arm, some.q, some.payload, known, wrenches=some.wrenches)
     points = instrument.in_base(line.tip)
     check_readings(arm, points, measurements, rows)
     if arm.measurement.frame != "base":
