@@ -12,9 +12,9 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, listing
+from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean
 from armflex.laws.effects.context import MASS
-from armflex.laws.effects.remember import check_covariates, derived_direction
+from armflex.laws.effects.remember import check_approaches, check_covariates, derived_direction
 from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.rows.rows import APPROACH, last_motion
@@ -242,18 +242,6 @@ def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
         covariates=covariates,
         places=tuple(Place(table.path, line) for line in table.lines),
     )
-
-
-def check_approaches(values: Mapping[str, float], joints: Sequence[str]) -> None:
-    """Raise `InputError` where an `approach_<joint>` is of no joint, or is not -1, 0 or 1."""
-    known = [f"{APPROACH}{joint}" for joint in joints]
-    for name, value in values.items():
-        if not name.startswith(APPROACH):
-            continue
-        if name not in known:
-            raise InputError(f"no covariate {name!r}{did_you_mean(name, known)} (known: {listing(known)})")
-        if value not in (-1.0, 0.0, 1.0):
-            raise InputError(f"{name} is {value:g}, not -1, 0 or 1")
 
 
 def misspelt(name: str, known: Iterable[str]) -> bool:
