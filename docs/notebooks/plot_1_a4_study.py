@@ -93,7 +93,7 @@ inside = 100 * trials[LAPLACE].score.inside
 print("new readings inside the 95 % band, x / y / z:", " / ".join(f"{value:.0f} %" for value in inside))
 
 # %%
-# A network is worth its weights here, as the surrogate was given terms that need one. On the twenty published rows
-# it is not: nine tenths of what the paper calls highly non-linear is a force along z that moves x, and a full compliance
-# with a term in the radial load is as good (``python examples/06_a4_rows.py``).
+# Here a network is worth its weights: the surrogate was given terms that need one. On the twenty published rows it is
+# not: nine tenths of what the paper calls highly non-linear is a force along z that moves x, and a full compliance with
+# a term in the radial load is as good (``python examples/06_a4_rows.py``).
 np.testing.assert_array_less(trials[LAPLACE].score.new, trials[PARAMETRIC].score.new)
