@@ -32,6 +32,7 @@ class Points(NamedTuple):
         payload: Name of each one's payload.
         v, a: (M, nq) joint velocities [rad/s or m/s] and accelerations, None where the path is slow.
         covariates: Further columns by name, (M,) each in its own unit.
+        target: (M, nq) as of `Trajectory`.
     """
 
     time: Array
@@ -40,6 +41,18 @@ class Points(NamedTuple):
     v: Array | None
     a: Array | None
     covariates: Mapping[str, Array]
+    target: Array | None
+
+    def some(self, rows: np.ndarray) -> Points:
+        """Return the points of (M,) numbers."""
+        v, a, target = (None if values is None else values[rows] for values in (self.v, self.a, self.target))
+        payload, known = [self.payload[i] for i in rows.tolist()], {n: x[rows] for n, x in self.covariates.items()}
+        return Points(self.time[rows], self.q[rows], payload, v, a, known, target)
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """Motion and what else is known of the points, as `Arm.deflection` takes them."""
+        return {"v": self.v, "a": self.a, "covariates": {"time": self.time, **self.covariates}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +68,8 @@ class Trajectory:
         v, a: (N, nq) joint velocities [rad/s or m/s] and accelerations where inertial loads count, else None.
         covariates: Further columns, (N,) each in its own unit; `approach_<joint>` is the direction of the way there.
         places: Where each row stands in a file, none where rows are not those of one.
+        target: (N, nq) joint positions that put the rigid tip where the flexed one is to be [rad or m], None where
+            those are q.
     """
 
     joint_names: tuple[str, ...]
@@ -66,6 +81,7 @@ class Trajectory:
     a: Array | None = None
     covariates: Mapping[str, Array] = field(default_factory=dict)
     places: tuple[Place, ...] = ()
+    target: Array | None = None
 
     def __post_init__(self) -> None:
         count = len(self.time)
@@ -99,7 +115,40 @@ class Trajectory:
             None if self.v is None else part(self.v),
             None if self.a is None else part(self.a),
             {name: known(name, values) for name, values in self.covariates.items()},
+            None if self.target is None else part(self.target),
         )
+
+    @property
+    def points(self) -> Points:
+        """The rows."""
+        return Points(self.time, self.q, self.payload, self.v, self.a, self.covariates, self.target)
+
+    def where(self, i: int) -> str:
+        """Return what row i is called in an error: its place in a file, or its number, and its time."""
+        via = f" ({self.via[i]})" if self.via[i] else ""
+        return f"row {i}{via} at {self.time[i]:g} s"
+
+    def towards(self, desired: Trajectory) -> Trajectory:
+        """Return the trajectory, as `for_arm` orders it, whose flexed tip is meant where `desired` has the rigid tip.
+
+        Raises:
+            InputError: The joints are not the same, or the rows: in number, time or via-point.
+        """
+        if len(desired) != len(self):
+            more = " (`compensate --between` inserts rows)" if len(self) > len(desired) else ""
+            raise InputError(f"the desired path has {len(desired)} rows, this one has {len(self)}{more}")
+        if sorted(desired.joint_names) != sorted(self.joint_names):
+            theirs = f"the desired path is of joints {', '.join(desired.joint_names)}"
+            raise InputError(f"{theirs}, this one of {', '.join(self.joint_names)}")
+        late = np.abs(desired.time - self.time) > SHORTEST * np.maximum(1.0, np.abs(self.time))
+        for i, (own, wanted) in enumerate(zip(self.via, desired.via, strict=True)):
+            place = f"{desired.places[i]}: " if desired.places else ""
+            if late[i]:
+                raise InputError(f"{place}row {i} of the desired path is at {desired.time[i]:.9g} s, "
+                                 f"this one's at {self.time[i]:.9g} s")  # fmt: skip
+            if own != wanted:
+                raise InputError(f"{place}row {i} of the desired path is via-point {wanted!r}, this one's is {own!r}")
+        return replace(self, target=desired.q[:, [desired.joint_names.index(name) for name in self.joint_names]])
 
     @property
     def known(self) -> dict[str, Array]:
@@ -170,7 +219,8 @@ class Trajectory:
                 f"trajectory of joints {', '.join(self.joint_names)}, the arm has {', '.join(arm.joint_names)}"
             )
         order = [self.joint_names.index(name) for name in arm.joint_names]
-        moved = {name: None if x is None else x[:, order] for name, x in (("v", self.v), ("a", self.a))}
+        given = {"v": self.v, "a": self.a, "target": self.target}
+        moved = {name: None if values is None else values[:, order] for name, values in given.items()}
         return replace(self, joint_names=arm.joint_names, q=self.q[:, order], **moved)
 
     def with_midpoints(self, segments: np.ndarray) -> Trajectory:
@@ -186,9 +236,9 @@ class Trajectory:
             payload.insert(place, payload[place - 1])
             via.insert(place, "")
         covariates = {name: insert(values, name.startswith(APPROACH)) for name, values in self.covariates.items()}
-        v, a = (None if values is None else insert(values) for values in (self.v, self.a))
+        v, a, target = (None if values is None else insert(values) for values in (self.v, self.a, self.target))
         time, q = insert(self.time), insert(self.q)
-        return Trajectory(self.joint_names, time, q, tuple(payload), tuple(via), v, a, covariates)
+        return Trajectory(self.joint_names, time, q, tuple(payload), tuple(via), v, a, covariates, target=target)
 
 
 def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:

@@ -12,7 +12,7 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.main import was_interrupted
 from armflex.cli.terminal import complain, number, print_table, progress, say
-from armflex.conventions import Array, parse_quantity
+from armflex.conventions import parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
 from armflex.plotting import SUFFIXES as PICTURES
@@ -116,7 +116,7 @@ def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
 
 def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
     """Return the summary of a map for programs, SI."""
-    here = found.worst_voxel if found.answered.any() else None
+    here, drawn = found.worst_voxel if found.answered.any() else None, found.worst_of_draws
     summary = {
         "joint_names": list(found.joints),
         "payloads": list(found.payloads),
@@ -132,13 +132,13 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
         if here is None
         else {
             "displacement_m": float(found.worst[here]),
-            "sigma_m": _finite(found.sigma, here),
+            "sigma_m": None if found.sigma is None else options.finite(found.sigma[here]),
             "centre": found.centres[here].tolist(),
             "q": found.worst_q[here].tolist(),
             "payload": found.payloads[found.worst_payload[here]],
-            "worst_of_draws_m": _finite(found.worst_of_draws, here),
+            "worst_of_draws_m": None if drawn is None else options.finite(drawn[here]),
         },
-        "worst_of_draws_m": _finite(found.worst_of_draws),
+        "worst_of_draws_m": None if drawn is None else options.finite(drawn.max()),
     }
     if tolerance is not None:
         summary |= {"tolerance_m": tolerance, "verdicts": _verdicts(found, tolerance)}
@@ -149,9 +149,3 @@ def _verdicts(found: WorkspaceMap, tolerance: float) -> dict[str, int]:
     """Return how many voxels have each verdict."""
     verdicts = found.verdicts(tolerance)
     return {name: int((verdicts == name).sum()) for name in VERDICTS}
-
-
-def _finite(values: Array | None, here: int | slice = slice(None)) -> float | None:
-    """Return the largest of some values; None where there is none, or no number that JSON has."""
-    most = np.nan if values is None else values[here].max()
-    return float(most) if np.isfinite(most) else None

@@ -113,6 +113,11 @@ def write_json(content: dict[str, Any], path: Path | None = None) -> None:
         write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
 
 
+def finite(value: float | None) -> float | None:
+    """Return a number as strict JSON has it: None where it is infinite, or none."""
+    return None if value is None or not np.isfinite(value) else float(value)
+
+
 def conclude(content: dict[str, Any], flags: Sequence[Flag], arm: Arm | None = None) -> None:
     """Show the flags about a result, and write it for programs with them, its format's name and the arm's frames."""
     show_flags(flags)

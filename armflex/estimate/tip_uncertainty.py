@@ -100,11 +100,32 @@ def tip_covariance(
     return fitted if laws is None else laws + fitted, tuple(met)
 
 
-def length_sigma(vectors: Array, covariance: Array) -> Array:
-    """Return (n,) standard deviations of the lengths of (n, 3) vectors, to first order; see `Deflection.sigma`."""
+def length_sigma(vectors: Array, covariance: Array, short: bool = False) -> Array:
+    """Return (n,) standard deviations of the lengths of (n, 3) vectors, to first order; see `Deflection.sigma`.
+
+    A vector shorter than its uncertainty has no direction that first order could go by. `short` says that vectors may
+    be so: then it is the root mean square of what the length may be off from that stated, from the mean and variance of
+    its square, which for normal deviations are exact. A long vector's is that of first order, none's the trace's root.
+
+    Args:
+        vectors: (n, 3).
+        covariance: (n, 3, 3) of their components, on the diagonal infinite where a component has no end.
+        short: Whether vectors may be shorter than their uncertainty.
+    """
     length = np.linalg.norm(vectors, axis=1)
+    endless = np.isinf(np.diagonal(covariance, axis1=1, axis2=2)).any(axis=1)
+    covariance = np.where(endless[:, None, None], 0.0, covariance)
     moves = length > 0.0
     along = vectors / np.where(moves, length, 1.0)[:, None]
     # As a sum over rows at once the last digit would depend on how many there are.
     variance = (along[:, None] @ covariance @ along[:, :, None])[:, 0, 0]
-    return np.sqrt(np.where(moves, np.maximum(variance, 0.0), np.trace(covariance, axis1=1, axis2=2)))
+    total = np.trace(covariance, axis1=1, axis2=2)
+    if short:
+        mean = length**2 + total
+        scatter = 2.0 * length**2 * variance + np.square(covariance).sum(axis=(1, 2))
+        scatter /= np.where(mean > 0.0, 2.0 * mean, 1.0)  # the length's variance
+        middle = np.sqrt(np.maximum(mean - scatter, 0.0))
+        lengthened = (total - scatter) / np.where(moves, middle + length, 1.0)
+        variance = total - 2.0 * length * lengthened
+    variance = np.where(moves, np.maximum(variance, 0.0), total)
+    return np.where(endless, np.inf, np.sqrt(variance))

@@ -324,4 +324,4 @@ def _uncertainties(
         done += len(rows)
         if progress:
             progress(drawn.rows + done, drawn.rows + len(some))
-    return sigma if np.isfinite(sigma).any() else None, tuple(flags.values())
+    return sigma if np.isfinite(sigma).any() or "undetermined" in flags else None, tuple(flags.values())
