@@ -18,6 +18,7 @@ from armflex.laws.effects.remember import check_covariates, derived_direction
 from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.rows.rows import APPROACH, last_motion
+from armflex.rows.wrench import Wrench
 
 SHORTEST = 1e-9
 """No controller's rows follow each other sooner [s]; speeds over less may be beyond all numbers."""
@@ -68,6 +69,7 @@ class Trajectory:
         v, a: (N, nq) joint velocities [rad/s or m/s] and accelerations where inertial loads count, else None.
         covariates: Further columns, (N,) each in its own unit; `approach_<joint>` is the direction of the way there.
         places: Where each row stands in a file, none where rows are not those of one.
+        wrenches: Known loads from outside, the same in all rows or one for each of the N.
         target: (N, nq) joint positions that put the rigid tip where the flexed one is to be [rad or m], None where
             those are q.
     """
@@ -81,6 +83,7 @@ class Trajectory:
     a: Array | None = None
     covariates: Mapping[str, Array] = field(default_factory=dict)
     places: tuple[Place, ...] = ()
+    wrenches: tuple[Wrench, ...] = ()
     target: Array | None = None
 
     def __post_init__(self) -> None:
@@ -284,7 +287,8 @@ def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
         table.matrix(names["q"]),
         tuple(name or "none" for name in payload),
         table.texts("via") if "via" in table.columns else ("",) * len(table),
-        **moved,
+        moved["v"],
+        moved["a"],
         covariates=covariates,
         places=tuple(Place(table.path, line) for line in table.lines),
     )

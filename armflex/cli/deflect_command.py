@@ -16,7 +16,7 @@ from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.laws.effects.remember import settled
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
-from armflex.mechanics.loads import Wrench
+from armflex.rows.wrench import Wrench
 from armflex.tasks.check import overload
 from armflex.trajectory import check_approaches
 

@@ -36,6 +36,7 @@ from armflex.mechanics.many_rows import (
 )
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 from armflex.parallel import in_order
+from armflex.rows.wrench import check_rows
 
 PIECE = 16384
 """Configurations that a process or thread is given at a time."""
@@ -368,7 +369,8 @@ class DeflectionBatch:
         found = np.empty_like(self.twists)
         for loaded, rows in self._compiled:
             for some in (rows[i : i + PIECE] for i in range(0, len(rows), PIECE)):
-                pushes, at = Pushes(loaded, self.case.wrenches), (self.q[some], self.twists[some])
+                pushes = Pushes(loaded, self.case.some(some).wrenches)
+                at = (self.q[some], self.twists[some])
                 at = at if self.asked.method == "exact" else (at[0], np.zeros_like(at[1]))
                 pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
                 found[some] = flexed(loaded.chain, loaded.flexure_frames, "loads", *at, pushed)[:, :-1]
@@ -395,7 +397,8 @@ class DeflectionBatch:
         pairs = ([j.axis, np.zeros(3)][:: 1 if j.kind == "prismatic" else -1] for j in moving)
         axes = np.array([np.concatenate(pair) for pair in pairs]).reshape(-1, 6)
         for loaded, rows in self._compiled:
-            pushes, at = Pushes(loaded, self.case.wrenches, sited=True), (self.q[rows], self.twists[rows])
+            pushes = Pushes(loaded, self.case.some(rows).wrenches, sited=True)
+            at = (self.q[rows], self.twists[rows])
             links = loaded.sites.some([loaded.sites.names.index(f"link:{joint.name}") for joint in moving])
             loads = flexed(loaded.sited_chain, links, "loads", *at, (pushes.links, pushes.wrenches(*at), NO_CHANGES))
             found[rows] = np.einsum("nja,ja->nj", loads, axes)
@@ -414,7 +417,8 @@ class DeflectionBatch:
             if all(part is None for part in parts):
                 continue
             known = True
-            solver, laws = RowSolver(loaded, True, self.case.wrenches), RowLaws(self.arm.stack, row)
+            solver = RowSolver(loaded, True, self.case.some(rows).wrenches)
+            laws = RowLaws(self.arm.stack, row)
             if laws.curved:
                 laws.expand(wrenches)
             at = Solution(self.displacement[rows], wrenches, self.twists[rows])
@@ -495,6 +499,7 @@ def deflect_batch(
     elif len(payloads := tuple(payload)) != len(q):
         raise ShapeError(f"payload: expected one name or {len(q)}, got {len(payloads)}")
     v, a = _motion(arm, case.v, "v", q), _motion(arm, case.a, "a", q)
+    check_rows(case.wrenches, len(q))
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
     arm.loaded(None).flags_under(case.wrenches, accelerated=False)  # raises where a link is not the arm's
     here = not case.moves and asked.method in COMPILED
@@ -529,9 +534,9 @@ def _answer(
     here, left = not case.moves and asked.method in COMPILED, np.ones(count, dtype=bool)
     found = room or Solution.empty(count, n, wrenches=not here)
     for loaded, rows in by_payload(arm, payloads, count) if here else ():
-        solver = RowSolver(loaded, exact, case.wrenches)
         for some in chunks(rows, AT_ONCE):
             part, into = case.some(some), found.some(some)
+            solver = RowSolver(loaded, exact, part.wrenches)
             row = loaded.row(part.q, part.covariates)
             laws = RowLaws(arm.stack, row)
             if solver.needs_wrenches(laws):
