@@ -12,6 +12,7 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import no_via_points, number, plus_minus, print_table, progress, say
 from armflex.errors import enough_memory
+from armflex.measured.forces import Unnamed
 from armflex.mechanics.equilibrium import METHODS
 from armflex.tasks.check import CheckReport, Point, check
 from armflex.trajectory import read_trajectory
@@ -28,9 +29,13 @@ from armflex.trajectory import read_trajectory
               help="Hold the flexed tip against where the rigid arm has it on this path, not on TRAJ: is a compensated "
                    "path where it was meant to be?")  # fmt: skip
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
+@options.loads
+@options.force_table
 @options.covariates
 def command(
     arm: Arm,
+    unnamed: Unnamed,
+    table_path: Path | None,
     trajectory_path: Path,
     tolerance: float,
     angle: float | None,
@@ -41,7 +46,7 @@ def command(
 
     The displacement is that of the loaded tip from the rigid arm's; with --against from where another path has it.
     """
-    trajectory = read_trajectory(trajectory_path, arm)
+    trajectory = options.read_path(trajectory_path, arm, unnamed, table_path)
     against = None if desired_path is None else read_trajectory(desired_path, arm)
     with enough_memory(f"{len(trajectory)} rows"), progress("checking") as tick:
         report = check(arm, trajectory, tolerance, angle, progress=tick, against=against, **how)

@@ -11,8 +11,9 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import no_via_points, number, plus_minus, print_table, progress, say
 from armflex.errors import enough_memory
+from armflex.measured.forces import Unnamed
 from armflex.tasks.compensate import Compensation, compensate
-from armflex.trajectory import read_trajectory, write_trajectory
+from armflex.trajectory import write_trajectory
 
 MOST_ROWS = 40
 """Of a table on a screen."""
@@ -26,9 +27,13 @@ MOST_ROWS = 40
 @click.option("--between", type=options.Quantity("length"), metavar="0.1mm",
               help="Insert rows until the error halfway between rows is below this.")  # fmt: skip
 @click.option("--best-effort", is_flag=True, help="Write the best feasible rows where others cannot be reached.")
+@options.loads
+@options.force_table
 @options.covariates
 def command(
     arm: Arm,
+    unnamed: Unnamed,
+    table_path: Path | None,
     trajectory_path: Path,
     output: Path,
     match: str,
@@ -38,9 +43,10 @@ def command(
 ) -> int:
     """Put the loaded, deflected tip where the rigid arm would have been, and say what remains.
 
+    Process forces are those of the rows, of --force or of --force-table; they are written with the rows.
     Nothing is written where a row cannot be reached, unless --best-effort is given.
     """
-    trajectory = read_trajectory(trajectory_path, arm)
+    trajectory = options.read_path(trajectory_path, arm, unnamed, table_path)
     with enough_memory(f"{len(trajectory)} rows"), progress("compensating") as tick:
         asked = {"best_effort": True, "between": between, "covariates": covariates}
         found = compensate(arm, trajectory, match, progress=tick, **asked)

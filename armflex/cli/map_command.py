@@ -31,6 +31,7 @@ Output = options.OutputPath
 @click.option("-o", "--output", required=True, type=Output(), help="MAP.safetensors with everything, or MAP.csv.")
 @click.option("--rows", type=int, default=1 << 16, show_default=True, help="Configurations within the joint limits.")
 @click.option("--payload", "payloads", default="none", show_default=True, metavar="A,B", help="Carried in turn.")
+@click.option("--force", metavar="fx=0,fz=-500N", help=f"Load from outside everywhere; {options.FORCE_HELP}.")
 @click.option("--tolerance", metavar="5mm", help="Largest displacement of the tip, with unit, for the verdicts.")
 @click.option("--voxel", metavar="200mm", help="Edge of a voxel, with unit; a round one is chosen otherwise.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the configurations.")
@@ -48,6 +49,7 @@ def command(
     arm: Arm,
     output: Path,
     payloads: str,
+    force: str | None,
     tolerance: str | None,
     voxel: str | None,
     picture: Path | None,
@@ -66,6 +68,7 @@ def command(
     names = [name.strip() for name in payloads.split(",")]
     if limit is not None and limit <= 0.0:
         raise InputError(f"tolerance must be positive, got {tolerance}")
+    settings["wrenches"] = () if force is None else (options.parse_force(force, arm),)
     if settings["jobs"] == 0:
         raise InputError("--jobs is 0: expected a number of processes, or -1")
     try:
@@ -79,7 +82,7 @@ def command(
     if picture is not None:
         draw_map(arm, found, picture, limit)
     if page is not None:
-        map_page(arm, found, page, limit, settings["covariates"])
+        map_page(arm, found, page, limit, settings["covariates"], settings["wrenches"])
     print_map(found, limit)
     options.conclude(as_json(found, limit), found.flags, arm)
     return 0 if limit is None or (found.verdicts(limit) == "ok").all() else 1

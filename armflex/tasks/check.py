@@ -16,6 +16,7 @@ from armflex.estimate.tip_uncertainty import AT_REST, length_sigma, tip_covarian
 from armflex.mechanics.deflection import Deflection, DeflectionBatch
 from armflex.mechanics.many_rows import displaced_from, rigid_tips
 from armflex.parallel import in_threads
+from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Points, Trajectory
 
 COVERAGE = 2.0
@@ -223,6 +224,7 @@ class _Judge:
         names = {name: float(i) for i, name in enumerate(dict.fromkeys(points.payload))}
         parts = [points.time, points.q, [names[name] for name in points.payload], points.v, points.a, points.target]
         parts += [*points.covariates.values()]
+        parts += [part for one in points.wrenches if one.rows is not None for part in (one.force, one.moment)]
         table = np.column_stack([part for part in parts if part is not None])
         _, first, back = np.unique(table, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)  # as they come, so that a flag is about the first of them
@@ -252,6 +254,7 @@ class _Judge:
         known = {key: values[i] for key, values in points.covariates.items()}
         moved = {key: None if values is None else values[i] for key, values in (("v", points.v), ("a", points.a))}
         asked = {"method": self.method, "covariates": {"time": points.time[i], **known}, **moved}
+        asked["wrenches"] = wrenches_in(points.wrenches, i)
         with naming(name):
             try:
                 self.arm.deflection(points.q[i], points.payload[i], **asked)
@@ -278,7 +281,8 @@ class _Judge:
         some = np.flatnonzero(fine)
         given = {name: values[some] for name, values in points.asked["covariates"].items()}
         own = None if laws is None else laws[some]
-        told, flags = tip_covariance(self.arm, points.q[some], [points.payload[i] for i in some.tolist()], given, own)
+        carried, pulled = [points.payload[i] for i in some.tolist()], wrenches_in(points.wrenches, some)
+        told, flags = tip_covariance(self.arm, points.q[some], carried, given, own, pulled)
         for flag in (*flags, *((AT_REST,) if points.v is not None or points.a is not None else ())):
             self.flags.setdefault(flag.code, flag)
         if told is None:

@@ -23,6 +23,7 @@ from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
 from armflex.parallel import in_threads
+from armflex.rows.wrench import wrenches_in
 from armflex.tasks.inverse_kinematics import (
     AIMED_AT,
     LEAST_DAMPING,
@@ -363,7 +364,8 @@ class _Solver:
         """Return the (M, 6) error of rows after (M, nq) changes, and its matched Jacobian."""
         t, arm = self.trajectory, self.arm
         known = {"time": t.time[rows], **{name: values[rows] for name, values in t.covariates.items()}}
-        line = respond(arm, t.q[rows] + change, [t.payload[i] for i in rows.tolist()], known)
+        pulled = wrenches_in(t.wrenches, rows)
+        line = respond(arm, t.q[rows] + change, [t.payload[i] for i in rows.tolist()], known, wrenches=pulled)
         given = arm.stack.change_with_position(line.flexure_wrenches.reshape(len(rows), -1), line.row)
         jacobian = line.joints + line.laws.reshape(len(rows), 6, -1) @ given
         error = [_error(pin.SE3(pose), target) for pose, target in zip(line.tip, targets, strict=True)]

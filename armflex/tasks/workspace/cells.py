@@ -219,7 +219,8 @@ def _sigmas(question: Question, q: Array, payload: str) -> tuple[Array, tuple[Fl
     try:
         batch = arm.deflection(q, payload, **question.options)
         known = question.options["covariates"]
-        covariance, flags = tip_covariance(arm, batch.q, (payload,) * len(q), known, batch.covariance)
+        pulled = question.options["wrenches"]
+        covariance, flags = tip_covariance(arm, batch.q, (payload,) * len(q), known, batch.covariance, pulled)
     except tuple(NO_ANSWER.values()):
         if len(q) == 1:
             return np.array([np.nan]), ()
