@@ -23,9 +23,9 @@ from armflex.errors import (
     ShapeError,
     UnknownNameError,
 )
+from armflex.laws.declared import Flexure as Flexure
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
-from armflex.laws.flexure import Flexure as Flexure
 from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loaded import LoadedArm, Names
@@ -133,14 +133,6 @@ class Arm:
         joints, places = len(self.joint_names), len(self.flexures)
         ends = f"{self.robot.base} to {self.robot.tip}"
         return f"<Arm {self.robot.urdf.name!r}: {joints} joints, {places} flexures, {ends}>"
-
-    def drive_shares(self, found: Deflection) -> Array:
-        """Return the (nq,) load on every drive as a share of its effort limit, dimensionless, 0 where none is given."""
-        shares = []
-        for joint, load in zip(self.robot.moving, found.joint_loads, strict=True):
-            part = load[:3] if joint.kind == "prismatic" else load[3:]
-            shares.append(abs(float(joint.axis @ part)) / joint.effort)
-        return np.array(shares)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -12,9 +12,9 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, listing
+from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean
 from armflex.laws.effects.context import MASS
-from armflex.laws.effects.remember import check_covariates, derived_direction
+from armflex.laws.effects.remember import check_approaches, check_covariates, derived_direction
 from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_forces
 from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
@@ -60,7 +60,7 @@ class Points(NamedTuple):
     def some(self, rows: np.ndarray) -> Points:
         """Return the points of (M,) numbers."""
         v, a, target = (None if values is None else values[rows] for values in (self.v, self.a, self.target))
-        payload, known = [self.payload[i] for i in rows.tolist()], {n: x[rows] for n, x in self.covariates.items()}
+        payload, known = [self.payload[int(i)] for i in rows], {n: x[rows] for n, x in self.covariates.items()}
         return Points(self.time[rows], self.q[rows], payload, v, a, known, target, wrenches_in(self.wrenches, rows))
 
     @property
@@ -145,7 +145,8 @@ class Trajectory:
     def lengths(self, arm: Arm) -> Array:
         """Return the (N,) length of path [m] that the rigid arm's tip has gone to each row, where it is meant to be."""
         nominal, steps = arm.loaded(None).nominal or arm.loaded(None).chain, np.linspace(0.0, 1.0, ARC + 1)
-        q, gone = self.for_arm(arm).q if self.target is None else self.for_arm(arm).target, [np.zeros(1)]
+        own, gone = self.for_arm(arm), [np.zeros(1)]
+        q = own.q if own.target is None else own.target
         for first in range(0, len(q) - 1, TOGETHER):
             here, there = q[first : first + TOGETHER][: len(q) - 1 - first], q[first + 1 : first + 1 + TOGETHER]
             along = here[:, None] + steps[:, None] * (there - here)[:, None]
@@ -358,18 +359,6 @@ def read_trajectory(path: str | Path, arm: Arm, unnamed: Unnamed = UNLOADED) -> 
         places=tuple(Place(table.path, line) for line in table.lines),
         wrenches=read_forces(table, arm),
     )
-
-
-def check_approaches(values: Mapping[str, float], joints: Sequence[str]) -> None:
-    """Raise `InputError` where an `approach_<joint>` is of no joint, or is not -1, 0 or 1."""
-    known = [f"{APPROACH}{joint}" for joint in joints]
-    for name, value in values.items():
-        if not name.startswith(APPROACH):
-            continue
-        if name not in known:
-            raise InputError(f"no covariate {name!r}{did_you_mean(name, known)} (known: {listing(known)})")
-        if value not in (-1.0, 0.0, 1.0):
-            raise InputError(f"{name} is {value:g}, not -1, 0 or 1")
 
 
 def misspelt(name: str, known: Iterable[str]) -> bool:

@@ -320,7 +320,7 @@ def parse_force(text: str, arm: Arm) -> Wrench:
     Raises:
         InputError: Of neither form; UnknownNameError, UnitError for names and units.
     """
-    form = f"--force: {text!r} is not of the form fx=0,fz=-500N or LINK=FX,FY,FZ with a unit, such as tool=0,0,-500N"
+    form = f"--force: {text!r} is not of the form LINK=FX,FY,FZ with a unit, such as tool=0,0,-500N, or fx=0,fz=-500N"
     first, _, values = (part.strip() for part in text.partition("="))
     words, given = (*WRENCH_NAMES, "frame", "axes"), dict[str, str]()
     if first in words:

@@ -98,8 +98,8 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
     shifts = untold_shifts(view.setup, rows, tip)
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
     left = arm.certainty.leaves_open(jacobian)
-    rows, axes = np.nonzero(left)
-    covariance[rows, axes, axes] = np.inf
+    diagonal = np.arange(6)
+    covariance[:, diagonal, diagonal] = np.where(left, np.inf, covariance[:, diagonal, diagonal])
     flags = (_open(arm.certainty),) if left.any() else ()
     return covariance, (*flags, *_lacking(arm.certainty))
 

@@ -44,20 +44,20 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
     Returns:
         (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty; and flags.
     """
+    arm, case = cast(Arm, found.arm), found.case
+    if arm.certainty is None:
+        return found.covariance, ()
+    certain = without_declared_uncertainty(arm)
     if isinstance(found, DeflectionBatch):
-        certain, case = without_declared_uncertainty(cast(Arm, found.arm)), found.case
         laws = replace(found, arm=certain).covariance
         payloads = [_known_as(certain, certain.payload(found.payload(i))) for i in range(len(found.q))]
         covariance, flags = tip_covariance(certain, found.q, payloads, case.covariates, laws, case.wrenches)
     else:
-        case, solved = found.solved.case, found.solved
-        certain = without_declared_uncertainty(cast(Arm, solved.loaded.arm))
-        own = replace(found, solved=solved._replace(loaded=certain.loaded(found.payload))).covariance
+        own = replace(found, solved=found.solved._replace(loaded=certain.loaded(found.payload))).covariance
         laws, payloads = None if own is None else own[None], [_known_as(certain, found.payload)]
         covariance, flags = tip_covariance(certain, found.q[None], payloads, case.covariates, laws, case.wrenches)
         covariance = None if covariance is None else covariance[0]
-    rest = certain.certainty is None or not case.moves
-    return covariance, flags if rest else (*flags, AT_REST)
+    return covariance, (*flags, AT_REST) if case.moves else flags
 
 
 def _known_as(arm: Arm, payload: Payload) -> str | Payload:
@@ -104,34 +104,3 @@ def tip_covariance(
         met |= dict.fromkeys(flags)
     fitted = np.concatenate(parts)
     return fitted if laws is None else laws + fitted, tuple(met)
-
-
-def length_sigma(vectors: Array, covariance: Array, short: bool = False) -> Array:
-    """Return (n,) standard deviations of the lengths of (n, 3) vectors, to first order; see `Deflection.sigma`.
-
-    A vector shorter than its uncertainty has no direction that first order could go by. `short` says that vectors may
-    be so: then it is the root mean square of what the length may be off from that stated, from the mean and variance of
-    its square, which for normal deviations are exact. A long vector's is that of first order, none's the trace's root.
-
-    Args:
-        vectors: (n, 3).
-        covariance: (n, 3, 3) of their components, on the diagonal infinite where a component has no end.
-        short: Whether vectors may be shorter than their uncertainty.
-    """
-    length = np.linalg.norm(vectors, axis=1)
-    endless = np.isinf(np.diagonal(covariance, axis1=1, axis2=2)).any(axis=1)
-    covariance = np.where(endless[:, None, None], 0.0, covariance)
-    moves = length > 0.0
-    along = vectors / np.where(moves, length, 1.0)[:, None]
-    # As a sum over rows at once the last digit would depend on how many there are.
-    variance = (along[:, None] @ covariance @ along[:, :, None])[:, 0, 0]
-    total = np.trace(covariance, axis1=1, axis2=2)
-    if short:
-        mean = length**2 + total
-        scatter = 2.0 * length**2 * variance + np.square(covariance).sum(axis=(1, 2))
-        scatter /= np.where(mean > 0.0, 2.0 * mean, 1.0)  # the length's variance
-        middle = np.sqrt(np.maximum(mean - scatter, 0.0))
-        lengthened = (total - scatter) / np.where(moves, middle + length, 1.0)
-        variance = total - 2.0 * length * lengthened
-    variance = np.where(moves, np.maximum(variance, 0.0), total)
-    return np.where(endless, np.inf, np.sqrt(variance))

@@ -108,6 +108,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
 
 def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
     """Return the arm with its [[effect]] tables applied in order, as a fit does: some change the model itself."""
+    if not tables:
+        return arm
     setup = start = Setup(arm, arm.instrument or Instrument())
     for table in tables:
         effect = read_effect(table, arm)

@@ -18,8 +18,8 @@ from armflex.arm import Arm
 from armflex.conventions import RESOLUTION, Array, as_pose, number
 from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.estimate.tip_uncertainty import length_sigma, total_covariance
-from armflex.mechanics.deflection import Deflection
+from armflex.estimate.tip_uncertainty import total_covariance
+from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
 from armflex.parallel import in_threads

@@ -17,6 +17,7 @@ from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory,
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
 from armflex.estimate.view import untold_shifts
 from armflex.laws.effects.remember import (
+    check_approaches,
     check_covariates,
     derived_direction,
     derived_directions,
@@ -32,7 +33,6 @@ from armflex.readings import Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.rows.wrench import wrenches_in
 from armflex.setup import Setup
-from armflex.trajectory import check_approaches
 
 TOGETHER = 2048
 """Rows that are predicted together, and of a file are in memory at a time: each takes some ten kilobytes."""

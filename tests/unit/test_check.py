@@ -18,9 +18,10 @@ from armflex import Arm, InputError, Measurements, Payload, Trajectory, check, c
 from armflex.certainty import Certainty
 from armflex.errors import ExtrapolationError, JointLimitError, NotFiniteError, Place
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.estimate.tip_uncertainty import length_sigma, tip_covariance
+from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.laws import AtNode, LinearLaw
 from armflex.laws.joint.linear import LinearFit
+from armflex.mechanics.deflection import length_sigma
 from armflex.robot import Corrections
 from armflex.tasks.check import Point
 from armflex.trajectory import read_trajectory
