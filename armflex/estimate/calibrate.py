@@ -331,9 +331,9 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
     """
     setup = Setup(arm, arm.instrument or Instrument())
     known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
-    payloads, checked = [measurements.payload[row] for row in rows], False
+    some, checked = measurements.some(rows), False
     for _ in range(PLACED if arm.measurement.gravity_in == "measurement" else 1):
-        tip = respond(setup.arm, measurements.q[rows], payloads, known).tip
+        tip = respond(setup.arm, some.q, some.payload, known, wrenches=some.wrenches).tip
         points = setup.instrument.in_base(tip)
         seen = measurements.positioned[rows]
         if not seen.any():
@@ -342,7 +342,7 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
             check_readings(arm, points[seen], measurements, rows[seen])
             checked = True
         if arm.measurement.frame != "base":
-            setup = setup.placed(fit_frame(points[seen], measurements.position[rows[seen]]))
+            setup = setup.placed(fit_frame(points[seen], some.position[seen]))
     return replace(setup, instrument=_mounted(setup.instrument, tip, measurements, rows))
 
 

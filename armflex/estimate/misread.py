@@ -259,10 +259,10 @@ def _explained(jacobian: Array, precision: Array, residual: Array) -> tuple[floa
 def _placed_off(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float:
     """Return how far the median point is off, only the instrument placed [m]; infinite where the arm has no answer."""
     instrument, known = arm.instrument or Instrument(), known_rows(arm, measurements)
-    given, payloads = {name: values[rows] for name, values in known.items()}, [measurements.payload[i] for i in rows]
+    given, some = {name: values[rows] for name, values in known.items()}, measurements.some(rows)
     how = {"method": "first_order", "enforce_limits": False, "allow_large": True}
     try:
-        tip = arm.deflection(measurements.q[rows], payloads, covariates=given, **how).pose
+        tip = arm.deflection(some.q, some.payload, covariates=given, wrenches=some.wrenches, **how).pose
     except ArmflexError:
         return np.inf
     points, measured = instrument.in_base(tip), measurements.position[rows]

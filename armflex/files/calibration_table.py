@@ -13,7 +13,7 @@ from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean
 from armflex.files.certainty_table import certainty_table, read_certainty
-from armflex.laws.flexure import Flexure
+from armflex.laws.declared import Flexure
 from armflex.laws.joint.carried import scaled
 from armflex.laws.learned import LearnedLaw, Seen, learned_law
 from armflex.laws.learned.correction import NEAREST

@@ -79,7 +79,7 @@ def repeats(measurements: Measurements, tolerance: float = REPEATED) -> Repeats 
     if not len(rows):
         return None
     place = same_positions(measurements.q, tolerance).tolist()
-    held = numbered(zip(place, measurements.payload, strict=True))
+    held = numbered(zip(place, measurements.load_number.tolist(), strict=True))
     once = numbered(zip(held.tolist(), measurements.session, strict=True))
     sides = (tuple(row) for row in measurements.approach.tolist())
     position, sigma = measurements.position, measurements.sigma
