@@ -37,6 +37,7 @@ autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
 napoleon_use_ivar = True
+napoleon_numpy_docstring = False
 napoleon_use_rtype = False
 
 html_theme = "furo"
@@ -62,7 +63,6 @@ sphinx_gallery_conf = {
     "only_warn_on_example_error": False,
     "abort_on_example_error": True,
     "remove_config_comments": True,
-    "plot_gallery": os.environ.get("ARMFLEX_NOTEBOOKS", "1") != "0",
 }
 
 warnings.filterwarnings("ignore", category=armflex.ArmflexWarning)
