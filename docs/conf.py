@@ -56,6 +56,7 @@ sphinx_gallery_conf = {
     "ignore_pattern": r"__init__\.py",
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
+    "capture_repr": ("_repr_html_",),
     "min_reported_time": 1e9,
     "show_memory": False,
     "show_signature": False,

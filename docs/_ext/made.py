@@ -16,6 +16,7 @@ import click
 import effects
 import formats
 import pictures
+from pygments.lexers.shell import BashLexer
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 from sphinx.ext import napoleon
@@ -269,6 +270,7 @@ def _aliases(app: Sphinx, page: str, template: str, context: dict, doctree: obje
 def setup(app: Sphinx) -> dict[str, bool]:
     """Make everything before Sphinx looks for pages."""
     napoleon.GoogleDocstring = _Docstring
+    app.add_lexer("console", BashLexer)  # that of Pygments takes a command without a prompt for output
     app.connect("autodoc-process-signature", _signature)
     app.connect("html-page-context", _aliases)
     app.connect("build-finished", fetches_nothing)
