@@ -312,7 +312,7 @@ def as_json(found: Trace) -> dict[str, Any]:
             "calibrated": found.calibrated_rms * 1e3,
             "after": found.rms * 1e3,
         },
-        "held_out_rms_mm": {"calibrated": found.held_out_before * 1e3, "after": found.held_out_after * 1e3},
+        "held_out_rms_mm": dict(zip(("calibrated", "after"), (1e3 * rms for rms in found.held_out), strict=True)),
         "held_out_is_of": found.said_of_held_out if found.compared is not None else "nothing was chosen",
         "effects": [_effect_json(one) for one in found.found],
         "unexplained": left

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -31,6 +32,9 @@ from armflex.trace.projection import projected, ridge_for
 from armflex.trace.search import searched
 from armflex.trace.state import State, context_at, sorted_out, with_random, without
 from armflex.trace.unrecorded import PoseBlock
+
+SURVIVES = 0.5
+"""Share of the folds below which a name is doubted."""
 
 
 @dataclass(frozen=True)
@@ -91,16 +95,29 @@ class Withdrawn:
         return found.linear_before, found.linear_after
 
 
-def never_worse(state: State) -> tuple[State, tuple[Withdrawn, ...], Compared | None]:
-    """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares."""
+Kept = tuple[State, tuple[Withdrawn, ...], Compared | None]
+
+
+def never_worse(state: State) -> Kept:
+    """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares.
+
+    A name that fewer than half of the folds lead to goes too, or gives way to one that they do, where poses held out
+    are then predicted as well.
+    """
     withdrawn: list[Withdrawn] = []
     while state.effects or state.random:
         state.say("predicting held-out poses, with what is chosen and fitted without them")
         found = compared(state)
         if not found.worse:
-            outlived = _outlived(state, found)
-            if outlived is not None and not (again := compared(outlived)).worse:
-                state, found = outlived, again
+            trials = [partial(_outlived, state, found)]
+            trials += [partial(without, state, index) for index in _doubtful(state, found)]
+            for trial in trials:
+                with contextlib.suppress(ArmflexError):
+                    after = trial()
+                    again = None if after is None or not after.effects else compared(after)
+                    if after is not None and again is not None and again.after <= found.after and not again.worse:
+                        state.say("going on without a name that other poses do not lead to")
+                        return _joined(withdrawn, never_worse(after))
             return state, tuple(withdrawn), found
         unit, rest = _best_without(state)
         effect = state.fitted[unit[0]] if unit else None
@@ -108,6 +125,20 @@ def never_worse(state: State) -> tuple[State, tuple[Withdrawn, ...], Compared | 
         state.say(f"withdrawing {withdrawn[-1].title}: held-out poses are predicted worse with it")
         state = rest if rest.effects or rest.random else _bare(rest)
     return state, tuple(withdrawn), None
+
+
+def _joined(withdrawn: list[Withdrawn], rest: Kept) -> Kept:
+    return rest[0], (*withdrawn, *rest[1]), rest[2]
+
+
+def _doubtful(state: State, found: Compared) -> list[int]:
+    """Return the places of effects that fewer than half of the folds lead to, the least often found first."""
+    shares = [
+        (names.count(effect.name) / len(names), index)
+        for index, (effect, names) in enumerate(zip(state.fitted, found.names, strict=True))
+        if names
+    ]
+    return [index for share, index in sorted(shares) if share < SURVIVES]
 
 
 def compared(state: State) -> Compared:
