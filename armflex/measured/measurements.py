@@ -18,7 +18,15 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
-from armflex.measured.data_flags import check_joint_units, check_one_unit, first_nan, in_other_units, table_flags
+from armflex.measured.data_flags import (
+    check_joint_units,
+    check_one_unit,
+    first_nan,
+    force_flags,
+    in_other_units,
+    table_flags,
+)
+from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, read_forces
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
@@ -33,8 +41,9 @@ KINDS = {
     "sigma_r": "angle",
     "time": "time",
     "hold": "time",
+    **FORCE_KINDS,
 }
-TEXTS = ("pose", "session", "payload")
+TEXTS = ("pose", "session", "payload", *FORCE_TEXTS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -135,7 +144,11 @@ def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> 
 
 
 def read_measurements(
-    path: str | Path, arm: Arm, inputs_only: bool = False, points: str | Path | PointExport | None = None
+    path: str | Path,
+    arm: Arm,
+    inputs_only: bool = False,
+    points: str | Path | PointExport | None = None,
+    unnamed: Unnamed = UNLOADED,
 ) -> Measurements:
     """Read a campaign for an arm, from CSV or Parquet.
 
@@ -145,13 +158,14 @@ def read_measurements(
         inputs_only: Accept a table without measured positions, such as rows to be predicted.
         points: The positions, where the instrument's program exported them apart: the file, or what `read_points`
             made of it. A row's point is named by its column `point`, else by its `pose`.
+        unnamed: What loads rows that name no payload, or no force.
 
     Raises:
-        TableError: A column is missing, misspelt or of the wrong unit; a cell is not a number; a position is read in
-            part; some rows are in another unit; a payload is unknown; points do not match the rows.
+        TableError: A column is missing, misspelt or of the wrong unit; a cell is not a number; a position or a force is
+            given in part; some rows are in another unit; a payload or link is unknown; points do not match the rows.
     """
     export = points if isinstance(points, PointExport) or points is None else read_points(points)
-    table = read_table(path, KINDS | joint_kinds(arm, "q"))
+    table = unnamed.put(read_table(path, KINDS | joint_kinds(arm, "q")))
     known, flags = _known_columns(table, arm, inputs_only, export), ()
     if export:
         table, flags = with_points(table, export)
@@ -161,7 +175,7 @@ def read_measurements(
     found = replace(found, covariates=covariates)
     check_joint_units(found.q, arm, found.places)
     check_one_unit(found.position, np.flatnonzero(found.measured), found.places)
-    flags += table_flags(table, found)
+    flags += (*table_flags(table, found), *force_flags(found, arm))
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
         base = arm.robot.base
@@ -171,7 +185,7 @@ def read_measurements(
     return replace(found, flags=flags, sha256=sha256, frame=frame)
 
 
-def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurements]:
+def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLOADED) -> Iterator[Measurements]:
     """Yield the rows of a table of inputs, so many at most at a time, as `read_measurements` gives them all.
 
     The table is read twice: all of it is looked at before its first rows are given. What is kept meanwhile does not
@@ -183,13 +197,13 @@ def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurement
     """
     path, kinds = Path(path), KINDS | joint_kinds(arm, "q")
     if not path.is_file():
-        yield read_measurements(path, arm, inputs_only=True).levelled()
+        yield read_measurements(path, arm, inputs_only=True, unnamed=unnamed).levelled()
         return
     far, positions = [np.zeros((0, len(arm.joint_names)))], [np.zeros((0, 3))]
     far_places: list[Place] = []
     places: list[Place] = []
     seen: dict[str, _Seen] = {}
-    for table in read_pieces(path, kinds, most):
+    for table in map(unnamed.put, read_pieces(path, kinds, most)):
         known, found = _known_columns(table, arm, True, None), _measurements(table, arm)
         for name in (name for name in table.columns if name not in known):
             seen.setdefault(name, _Seen()).add(table, name)
@@ -205,7 +219,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurement
     check_one_unit(np.vstack(positions), np.arange(len(places)), places)
     before: tuple[Array, Array] | None = None
     first = 0
-    for table in read_pieces(path, kinds, most):
+    for table in map(unnamed.put, read_pieces(path, kinds, most)):
         found = _measurements(table, arm, first, before)
         known = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
         for name, column in seen.items():
@@ -306,6 +320,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
         hold=table.numbers("hold") if "hold" in table.columns else None,
         places=tuple(Place(table.path, line) for line in table.lines),
         derived=tuple(name for name in ("time", *directions) if name not in table.columns),
+        wrenches=read_forces(table, arm),
     )
 
 

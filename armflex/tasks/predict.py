@@ -17,20 +17,22 @@ from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory,
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
 from armflex.estimate.view import untold_shifts
 from armflex.laws.effects.remember import (
+    check_approaches,
     check_covariates,
     derived_direction,
     derived_directions,
     directions,
     remembers,
 )
+from armflex.measured.forces import UNLOADED, Unnamed
 from armflex.measured.measurements import Measurements, read_measurements, stream_inputs
 from armflex.measured.table import writing_table
 from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
 from armflex.readings import Position, unread
 from armflex.readings.instrument import Instrument
+from armflex.rows.wrench import wrenches_in
 from armflex.setup import Setup
-from armflex.trajectory import check_approaches
 
 TOGETHER = 2048
 """Rows that are predicted together, and of a file are in memory at a time: each takes some ten kilobytes."""
@@ -105,6 +107,7 @@ def predict_file(
     output: str | Path,
     progress: Progress | None = None,
     covariates: Mapping[str, float] | None = None,
+    unnamed: Unnamed = UNLOADED,
 ) -> tuple[int, tuple[Flag, ...]]:
     """Write what `predict` says of the rows of a table, some thousand of them in memory at a time.
 
@@ -115,6 +118,7 @@ def predict_file(
         arm, progress, covariates: As of `predict`.
         path: The rows; see `stream_inputs`.
         output: Written whole or not at all: x y z, sigma_*, the orientation pose_r*, and the displacement dx to rz.
+        unnamed: What loads rows that name no payload, or no force.
 
     Returns:
         The number of rows, and flags.
@@ -128,7 +132,10 @@ def predict_file(
 
     met = _Flags(arm)
     whole = remembers(arm)
-    pieces = iter([read_measurements(path, arm, inputs_only=True)]) if whole else stream_inputs(path, arm, TOGETHER)
+    if whole:
+        pieces = iter([read_measurements(path, arm, inputs_only=True, unnamed=unnamed)])
+    else:
+        pieces = stream_inputs(path, arm, TOGETHER, unnamed)
     certain, threads = without_declared_uncertainty(arm), cpu_count()
     waiting: deque[Future[tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]]] = deque()
     with writing_table(output) as write, ThreadPoolExecutor(threads) as pool:
@@ -160,12 +167,13 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         known = known_rows(arm, rows)
     instrument = arm.instrument or Instrument()
     try:
-        found = certain.deflection(rows.q, rows.payload, covariates=known)
+        found = certain.deflection(rows.q, rows.payload, covariates=known, wrenches=rows.wrenches)
     except ArmflexError:
         for i in every:  # which of them it is, by its place
             with naming(rows.places[i]):
                 given = {name: values[i] for name, values in known.items()}
-                certain.deflection(rows.q[i], rows.payload[i], covariates=given)
+                pulled = wrenches_in(rows.wrenches, int(i))
+                certain.deflection(rows.q[i], rows.payload[i], covariates=given, wrenches=pulled)
         raise
     fitted, about = fitted_variance(arm, rows)
     untold = (untold_shifts(Setup(arm, instrument), rows, unread(len(rows), Position)) ** 2).sum(axis=0)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import number
 from armflex.errors import InputError
 from armflex.laws.effects.remember import settled
+from armflex.rows.wrench import Wrench
 from armflex.show.view.arm_scene import SCALE, VERDICTS, Motion, arm_scene
 from armflex.show.view.scene_3d import LegendRow, Node, Shape, frame_camera
 from armflex.storage.whole_file import write_whole
@@ -32,6 +34,7 @@ def map_page(
     path: str | Path,
     tolerance: float | None = None,
     covariates: Mapping[str, float] | None = None,
+    wrenches: Sequence[Wrench] = (),
 ) -> Path:
     """Write one HTML page, like `armflex.view`, with a cube in every voxel.
 
@@ -40,7 +43,7 @@ def map_page(
         found: The map.
         path: The file to write.
         tolerance: Colours the cubes by their verdict [m]; by their largest displacement when not given.
-        covariates: What the map was made with.
+        covariates, wrenches: What the map was made with.
 
     Raises:
         InputError: The tolerance is no positive length, or every configuration was refused.
@@ -52,15 +55,17 @@ def map_page(
         raise InputError("every configuration was refused: there is no displacement to show")
     here = found.worst_voxel
     payload, known = found.payloads[found.worst_payload[here]], settled(arm, covariates or {})
-    shown = arm.deflection(found.worst_q[here], payload, covariates=known)
+    shown = arm.deflection(found.worst_q[here], payload, covariates=known, wrenches=wrenches)
+    mount = pin.SE3(arm.robot.mount, np.zeros(3))
+    centres = found.centres @ mount.rotation.T
     scene = arm_scene(arm, Motion(np.zeros(1), (shown,), 0), magnification=1.0)
-    corners = (found.centres[:, None] + found.voxel * CORNERS).reshape(-1, 3)
+    corners = (found.centres[:, None] + found.voxel * CORNERS).reshape(-1, 3) @ mount.rotation.T
     camera = frame_camera(corners)
     towards = (camera.position - camera.target)[:2]
-    behind = (found.centres[:, :2] - camera.target[:2]) @ towards <= 0.0
+    behind = (centres[:, :2] - camera.target[:2]) @ towards <= 0.0
     groups = _groups(found, tolerance)
     nodes = [
-        Node(f"voxels/{text}", np.eye(4)[None], (_cubes(found, some & behind, color),))
+        Node(f"voxels/{text}", mount.homogeneous[None], (_cubes(found, some & behind, color),))
         for color, text, some in groups
         if (some & behind).any()
     ]
