@@ -200,7 +200,7 @@ def score(arm_file: Path, table: Path, parts: int) -> dict:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="The public scoreboard.")
     parser.add_argument("folder", type=Path, nargs="?", help="folder of campaigns and published repositories")
     parser.add_argument("--parts", type=int, default=3, help="parts that the poses are cut in (3)")
     parser.add_argument("--only", default="", help="campaigns whose name holds this")

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -145,7 +146,7 @@ def _refined(family: Family, state: State, problem: Projection, noise: float) ->
 
     silence = np.zeros((1, len(problem.residual)))
     bounds = (max(inner[0] - step, every[0]), inner[0] + step)
-    best = minimize_scalar(
+    best: Any = minimize_scalar(
         lambda value: -_worth(at(value), problem, noise, silence)[0],
         bounds=bounds,
         method="bounded",
