@@ -48,6 +48,8 @@ print(f"{len(used)} poses used, {len(held_out)} held out: {before.mean():.3f} mm
 # %%
 # ``trace`` asks what is left.
 traced = armflex.trace(arm, rows, rows=used)
+for family in traced.families:  # small everywhere: no drive shows it alone, all of them together do
+    print(family.title)
 for one in traced.found:
     values = ", ".join(f"{name} = {value:.3g}" for name, value in one.effect.named.items())
     print(f"{one.effect.title}: {values}")
@@ -77,8 +79,8 @@ before = error(calibrated.arm, rows, held_out)
 traced = armflex.trace(arm, rows, rows=used)
 after = error(traced.arm, rows, held_out)
 print(f"calibrated {before.mean():.2f} mm, traced {after.mean():.2f} mm, mean of the poses not used")
-for one in traced.found:
-    print(one.effect.title)
+for title in (*(family.title for family in traced.families), *(one.effect.title for one in traced.found)):
+    print(title)
 
 # %%
 # What could not be decided is said as well:
