@@ -17,12 +17,12 @@ from armflex.tasks.iso9283 import Characteristic, PosePerformance, iso9283
 
 
 @click.command(cls=options.Command)
+@options.points
 @options.arm
 @click.argument("measurements_path", metavar="MEAS.csv", type=options.InputPath)
 @click.option("--iso9283", "standard", is_flag=True, help="Pose accuracy, repeatability, directions and drift.")
 @click.option("--block", type=options.Quantity("time"), help="Time of one block of cycles, such as 10min: for drift.")
 @click.option("-o", "--output", type=options.OutputPath(), help="Page to write.")
-@options.points
 def command(
     arm: Arm,
     measurements_path: Path,

@@ -40,8 +40,8 @@ def account(found: PosePerformance) -> SimpleNamespace:
         headline=f"Pose accuracy {accuracy}, pose repeatability {repeated}, each of the worst pose.",
         lead=[text for text in (found.remarks[0] if "instrument" in found.remarks[0] else "", more.strip()) if text],
         cards=tuple(cards),
-        head=["pose", "payload", "session", "cycles", "AP", "of it noise", "AP x", "AP y", "AP z", "RP", "noise alone"]
-        + ["with this model"] * bool(modelled),
+        head=["pose", "payload", "session", "cycles", "AP", "of it noise", "x", "y", "z", "RP", "of noise"]
+        + ["with model"] * bool(modelled),
         poses=tuple(_row(one, bool(modelled)) for one in poses),
         rotations=tuple(
             (one.pose, *(measure(angle, None, "rad") for angle in (*one.rotation, *one.rotation_repeatability)))
@@ -79,11 +79,15 @@ def _said(one: Characteristic) -> str:
 
 
 def _row(one: AttainedPose, modelled: bool) -> tuple[str, ...]:
-    mixed = " (directions mixed)" if one.direction is None else ""
-    figures = (_said(one.accuracy), millimetres(one.accuracy.instrument), *map(millimetres, one.offset.tolist()))
-    repeated = (_said(one.repeatability), millimetres(one.repeatability.instrument))
-    model = (millimetres(one.predicted),) if modelled else ()
-    return (one.pose + mixed, one.payload, one.session, str(one.cycles), *figures, *repeated, *model)
+    """Return a row of the table, lengths in mm; an asterisk where directions are mixed."""
+
+    def plain(*lengths: float | None) -> tuple[str, ...]:
+        return tuple(millimetres(length).removesuffix(" mm") for length in lengths)
+
+    named = (one.pose + " *" * (one.direction is None), one.payload, one.session, str(one.cycles))
+    about, again = (_said(figure).removesuffix(" mm") for figure in (one.accuracy, one.repeatability))
+    own, model = plain(one.accuracy.instrument, *one.offset.tolist()), plain(one.predicted) if modelled else ()
+    return (*named, about, *own, again, *plain(one.repeatability.instrument), *model)
 
 
 def _bars(poses: list[AttainedPose]) -> str:
