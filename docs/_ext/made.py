@@ -233,16 +233,26 @@ class _Docstring(GoogleDocstring):
         super().__init__(docstring, config, app, "method" if what == "property" else what, *rest)
 
 
-def _signature(app: Sphinx, what: str, name: str, thing: object, options: object, said: str, returns: str) -> tuple:
+def _signature(app: Sphinx, what: str, name: str, thing: object, options: object, *said: str | None) -> tuple | None:
     """Return no signature of a class, whose attributes are listed, and an alias by its name in all others."""
-    if what == "class":
-        return "", ""
-    return tuple(text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in (said, returns))
+    if said[0] is None:
+        return None
+    named = tuple(text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in said)
+    return ("", "") if what == "class" else named
+
+
+def _aliases(app: Sphinx, page: str, template: str, context: dict, doctree: object) -> None:
+    """Call an alias by its name in overloads, too."""
+    if page == "api":
+        tag, end = r"(?:</?span[^>]*>|[('])*", r"<span class=\"pre\">\)</span></span>"
+        pattern = rf"TypeAliasForwardRef{tag}(\w+){tag}{end}"
+        context["body"] = re.sub(pattern, r"\1</span>", context["body"])
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Make everything before Sphinx looks for pages."""
     napoleon.GoogleDocstring = _Docstring
     app.connect("autodoc-process-signature", _signature)
+    app.connect("html-page-context", _aliases)
     app.connect("config-inited", lambda app, config: make(app), priority=100)
     return {"parallel_read_safe": True}
