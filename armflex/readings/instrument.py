@@ -43,6 +43,14 @@ class Instrument:
         shift = self.session_shifts(sessions)
         return points + shift[:, :3] + np.cross(shift[:, 3:], points)
 
+    def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
+        """Return the (N, 3) positions of the target that the instrument would read [m], for (N, 4, 4) tip poses."""
+        return self.in_session(self.seen(self.in_base(tip)), sessions)
+
+    def rotations(self, tip: Array, sessions: Sequence[str]) -> Array:
+        """Return the (N, 3, 3) orientations of the target that the instrument would read, dimensionless."""
+        return self.session_turns(sessions) @ self.axes(tip) @ pin.exp3(self.mounting)
+
     def axes(self, poses: Array) -> Array:
         """Return the (N, 3, 3) axes of (N, 4, 4) poses in the instrument frame, dimensionless, sessions left out."""
         return self.pose.rotation @ poses[:, :3, :3]

@@ -24,7 +24,6 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 from joblib import Parallel, delayed
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -147,7 +146,7 @@ def black_boxes(campaign: Campaign, calibrated: Arm) -> list[Told]:
     drawn = campaign.drawn.drawn
     x = inputs(drawn.rows, [joint.kind == "prismatic" for joint in drawn.plant.joints])
     read, instrument, told = used.measured, calibrated.instrument, []
-    turns = instrument.session_turns(used.session) @ instrument.pose.rotation @ pin.exp3(instrument.mounting)
+    turns = instrument.rotations(np.tile(np.eye(4), (len(x), 1, 1)), used.session)
     rigid = replace(calibrated, flexures=(), certainty=None)
     for name, arm in ((BLACK_BOX, rigid), (ON_TOP, replace(calibrated, certainty=None))):
         start, without = time.time(), predict(arm, used).position

@@ -18,7 +18,6 @@ from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
-from armflex.readings import Position, Postures
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, grid
@@ -123,5 +122,4 @@ def readings(setup: Setup, rows: Measurements) -> Array:
         setup.arm.deflection(q, payload, covariates={name: values[i] for name, values in known.items()}).pose
         for i, (q, payload) in enumerate(zip(rows.q, rows.payload, strict=True))
     ]
-    poses = np.array([tip.homogeneous for tip in tips])
-    return Position.unread(len(rows)).predicted(Postures(lambda _: poses, rows.session, setup.instrument))
+    return setup.instrument.readings(np.array([tip.homogeneous for tip in tips]), rows.session)
