@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, warn
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
 from armflex.measured.data_flags import (
@@ -25,6 +25,7 @@ from armflex.measured.data_flags import (
     force_flags,
     in_other_units,
     table_flags,
+    unit_flags,
 )
 from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, read_forces
 from armflex.measured.points import PointExport, read_points, with_points
@@ -176,6 +177,7 @@ def read_measurements(
     check_joint_units(found.q, arm, found.places)
     check_one_unit(found.position, np.flatnonzero(found.measured), found.places)
     flags += (*table_flags(table, found), *force_flags(found, arm))
+    flags += () if found.measured.any() else unit_flags(table, arm)  # else readings tell, when the arm is fitted
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
         base = arm.robot.base
@@ -203,8 +205,10 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     far_places: list[Place] = []
     places: list[Place] = []
     seen: dict[str, _Seen] = {}
+    asked: list[tuple[Flag, ...]] = []
     for table in map(unnamed.put, read_pieces(path, kinds, most)):
         known, found = _known_columns(table, arm, True, None), _measurements(table, arm)
+        asked.append(unit_flags(table, arm))
         for name in (name for name in table.columns if name not in known):
             seen.setdefault(name, _Seen()).add(table, name)
         odd, there = np.flatnonzero(in_other_units(found.q, arm).any(axis=1)), np.flatnonzero(found.measured)
@@ -217,6 +221,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
             raise TableError(column.nan[0], f"column {name!r} is {column.nan[1]!r}, not a finite number")
     check_joint_units(np.vstack(far), arm, far_places)
     check_one_unit(np.vstack(positions), np.arange(len(places)), places)
+    warn(asked[0] if all(asked) and not places else ())
     before: tuple[Array, Array] | None = None
     first = 0
     for table in map(unnamed.put, read_pieces(path, kinds, most)):
