@@ -36,7 +36,7 @@ from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.linear import softness
 from armflex.laws.law import anywhere
 from armflex.laws.learned import read_learning
-from armflex.mechanics.loads import Payload
+from armflex.mechanics.loaded import Payload
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot

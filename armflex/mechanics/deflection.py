@@ -20,8 +20,7 @@ from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
 from armflex.laws import Row
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, tangent_of
 from armflex.mechanics.laws import LawStack, RowLaws
-from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Structure
-from armflex.mechanics.loads import Payload
+from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
 from armflex.mechanics.many_rows import (
     AT_ONCE,
     NO_CHANGES,
