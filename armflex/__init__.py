@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from armflex.estimate.draw import ensemble as ensemble
     from armflex.estimate.tip_uncertainty import total_covariance as total_covariance
     from armflex.files.arm_file import load_arm as load_arm
+    from armflex.files.arm_file import make_arm as make_arm
     from armflex.laws.law_file import load_law as load_law
     from armflex.laws.law_file import save_law as save_law
     from armflex.measured.joint_data import read_joint_data as read_joint_data
@@ -76,7 +77,7 @@ HOMES = {
     "armflex.estimate": "Bootstrap Calibration bootstrap calibrate",
     "armflex.estimate.draw": "draw_arms ensemble",
     "armflex.estimate.tip_uncertainty": "total_covariance",
-    "armflex.files.arm_file": "load_arm",
+    "armflex.files.arm_file": "load_arm make_arm",
     "armflex.laws.law_file": "load_law save_law",
     "armflex.measured.joint_data": "read_joint_data",
     "armflex.measured.measurements": "Measurements read_measurements",
