@@ -78,6 +78,9 @@ class DeflectionOptions(TypedDict, total=False):
 MAX_PAYLOADS = 64
 """Payloads and names of them whose models are kept; objects made in a loop must not fill the memory."""
 
+TURN = 2.0 * np.pi
+"""Position [rad] beyond which one that is outside the limits may be in degrees."""
+
 SLACK = 1e-9
 """How far beyond a limit [rad or m] a joint may stand: rounding is no fault."""
 
@@ -337,9 +340,11 @@ class Arm:
             return array.copy(), ()
         checked = self.checked(array, "q")
         outside = (checked < self.robot.lower - SLACK) | (checked > self.robot.upper + SLACK)
-        joint = self.robot.moving[int(outside.argmax())]
-        value = checked[int(outside.argmax())]
+        beyond = [(self.robot.moving[i], float(checked[i])) for i in np.flatnonzero(outside)]
+        # The first, or the first about which there is more to say.
+        joint, value = next((pair for pair in beyond if _other_unit(*pair)), beyond[0])
         text = f"joint {joint.name!r} at {value:.6g} is outside its limits [{joint.lower:.6g}, {joint.upper:.6g}]"
+        text += _other_unit(joint, value)
         if enforce_limits:
             raise JointLimitError(text)
         return checked, (Flag("outside_limits", text),)
@@ -397,6 +402,16 @@ class Arm:
     @cached_property
     def _carried(self) -> dict[tuple | str | None, LoadedArm]:
         return {}
+
+
+def _other_unit(joint: Joint, value: float) -> str:
+    """Return the question whether a position beyond a joint's limits is in degrees or mm, '' where it hardly is."""
+    slides = joint.kind == "prismatic"
+    far, factor, unit = (
+        (10.0 * max(joint.upper - joint.lower, 1.0), 1e-3, "mm") if slides else (TURN, TURN / 360, "deg")
+    )
+    meant = abs(value) > far and joint.lower <= factor * value <= joint.upper
+    return f": {unit}? Then say so, {value:.6g}{unit} or a column q_{joint.name}_{unit}" if meant else ""
 
 
 def _not_at_zero(joint: Joint, value: float) -> Flag:

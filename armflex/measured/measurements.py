@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, warn
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
 from armflex.measured.data_flags import (
@@ -25,8 +25,9 @@ from armflex.measured.data_flags import (
     force_flags,
     in_other_units,
     table_flags,
+    unit_flags,
 )
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, read_forces
+from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, read_forces
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
@@ -144,7 +145,11 @@ def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> 
 
 
 def read_measurements(
-    path: str | Path, arm: Arm, inputs_only: bool = False, points: str | Path | PointExport | None = None
+    path: str | Path,
+    arm: Arm,
+    inputs_only: bool = False,
+    points: str | Path | PointExport | None = None,
+    unnamed: Unnamed = UNLOADED,
 ) -> Measurements:
     """Read a campaign for an arm, from CSV or Parquet.
 
@@ -154,13 +159,14 @@ def read_measurements(
         inputs_only: Accept a table without measured positions, such as rows to be predicted.
         points: The positions, where the instrument's program exported them apart: the file, or what `read_points`
             made of it. A row's point is named by its column `point`, else by its `pose`.
+        unnamed: What loads rows that name no payload, or no force.
 
     Raises:
         TableError: A column is missing, misspelt or of the wrong unit; a cell is not a number; a position or a force is
             given in part; some rows are in another unit; a payload or link is unknown; points do not match the rows.
     """
     export = points if isinstance(points, PointExport) or points is None else read_points(points)
-    table = read_table(path, KINDS | joint_kinds(arm, "q"))
+    table = unnamed.put(read_table(path, KINDS | joint_kinds(arm, "q")))
     known, flags = _known_columns(table, arm, inputs_only, export), ()
     if export:
         table, flags = with_points(table, export)
@@ -171,6 +177,7 @@ def read_measurements(
     check_joint_units(found.q, arm, found.places)
     check_one_unit(found.position, np.flatnonzero(found.measured), found.places)
     flags += (*table_flags(table, found), *force_flags(found, arm))
+    flags += () if found.measured.any() else unit_flags(table, arm)  # else readings tell, when the arm is fitted
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
         base = arm.robot.base
@@ -180,7 +187,7 @@ def read_measurements(
     return replace(found, flags=flags, sha256=sha256, frame=frame)
 
 
-def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurements]:
+def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLOADED) -> Iterator[Measurements]:
     """Yield the rows of a table of inputs, so many at most at a time, as `read_measurements` gives them all.
 
     The table is read twice: all of it is looked at before its first rows are given. What is kept meanwhile does not
@@ -192,14 +199,16 @@ def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurement
     """
     path, kinds = Path(path), KINDS | joint_kinds(arm, "q")
     if not path.is_file():
-        yield read_measurements(path, arm, inputs_only=True).levelled()
+        yield read_measurements(path, arm, inputs_only=True, unnamed=unnamed).levelled()
         return
     far, positions = [np.zeros((0, len(arm.joint_names)))], [np.zeros((0, 3))]
     far_places: list[Place] = []
     places: list[Place] = []
     seen: dict[str, _Seen] = {}
-    for table in read_pieces(path, kinds, most):
+    asked: list[tuple[Flag, ...]] = []
+    for table in map(unnamed.put, read_pieces(path, kinds, most)):
         known, found = _known_columns(table, arm, True, None), _measurements(table, arm)
+        asked.append(unit_flags(table, arm))
         for name in (name for name in table.columns if name not in known):
             seen.setdefault(name, _Seen()).add(table, name)
         odd, there = np.flatnonzero(in_other_units(found.q, arm).any(axis=1)), np.flatnonzero(found.measured)
@@ -212,9 +221,10 @@ def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurement
             raise TableError(column.nan[0], f"column {name!r} is {column.nan[1]!r}, not a finite number")
     check_joint_units(np.vstack(far), arm, far_places)
     check_one_unit(np.vstack(positions), np.arange(len(places)), places)
+    warn(asked[0] if all(asked) and not places else ())
     before: tuple[Array, Array] | None = None
     first = 0
-    for table in read_pieces(path, kinds, most):
+    for table in map(unnamed.put, read_pieces(path, kinds, most)):
         found = _measurements(table, arm, first, before)
         known = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
         for name, column in seen.items():

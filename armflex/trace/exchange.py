@@ -103,23 +103,23 @@ def exchanged(state: State) -> State:
     better in an effect's place takes it, and one that does as well as two takes theirs.
     """
     state = _pruned(state)
-    count = len(state.effects)
-    if not 1 < count <= SWAPPED:
+    alone = [unit[0] for unit in state.units if len(unit) == 1]
+    if not 1 < len(alone) <= SWAPPED:
         return state
-    for index in range(count):
+    for index in alone:
         worth, hypotheses = hypotheses_of(state, index)
         plain = state.effects[index].effect.law.plain
         better = [one for one in hypotheses if one.evidence > worth + SAME and plain <= one.candidate.law.plain]
-        state = _in_place(state, (index,), better, SAME) or state
-    for pair in combinations(range(count), 2):
+        state = in_place(state, (index,), better, SAME) or state
+    for pair in combinations(alone, 2):
         worth, hypotheses = hypotheses_of(state, *pair)
-        merged = _in_place(state, pair, [one for one in hypotheses if one.evidence > worth], 0.0)
+        merged = in_place(state, pair, [one for one in hypotheses if one.evidence > worth], 0.0)
         if merged is not None:
             return merged
     return state
 
 
-def _in_place(state: State, indices: Sequence[int], better: Sequence[Polished], margin: float) -> State | None:
+def in_place(state: State, indices: Sequence[int], better: Sequence[Polished], margin: float) -> State | None:
     """Return the state with the first of some candidates in place of effects.
 
     None where it cannot stand there, or where the information criterion falls by less than a margin.
@@ -146,10 +146,10 @@ def _information(trial: State, state: State) -> float:
 
 
 def _pruned(state: State) -> State:
-    while state.effects:
-        worths = [worth_of(state, i)[0] for i in range(len(state.effects))]
-        weakest = int(np.argmin(worths))
-        if worths[weakest] >= SAME:
+    while alone := [unit[0] for unit in state.units if len(unit) == 1]:
+        worths = [worth_of(state, i)[0] for i in alone]
+        weakest = alone[int(np.argmin(worths))]
+        if min(worths) >= SAME:
             break
         trial = without(state, weakest)
         # The linear estimate misses how much the rest must bend.

@@ -18,9 +18,10 @@ from armflex.estimate.robust import robust_limit
 from armflex.measured.measurements import Measurements
 from armflex.rows.rows import POSE
 from armflex.storage.whole_file import remove
-from armflex.trace.accept import Step, null_maximum, prove
+from armflex.trace.accept import APART, ENOUGH, MARGIN, Step, null_maximum, prove
 from armflex.trace.afterwards import conclude, so_far
 from armflex.trace.checkpoint import Progress, identity, read_checkpoint, restored, write_checkpoint
+from armflex.trace.families import with_families
 from armflex.trace.findings import Trace
 from armflex.trace.polish import Polished
 from armflex.trace.projection import project
@@ -32,23 +33,14 @@ from armflex.trace.unrecorded import NOTICED, PoseBlock, RandomTwist, as_likely,
 MOST_EFFECTS = 12
 """Effects at which a search ends, though more may be missing."""
 
-ENOUGH = 16.0
-"""Evidence that an effect must be worth at least: thousands are looked at, and noise gives the best of them 3 to 10.
-
-A large residual of a piece gives far more even with its signs turned at random, which `MARGIN` is counted from.
-"""
-
-MARGIN = 3.0
-"""Evidence that it must have beyond the best that random signs gave."""
-
 SOUGHT = 6.0
 """Evidence more for waves, bumps and products: the residual itself chose the places at which they compete."""
 
 SHARE = 0.4
 """Share of the excess that the best candidate must explain; below it an unrecorded cause is thought of first."""
 
-APART, FAR_APART = 2.0, 4.0
-"""Standard errors by which held-out errors must fall, and by which where a random twist would explain more."""
+FAR_APART = 4.0
+"""Standard errors by which held-out errors must fall where a random twist would explain more."""
 
 
 def trace(
@@ -80,7 +72,7 @@ def trace(
     elif checkpoint and not checkpoint.exists():  # that of another search stays until there is something to keep
         write_checkpoint(checkpoint, about, found)
     _tell_figures(teller, found.state)
-    while not found.ended and len(found.state.effects) < MOST_EFFECTS:
+    while not found.ended and found.state.alone < MOST_EFFECTS:
         known, after = found.state, _round(found.state)
         found = replace(found, ended=True) if after is None else found.after(after)
         if checkpoint:
@@ -99,7 +91,7 @@ def trace(
                     account(passing)
     traced = conclude(found.state, places)
     if not found.ended:
-        traced = replace(traced, stopped_at=len(found.state.effects))
+        traced = replace(traced, stopped_at=found.state.alone)
     if account is not None:
         account(traced)
     if checkpoint:
@@ -122,6 +114,9 @@ def _round(state: State) -> State | None:
     """
     state.say(f"searching what {len(state.rows)} rows still show")
     looked = state.looked
+    related = with_families(state, looked.best)
+    if related is not None:
+        return sorted_out(replace(related, heed=True))
     place = _unrecorded(state, looked)
     found = _accept(state, looked, APART if place is None else FAR_APART)
     if found is not None:
@@ -130,6 +125,9 @@ def _round(state: State) -> State | None:
         state.say(f"setting aside a random twist at {place.site} {place.axis}")
         groups = state.context.column(POSE).astype(int)
         return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(looked.places)))
+    related = with_families(state, None)
+    if related is not None:
+        return sorted_out(replace(related, heed=True))
     # What is far off together stayed because an effect might explain it: none does.
     left = sorted_out(replace(state, heed=False)) if state.heed else state
     return None if state.uses(left.rows) else left
