@@ -766,8 +766,10 @@ def sensitivities(elements, kinds, links, wrenches, changes, q, twists, complian
         for i in range(size):
             matrix[i, i] += 1.0
         _rigid_field(here.tip, here.field[0])
+        right[:] = 0.0
         for i in range(n):
-            _along(here.by_twist[i], here.field[0], right, 6 * i, 0)
+            if kinds[3, i] <= elements[-1, 15]:
+                _along(here.by_twist[i], here.field[0], right, 6 * i, 0)
         _eliminate(matrix, right)
         for i in range(n):
             for b in range(6):
@@ -798,11 +800,11 @@ def responses(
     n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches)
     here, m, wanted = _flexed_room(arm), kinds.shape[1], len(joints) + len(sites) + len(motions) + len(gravity)
     turn, origin, base, own, local = np.empty((3, 3)), np.empty(3), np.empty((6, WIDTH)), np.eye(6), np.empty((6, 6))
-    none = np.zeros((n, 6, 6))
+    unmoved, none = np.zeros((n, 6, 6)), np.zeros((6, WIDTH))
     for row in range(len(q)):
         _flex(arm, here, q[row], twists[row], row)
         if wanted:
-            _motions(arm, here, twists[row], none)
+            _motions(arm, here, twists[row], unmoved)
             for i in range(n):
                 k = kinds[3, i]
                 _action(here.turn[k], here.origin[k], own)
@@ -811,7 +813,7 @@ def responses(
             _rigid_field(here.tip, base)
         for k in range(1, m if len(joints) else 1):
             if kinds[0, k] & 3 == TURNS or kinds[0, k] & 3 == SLIDES:
-                _along_joint(arm, here, base, k, own, joints[row])
+                _along_joint(arm, here, base if k <= elements[-1, 15] else none, k, own, joints[row])
         for f in range(len(places[0])):
             k = places[0, f]
             _compose(here.turn[k], here.origin[k], frames[f], turn, origin)
@@ -820,7 +822,8 @@ def responses(
                 poses[row, f, :3, :3], poses[row, f, :3, 3], poses[row, f, 3, 3] = turn, origin, 1.0
             _action(turn, origin, own)
             if len(sites) and f < sites.shape[2]:
-                _along(own, here.field[places[1, f]] + base, local, 0, 0)
+                rigid = base if places[1, f] <= elements[-1, 15] else none
+                _along(own, here.field[places[1, f]] + rigid, local, 0, 0)
                 for r in range(6):
                     for a in range(6):
                         sites[row, r, f, a] = local[a, r]
@@ -920,8 +923,8 @@ def _flex(arm, here, q, twists, row):
             for j in range(3):
                 at += turn[k, i, j] * elements[k, 16 + j]
             here.body[k, 1 + i] = mass * at
-    before = np.empty((3, 3))
-    _compose(turn[m - 1], origin[m - 1], elements[m], before, here.tip)
+    before, end = np.empty((3, 3)), int(elements[m, 15])
+    _compose(turn[end], origin[end], elements[m], before, here.tip)
     gx, gy, gz = elements[m, 12], elements[m, 13], elements[m, 14]
     for k in range(m - 1, -1, -1):
         mass, x, y, z = here.body[k, 0], here.body[k, 1], here.body[k, 2], here.body[k, 3]
