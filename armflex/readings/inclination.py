@@ -56,7 +56,7 @@ class Inclination(Kind):
         return np.concatenate([mounting, np.broadcast_to(np.eye(2), (len(up), 2, 2))], axis=2)
 
     def readable(self, at: Postures) -> np.ndarray:
-        return (np.abs(self._tilts(at)[0]) < STEEPEST).all(axis=1)
+        return np.all(np.abs(self._tilts(at)[0]) < STEEPEST, axis=1)
 
     def implausible(self, at: Postures) -> str | None:
         read, predicted = self.values, self.predicted(at)
