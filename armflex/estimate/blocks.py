@@ -252,7 +252,11 @@ def _of_kind(kind: Kind, parameters: list[ArmParameter], setup: Setup, context: 
         return [
             sensor_block(setup, sensor.name, sessions)
             for sensor in arm.sensors.values()
-            if (sessions := tuple(one for one in sensor.found if set(of_sensor(sensor, [one])) & set(parameters)))
+            if (
+                sessions := tuple(
+                    one for one in (sensor.found or ("",)) if set(of_sensor(sensor, [one])) & set(parameters)
+                )
+            )
         ]
     rigid: dict[Kind, Callable[[], Block]] = {
         Kind.INSTRUMENT: lambda: frame_block(setup),

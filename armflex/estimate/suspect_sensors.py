@@ -8,11 +8,12 @@ import numpy as np
 
 from armflex.conventions import said_of
 from armflex.errors import ConventionError, Flag
-from armflex.estimate.block import Block
+from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.view import View
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
+from armflex.parameters import Kind
 
 COARSE = {"m": 2e-3, "rad": 1e-3, "m/s^2": 1e-2}
 """What an arm may be off by, beyond its priors, before a sensor is suspected."""
@@ -40,7 +41,8 @@ def suspected(declared: View, placed: Fit, blocks: tuple[Block, ...]) -> tuple[F
     Raises:
         ConventionError: What they read is plausible in another unit, with other axes, or from another place.
     """
-    flags, places = [], declared.readings.placed
+    flags, places, free = [], declared.readings.placed, parameters_of(blocks)
+    known = dict(zip(placed.parameters, placed.values.tolist(), strict=True))
     for kind, place in places:
         read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
         if not kind.name or not len(read):
@@ -50,25 +52,22 @@ def suspected(declared: View, placed: Fit, blocks: tuple[Block, ...]) -> tuple[F
         jacobian = np.concatenate([block.jacobian(placed.view)[read, place] for block in blocks], axis=2)
         flat = (jacobian / floor[:, :, None]).reshape(residual.size, -1)
         prior = np.concatenate([block.prior for block in blocks])
-        values = LinearGaussian.of(flat, prior**-2.0).solve(flat.T @ residual.ravel())
+        # Where instruments were placed alone they may have made up for the arm: all of it counts from what is declared.
+        begun = np.array([known.get(one, 0.0) for one in free])
+        values = LinearGaussian.of(flat, prior**-2.0).solve(flat.T @ residual.ravel() - prior**-2.0 * begun)
         left = np.abs(residual - (flat @ values).reshape(residual.shape))
-        pulled = max(float(np.abs(values / prior).max(initial=0.0)), _pull(placed, kind.name))
+        own = [i for i, one in enumerate(free) if one.group.kind is Kind.SENSOR and np.isfinite(prior[i])]
+        pulled = float(np.abs((values + begun)[own] / prior[own]).max(initial=0.0))
         if max(float(np.median(left)), pulled / IMPLAUSIBLE) < IMPLAUSIBLE:
             continue
         own, at = kind.some(read), declared.at.some(read)
         off = said_of(float(np.median(np.linalg.norm(own.residual(at), axis=1))), kind.unit)
-        begun = f"{kind.title}: what it read is {off} off, further than its declaration and [prior] explain"
+        said = f"{kind.title}: what it read is {off} off, further than its declaration and [prior] explain"
         likely = own.implausible(at)
         if likely is not None:
-            raise ConventionError(f"{begun}: {likely}", [likely])
-        flags.append(Flag("instrument_implausible", f"{begun}: is it where [instrument.{kind.name}] says?"))
+            raise ConventionError(f"{said}: {likely}", [likely])
+        flags.append(Flag("instrument_implausible", f"{said}: is it where [instrument.{kind.name}] says?"))
     return tuple(flags)
-
-
-def _pull(placed: Fit, name: str) -> float:
-    """Return by how many prior standard deviations what is open of a sensor was moved at most."""
-    own = [i for i, one in enumerate(placed.parameters) if str(one.group.of or "").split(" ")[0] == name]
-    return float(np.abs(placed.values[own] / placed.prior[own]).max(initial=0.0))
 
 
 def moved(found: Fit, measurements: Measurements) -> Iterator[Flag]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from armflex.arm import Arm
 from armflex.conventions import Array, finite_array, real_array
-from armflex.errors import InputError
+from armflex.errors import InputError, UnknownNameError
 from armflex.measured.measurements import Measurements
 from armflex.readings import Kind, Orientation, Position, Readings
 from armflex.rows import Rows
@@ -20,12 +20,12 @@ from armflex.rows.rows import APPROACH
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Where the tip's target was seen, with the arm standing still.
+    """Where the tip's target was seen, or what other instruments read, with the arm standing still.
 
     Attributes:
         q: (nq,) the controller's joint positions [rad or m].
         position: (3,) of the target [m], in the frame that the arm was calibrated in: the instrument's, or the base's
-            where `[measurement]` says so.
+            where `[measurement]` says so; None where none was read.
         sigma: Its standard deviation, one number or (3,) [m].
         payload: Name of what was carried.
         session: The instrument's setup; with another name its frame is uncertain anew.
@@ -33,23 +33,25 @@ class Reading:
         rotation: (3,) rotation vector of the target [rad], None where none was read.
         sigma_r: Its standard deviation [rad].
         covariates: What the arm's effects depend on, by name.
+        sensors: What other instruments of the arm read, by name: (d,) numbers, or one, in their SI unit.
     """
 
     q: ArrayLike
-    position: ArrayLike
-    sigma: float | ArrayLike
+    position: ArrayLike | None = None
+    sigma: float | ArrayLike = 1.0
     payload: str = "none"
     session: str = "session"
     time: float | None = None
     rotation: ArrayLike | None = None
     sigma_r: float | None = None
     covariates: Mapping[str, float] = field(default_factory=dict)
+    sensors: Mapping[str, ArrayLike] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
         """How many numbers were read."""
-        kinds = (Position,) if self.rotation is None else (Position, Orientation)
-        return sum(kind.dimension for kind in kinds)
+        kinds = [*([] if self.position is None else [Position]), *([] if self.rotation is None else [Orientation])]
+        return sum(kind.dimension for kind in kinds) + sum(np.size(values) for values in self.sensors.values())
 
     @classmethod
     def of(cls, measurements: Measurements, row: int, timed: bool = False) -> Reading:
@@ -60,15 +62,18 @@ class Reading:
             turned = rotation[row], float(sigma_r[row])
         else:
             turned = None, None
+        read = {kind.name: kind for kind in measurements.readings.kinds if np.isfinite(kind.sigma[row]).all()}
+        seen = measurements.positioned[row]
         return cls(
             measurements.q[row],
-            measurements.position[row],
-            measurements.sigma[row],
+            measurements.position[row] if seen else None,
+            measurements.sigma[row] if seen else 1.0,
             measurements.payload[row],
             measurements.session[row],
             float(measurements.time[row]) if timed else None,
             *turned,
             {name: value for name, value in known.items() if value or name not in measurements.derived},
+            {name: kind.values[row] for name, kind in read.items() if name},
         )
 
 
@@ -115,9 +120,20 @@ def as_row(reading: Reading, arm: Arm) -> Measurements:
     untold = [name for joint in arm.joint_names if (name := f"{APPROACH}{joint}") not in reading.covariates]
     untold += ["time"] if reading.time is None else []
     row = Rows.of(arm.joint_names, q[None], (reading.payload,), given, ("pose",), reading.session, tuple(untold))
-    position = finite_array(reading.position, "position", (Position.dimension,))[None]
-    kinds: list[Kind] = [Position(position, np.broadcast_to(sigma, position.shape))]
+    kinds: list[Kind] = []
+    if reading.position is not None:
+        position = finite_array(reading.position, "position", (Position.dimension,))[None]
+        kinds.append(Position(position, np.broadcast_to(sigma, position.shape)))
+    elif not reading.sensors:
+        raise InputError("neither a position nor what another instrument read: there is no reading")
     if reading.rotation is not None:
         rotation = finite_array(reading.rotation, "rotation", (Orientation.dimension,))[None]
         kinds.append(Orientation(rotation, np.full(rotation.shape, reading.sigma_r, dtype=float)))
+    for name in reading.sensors:
+        if name not in arm.sensors:
+            raise UnknownNameError("instrument", name, arm.sensors)
+    for name, sensor in arm.sensors.items():
+        if name in reading.sensors:
+            values = finite_array(np.atleast_1d(reading.sensors[name]), name, (sensor.kind.dimension,))[None]
+            kinds.append(sensor.kind(values, np.full(values.shape, sensor.sigma), name))
     return Measurements.of(row, Readings(1, tuple(kinds)))

@@ -13,7 +13,7 @@ from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import InputError
 from armflex.estimate.block import Block, parameters_of
-from armflex.estimate.blocks import blocks_of, declared_blocks
+from armflex.estimate.blocks import blocks_of, declared_blocks, sensor_block
 from armflex.estimate.fit import realise
 from armflex.estimate.law_block import learned_laws, with_laws
 from armflex.estimate.posterior import OTHER_PARAMETERS
@@ -142,7 +142,7 @@ def changeables_of(blocks: Sequence[Block], arm: Arm) -> tuple[Changeable, ...]:
     for block in blocks:
         if block.kind is Kind.INSTRUMENT:
             sizes.append(BUMPED)
-        elif block.kind is Kind.LAW:
+        elif block.kind in (Kind.LAW, Kind.SENSOR):
             sizes.append(block.prior)
         else:
             sizes.append(np.full(len(block.parameters), getattr(arm.prior, block.kind, 0.0) or SIZES[block.kind]))
@@ -164,10 +164,17 @@ def model_of(arm: Arm) -> Model:
         raise InputError("nobody knows where the instrument stands: calibrate the arm before it is tracked")
     setup = Setup(arm, replace(arm.instrument or Instrument(), sessions={}))
     aside = Certainty((), np.zeros((0, 0)))
+    # What was found of sensors in sessions that are over says nothing of how they stand now.
+    ended = any(one.found and "" not in one.found for one in arm.sensors.values())
+    gone = (Kind.SENSOR,) if ended else ()
+    if ended:
+        sensors = {name: replace(one, found={}) for name, one in arm.sensors.items()}
+        arm = replace(arm, sensors=sensors)
+        setup = replace(setup, arm=arm)
     if arm.certainty is not None:
         told = replace(arm.certainty, misfit=0.0)
         kinds = [parameter.group.kind for parameter in told.parameters]
-        kept = told.part([i for i, kind in enumerate(kinds) if kind not in (Kind.EFFECT, Kind.SESSION)])
+        kept = told.part([i for i, kind in enumerate(kinds) if kind not in (Kind.EFFECT, Kind.SESSION, *gone)])
         aside = told.part([i for i, kind in enumerate(kinds) if kind is Kind.EFFECT])
     else:
         if arm.instrument is not None:
@@ -176,18 +183,29 @@ def model_of(arm: Arm) -> Model:
         if learned:
             raise InputError(f"flexure {learned[0]!r} is to be learned: calibrate the arm before it is tracked")
         middle = np.clip(np.zeros(len(arm.joint_names)), arm.robot.lower, arm.robot.upper)
-        free = declared_blocks(setup, as_row(Reading(middle, np.zeros(3), 1.0), arm))
+        every = {name: np.zeros(one.kind.dimension) for name, one in arm.sensors.items()}
+        free = declared_blocks(setup, as_row(Reading(middle, np.zeros(3), 1.0, sensors=every), arm))
         prior = np.concatenate([np.zeros(0), *(block.prior for block in free)])
         kept = Certainty(parameters_of(free), np.diag(prior**2))
     restationing = np.repeat([arm.prior.session_translation, arm.prior.session_rotation], 3) ** 2
     if restationing.any() and FRAME[0].group not in kept.groups:
         kept = Certainty(FRAME, np.zeros((6, 6))).beside(kept)
+    for name in arm.sensors if ended else ():
+        fresh = sensor_block(setup, name, ("",))
+        kept = kept.beside(Certainty(fresh.parameters, np.diag(fresh.prior**2)))
     blocks = blocks_of(kept.parameters, setup)
     if blocks is None:
         raise InputError(OTHER_PARAMETERS.text)
     if not blocks:
         raise InputError("nothing may move: the arm was not calibrated, and [prior] frees nothing")
-    added = [restationing if block.kind is Kind.INSTRUMENT else np.zeros(len(block.parameters)) for block in blocks]
+    added = [
+        restationing
+        if block.kind is Kind.INSTRUMENT
+        else block.prior**2
+        if block.kind is Kind.SENSOR
+        else np.zeros(len(block.parameters))
+        for block in blocks
+    ]
     sizes = np.ones(len(kept.parameters))
     for one in changeables_of(blocks, arm):
         sizes[one.places] = one.sizes

@@ -320,8 +320,9 @@ class _Task:
 
 
 def _task(window: Sequence[Seen], before: Estimate) -> _Task:
-    jacobian = np.array([seen.jacobian[: Position.dimension] for seen in window])
-    errors = np.array([seen.residual[: Position.dimension] for seen in window]) - jacobian @ before.values
+    size = min(Position.dimension, *(len(seen.residual) for seen in window))  # which all of them have
+    jacobian = np.array([seen.jacobian[:size] for seen in window])
+    errors = np.array([seen.residual[:size] for seen in window]) - jacobian @ before.values
     through_root = jacobian.reshape(-1, len(before.values)) @ before.root
     volume = np.eye(len(through_root)) + through_root @ through_root.T
     return _Task(jacobian, errors, np.asarray(np.linalg.inv(volume), float), float(np.linalg.slogdet(volume)[1]))

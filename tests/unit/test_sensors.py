@@ -20,9 +20,9 @@ from support.instruments import (
     measured,
 )
 
-from armflex import Calibration, calibrate, load_arm, plan, predict, read_measurements
+from armflex import Calibration, Reading, Tracker, calibrate, load_arm, plan, predict, read_measurements
 from armflex.conventions import TWIST_NAMES
-from armflex.errors import ArmFileError, ConventionError, InputError, TableError
+from armflex.errors import ArmFileError, ConventionError, InputError, TableError, UnknownNameError
 from armflex.estimate.calibrate import write_calibrated
 from armflex.plan.drive import write_plan
 from armflex.plan.instruments import declaration
@@ -271,3 +271,23 @@ def test_a_plan_chooses_where_instruments_go(tmp_path: Path) -> None:
         np.testing.assert_allclose(again.sensors[mount.sensor.name].declared, mount.sensor.declared)
     with pytest.raises(InputError, match="no instrument 'levle', did you mean 'level'"):
         plan(arm, 6, instruments=["levle"])
+
+
+def test_a_tracker_follows_what_wires_and_levels_read(tmp_path: Path) -> None:
+    """Reading by reading it comes to know what a calibration of all of them knows."""
+    _, arm, rows = campaign(tmp_path, WIRE.replace("anchor_std = 0.01", "anchor_std = 1e-4"), LEVEL)
+    loaded = load_arm(arm)
+    read = read_measurements(rows, loaded)
+    whole, tracker = calibrate(loaded, read), Tracker(loaded)
+    for row in range(len(read)):
+        tracker.update(Reading.of(read, row))
+    known = dict(zip(tracker.labels, zip(tracker.values, tracker.std, strict=True), strict=True))
+    told = [p for p in whole.parameters if p.std < 0.3 * p.prior]
+    assert len(told) > 5
+    for one in told:
+        value, std = known[one.name]
+        assert std < 0.6 * one.prior and abs(value - one.value) < 4.0 * np.hypot(std, one.std), one.name
+    with pytest.raises(UnknownNameError, match="wire9"):
+        tracker.update(Reading(read.q[0], sensors={"wire9": 1.0}))
+    with pytest.raises(InputError, match="there is no reading"):
+        tracker.update(Reading(read.q[0]))
