@@ -31,6 +31,7 @@ from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
 from armflex.readings import Position, unread
 from armflex.readings.instrument import Instrument
+from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.setup import Setup
 
@@ -40,8 +41,8 @@ TOGETHER = 2048
 Progress = Callable[[int, int | None], None]
 
 
-@dataclass(frozen=True)
-class Prediction:
+@dataclass(frozen=True, repr=False)
+class Prediction(Result):
     """Where the tip will be: in the instrument's frame where it is known, else in the base frame.
 
     Attributes:
@@ -56,12 +57,23 @@ class Prediction:
         flags: Flags, each with the first row it concerns; those about a law with the worst, and how many there are.
     """
 
+    TOLD = ("position", "rotation", "sigma", "displacement", "flags")
+    ROWS = "table"
+
     rows: Measurements
     position: Array
     rotation: Array
     sigma: Array | None
     displacement: Array
     flags: tuple[Flag, ...]
+
+    @property
+    def table(self) -> dict[str, Array]:
+        """The (N,) columns that `armflex predict` writes of every row, by name [m, rad]."""
+        columns = dict(zip("xyz", self.position.T, strict=True))
+        columns |= {} if self.sigma is None else dict(zip(("sigma_x", "sigma_y", "sigma_z"), self.sigma.T, strict=True))
+        columns |= dict(zip(("pose_rx", "pose_ry", "pose_rz"), self.rotation.T, strict=True))
+        return columns | dict(zip(TWIST_NAMES, self.displacement.T, strict=True))
 
 
 def predict(
