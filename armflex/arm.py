@@ -46,9 +46,11 @@ from armflex.parameters import (
     of_law,
     of_motions,
     of_offsets,
+    of_sensor,
 )
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
+from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.urdf import Joint
 from armflex.rows.wrench import Wrench, check_rows
@@ -102,6 +104,7 @@ class Arm:
         factors: Logarithms (6,), dimensionless, of what calibration found to be the factors on the axes of a flexure's
             compliance, by flexure; `flexures` have them already.
         instrument: Where the instrument stands that measured this arm, None when it was not calibrated.
+        sensors: Instruments beside that one, by name, as declared and with what calibration found of them.
         effects: What it does beyond its flexures, as measurements showed.
         certainty: How well everything that was fitted is known, None where nothing was, or where nobody says.
         flags: Flags about the arm as declared.
@@ -116,6 +119,7 @@ class Arm:
     corrections: Corrections = field(default_factory=Corrections)
     factors: Mapping[str, Array] = field(default_factory=dict)
     instrument: Instrument | None = None
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
     effects: tuple[Effect, ...] = ()
     certainty: Certainty | None = None
     flags: tuple[Flag, ...] = ()
@@ -196,6 +200,7 @@ class Arm:
         sessions = self.instrument.sessions if self.instrument else ()
         known = [*FRAME, *of_motions(Kind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
         known += of_motions(Kind.GEOMETRY, self.joint_names)
+        known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:
             known += of_compliance(flexure.name)
             if flexure.learned:

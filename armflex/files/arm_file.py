@@ -32,6 +32,7 @@ from armflex.errors import (
 from armflex.files.calibration_table import Campaign, calibration_table, read_calibration, with_certainty
 from armflex.files.certainty_table import with_covariance
 from armflex.files.effect_file import read_effect
+from armflex.files.sensor_table import read_sensors
 from armflex.laws import read_law
 from armflex.laws.declared import model_of
 from armflex.laws.effects.location import drive_axis, drive_of
@@ -154,6 +155,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
         table.finish()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
+    sensors = read_sensors(root.subs("instrument"), robot)
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
     flags = [*robot.flags, *flags, *_questions(flexures, robot)]
@@ -163,7 +165,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     if measurement.gravity_in == "measurement" and not calibrated:
         text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
         flags.append(Flag("gravity_in", f"gravity {text}"))
-    arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=tuple(flags))
+    arm = Arm(robot, flexures, payloads, rating, measurement, prior, sensors=sensors, flags=tuple(flags))
     if not calibrated:
         return _with_effects(arm, effects)
     table = root.sub("calibration")

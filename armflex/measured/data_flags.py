@@ -37,10 +37,12 @@ TURNS = 4.0 * np.pi
 """How far beyond its limits [rad] a joint position is in degrees rather than out of its range."""
 
 
-def check_one_unit(position: Array, rows: np.ndarray, places: Sequence[Place]) -> None:
+def check_one_unit(
+    lengths: Array, rows: np.ndarray, places: Sequence[Place], columns: Sequence[str] = ("x", "y", "z")
+) -> None:
     """Raise `TableError` naming the rows, of those numbered, that were written in mm among rows in m or vice versa."""
-    seen = position[rows]
-    for name, values in (("x y z", seen), *((axis, seen[:, [i]]) for i, axis in enumerate("xyz"))):
+    seen = lengths[rows]
+    for name, values in ((" ".join(columns), seen), *((axis, seen[:, [i]]) for i, axis in enumerate(columns))):
         odd = _other_unit(values)
         if len(odd):
             found = [places[i] for i in rows[odd].tolist()]
