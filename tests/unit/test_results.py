@@ -1,4 +1,4 @@
-"""Results show themselves on a few lines, as a table in a notebook, and give plain values; the package shows its names."""
+"""Results show themselves on a few lines and in a notebook, and give plain values; the package shows its names."""
 
 from __future__ import annotations
 
