@@ -49,6 +49,9 @@ from armflex.robot.urdf import MAX_LINKS, MOVING, Joint
 from armflex.setup import Setup
 from armflex.storage.whole_file import remove, write_whole
 
+ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
+"""Suffixes of files that hold a robot and no arm."""
+
 FROM_PYTHON = Path("make_arm")
 """Stands for the file in messages about an arm that has none."""
 
@@ -63,7 +66,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
     """Read an arm.toml and the URDF it names.
 
     Args:
-        path: The arm.toml; a URDF is taken as an arm without flexures.
+        path: The arm.toml; a URDF, xacro, MJCF or SDF is taken as an arm without flexures.
         preset: Name of a [preset.NAME] table whose flexures replace or join the declared ones.
         tip: Link whose motion is reported, for a bare URDF with several ends; an arm.toml names its own.
         strict: Refuse unknown URDF tags on the chain, and motion with impossible inertias, instead of flagging them.
@@ -74,7 +77,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
         UnknownNameError: There is no such preset.
     """
     path = Path(path)
-    is_urdf = path.suffix.lower() == ".urdf"
+    is_urdf = path.suffix.lower() in ROBOTS
     if not is_urdf and tip is not None:
         raise InputError(f"{path} names its own tip, to which its payloads are fixed; tip is for a bare URDF")
     if is_urdf and preset is not None:
