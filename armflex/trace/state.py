@@ -250,6 +250,7 @@ def add(state: State, found: Polished) -> State:
     change = candidate_regressors(found.candidate, fit, state.context) @ found.amplitudes
     values = moved(fit.blocks, fit.values, -project(fit).absorbed(change))
     what = replace(what, derived=tuple(name for name in what.location.covariates if name in state.measurements.derived))
+    what = what.seen_in(state.context, state.rows)
     starts = [values[fit.places(block)] for block in state.effects]
     place, steps = len(starts), (*state.steps, None)
     for i, block in enumerate(state.effects):
