@@ -17,10 +17,10 @@ from armflex.errors import NO_ANSWER, MissingCovariateError, Place, UnsupportedE
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.location import drive_of, resolve, site_of
+from armflex.laws.effects.location import resolve, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
-from armflex.robot.urdf import MOVING
+from armflex.robot.urdf import MOVING, drive_of
 
 POSES = 128
 """Configurations within the limits over which it is told what a file leaves out."""

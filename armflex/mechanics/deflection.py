@@ -21,9 +21,8 @@ from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import beyond_seen
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, tangent_of
-from armflex.mechanics.laws import LawStack, RowLaws
-from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Structure
-from armflex.mechanics.loads import Payload
+from armflex.mechanics.laws import RowLaws
+from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
 from armflex.mechanics.many_rows import (
     AT_ONCE,
     NO_CHANGES,
@@ -39,6 +38,7 @@ from armflex.mechanics.many_rows import (
 )
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 from armflex.parallel import in_order
+from armflex.robot.urdf import drive_of
 from armflex.rows.wrench import check_rows
 
 PIECE = 16384
@@ -140,12 +140,6 @@ def length_sigma(vectors: Array, covariance: Array, short: bool = False) -> Arra
     return np.where(endless, np.inf, np.sqrt(variance))
 
 
-def _drive_axes(arm: Structure) -> Array:
-    """Return the (nq, 6) axes of the joints among the coordinates of a wrench: along which each drive is loaded."""
-    pairs = ([joint.axis, np.zeros(3)][:: 1 if joint.kind == "prismatic" else -1] for joint in arm.robot.moving)
-    return np.array([np.concatenate(pair) for pair in pairs]).reshape(-1, 6)
-
-
 @dataclass(frozen=True, init=False, repr=False, eq=False)
 class Deflection(_Result[float]):
     """The arm at one configuration under one load.
@@ -241,7 +235,8 @@ class Deflection(_Result[float]):
     @property
     def drive_loads(self) -> Array:
         """(nq,) load on every drive about or along its joint's axis [Nm or N]."""
-        return np.einsum("ja,ja->j", self.joint_loads, _drive_axes(self.arm))
+        pairs = zip(self.arm.robot.moving, self.joint_loads, strict=True)
+        return np.array([drive_of(joint) @ load for joint, load in pairs])
 
     @property
     def overload(self) -> tuple[Flag, ...]:
@@ -273,8 +268,8 @@ class Deflection(_Result[float]):
         """(6, nq) change of the tip (origin, rotation; base axes) [m, rad] per joint, flexures following loads."""
         flex, wrenches, row = self._mechanics.flex, self.wrenches.ravel(), self._row
         turned = self._mechanics.stiffness(self._configuration, self.solved.case)[:, flex.v_index]
-        given = self._stack.tangent(wrenches, row) @ turned[flex.flexure_v]
-        following = self._stack.change_with_position(wrenches, row) - given
+        given = self.arm.stack.tangent(wrenches, row) @ turned[flex.flexure_v]
+        following = self.arm.stack.change_with_position(wrenches, row) - given
         return self.joint_jacobian + self.flexure_jacobian @ np.linalg.solve(self.tangent, following)
 
     @cached_property
@@ -295,7 +290,7 @@ class Deflection(_Result[float]):
     def compliance(self) -> Array:
         """(6, 6) displacement of the tip per wrench at the tip origin, base axes, about the solution [m/N, ...]."""
         tip = self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.flexure_v]
-        given = self._stack.tangent(self.wrenches.ravel(), self._row) @ tip.T
+        given = self.arm.stack.tangent(self.wrenches.ravel(), self._row) @ tip.T
         return self.flexure_jacobian @ np.linalg.solve(self.tangent, given)
 
     @cached_property
@@ -304,7 +299,7 @@ class Deflection(_Result[float]):
 
         It is of the laws alone: what a calibration or a trace fitted is left out; see `armflex.total_covariance`.
         """
-        laws = self._stack.covariance(self.wrenches.ravel(), self._row)
+        laws = self.arm.stack.covariance(self.wrenches.ravel(), self._row)
         if laws is None:
             return None
         gain = np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T
@@ -313,10 +308,6 @@ class Deflection(_Result[float]):
     @property
     def _mechanics(self) -> Mechanics:
         return self.solved.loaded.mechanics
-
-    @property
-    def _stack(self) -> LawStack:
-        return self.arm.stack
 
     @cached_property
     def _configuration(self) -> Array:
@@ -345,8 +336,9 @@ class Deflection(_Result[float]):
     @cached_property
     def unseen(self) -> tuple[Flag, ...]:
         """Flags about loads beyond those that a trained law has seen, and columns beyond those of an effect."""
-        laws = self._stack.flags(self.wrenches.ravel(), self._row) if self._stack.trained else ()
-        return (*laws, *beyond_seen(self.solved.loaded.arm.effects, self._row).get(0, ()))
+        stack = self.arm.stack
+        laws = stack.flags(self.wrenches.ravel(), self._row) if stack.trained else ()
+        return (*laws, *beyond_seen(self.arm.effects, self._row).get(0, ()))
 
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
         """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm."""
@@ -462,7 +454,8 @@ class DeflectionBatch(_Result[Array]):
     @cached_property
     def drive_loads(self) -> Array:
         """(N, nq) load on every drive about or along its joint's axis [Nm or N]."""
-        moving, found, axes = self.arm.robot.moving, np.empty_like(self.q), _drive_axes(self.arm)
+        moving, found = self.arm.robot.moving, np.empty_like(self.q)
+        axes = np.array([drive_of(joint) for joint in moving])
         for loaded, rows in self._compiled:
             pushes = Pushes(loaded, self.case.some(rows).wrenches, sited=True)
             at = (self.q[rows], self.twists[rows])

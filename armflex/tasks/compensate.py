@@ -30,6 +30,7 @@ from armflex.tasks.inverse_kinematics import (
     MAX_JUMPS,
     NEAR_SINGULAR,
     NO_EQUILIBRIUM,
+    SETTLED,
     TOLERANCE,
     Corrector,
     Point,
@@ -267,9 +268,10 @@ def _solve_each(
 ) -> tuple[tuple[CompensatedRow, ...], Trajectory]:
     """Return every row and the moved trajectory: many rows at once, one by one where that does not settle them."""
     rows: list[CompensatedRow] = []
-    for first in range(0, len(poses), TOGETHER):
-        some = np.arange(first, min(first + TOGETHER, len(poses)))
-        known = solver.together(some, poses[some[0] : some[-1] + 1])
+    every = np.arange(len(poses))
+    pieces = [every[first : first + TOGETHER] for first in range(0, len(every), TOGETHER)]
+    found = in_threads(lambda some: solver.together(some, poses[some[0] : some[-1] + 1]), pieces)
+    for some, known in zip(pieces, found, strict=True):
         for i in some.tolist():
             row = known.get(i) or solver.row(i, poses[i], rows[-1].change if rows else np.zeros_like(solver.scale))
             rows.append(row)
@@ -329,8 +331,7 @@ class _Solver:
         """Solve rows together from no change; return those that are reached by the smallest, by their numbers.
 
         Jumps as `Corrector.jump` makes them, of rows whose joints stay within their boxes and away from singular
-        positions: there they have a closed form, and go on until they are rounding. All other rows are left to the
-        corrector.
+        positions: there they have a closed form. All other rows are left to the corrector.
         """
         t, found = self.trajectory, {}
         if t.v is not None or t.a is not None:
@@ -348,7 +349,8 @@ class _Solver:
                 fair = (left <= np.maximum(0.5 * left_before[open_ones], AIMED_AT)) | (last[open_ones] == np.inf)
                 aim, sigma, plain = self.aims(rows, here, error, jacobian)
                 length = np.abs(aim - here).max(axis=1)
-                done = plain & (length < RESOLUTION) & (left <= TOLERANCE)
+                settled = np.where(left <= AIMED_AT, SETTLED, RESOLUTION)
+                done = plain & (length < settled) & (left <= TOLERANCE)
                 for k in np.flatnonzero(done):
                     i, j = int(rows[k]), int(open_ones[k])
                     own = (before[j], error[k], here[k], True, "", float(sigma[k]), True)

@@ -18,7 +18,7 @@ from armflex.conventions import Array, number
 from armflex.errors import InputError
 from armflex.laws.effects.remember import settled
 from armflex.mechanics.deflection import Deflection
-from armflex.mechanics.loads import Payload
+from armflex.mechanics.loaded import Payload
 from armflex.rows.wrench import Wrench
 from armflex.show.view.meshes import read_mesh
 from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, ShapeKind, scene_points
