@@ -3,10 +3,11 @@
     python tests/studies/instruments.py wires [--machines 20]
     python tests/studies/instruments.py accelerometers --measured DIR
 
-`wires`: 60 wire lengths and one level, the place of each chosen by `plan`, against 60 tracker positions of the same cost
-in noise: three numbers a row, each root three times as uncertain. Printed are how many of the compliances that are told
-lie in their 95 % interval, and the error of the tip elsewhere, the best frame of either allowed. `accelerometers`: those
-of the Hilti machine beside its positions, the interval of what is found with them and without.
+`wires`: 60 wire lengths and one level, the place of each chosen by `plan`, against 60 tracker positions of the same
+cost in noise: three numbers a row, each root three times as uncertain. Printed are how many of the compliances that
+are told lie in their 95 % interval, and the error of the tip elsewhere, the best frame of either allowed.
+`accelerometers`: those of the Hilti machine beside its positions, the interval of what is found with them and
+without.
 """
 
 from __future__ import annotations
