@@ -128,8 +128,8 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return everything that the package has, imported or not."""
-    return sorted({*globals(), *EXPORTS})
+    """Return the names that are the package's own, imported or not, and nothing else."""
+    return sorted(__all__)
 
 
 sys.modules[__name__].__class__ = _Package

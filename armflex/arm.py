@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from html import escape
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
 import numpy as np
@@ -139,6 +140,16 @@ class Arm:
         joints, places = len(self.joint_names), len(self.flexures)
         ends = f"{self.robot.base} to {self.robot.tip}"
         return f"<Arm {self.robot.urdf.name!r}: {joints} joints, {places} flexures, {ends}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (one.name, one.joint or "base", type(one.law).__name__, "yes" if one.law.uncertain else "no")
+            for one in self.flexures
+        ]
+        table = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+        head = "<tr><th>flexure</th><th>joint</th><th>law</th><th>uncertain</th></tr>"
+        found = "".join(f"<li>{escape(effect.title)}</li>" for effect in self.effects)
+        return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}{table}</table><ul>{found}</ul>"
 
     @property
     def joint_names(self) -> tuple[str, ...]:

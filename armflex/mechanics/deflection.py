@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.conventions import LARGEST_POSITION, Array, real_array
+from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, WRENCH_NAMES, Array, real_array
 from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
@@ -38,6 +38,7 @@ from armflex.mechanics.many_rows import (
 )
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 from armflex.parallel import in_order
+from armflex.result import Result
 from armflex.robot.urdf import drive_of
 from armflex.rows.wrench import check_rows
 
@@ -67,8 +68,21 @@ class Asked(NamedTuple):
 Length = TypeVar("Length", float, Array)
 
 
-class _Result(Generic[Length]):
-    """What follows alike for one configuration and for N; `...` is nothing for one."""
+class _Result(Result, Generic[Length]):
+    """What follows alike for one configuration and for N; `...` is nothing for one.
+
+    Attributes:
+        arm, case: The arm, where its joints are, and what acts.
+        displacement: (..., 6) flexed minus rigid, base axes [m, rad].
+        contributions: (..., n_flexures, 6) first-order share of each flexure in it [m, rad].
+        corrected: (..., 6) share of what calibration corrected [m, rad].
+        covariance: (..., 6, 6) of the displacement [m, rad and mixed], None where no law carries one.
+        drive_loads: (..., nq) load on every drive along or about its axis [N, Nm].
+        wrenches, twists: (..., n_flexures, 6) load on [N, Nm] and deflection of [m, rad] every flexure, local axes.
+    """
+
+    TOLD = ("q", "displacement", "covariance", "contributions", "wrenches", "twists")
+    ROWS = "table"
 
     arm: Structure
     case: LoadCase
@@ -77,6 +91,8 @@ class _Result(Generic[Length]):
     corrected: Array
     covariance: Array | None
     drive_loads: Array
+    wrenches: Array
+    twists: Array
 
     @property
     def q(self) -> Array:
@@ -87,6 +103,17 @@ class _Result(Generic[Length]):
     def names(self) -> Names:
         """Joints, flexures, base and tip."""
         return self.arm.names
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Load [N, Nm] and deflection [m, rad] of every flexure by column; of many rows q and displacement of each."""
+        if self.q.ndim > 1:
+            q = {f"q_{name}": values for name, values in zip(self.names.joints, self.q.T, strict=True)}
+            return q | dict(zip(TWIST_NAMES, self.displacement.T, strict=True))
+        columns = dict(zip(WRENCH_NAMES, self.wrenches.T, strict=True)) | dict(
+            zip(TWIST_NAMES, self.twists.T, strict=True)
+        )
+        return {"flexure": self.names.flexures, **columns}
 
     @property
     def drive_shares(self) -> Array:

@@ -23,6 +23,7 @@ from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
 from armflex.parallel import in_threads
+from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.tasks.inverse_kinematics import (
     AIMED_AT,
@@ -88,8 +89,8 @@ class CompensatedRow:
     sigma_rad: float | None = None
 
 
-@dataclass(frozen=True)
-class Compensation:
+@dataclass(frozen=True, repr=False)
+class Compensation(Result):
     """A compensated trajectory and what remains.
 
     Attributes:
@@ -101,6 +102,9 @@ class Compensation:
         flags: Flags: near singular rows, joints asked to move faster than their limit, payloads that change,
             changes that may not be the smallest; no uncertainty that anybody states.
     """
+
+    TOLD = ("ok", "match", "between_m", "rows", "flags")
+    ROWS = "rows"
 
     trajectory: Trajectory
     rows: tuple[CompensatedRow, ...]
