@@ -28,15 +28,31 @@ class Visible:
 
 def visible(drawn: Drawn) -> Visible:
     """Calibrate the effects' movement away as far as [prior] lets it, linearised about the true machine."""
-    columns, spread = calibration_columns(drawn)
     shown = drawn.rows.measured
-    moved = (drawn.readings() - drawn.readings(()))[shown].ravel()
-    scaled = columns.reshape(len(moved), -1) * spread
+    return _left((drawn.readings() - drawn.readings(()))[shown], *calibration_columns(drawn))
+
+
+def visible_each(drawn: Drawn) -> list[Visible]:
+    """Return the same for every effect by itself, which other sizes of the others may take over, too."""
+    shown, columns, spread = drawn.rows.measured, *calibration_columns(drawn)
+    whole = drawn.readings()
+    moved = [(whole - drawn.readings(tuple(e for e in drawn.effects if e is not one)))[shown] for one in drawn.effects]
+    found = []
+    for number, own in enumerate(moved):
+        others = [other for i, other in enumerate(moved) if i != number]
+        free = np.append(spread, np.ones(len(others)))
+        found.append(_left(own, np.concatenate([columns, np.stack(others, axis=-1)], axis=-1), free))
+    return found
+
+
+def _left(moved: Array, columns: Array, spread: Array) -> Visible:
+    """Return what is left of a movement (readings, 3) when columns have taken what they may; see `Visible`."""
+    scaled = columns.reshape(moved.size, -1) * spread
     prior = np.diag(np.where(spread < 1.0, 1.0, 1e-9))
     values, *_ = np.linalg.lstsq(
-        np.vstack([scaled / SIGMA, prior]), np.concatenate([moved / SIGMA, np.zeros(len(prior))]), rcond=None
+        np.vstack([scaled / SIGMA, prior]), np.concatenate([moved.ravel() / SIGMA, np.zeros(len(prior))]), rcond=None
     )
-    left = (moved - scaled @ values).reshape(-1, 3)
+    left = (moved.ravel() - scaled @ values).reshape(-1, 3)
     return Visible(float(np.sqrt((left**2).sum(axis=1).mean())), float(np.abs(values[spread < 1.0]).max()))
 
 
