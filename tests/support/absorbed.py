@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from support.campaigns import SIGMA, Drawn, read
+from support.campaigns import NUDGE, SIGMA, Drawn, read
 from support.plant import Array, pose, turn
 
 PRIOR = {"offset": 1e-3, "compliance": 0.2, "target": 5e-3, "shift": 5e-4, "turn": 5e-5}
@@ -33,13 +33,17 @@ def visible(drawn: Drawn) -> Visible:
 
 
 def visible_each(drawn: Drawn) -> list[Visible]:
-    """Return the same for every effect by itself, which other sizes of the others may take over, too."""
+    """Return the same for every effect by itself, which other sizes and constants of the others may take over, too."""
     shown, columns, spread = drawn.rows.measured, *calibration_columns(drawn)
-    whole = drawn.readings()
-    moved = [(whole - drawn.readings(tuple(e for e in drawn.effects if e is not one)))[shown] for one in drawn.effects]
-    found = []
+    whole, found = drawn.readings(), []
+    without = [tuple(other for other in drawn.effects if other is not one) for one in drawn.effects]
+    moved = [(whole - drawn.readings(rest))[shown] for rest in without]
+    bent = [
+        [((drawn.readings((*rest, near)) - whole) / NUDGE)[shown] for near in one.nearby()]
+        for one, rest in zip(drawn.effects, without, strict=True)
+    ]
     for number, own in enumerate(moved):
-        others = [other for i, other in enumerate(moved) if i != number]
+        others = [other for i in range(len(moved)) if i != number for other in (moved[i], *bent[i])]
         free = np.append(spread, np.ones(len(others)))
         found.append(_left(own, np.concatenate([columns, np.stack(others, axis=-1)], axis=-1), free))
     return found

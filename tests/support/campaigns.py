@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import json
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +22,8 @@ from scipy.spatial.transform import Rotation
 
 from support.campaign_files import ARMS, declared_text, write_clean, write_rows
 from support.plant import Array, Plant, Rows, State, apply, pose, turn
-from support.undeclared import REFERENCE, Context, Effect, Redraw
-from support.undeclared_outside import CATALOGUE, LAGGING, UNNAMED
+from support.undeclared import REFERENCE, Context, Effect, Nudged, Redraw
+from support.undeclared_outside import CATALOGUE, LAGGING, UNNAMED, Maker
 
 KINDS = tuple(CATALOGUE)
 LAGGED = tuple(f"{name} lagged" for name in LAGGING)
@@ -29,6 +31,7 @@ OUTSIDE = tuple(UNNAMED)
 NULLS = ("none", "none_restationed", "none_noisier", "none_quieter")
 SEVERAL = tuple(f"{count} effects" for count in range(2, 7))
 SIGMA = 2e-4  # m, as declared
+NUDGE = 1e-4
 SESSIONS, STOPS, UNREAD = 5, 460, 40
 ONE, MANY = (
     (4e-4, 5e-3),
@@ -206,14 +209,29 @@ def hide(
     context = replace(context, lagging=bool(lag))
     for _ in range(60):
         wanted = size * context.log(*between)
+        before = context.rng.bit_generator.state
         try:
             effect = maker(context)
             found = scale(context, effect, wanted, station, shifts)
         except (Redraw, ArithmeticError):
             continue
         if effect.least * size <= effect.amplitude:
+            effect.nearby = partial(nearby, maker, context, before, effect.amplitude)
             return effect, found
     raise Redraw
+
+
+def nearby(maker: Maker, context: Context, before: dict, amplitude: float) -> list[Effect]:
+    """Return an effect once for each of its continuous constants, that one moved by `NUDGE` of its range."""
+    found: list[Effect] = []
+    for which in range(20):
+        rng = Nudged(before, which, NUDGE)
+        with suppress(Redraw):
+            one = replace(maker(replace(context, rng=rng)), amplitude=amplitude)
+            if rng.left >= 0:  # there were not so many
+                break
+            found.append(one)
+    return found
 
 
 def scale(context: Context, effect: Effect, wanted: float, station: Array, shifts: Array) -> float:

@@ -19,8 +19,9 @@ from armflex.trace.rounds import trace
 from support.absorbed import visible, visible_each
 from support.campaigns import SEVERAL, Drawn, TrueEffect, draw
 
-SHOWN_RMS, SHOWN_STRAIN = 5e-5, 3.0
-"""Left behind by calibration [m], and moved by it [prior deviations], below which nobody could know of an effect."""
+SHOWN_RMS, SHOWN_STRAIN, SHOWN_IN = 5e-5, 3.0, 330
+"""Left behind by calibration [m], and moved by it [prior deviations], below which nobody could know of an effect; the
+first in so many readings, in fewer so much more."""
 
 Mark = tuple[str, str]
 """Name and site as a report gives them; every shape goes by 'unnamed', every link by the joint that ends it."""
@@ -134,7 +135,8 @@ def _judge(result: Score, drawn: Drawn, folder: Path) -> None:
     result.first, result.axis, result.rank = first_found(truth.effects, account)
     result.checked, result.covered = coverage(truth.effects, account.found)
     if result.kind in SEVERAL:
-        shown = [v.rms >= SHOWN_RMS or v.strain >= SHOWN_STRAIN for v in visible_each(drawn)]
+        least = SHOWN_RMS * np.sqrt(SHOWN_IN / drawn.rows.measured.sum())
+        shown = [v.rms >= least or v.strain >= SHOWN_STRAIN for v in visible_each(drawn)]
         named, result.false = names(truth.effects, account.found)
         result.named = [word if seen else "hidden" for word, seen in zip(named, shown, strict=True)]
         right = not result.false and "missed" not in result.named
