@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import combinations, islice
 
@@ -14,15 +15,26 @@ from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, sift
+from armflex.trace.grow import accepted
 from armflex.trace.polish import Polished, polish
 from armflex.trace.projection import Projection, evidence, projected, ridge_for
+from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, plainest
 from armflex.trace.state import State, add, candidate_of, information, moved_to, stands, without
+
+Spots = frozenset[tuple[str, str]]
+"""Laws and sites of some effects."""
 
 SAME = 14.0
 """Evidence within which two candidates are not told apart."""
 
-SWAPPED = 3
-"""Most effects that are tried in each other's places: each trial refits everything twice."""
+PART = 0.5
+"""Share of the evidence of a pair that another effect must have for it to be tried in their place, with one more."""
+
+PAIRS = 3
+"""Pairs that are taken out together."""
+
+TRIALS, LEAST_TRIALS = 8000, 4
+"""Rows times how often effects are taken out at most, and how often at least: each time is a search of its own."""
 
 COMPARED = 12
 """Best hypotheses whose inner parameters are refined."""
@@ -96,56 +108,32 @@ def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, fl
     return worth, tuple(found.values())
 
 
-def exchanged(state: State) -> State:
-    """Return the state without effects that are no longer worth `SAME`.
+def exchanged(state: State) -> tuple[State, ...]:
+    """Return the states from one to another whose effects are better together, none where there is no such.
 
-    Where several were added one by one, the first were chosen while the others were missing: what now stands clearly
-    better in an effect's place takes it, and one that does as well as two takes theirs.
+    Where several were added one by one, the first were chosen while the others were missing. So each of them, and pairs
+    that stand in for each other, are taken out, and what explains most without them is tried in their place.
     """
-    state = _pruned(state)
-    count = len(state.effects)
-    if not 1 < count <= SWAPPED:
-        return state
-    for index in range(count):
-        worth, hypotheses = hypotheses_of(state, index)
-        plain = state.effects[index].effect.law.plain
-        better = [one for one in hypotheses if one.evidence > worth + SAME and plain <= one.candidate.law.plain]
-        state = _in_place(state, (index,), better, SAME) or state
-    for pair in combinations(range(count), 2):
-        worth, hypotheses = hypotheses_of(state, *pair)
-        merged = _in_place(state, pair, [one for one in hypotheses if one.evidence > worth], 0.0)
-        if merged is not None:
-            return merged
-    return state
+    passed, tried = pruned(state), set[tuple[Spots, Spots]]()
+    trials = max(LEAST_TRIALS, TRIALS // len(state.rows))
+    again = True
+    while again:
+        here, again = passed[-1] if passed else state, False
+        for some in _suspects(here):
+            key = _spots(here, some), _spots(here, range(len(here.effects)))
+            if key in tried or len(tried) >= trials:
+                continue
+            tried.add(key)
+            better = _instead(here, some)
+            if better:
+                passed, again = (*passed, *better, *pruned(better[-1])), True
+                break
+    return passed
 
 
-def _in_place(state: State, indices: Sequence[int], better: Sequence[Polished], margin: float) -> State | None:
-    """Return the state with the first of some candidates in place of effects.
-
-    None where it cannot stand there, or where the information criterion falls by less than a margin.
-    """
-    if not better:
-        return None
-    first, names = indices[0], " and ".join(state.effects[index].effect.name for index in indices)
-    state.say(f"trying {better[0].effect.name} for {names}")
-    try:
-        trial = moved_to(add(without(state, *indices), better[0]), first)
-    except ArmflexError:
-        return None
-    if not stands(trial) or len(trial.effects) != len(state.effects) - len(indices) + 1:
-        return None
-    if _information(trial, state) > _information(state, state) - margin:
-        return None
-    step = state.steps[first]
-    assert step is not None
-    return replace(trial, steps=(*trial.steps[:first], replace(step, exchanged=True), *trial.steps[first + 1 :]))
-
-
-def _information(trial: State, state: State) -> float:
-    return information(trial, robust_limit(state.fit.view))
-
-
-def _pruned(state: State) -> State:
+def pruned(state: State) -> tuple[State, ...]:
+    """Return the states without one effect and another that is no longer worth `SAME`, none where all are."""
+    passed = []
     while state.effects:
         worths = [worth_of(state, i)[0] for i in range(len(state.effects))]
         weakest = int(np.argmin(worths))
@@ -157,4 +145,58 @@ def _pruned(state: State) -> State:
             break
         state.say(f"dropping {state.effects[weakest].effect.name}")
         state = trial
-    return state
+        passed.append(state)
+    return tuple(passed)
+
+
+def _spots(state: State, indices: Iterable[int]) -> Spots:
+    return frozenset(candidate_of(state.fitted[i]).spot for i in indices)
+
+
+def _suspects(state: State) -> tuple[tuple[int, ...], ...]:
+    """Return each effect, those first that the others could do without most easily, then pairs that share most."""
+    every = range(len(state.effects))
+    if len(every) < 2:
+        return ()
+    worths = [worth_of(state, i)[0] for i in every]
+    # What a pair is worth beyond what its members are: either takes over when the other goes.
+    shared = {pair: worth_of(state, *pair)[0] - worths[pair[0]] - worths[pair[1]] for pair in combinations(every, 2)}
+    pairs = sorted((pair for pair in shared if shared[pair] > SAME), key=lambda pair: -shared[pair])
+    return (*sorted(((i,) for i in every), key=lambda one: worths[one[0]]), *pairs[:PAIRS])
+
+
+def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
+    """Return the states from one without some effects to one with better ones in their place, none where none is.
+
+    What is plainer may be a little worse, what bends more must be clearly better.
+    """
+    worth, hypotheses = hypotheses_of(state, *indices)
+    alone = len(indices) == 1
+    least = worth - max(CLOSE, SHARE * worth) if alone else PART * worth
+    likely = [one for one in hypotheses if one.evidence > least]
+    if not likely:
+        return ()
+    names = " and ".join(state.effects[i].effect.name for i in indices)
+    own = [Polished(candidate_of(state.fitted[i]), 0.0, 0.0, state.fitted[i].acting, ()) for i in indices]
+    now, rest, step = _information(state, state), without(state, *indices), state.steps[indices[0]]
+    assert step is not None
+    best: tuple[float, tuple[State, ...]] = 0.0, ()
+    for one in likely[: SHORT if alone else 1]:
+        state.say(f"trying {one.effect.name} for {names}")
+        with contextlib.suppress(ArmflexError):  # an arm that buckles
+            trial = add(rest, one)
+            if len(trial.effects) > len(rest.effects):
+                trial = moved_to(trial, indices[0])
+            trial = replace(trial, steps=tuple(replace(step, exchanged=True) if s is None else s for s in trial.steps))
+            if not stands(trial):
+                continue
+            margin = 0.0 if not alone else -TIE if plainest([one, *own]) is one else PREFERRED
+            passed, worse = (rest, trial), _information(trial, state) - now + margin
+            if worse >= 0.0 and not alone and (more := accepted(trial, trial.looked)):
+                passed, worse = (rest, trial, more), _information(more, state) - now + PREFERRED
+            best = min(best, (worse, passed), key=lambda entry: entry[0])
+    return best[1]
+
+
+def _information(trial: State, state: State) -> float:
+    return information(trial, robust_limit(state.fit.view))

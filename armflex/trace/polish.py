@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from armflex.conventions import Array
+from armflex.estimate.effect_block import usual_amplitudes
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect
@@ -44,8 +45,8 @@ class Polished:
 
     Attributes:
         candidate: With those values.
-        gain: Fall of the objective.
-        evidence: Fall of the information criterion.
+        gain: Fall of the objective, less what the size of its amplitudes counts against it.
+        evidence: Fall of the information criterion, likewise.
         amplitudes: Of the acting terms.
         free: Inner parameters that a fit may go on moving.
     """
@@ -117,7 +118,11 @@ def polish(candidate: Candidate, fit: Fit, context: Context, projection: Project
                 best = max([best, *moments], key=lambda one: one.gain)
         free = tuple(i for i in best.candidate.searched if law.inner[i].smooth)
         found.append(refined(best, free) if free and best.gain > 0.0 else best)
-    return max(found, key=lambda one: one.evidence)
+    best = max(found, key=lambda one: one.evidence)
+    # Sizes that no machine has count against it, in proportion.
+    usual = usual_amplitudes(law, best.candidate.location, best.candidate.inner, fit.view, context)
+    unusual = float(((best.amplitudes / usual) ** 2).sum())
+    return replace(best, gain=best.gain - unusual, evidence=best.evidence - unusual)
 
 
 def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context, present: bool = False) -> bool:

@@ -317,12 +317,14 @@ def refit(
 def information(state: State, limit: float) -> float:
     """Return n log J + k log n of a state: the smaller the better.
 
-    J is what the fit reached, not what its linear problem promises. States are compared at one `limit` of lengths
-    beyond which rows count less (`robust_limit`).
+    J is what the fit reached, not what its linear problem promises; below n, noise is as stated rather than smaller,
+    and J itself counts. States are compared at one `limit` of lengths beyond which rows count less (`robust_limit`).
     """
     count = state.fit.view.count
     searched = sum(candidate_of(effect).parameters for effect in state.fitted)
-    return count * float(np.log(max(state.fit.cost(limit), count))) + searched * float(np.log(count))
+    share = state.fit.cost(limit) / count
+    misfit = float(np.log(share)) if share > 1.0 else share - 1.0
+    return count * (misfit + float(np.log(count))) + searched * float(np.log(count))
 
 
 def candidate_of(effect: Effect) -> Candidate:
