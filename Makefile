@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo check test fuzz bench study lint clean
+.PHONY: demo check test docs fuzz bench study lint clean
 
 $(VENV)/.demo: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -22,6 +22,10 @@ $(VENV)/.lint: $(VENV)/.test
 	$(PIP) --editable '.[lint]'
 	touch $@
 
+$(VENV)/.docs: $(VENV)/.demo
+	$(PIP) --editable '.[docs]'
+	touch $@
+
 demo: $(VENV)/.demo
 	$(VENV)/bin/armflex demo
 
@@ -36,11 +40,16 @@ test: $(VENV)/.test
 fuzz: $(VENV)/.test
 	ulimit -v 8388608; HYPOTHESIS_PROFILE=fuzz OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest tests/fuzz -n auto --dist worksteal
 
+# docs/_build/html/index.html; a warning is an error, and nothing is fetched.
+docs: $(VENV)/.docs
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m sphinx --fail-on-warning --keep-going -q docs docs/_build/html
+
+# The pages show what these two write.
 bench: $(VENV)/.bench
-	$(VENV)/bin/python tests/benchmarks/run.py -o bench.md
+	$(VENV)/bin/python tests/benchmarks/run.py -o docs/results/bench.md
 
 study: $(VENV)/.test
-	$(VENV)/bin/python tests/studies/study.py -o study.csv
+	$(VENV)/bin/python tests/studies/study.py -o study.csv --page docs/results/study.md
 
 lint: $(VENV)/.lint
 	$(VENV)/bin/ruff check .
@@ -48,4 +57,4 @@ lint: $(VENV)/.lint
 	$(VENV)/bin/basedpyright --pythonpath $(VENV)/bin/python
 
 clean:
-	rm -rf $(VENV) armflex_demo
+	rm -rf $(VENV) armflex_demo docs/_build docs/_made

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from armflex.estimate.draw import ensemble as ensemble
     from armflex.estimate.tip_uncertainty import total_covariance as total_covariance
     from armflex.files.arm_file import load_arm as load_arm
+    from armflex.files.arm_file import make_arm as make_arm
     from armflex.laws.law_file import load_law as load_law
     from armflex.laws.law_file import save_law as save_law
     from armflex.measured.joint_data import read_joint_data as read_joint_data
@@ -40,13 +41,13 @@ if TYPE_CHECKING:
     from armflex.mechanics.deflection import Deflection as Deflection
     from armflex.mechanics.deflection import DeflectionBatch as DeflectionBatch
     from armflex.mechanics.loads import Payload as Payload
-    from armflex.mechanics.loads import Wrench as Wrench
     from armflex.plan.drive import write_plan as write_plan
     from armflex.plan.picture import draw_plan as draw_plan
     from armflex.plan.planning import plan as plan
     from armflex.robot import load_robot as load_robot
     from armflex.rows.poses import leaked as leaked
     from armflex.rows.poses import pose_groups as pose_groups
+    from armflex.rows.wrench import Wrench as Wrench
     from armflex.show.view import draw_laws as draw_laws
     from armflex.show.view import view as view
     from armflex.show.view.map_page import map_page as map_page
@@ -76,19 +77,20 @@ HOMES = {
     "armflex.estimate": "Bootstrap Calibration bootstrap calibrate",
     "armflex.estimate.draw": "draw_arms ensemble",
     "armflex.estimate.tip_uncertainty": "total_covariance",
-    "armflex.files.arm_file": "load_arm",
+    "armflex.files.arm_file": "load_arm make_arm",
     "armflex.laws.law_file": "load_law save_law",
     "armflex.measured.joint_data": "read_joint_data",
     "armflex.measured.measurements": "Measurements read_measurements",
     "armflex.measured.points": "PointExport read_points",
     "armflex.measured.repeats": "Repeats repeats",
     "armflex.mechanics.deflection": "Deflection DeflectionBatch",
-    "armflex.mechanics.loads": "Payload Wrench",
+    "armflex.mechanics.loads": "Payload",
     "armflex.plan.drive": "write_plan",
     "armflex.plan.picture": "draw_plan",
     "armflex.plan.planning": "plan",
     "armflex.robot": "load_robot",
     "armflex.rows.poses": "leaked pose_groups",
+    "armflex.rows.wrench": "Wrench",
     "armflex.show.view": "draw_laws view",
     "armflex.show.view.map_page": "map_page",
     "armflex.tasks.check": "CheckReport check",

@@ -23,13 +23,13 @@ from armflex.errors import (
     ShapeError,
     UnknownNameError,
 )
+from armflex.laws.declared import Flexure as Flexure
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
-from armflex.laws.flexure import Flexure as Flexure
 from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loaded import LoadedArm, Names
-from armflex.mechanics.loads import NO_PAYLOAD, Payload, Wrench
+from armflex.mechanics.loads import NO_PAYLOAD, Payload
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.query import Prepared
 from armflex.parameters import (
@@ -50,6 +50,7 @@ from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.urdf import Joint
+from armflex.rows.wrench import Wrench, check_rows
 
 if TYPE_CHECKING:
     cached_property = property  # which a protocol may ask for; pyright takes the other for something that can be set
@@ -132,14 +133,6 @@ class Arm:
         joints, places = len(self.joint_names), len(self.flexures)
         ends = f"{self.robot.base} to {self.robot.tip}"
         return f"<Arm {self.robot.urdf.name!r}: {joints} joints, {places} flexures, {ends}>"
-
-    def drive_shares(self, found: Deflection) -> Array:
-        """Return the (nq,) load on every drive as a share of its effort limit, dimensionless, 0 where none is given."""
-        shares = []
-        for joint, load in zip(self.robot.moving, found.joint_loads, strict=True):
-            part = load[:3] if joint.kind == "prismatic" else load[3:]
-            shares.append(abs(float(joint.axis @ part)) / joint.effort)
-        return np.array(shares)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -278,7 +271,7 @@ class Arm:
             a: Joint accelerations like q [rad/s^2 or m/s^2].
             covariates: What the arm's effects depend on, by name: a number, or one per row of a batch. A whole record
                 will do: names that no effect depends on have no part.
-            wrenches: Loads from outside at named links.
+            wrenches: Loads from outside at named links; of a batch each the same in all rows, or one for each.
             method: "exact", "newton", "fixed_point" or "first_order"; see `find_equilibrium`.
             enforce_limits: Refuse positions outside the joint limits instead of flagging them.
             allow_large: Flag rather than refuse flexures turning by more than 0.1 rad.
@@ -307,6 +300,7 @@ class Arm:
         else:
             checked, flags = self.check_position(positions, enforce_limits)
         loaded = self.loaded(payload)  # pyright: ignore[reportArgumentType] - refused there
+        check_rows(wrenches, None)
         if v is not None or a is not None:
             v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
         found = deflect(loaded, LoadCase(checked, v, a, tuple(wrenches), known), flags, method, allow_large)

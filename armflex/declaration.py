@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from armflex.conventions import LARGEST, Array
+from armflex.conventions import LARGEST, Array, unprintable
 from armflex.errors import ArmFileError, Place, did_you_mean, listing, shown
-from armflex.printable import unprintable
 
 _TOKEN = re.compile(
     r'"""(?:\\.|[^\\])*?"""|"(?:\\.|[^"\\\n])*"|'

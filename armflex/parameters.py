@@ -13,8 +13,8 @@ from functools import cached_property
 
 from armflex.conventions import TWIST_NAMES
 from armflex.laws import Law
+from armflex.laws.declared import Flexure
 from armflex.laws.effects.effect import Act, Effect
-from armflex.laws.flexure import Flexure
 from armflex.robot import Robot
 
 

@@ -12,12 +12,13 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, listing
+from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean
 from armflex.laws.effects.context import MASS
-from armflex.laws.effects.remember import check_covariates, derived_direction
+from armflex.laws.effects.remember import check_approaches, check_covariates, derived_direction
 from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.rows.rows import APPROACH, last_motion
+from armflex.rows.wrench import Wrench
 
 SHORTEST = 1e-9
 """No controller's rows follow each other sooner [s]; speeds over less may be beyond all numbers."""
@@ -55,6 +56,7 @@ class Trajectory:
         v, a: (N, nq) joint velocities [rad/s or m/s] and accelerations where inertial loads count, else None.
         covariates: Further columns, (N,) each in its own unit; `approach_<joint>` is the direction of the way there.
         places: Where each row stands in a file, none where rows are not those of one.
+        wrenches: Known loads from outside, the same in all rows or one for each of the N.
     """
 
     joint_names: tuple[str, ...]
@@ -66,6 +68,7 @@ class Trajectory:
     a: Array | None = None
     covariates: Mapping[str, Array] = field(default_factory=dict)
     places: tuple[Place, ...] = ()
+    wrenches: tuple[Wrench, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.time)
@@ -234,22 +237,11 @@ def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
         table.matrix(names["q"]),
         tuple(name or "none" for name in payload),
         table.texts("via") if "via" in table.columns else ("",) * len(table),
-        **moved,
+        moved["v"],
+        moved["a"],
         covariates=covariates,
         places=tuple(Place(table.path, line) for line in table.lines),
     )
-
-
-def check_approaches(values: Mapping[str, float], joints: Sequence[str]) -> None:
-    """Raise `InputError` where an `approach_<joint>` is of no joint, or is not -1, 0 or 1."""
-    known = [f"{APPROACH}{joint}" for joint in joints]
-    for name, value in values.items():
-        if not name.startswith(APPROACH):
-            continue
-        if name not in known:
-            raise InputError(f"no covariate {name!r}{did_you_mean(name, known)} (known: {listing(known)})")
-        if value not in (-1.0, 0.0, 1.0):
-            raise InputError(f"{name} is {value:g}, not -1, 0 or 1")
 
 
 def misspelt(name: str, known: Iterable[str]) -> bool:

@@ -15,9 +15,7 @@ from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.laws.effects.remember import settled
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
-from armflex.mechanics.loads import Wrench
-from armflex.tasks.check import overload
-from armflex.trajectory import check_approaches
+from armflex.rows.wrench import Wrench
 
 
 @click.command(cls=options.Command)
@@ -37,7 +35,6 @@ def command(
 
     A temperature that an effect of the arm lags behind is taken as settled.
     """
-    check_approaches(covariates, arm.joint_names)
     wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(options.parse_force, forces)]
     q = options.parse_positions(positions, arm)
     found = arm.deflection(q, payload, covariates=settled(arm, covariates), wrenches=wrenches, **how)
@@ -54,14 +51,14 @@ def command(
         "pose": found.pose.homogeneous.tolist(),
         "rigid_pose": found.rigid_pose.homogeneous.tolist(),
     }
-    options.conclude(content, (*found.flags, *overload(arm, found), *flags), arm)
+    options.conclude(content, (*found.flags, *found.overload, *flags), arm)
 
 
 def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> None:
     """Print the loads, the local deflections and the tip's displacement with its (6, 6) covariance."""
     names = found.names
     say(f"base {names.base}, tip {names.tip}, payload {found.payload.mass:g} kg, {found.method}", "")
-    joints = zip(arm.robot.moving, found.q, found.joint_loads, arm.drive_shares(found), strict=True)
+    joints = zip(arm.robot.moving, found.q, found.joint_loads, found.drive_shares, strict=True)
     print_table(
         "Load at every joint, on the structure, in its child frame",
         ["joint", "q", "fx kN", "fy kN", "fz kN", "mx kNm", "my kNm", "mz kNm", "drive / limit"],

@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from armflex.conventions import number as number
+from armflex.conventions import printable
 from armflex.errors import Flag
-from armflex.printable import printable
 
 NARROWEST = 130
 """Columns to lay out for where the output is no terminal."""

@@ -66,11 +66,7 @@ def frame_block(setup: Setup) -> Block:
 
     def moved(setup: Setup, values: Array) -> Setup:
         rotation = pin.exp3(values[3:]) @ guess.rotation
-        pose = pin.SE3(rotation, pin.exp3(values[3:]) @ guess.translation + values[:3])
-        arm = setup.arm
-        if level:
-            arm = replace(arm, robot=replace(arm.robot, gravity=rotation.T @ arm.robot.gravity))
-        return Setup(arm, replace(setup.instrument, pose=pose))
+        return setup.placed(pin.SE3(rotation, pin.exp3(values[3:]) @ guess.translation + values[:3]))
 
     return RigidBlock(FRAME, np.full(6, np.inf), changes, moved)
 

@@ -43,6 +43,9 @@ OUTLIER = 0.5
 
 FEWEST_ROWS = 4
 
+PLACED = 2
+"""Times that the instrument is placed where gravity turns with it: the second is about a first that is nearly right."""
+
 MANY, SOME = 4096, 8
 """Rows beyond which a fit begins where one in so many of them leads."""
 
@@ -286,15 +289,22 @@ def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tu
 
 
 def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup:
-    """Return the arm with its instrument, placed by a best rigid fit where its frame is unknown."""
-    instrument = arm.instrument or Instrument()
+    """Return the arm with its instrument, placed by a best rigid fit where its frame is unknown.
+
+    Gravity that is known in the instrument's frame turns with that, and bends the arm otherwise: it is placed again.
+    """
+    setup = Setup(arm, arm.instrument or Instrument())
     known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
-    line = respond(arm, measurements.q[rows], [measurements.payload[row] for row in rows], known)
-    points = instrument.in_base(line.tip)
-    check_readings(arm, points, measurements, rows)
-    if arm.measurement.frame != "base":
-        instrument = replace(instrument, pose=fit_frame(points, measurements.position[rows]))
-    return Setup(arm, _mounted(instrument, line.tip, measurements, rows))
+    some, checked = measurements.some(rows), False
+    for _ in range(PLACED if arm.measurement.gravity_in == "measurement" else 1):
+        tip = respond(setup.arm, some.q, some.payload, known, wrenches=some.wrenches).tip
+        points = setup.instrument.in_base(tip)
+        if not checked:
+            check_readings(arm, points, measurements, rows)
+            checked = True
+        if arm.measurement.frame != "base":
+            setup = setup.placed(fit_frame(points, some.position))
+    return replace(setup, instrument=_mounted(setup.instrument, tip, measurements, rows))
 
 
 def _mounted(instrument: Instrument, tip: Array, measurements: Measurements, rows: np.ndarray) -> Instrument:

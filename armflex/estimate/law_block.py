@@ -14,7 +14,7 @@ from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws import Law
-from armflex.laws.flexure import Flexure
+from armflex.laws.declared import Flexure
 from armflex.laws.joint.carried import ScaledLaw, scaled
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
 from armflex.parameters import ArmParameter, Kind, of_law

@@ -211,12 +211,12 @@ def _misfit(
 ) -> _Misfit | None:
     """Return how badly rows fit, None where the arm has no equilibrium there or does not know what they are."""
     try:
-        instrument = arm.instrument or Instrument()
-        view = look(Setup(arm, instrument), measurements, rows)
-        base = instrument.in_base(view.line.tip)
+        view = look(Setup(arm, arm.instrument or Instrument()), measurements, rows)
+        base = view.setup.instrument.in_base(view.line.tip)
         if arm.measurement.frame != "base":
-            instrument = replace(instrument, pose=_placed_robustly(base, measurements.position[rows]))
-            view = look(Setup(arm, instrument), measurements, rows, line=view.line)
+            placed = view.setup.placed(_placed_robustly(base, measurements.position[rows]))
+            turned = not np.allclose(placed.arm.robot.gravity, arm.robot.gravity)
+            view = look(placed, measurements, rows, line=None if turned else view.line)
         blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
         parts = [block.jacobian(view)[:, view.positions] for block in blocks]
     except ArmflexError:
@@ -256,10 +256,10 @@ def _explained(jacobian: Array, precision: Array, residual: Array) -> tuple[floa
 def _placed_off(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float:
     """Return how far the median point is off, only the instrument placed [m]; infinite where the arm has no answer."""
     instrument, known = arm.instrument or Instrument(), known_rows(arm, measurements)
-    given, payloads = {name: values[rows] for name, values in known.items()}, [measurements.payload[i] for i in rows]
+    given, some = {name: values[rows] for name, values in known.items()}, measurements.some(rows)
     how = {"method": "first_order", "enforce_limits": False, "allow_large": True}
     try:
-        tip = arm.deflection(measurements.q[rows], payloads, covariates=given, **how).pose
+        tip = arm.deflection(some.q, some.payload, covariates=given, wrenches=some.wrenches, **how).pose
     except ArmflexError:
         return np.inf
     points, measured = instrument.in_base(tip), measurements.position[rows]

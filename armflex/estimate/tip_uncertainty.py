@@ -45,20 +45,20 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
     Returns:
         (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty; and flags.
     """
+    arm, case = cast(Arm, found.arm), found.case
+    if arm.certainty is None:
+        return found.covariance, ()
+    certain = without_declared_uncertainty(arm)
     if isinstance(found, DeflectionBatch):
-        certain, case = without_declared_uncertainty(cast(Arm, found.arm)), found.case
         laws = replace(found, arm=certain).covariance
         payloads = [_known_as(certain, certain.payload(found.payload(i))) for i in range(len(found.q))]
         covariance, flags = tip_covariance(certain, found.q, payloads, case.covariates, laws)
     else:
-        case, solved = found.solved.case, found.solved
-        certain = without_declared_uncertainty(cast(Arm, solved.loaded.arm))
-        own = replace(found, solved=solved._replace(loaded=certain.loaded(found.payload))).covariance
+        own = replace(found, solved=found.solved._replace(loaded=certain.loaded(found.payload))).covariance
         laws, payloads = None if own is None else own[None], [_known_as(certain, found.payload)]
         covariance, flags = tip_covariance(certain, found.q[None], payloads, case.covariates, laws)
         covariance = None if covariance is None else covariance[0]
-    rest = certain.certainty is None or not (case.moves or case.wrenches)
-    return covariance, flags if rest else (*flags, AT_REST)
+    return covariance, (*flags, AT_REST) if case.moves or case.wrenches else flags
 
 
 def _known_as(arm: Arm, payload: Payload) -> str | Payload:
@@ -98,13 +98,3 @@ def tip_covariance(
         met |= dict.fromkeys(flags)
     fitted = np.concatenate(parts)
     return fitted if laws is None else laws + fitted, tuple(met)
-
-
-def length_sigma(vectors: Array, covariance: Array) -> Array:
-    """Return (n,) standard deviations of the lengths of (n, 3) vectors, to first order; see `Deflection.sigma`."""
-    length = np.linalg.norm(vectors, axis=1)
-    moves = length > 0.0
-    along = vectors / np.where(moves, length, 1.0)[:, None]
-    # As a sum over rows at once the last digit would depend on how many there are.
-    variance = (along[:, None] @ covariance @ along[:, :, None])[:, 0, 0]
-    return np.sqrt(np.where(moves, np.maximum(variance, 0.0), np.trace(covariance, axis1=1, axis2=2)))

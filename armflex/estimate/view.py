@@ -21,6 +21,7 @@ from armflex.mechanics.response import Response, respond
 from armflex.readings import Position, Readings
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
+from armflex.rows.wrench import wrenches_in
 from armflex.setup import Setup as Setup
 
 Progress = Callable[[int, int], None]
@@ -176,7 +177,7 @@ def look(
     if line is None:
         payloads = [rows.payload[row] for row in some]
         known = {name: values[some] for name, values in known_rows(setup.arm, rows).items()}
-        line = respond(setup.arm, rows.q[some], payloads, known, progress)
+        line = respond(setup.arm, rows.q[some], payloads, known, progress, wrenches=wrenches_in(rows.wrenches, some))
     sessions = tuple(rows.session[row] for row in some)
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import UNITS, Array
+from armflex.conventions import UNITS, Array, printable
 from armflex.errors import InputError, UnsupportedError, listing, naming
 from armflex.export.exported import Exported
 from armflex.export.rigid import require_six_turning
-from armflex.printable import printable
 from armflex.tasks.compensate import compensate
 from armflex.trajectory import Trajectory, read_trajectory
 

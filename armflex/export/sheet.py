@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm
-from armflex.conventions import RESOLUTION, TWIST_NAMES, Array, number
+from armflex.conventions import RESOLUTION, TWIST_NAMES, Array, number, printable
 from armflex.errors import listing
 from armflex.estimate.posterior import OTHER_PARAMETERS, blocks_of
 from armflex.export.exported import Exported
@@ -40,7 +40,6 @@ from armflex.laws.effects.effect import Act
 from armflex.laws.effects.location import drive_of
 from armflex.measured.measurements import read_measurements
 from armflex.parameters import Kind, fitted_group
-from armflex.printable import printable
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 from armflex.setup import Setup

@@ -33,6 +33,14 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     corrections, rows = whole.corrections, None if over is None else read_measurements(over, arm, inputs_only=True)
     root = parse_xml(arm.robot.urdf.path)
     joints = {(element.get("name") or "").strip(): element for element in root.findall("joint")}
+    if whole.robot.tool_joint is not None:
+        joint = whole.robot.urdf.joints[whole.robot.tool_joint]
+        etree.SubElement(root, "link", {"name": joint.child})
+        joints[joint.name] = etree.SubElement(root, "joint", {"name": joint.name, "type": "fixed"})
+        place = {"xyz": _spaced(joint.origin), "rpy": _spaced(pin.rpy.matrixToRpy(joint.rotation))}
+        etree.SubElement(joints[joint.name], "origin", place)
+        for end, link in (("parent", joint.parent), ("child", joint.child)):
+            etree.SubElement(joints[joint.name], end, {"link": link})
     links = {(element.get("name") or "").strip(): element for element in root.findall("link")}
     for joint in whole.robot.chain:
         moved = corrections.frame(joint) * corrections.zero(joint)
@@ -54,6 +62,10 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         if new:
             _child(inertial, "inertia").attrib.update(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
     told, numbers = left_out(whole, rows)
+    if whole.robot.tool_joint is not None:
+        told += (
+            f"The tool is a link of the file, {whole.robot.tip!r}: an arm.toml of it names that tip, and no tool.",
+        )
     meshes = [mesh.get("filename") or "" for mesh in root.iter("mesh")]
     beside = [name for name in meshes if "://" not in name and not Path(name).is_absolute()]
     if beside:

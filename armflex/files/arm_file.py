@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from armflex.arm import Arm, Flexure, warn
-from armflex.conventions import SMALLEST_STD, STANDARD_GRAVITY
-from armflex.declaration import Declaration, read_toml
+from armflex.conventions import SMALLEST_STD, STANDARD_GRAVITY, TWIST_NAMES
+from armflex.declaration import Declaration, Source, read_toml
 from armflex.errors import (
     ArmFileError,
     Flag,
@@ -30,8 +32,9 @@ from armflex.errors import (
 from armflex.files.calibration_table import Campaign, calibration_table, read_calibration, with_certainty
 from armflex.files.certainty_table import with_covariance
 from armflex.files.effect_file import read_effect
-from armflex.laws import Row, read_law
+from armflex.laws import read_law
 from armflex.laws.declared import model_of
+from armflex.laws.effects.location import drive_axis, drive_of
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.linear import softness
 from armflex.laws.law import anywhere
@@ -40,9 +43,19 @@ from armflex.mechanics.loads import Payload
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
-from armflex.robot.urdf import MAX_LINKS
+from armflex.robot.reader import rotation_of
+from armflex.robot.urdf import MAX_LINKS, MOVING, Joint
 from armflex.setup import Setup
 from armflex.storage.whole_file import remove, write_whole
+
+FROM_PYTHON = Path("make_arm")
+"""Stands for the file in messages about an arm that has none."""
+
+RIGID = 1e-6
+"""Share of the largest compliance below which a joint does not give about an axis."""
+
+LEVEL = 1e-3
+"""Share of gravity by which it may differ from what a mount makes of it: so far are numbers rounded."""
 
 
 def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
@@ -74,6 +87,54 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
     return arm
 
 
+def make_arm(
+    urdf: str | Path,
+    stiffness: Mapping[str, ArrayLike],
+    payloads: Mapping[str, Payload] | None = None,
+    *,
+    tip: str | None = None,
+    strict: bool = True,
+    **robot: Any,
+) -> Arm:
+    """Return an arm from its URDF and what a data sheet says of its joints, without a file.
+
+        import armflex
+        gripper = armflex.Payload(40.0, [0.0, 0.0, 0.15])
+        arm = armflex.make_arm("robot.urdf", {"J1": 2.5e6, "J2": 3.0e6, "J3": 2.2e6}, {"gripper": gripper})
+        found = arm.deflection(arm.position(J2=0.5, J3=-0.3), "gripper")
+        print(found.displacement[:3] * 1e3)
+
+    Args:
+        urdf: The robot, in any form that `[robot] urdf` may have.
+        stiffness: By joint: a number is about, or along, the drive's own axis [Nm/rad or N/m]; (6,) or (6, 6) is of
+            all axes of its child frame [N/m, Nm/rad]. The other joints are rigid.
+        payloads: What it may carry, by name; com in the tip frame [m].
+        tip: Link whose motion is reported; the only end when not given.
+        strict: Refuse unknown URDF tags on the chain, and motion with impossible inertias, instead of flagging them.
+        robot: Further keys of the [robot] table of an arm.toml: base, gravity [m/s^2], tool, mount, locked ...
+
+    Raises:
+        ArmFileError: As `load_arm`, for what an arm.toml could say as well.
+        UrdfError: The URDF is no robot that can be computed with, or has several ends.
+    """
+    urdf = Path(urdf).absolute()
+    keys = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in robot.items()}
+    tip = tip or load_robot(urdf, strict=strict).tip
+    given = {name: np.asarray(values).tolist() for name, values in stiffness.items()}
+    flexures = {
+        name: {"joint": name, "stiffness" if isinstance(values, list) else "joint_stiffness": values}
+        for name, values in given.items()
+    }
+    bodies = {
+        name: {key: np.asarray(value).tolist() for key, value in vars(payload).items() if value is not None}
+        for name, payload in (payloads or {}).items()
+    }
+    tables = {"robot": {"urdf": str(urdf), "tip": tip, **keys}, "flexure": flexures, "payload": bodies}
+    arm = _read(Declaration(tables, (), Source(FROM_PYTHON, "")), None, strict)
+    warn(arm.flags)
+    return arm
+
+
 def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     robot, rating, flags = _read_robot(root.sub("robot"), strict)
     payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
@@ -95,7 +156,10 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
-    flags = [*robot.flags, *flags, *_softness(flexures, anywhere(robot))]
+    flags = [*robot.flags, *flags, *_questions(flexures, robot)]
+    if measurement.gravity_in == "measurement" and root.table["robot"].get("mount"):
+        text = 'gravity_in = "measurement" has gravity in the instrument\'s frame, [robot] mount in the base'
+        raise table.fail("gravity_in", f"{text}: give one of them")
     if measurement.gravity_in == "measurement" and not calibrated:
         text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
         flags.append(Flag("gravity_in", f"gravity {text}"))
@@ -108,6 +172,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
 
 def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
     """Return the arm with its [[effect]] tables applied in order, as a fit does: some change the model itself."""
+    if not tables:
+        return arm
     setup = start = Setup(arm, arm.instrument or Instrument())
     for table in tables:
         effect = read_effect(table, arm)
@@ -128,28 +194,51 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
 def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:
     urdf = table.path.parent / table.text("urdf")
     tip, base = table.text("tip"), table.text("base", "-")
-    flags: tuple[Flag, ...] = ()
-    if table.has("gravity"):
-        gravity = table.numbers("gravity", (3,))
-    else:
-        gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY])
-        flags = (Flag("gravity", f"{table.place()}: no gravity given, taken as {gravity.tolist()} m/s^2"),)
+    gravity = table.numbers("gravity", (3,)) if table.has("gravity") else None
+    tool, mount = (_read_pose(table, key, keys) for key, keys in (("tool", ("xyz", "rpy")), ("mount", ("rpy",))))
     rating = table.number("payload_rating") if table.has("payload_rating") else None
     locked_table = table.sub("locked") if table.has("locked") else None
     locked = {name: locked_table.number(name) for name in locked_table.table} if locked_table else {}
     massless = table.flag("allow_massless")
     table.finish()
+    flags: list[Flag] = []
+    if gravity is None and mount is None:
+        gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY])
+        flags.append(Flag("gravity", f"{table.place()}: no gravity given, taken as {gravity.tolist()} m/s^2"))
+    elif gravity is not None and mount is not None:
+        level = mount.rotation.T @ np.array([0.0, 0.0, -np.linalg.norm(gravity)])
+        if np.linalg.norm(gravity - level) > LEVEL * np.linalg.norm(gravity):
+            text = f"gravity {gravity.tolist()} is not that of a base so mounted, {np.round(level, 4).tolist()}"
+            raise table.fail("mount", f"{text}: give one of them")
+    for key, pose in (("tool", tool), ("mount", mount)):
+        if pose is not None and np.abs(given := np.array(table.table[key].get("rpy", [0.0]))).max() > 2.0 * np.pi:
+            text = f"[robot.{key}] rpy {given.tolist()} exceeds a full turn: degrees?"
+            flags.append(Flag("rpy_in_degrees", f"{table.place(key)}: {text}"))
+    how = {"strict": strict, "allow_massless": massless, "locked": locked}
+    how |= {"tool": tool, "mount": None if mount is None else mount.rotation}
     try:
-        robot = load_robot(
-            urdf, tip, None if base == "-" else base, gravity, strict=strict, allow_massless=massless, locked=locked
-        )
+        robot = load_robot(urdf, tip, None if base == "-" else base, gravity, **how)
     except UnknownNameError as error:
         raise table.fail({tip: "tip", base: "base"}.get(error.name, "locked"), str(error)) from None
     except UrdfError as error:
         if error.place.line or "cannot be read" not in error.problem:
             raise
         raise UrdfError(table.place("urdf"), f"[robot] urdf: {error}") from None  # the key that names no file
-    return robot, rating, flags
+    if tool is not None and (size := float(np.linalg.norm(tool.translation))) > max(robot.reach - size, 1.0):
+        raise table.fail("tool", f"it ends {size:g} m from {tip!r}, more than the arm's reach: millimetres?")
+    return robot, rating, tuple(flags)
+
+
+def _read_pose(table: Declaration, key: str, keys: tuple[str, ...]) -> pin.SE3 | None:
+    """Return a pose given by `xyz` [m] and `rpy` [rad], as a URDF has them, None where it is not given."""
+    if not table.has(key):
+        return None
+    given = table.sub(key)
+    xyz, rpy = (given.numbers(one, (3,)) if one in keys and given.has(one) else np.zeros(3) for one in ("xyz", "rpy"))
+    given.finish()
+    if not given.table:
+        raise table.fail(key, f"expected {' and '.join(keys)}, 3 numbers each")
+    return pin.SE3(rotation_of(rpy), xyz)
 
 
 def _read_payload(name: str, table: Declaration) -> Payload:
@@ -170,10 +259,33 @@ def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
     if joint not in chain:
         hint = did_you_mean(joint, chain)
         raise table.fail("joint", f"no joint {joint!r} between base and tip{hint} (known: {listing(chain)})")
+    if table.has("joint_stiffness"):
+        table = _by_joint_stiffness(table, next(one for one in robot.chain if one.name == joint))
     law = read_law(table, joint, _ranges(robot))
     learn = read_learning(table, model_of(table), law, _ranges(robot)) if table.flag("learn") else None
     table.finish()
     return Flexure(name, joint, law, learn=learn)
+
+
+def _by_joint_stiffness(table: Declaration, joint: Joint) -> Declaration:
+    """Return the table of a flexure with the compliance that a stiffness of its joint's drive means."""
+    key = "joint_stiffness"
+    for other in ("compliance", "stiffness", "file"):
+        if table.has(other):
+            raise table.fail(key, f"stands beside {other!r}, which says how the joint gives: give one of them")
+    if joint.kind not in MOVING:
+        text = f"joint {joint.name!r} is {joint.kind} and has no axis of its own: give a stiffness of 6 numbers"
+        raise table.fail(key, text)
+    value = table.number(key)
+    if value <= 0.0:
+        unit = "N/m" if joint.kind == "prismatic" else "Nm/rad"
+        raise table.fail(key, f"expected more than 0 {unit}, got {value:g}")
+    drive = drive_of(joint)
+    values = {name: given for name, given in table.table.items() if name != key}
+    values["compliance"] = (np.outer(drive, drive) / value).tolist()
+    derived = Declaration(values, table.keys, table.source)
+    derived.known |= table.known
+    return derived
 
 
 def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:
@@ -196,8 +308,22 @@ def _read_prior(table: Declaration) -> Prior:
     return Prior(**values)
 
 
-def _softness(flexures: tuple[Flexure, ...], row: Row) -> Iterator[Flag]:
+def _questions(flexures: tuple[Flexure, ...], robot: Robot) -> Iterator[Flag]:
     """Yield flags about how the flexures give, and how well that is known."""
+    row = anywhere(robot)
+    for joint in robot.moving:
+        own = [flexure for flexure in flexures if flexure.joint == joint.name and not flexure.before]
+        drive = drive_of(joint)
+        same = np.flatnonzero([drive[:3].any()] * 3 + [drive[3:].any()] * 3)
+        given = sum((np.abs(flexure.law.tangent(np.zeros(6), row)) for flexure in own), np.zeros((6, 6)))
+        along, others = float(drive @ given @ drive), np.diag(given)[same]
+        # A joint that tilts or twists has a drive that does, too; one axis alone is a mistaken one.
+        if own and along <= RIGID * others.max() and np.count_nonzero(others > RIGID * others.max()) == 1:
+            axis, wanted = TWIST_NAMES[same[int(others.argmax())]], np.round(drive[same], 3).tolist()
+            nearest = drive_axis(joint)
+            text = f"gives about {axis} alone, but the axis of its joint {joint.name!r} is {nearest} ({wanted})"
+            told = f"meant to be {nearest}? joint_stiffness is about the joint's own axis"
+            yield Flag("not_the_drive", f"flexure {own[0].name!r} {text}: {told}")
     for flexure in flexures:
         for flag in (flag for law in flexure.law.leaves for flag in softness(law.tangent(np.zeros(6), row))):
             yield Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}")

@@ -13,13 +13,14 @@ from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean
 from armflex.files.certainty_table import certainty_table, read_certainty
-from armflex.laws.flexure import Flexure
+from armflex.laws.declared import Flexure
 from armflex.laws.joint.carried import scaled
 from armflex.laws.learned import LearnedLaw, Seen, learned_law
 from armflex.laws.learned.correction import NEAREST
 from armflex.parameters import of_law
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
+from armflex.setup import Setup
 
 LARGEST_LOGARITHM = 200.0
 """Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""
@@ -112,12 +113,8 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         if flexure.name in factors:
             flexure = replace(flexure, law=scaled(flexure.law, np.exp(0.5 * factors[flexure.name])))
         flexures.append(read_learned(flexure, laws[flexure.name]) if flexure.name in laws else flexure)
-    robot = arm.robot
-    if arm.measurement.gravity_in == "measurement":  # known in the level instrument's frame, it is turned into the base
-        robot = replace(robot, gravity=instrument.pose.rotation.T @ robot.gravity)
     return replace(
-        arm,
-        robot=robot,
+        Setup(arm, Instrument()).placed(instrument.pose).arm,
         flexures=tuple(flexures),
         corrections=corrections,
         factors=factors,

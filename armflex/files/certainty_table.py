@@ -16,10 +16,10 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.covariance import covariance_fault
 from armflex.declaration import Declaration
 from armflex.errors import FileError, did_you_mean, listing
 from armflex.laws.effects.location import site_names
+from armflex.linear_gaussian import covariance_fault
 from armflex.parameters import Kind
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers

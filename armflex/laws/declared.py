@@ -1,8 +1,9 @@
-"""Laws as an arm.toml declares them: by numbers, by a trained file, or composed of sub-joints and beams."""
+"""Flexures and their laws as an arm.toml declares them: by numbers, a trained file, or sub-joints and beams."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
@@ -17,9 +18,36 @@ from armflex.laws.joint.linear import read_linear
 from armflex.laws.joint.structural import StructuralLaw, SubJoint
 from armflex.laws.law import Law, Ranges
 from armflex.laws.law_file import FORMS, load_law
+from armflex.laws.learned import LearnedLaw, Learning
+from armflex.robot import Site
 
 MOST_PARTS = 200
 """Nodes, sub-joints or beams of a structure: its equations are dense, six or more to each of them."""
+
+
+@dataclass(frozen=True)
+class Flexure:
+    """A place where the arm gives: outboard of `joint`'s motion, or at the base when `joint` is None.
+
+    With `before` it is the end of the link that the joint ends, inboard of the joint's motion. `learn` says what of its
+    law `calibrate` finds from measurements of the whole arm, None for nothing.
+    """
+
+    name: str
+    joint: str | None
+    law: Law
+    before: bool = False
+    learn: Learning | None = None
+
+    @property
+    def learned(self) -> LearnedLaw | None:
+        """Its law, where that is one with parameters that a campaign taught or is to teach."""
+        return self.law if isinstance(self.law, LearnedLaw) else None
+
+    @property
+    def site(self) -> Site:
+        """The same place as a model of the arm names it."""
+        return Site(self.name, self.joint, self.before)
 
 
 def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:

@@ -13,6 +13,7 @@ import numpy as np
 
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Flag, Place, TableError, listing
+from armflex.mechanics.loaded import FORCE_BAND
 from armflex.rows.rows import MOST_LEVELS, levels, mostly_numbers
 
 if TYPE_CHECKING:
@@ -114,6 +115,18 @@ def table_flags(table: Table, found: Measurements) -> tuple[Flag, ...]:
     return tuple(flags)
 
 
+def force_flags(found: Measurements, arm: Arm) -> tuple[Flag, ...]:
+    """Return the flag about forces that are many times the arm's weight, at the first such row."""
+    most, flags = FORCE_BAND * arm.weight, []
+    for one in found.wrenches if most else ():
+        size = np.linalg.norm(np.broadcast_to(one.force, (len(found), 3)), axis=1)
+        if size.max(initial=0.0) > most:
+            row = int((size > most).argmax())
+            text = f"{size[row]:.3g} N at {one.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
+            flags.append(Flag("large_force", f"{found.places[row]}: {text} ({int((size > most).sum())} rows)"))
+    return tuple(flags)
+
+
 def first_nan(table: Table, name: str) -> tuple[Place, str] | None:
     """Return the first cell of a column that is nan or inf, and its place."""
     cells = zip(table.lines, table.texts(name), strict=True)
@@ -130,7 +143,8 @@ def duplicates(found: Measurements) -> np.ndarray:
     numbers = [found.q, *(part for kind in found.readings.kinds for part in (kind.values, kind.sigma))]
     numbers += [values.reshape(len(found), -1) for values in optional if values is not None]
     numbers += [values[:, None] for values in found.covariates.values() if not isinstance(values, tuple)]
-    texts = [found.session, found.payload]
+    numbers.append(found.load_number[:, None])
+    texts = [found.session]
     if found.pose != tuple(str(i) for i in range(len(found))):
         texts.append(found.pose)
     texts += [values for values in found.covariates.values() if isinstance(values, tuple)]

@@ -18,7 +18,15 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
-from armflex.measured.data_flags import check_joint_units, check_one_unit, first_nan, in_other_units, table_flags
+from armflex.measured.data_flags import (
+    check_joint_units,
+    check_one_unit,
+    first_nan,
+    force_flags,
+    in_other_units,
+    table_flags,
+)
+from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, read_forces
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
@@ -33,8 +41,9 @@ KINDS = {
     "sigma_r": "angle",
     "time": "time",
     "hold": "time",
+    **FORCE_KINDS,
 }
-TEXTS = ("pose", "session", "payload")
+TEXTS = ("pose", "session", "payload", *FORCE_TEXTS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,8 +156,8 @@ def read_measurements(
             made of it. A row's point is named by its column `point`, else by its `pose`.
 
     Raises:
-        TableError: A column is missing, misspelt or of the wrong unit; a cell is not a number; a position is read in
-            part; some rows are in another unit; a payload is unknown; points do not match the rows.
+        TableError: A column is missing, misspelt or of the wrong unit; a cell is not a number; a position or a force is
+            given in part; some rows are in another unit; a payload or link is unknown; points do not match the rows.
     """
     export = points if isinstance(points, PointExport) or points is None else read_points(points)
     table = read_table(path, KINDS | joint_kinds(arm, "q"))
@@ -161,7 +170,7 @@ def read_measurements(
     found = replace(found, covariates=covariates)
     check_joint_units(found.q, arm, found.places)
     check_one_unit(found.position, np.flatnonzero(found.measured), found.places)
-    flags += table_flags(table, found)
+    flags += (*table_flags(table, found), *force_flags(found, arm))
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
         base = arm.robot.base
@@ -306,6 +315,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
         hold=table.numbers("hold") if "hold" in table.columns else None,
         places=tuple(Place(table.path, line) for line in table.lines),
         derived=tuple(name for name in ("time", *directions) if name not in table.columns),
+        wrenches=read_forces(table, arm),
     )
 
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from armflex.conventions import unprintable
 from armflex.errors import Place, TableError
-from armflex.printable import unprintable
 
 MAX_CELLS = 20_000_000
 """Cells beyond which a file is refused unread: a few bytes of Parquet can stand for billions of equal rows."""

@@ -76,7 +76,7 @@ def repeats(measurements: Measurements, tolerance: float = REPEATED) -> Repeats 
         tolerance: How near joint positions must be [rad or m].
     """
     place = same_positions(measurements.q, tolerance).tolist()
-    held = numbered(zip(place, measurements.payload, strict=True))
+    held = numbered(zip(place, measurements.load_number.tolist(), strict=True))
     once = numbered(zip(held.tolist(), measurements.session, strict=True))
     sides = (tuple(row) for row in measurements.approach.tolist())
     rows, position, sigma = np.flatnonzero(measurements.measured), measurements.position, measurements.sigma

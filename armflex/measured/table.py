@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armflex.conventions import LARGEST, NUMBER, UNITS, Array
+from armflex.conventions import LARGEST, NUMBER, UNITS, Array, unprintable
 from armflex.errors import Place, TableError, UnknownNameError, did_you_mean, listing, shown
 from armflex.measured.parquet import is_parquet, parquet_rows
-from armflex.printable import unprintable
 from armflex.storage.whole_file import writing
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -30,12 +30,14 @@ from armflex.mechanics.many_rows import (
     Solution,
     by_payload,
     chunks,
+    displaced_from,
     flexed,
     rigid_tips,
     rotations,
 )
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 from armflex.parallel import in_order
+from armflex.rows.wrench import check_rows
 
 PIECE = 16384
 """Configurations that a process or thread is given at a time."""
@@ -55,9 +57,78 @@ class Asked(NamedTuple):
     allow_large: bool = False
     strict: bool = False
 
+    def compiled(self, case: LoadCase) -> bool:
+        """Return whether the kernel is asked."""
+        return not case.moves and self.method in COMPILED
+
+
+Length = TypeVar("Length", float, Array)
+
+
+class _Result(Generic[Length]):
+    """What follows alike for one configuration and for N; `...` is nothing for one."""
+
+    arm: Structure
+    case: LoadCase
+    displacement: Array
+    contributions: Array
+    corrected: Array
+    covariance: Array | None
+    drive_loads: Array
+
+    @property
+    def q(self) -> Array:
+        """(..., nq) joint positions [rad or m]."""
+        return self.case.q
+
+    @property
+    def names(self) -> Names:
+        """Joints, flexures, base and tip."""
+        return self.arm.names
+
+    @property
+    def drive_shares(self) -> Array:
+        """(..., nq) load on every drive as a share of its effort limit, dimensionless, 0 where none is given."""
+        return np.abs(self.drive_loads) / [joint.effort for joint in self.arm.robot.moving]
+
+    @property
+    def remainder(self) -> Array:
+        """(..., 6) displacement less `corrected` and the `contributions`: what first order leaves out [m, rad]."""
+        return self.displacement - self.corrected - self.contributions.sum(axis=-2)
+
+    def shares(self, part: slice = slice(0, 3)) -> Array:
+        """Return (..., n_flexures) of each flexure along the tip's shift (0:3) [m] or turn (3:6) [rad]."""
+        along = self.displacement[..., part, None]
+        length = np.linalg.norm(along, axis=-2)
+        return (self.contributions[..., part] @ along)[..., 0] / np.where(length > 0.0, length, 1.0)
+
+    def sigma(self, part: slice = slice(0, 3)) -> Length | None:
+        """Return the standard uncertainty of the length of the tip's shift or turn, None where no law carries one."""
+        if self.covariance is None:
+            return None
+        return length_sigma(self.displacement[..., part], self.covariance[..., part, part])  # pyright: ignore[reportReturnType]
+
+
+def length_sigma(vectors: Array, covariance: Array) -> Array:
+    """Return the (...) standard uncertainty of the lengths of (..., 3) vectors with a (..., 3, 3) covariance.
+
+    Of no length it is that of all three coordinates.
+    """
+    length = np.linalg.norm(vectors, axis=-1)
+    along = vectors / np.where(length > 0.0, length, 1.0)[..., None]
+    # As a sum over rows at once the last digit would depend on how many there are.
+    variance = (along[..., None, :] @ covariance @ along[..., None])[..., 0, 0]
+    return np.sqrt(np.where(length > 0.0, np.maximum(variance, 0.0), np.trace(covariance, axis1=-2, axis2=-1)))
+
+
+def _drive_axes(arm: Structure) -> Array:
+    """Return the (nq, 6) axes of the joints among the coordinates of a wrench: along which each drive is loaded."""
+    pairs = ([joint.axis, np.zeros(3)][:: 1 if joint.kind == "prismatic" else -1] for joint in arm.robot.moving)
+    return np.array([np.concatenate(pair) for pair in pairs]).reshape(-1, 6)
+
 
 @dataclass(frozen=True, init=False, repr=False, eq=False)
-class Deflection:
+class Deflection(_Result[float]):
     """The arm at one configuration under one load.
 
     Derivatives and covariance of the rotation are those of a further small rotation in base axes, which differ from
@@ -86,14 +157,14 @@ class Deflection:
         return f"<Deflection: {moves} under {self.payload.mass:g} kg ({self.method}); flags: {flags}>"
 
     @property
-    def q(self) -> Array:
-        """(nq,) joint positions [rad or m]."""
-        return self.solved.case.q
+    def arm(self) -> Structure:
+        """The arm."""
+        return self.solved.loaded.arm
 
     @property
-    def names(self) -> Names:
-        """Joints, flexures, base and tip."""
-        return self.solved.loaded.arm.names
+    def case(self) -> LoadCase:
+        """Where its joints are and what acts."""
+        return self.solved.case
 
     @property
     def payload(self) -> Payload:
@@ -148,15 +219,24 @@ class Deflection:
         """(nq, 6) wrench on the structure at every joint, in the joint's child frame [N, Nm]."""
         return self._mechanics.joint_loads(self._configuration, self.solved.case)
 
+    @property
+    def drive_loads(self) -> Array:
+        """(nq,) load on every drive about or along its joint's axis [Nm or N]."""
+        return np.einsum("ja,ja->j", self.joint_loads, _drive_axes(self.arm))
+
+    @property
+    def overload(self) -> tuple[Flag, ...]:
+        """A flag where a drive carries more than its effort limit."""
+        worst = int(np.argmax(shares := self.drive_shares))
+        text = f"drive of {self.names.joints[worst]!r} carries {shares[worst]:.0%} of its limit"
+        return (Flag("beyond_effort", text),) if shares[worst] > 1.0 else ()
+
     @cached_property
     def tangent(self) -> Array:
         """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution, in units of the twists."""
+        motion, torque = self._at_rest
         known = self.solved.tangent
-        return (
-            tangent_of(self.solved._replace(motion=self._at_rest[0], torque=self._at_rest[1]))
-            if known is None
-            else known
-        )
+        return tangent_of(self.solved._replace(motion=motion, torque=torque)) if known is None else known
 
     @cached_property
     def flexure_jacobian(self) -> Array:
@@ -187,30 +267,10 @@ class Deflection:
     @cached_property
     def corrected(self) -> Array:
         """(6,) of the displacement due to `Arm.corrections`: the arm as it was calibrated, before it gives [m, rad]."""
-        known = self.solved.loaded.arm.corrections
+        known = self.arm.corrections
         if not (known.joint_offset or known.geometry):
             return np.zeros(6)
         return self._mechanics.displacement(self.solved.rigid, self.q)
-
-    def shares(self, part: slice = slice(0, 3)) -> Array:
-        """Return (n_flexures,) of each flexure along the tip's shift (0:3) [m] or turn (3:6) [rad]."""
-        along = self.displacement[part]
-        return self.contributions[:, part] @ along / (np.linalg.norm(along) or 1.0)
-
-    def sigma(self, part: slice = slice(0, 3)) -> float | None:
-        """Return the standard uncertainty of the length of the tip's shift or turn, None where no law carries one."""
-        if self.covariance is None:
-            return None
-        along, covariance = self.displacement[part], self.covariance[part, part]
-        length = float(np.linalg.norm(along))
-        if length == 0.0:
-            return float(np.sqrt(np.trace(covariance)))
-        return float(np.sqrt(along @ covariance @ along)) / length
-
-    @property
-    def remainder(self) -> Array:
-        """(6,) displacement minus `corrected` and the sum of `contributions`: what first order leaves out [m, rad]."""
-        return self.displacement - self.corrected - self.contributions.sum(axis=0)
 
     @cached_property
     def compliance(self) -> Array:
@@ -237,7 +297,7 @@ class Deflection:
 
     @property
     def _stack(self) -> LawStack:
-        return self.solved.loaded.arm.stack
+        return self.arm.stack
 
     @cached_property
     def _configuration(self) -> Array:
@@ -289,7 +349,7 @@ def deflect(
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class DeflectionBatch:
+class DeflectionBatch(_Result[Array]):
     """The arm at N configurations; the arrays of `Deflection` with a leading N.
 
     Equilibria are found before there is a batch; what follows from them is computed when it is asked for, and kept.
@@ -316,16 +376,6 @@ class DeflectionBatch:
         """One line: how many rows and the largest shift."""
         most = float(np.linalg.norm(self.displacement[:, :3], axis=1).max(initial=0.0))
         return f"<DeflectionBatch: {len(self.q)} rows, {self.names.tip} moves up to {most * 1e3:.4g} mm>"
-
-    @property
-    def q(self) -> Array:
-        """(N, nq) joint positions [rad or m]."""
-        return self.case.q
-
-    @property
-    def names(self) -> Names:
-        """Joints, flexures, base and tip."""
-        return self.arm.names
 
     def payload(self, i: int) -> str | Payload | None:
         """Return what is carried in a row."""
@@ -363,12 +413,13 @@ class DeflectionBatch:
     @cached_property
     def wrenches(self) -> Array:
         """(N, n_flexures, 6) loads on the flexures, local axes [N, Nm]."""
-        if self._others:
+        if not self.asked.compiled(self.case):
             return self.found_wrenches
         found = np.empty_like(self.twists)
         for loaded, rows in self._compiled:
             for some in (rows[i : i + PIECE] for i in range(0, len(rows), PIECE)):
-                pushes, at = Pushes(loaded, self.case.wrenches), (self.q[some], self.twists[some])
+                pushes = Pushes(loaded, self.case.some(some).wrenches)
+                at = (self.q[some], self.twists[some])
                 at = at if self.asked.method == "exact" else (at[0], np.zeros_like(at[1]))
                 pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
                 found[some] = flexed(loaded.chain, loaded.flexure_frames, "loads", *at, pushed)[:, :-1]
@@ -391,17 +442,24 @@ class DeflectionBatch:
     @cached_property
     def drive_loads(self) -> Array:
         """(N, nq) load on every drive about or along its joint's axis [Nm or N]."""
-        moving, found = self.arm.robot.moving, np.empty_like(self.q)
-        pairs = ([j.axis, np.zeros(3)][:: 1 if j.kind == "prismatic" else -1] for j in moving)
-        axes = np.array([np.concatenate(pair) for pair in pairs]).reshape(-1, 6)
+        moving, found, axes = self.arm.robot.moving, np.empty_like(self.q), _drive_axes(self.arm)
         for loaded, rows in self._compiled:
-            pushes, at = Pushes(loaded, self.case.wrenches, sited=True), (self.q[rows], self.twists[rows])
+            pushes = Pushes(loaded, self.case.some(rows).wrenches, sited=True)
+            at = (self.q[rows], self.twists[rows])
             links = loaded.sites.some([loaded.sites.names.index(f"link:{joint.name}") for joint in moving])
             loads = flexed(loaded.sited_chain, links, "loads", *at, (pushes.links, pushes.wrenches(*at), NO_CHANGES))
             found[rows] = np.einsum("nja,ja->nj", loads, axes)
         for i in self._others:
-            found[i] = np.einsum("ja,ja->j", self.row(i).joint_loads, axes)
+            found[i] = self.row(i).drive_loads
         return found
+
+    @cached_property
+    def corrected(self) -> Array:
+        """(N, 6) of the displacement due to `Arm.corrections` [m, rad]."""
+        nowhere, loaded = np.zeros((len(self.q), 6)), self.arm.loaded(None)
+        if loaded.nominal is None:
+            return nowhere
+        return displaced_from(nowhere, rigid_tips(loaded.chain, self.q), self.rigid_pose)
 
     @cached_property
     def covariance(self) -> Array | None:
@@ -414,7 +472,8 @@ class DeflectionBatch:
             if all(part is None for part in parts):
                 continue
             known = True
-            solver, laws = RowSolver(loaded, True, self.case.wrenches), RowLaws(self.arm.stack, row)
+            solver = RowSolver(loaded, True, self.case.some(rows).wrenches)
+            laws = RowLaws(self.arm.stack, row)
             if laws.curved:
                 laws.expand(wrenches)
             at = Solution(self.displacement[rows], wrenches, self.twists[rows])
@@ -468,13 +527,12 @@ class DeflectionBatch:
     @property
     def _compiled(self) -> Iterator[tuple[LoadedArm, np.ndarray]]:
         """The arm with each payload, and its rows, where arrays have a quick way."""
-        here = not self.case.moves and self.asked.method in COMPILED
-        return by_payload(self.arm, self.payloads, len(self.q)) if here else iter(())
+        return by_payload(self.arm, self.payloads, len(self.q)) if self.asked.compiled(self.case) else iter(())
 
     @property
     def _others(self) -> range:
         """Rows that are asked one by one."""
-        return range(len(self.q) if self.case.moves or self.asked.method not in COMPILED else 0)
+        return range(0 if self.asked.compiled(self.case) else len(self.q))
 
     def _flags_of(self, loaded: LoadedArm) -> tuple[Flag, ...]:
         return loaded.flags_under(self.case.wrenches, self.case.a is not None)
@@ -495,9 +553,10 @@ def deflect_batch(
     elif len(payloads := tuple(payload)) != len(q):
         raise ShapeError(f"payload: expected one name or {len(q)}, got {len(payloads)}")
     v, a = _motion(arm, case.v, "v", q), _motion(arm, case.a, "a", q)
+    check_rows(case.wrenches, len(q))
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
     arm.loaded(None).flags_under(case.wrenches, accelerated=False)  # raises where a link is not the arm's
-    here = not case.moves and asked.method in COMPILED
+    here = asked.compiled(case)
     answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)
     found = DeflectionBatch(arm, payloads, case, asked, answers.displacement, answers.twists, answers.wrenches)
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
@@ -526,12 +585,12 @@ def _answer(
 ) -> Solution:
     """Return the answers in some rows, from row `first` on; in a room for them where there is one."""
     exact, n, count = asked.method == "exact", len(arm.sites), len(case.q)
-    here, left = not case.moves and asked.method in COMPILED, np.ones(count, dtype=bool)
+    here, left = asked.compiled(case), np.ones(count, dtype=bool)
     found = room or Solution.empty(count, n, wrenches=not here)
     for loaded, rows in by_payload(arm, payloads, count) if here else ():
-        solver = RowSolver(loaded, exact, case.wrenches)
         for some in chunks(rows, AT_ONCE):
             part, into = case.some(some), found.some(some)
+            solver = RowSolver(loaded, exact, part.wrenches)
             row = loaded.row(part.q, part.covariates)
             laws = RowLaws(arm.stack, row)
             if solver.needs_wrenches(laws):

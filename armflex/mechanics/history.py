@@ -62,11 +62,11 @@ def _wrenches(arm: Affected, rows: Driven, known: Mapping[str, Array], effects: 
     plain = replace(as_dataclass, effects=tuple(effect for effect in arm.effects if effect not in effects))
     motion = [rows.motion(i) for i in range(len(rows.q))]
     if not any(value is not None for one in motion for value in one.values()):
-        line = respond(plain, rows.q, rows.payload, known, allow_large=True)
+        line = respond(plain, rows.q, rows.payload, known, allow_large=True, wrenches=rows.wrenches)
         return found | {site: line.load_at(site) for site in loaded}
     v, a = (None if motion[0][name] is None else np.array([one[name] for one in motion]) for name in ("v", "a"))
     asked = Asked(enforce_limits=False, allow_large=True)
-    solved = deflect_batch(plain, rows.payload, LoadCase(rows.q, v, a, (), known), asked)
+    solved = deflect_batch(plain, rows.payload, LoadCase(rows.q, v, a, tuple(rows.wrenches), known), asked)
     ones = [solved.row(i) for i in range(len(rows.q))]
     return found | {site: np.array([_load_beyond(one, plain, site) for one in ones]) for site in loaded}
 

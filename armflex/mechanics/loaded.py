@@ -19,9 +19,10 @@ from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.loads import Load, Payload, Wrench
+from armflex.mechanics.loads import Load, Payload
 from armflex.mechanics.pinocchio_model import Mechanics
 from armflex.robot import Corrections, FlexModel, Robot, Site, build_model
+from armflex.rows.wrench import Wrench
 
 TOOL = "what is at the tool"
 

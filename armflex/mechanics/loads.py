@@ -1,10 +1,9 @@
-"""What the arm carries: payloads fixed to the tip, and external wrenches at named frames."""
+"""What loads an arm beside its weight: payloads fixed to the tip, and what a load on one of its links is."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -12,11 +11,6 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, finite_array
 from armflex.errors import InputError, PayloadError
-
-if TYPE_CHECKING:
-    cached_property = property  # as in `armflex.arm`
-else:
-    from functools import cached_property
 
 
 @dataclass(frozen=True)
@@ -86,58 +80,6 @@ class Load(Protocol):
     def change(self, pose: Array) -> Array:
         """Return the (..., 6, 6) change of that wrench per shift and small rotation of the link, base axes."""
         ...
-
-
-@dataclass(frozen=True)
-class Wrench:
-    """A constant load from outside, on the structure.
-
-    Attributes:
-        frame: Link at whose origin it acts.
-        force: (3,) [N].
-        moment: (3,) [N m].
-        axes: "base" for fixed axes of the base (a dead load), "frame" for axes that turn with the link.
-    """
-
-    frame: str
-    force: Array
-    moment: Array
-    axes: str = "base"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "force", finite_array(self.force, "force", (3,)))
-        object.__setattr__(self, "moment", finite_array(self.moment, "moment", (3,)))
-        if self.axes not in ("base", "frame"):
-            raise InputError(f"wrench at {self.frame!r}: axes is {self.axes!r}, expected 'base' or 'frame'")
-
-    @property
-    def dead(self) -> bool:
-        """Whether it does not turn with its link."""
-        return self.axes == "base"
-
-    @cached_property
-    def sizes(self) -> tuple[float, float]:
-        """Of force [N] and moment [N m]."""
-        return math.hypot(*self.force.tolist()), math.hypot(*self.moment.tolist())
-
-    @cached_property
-    def _whole(self) -> Array:
-        return np.concatenate([self.force, self.moment])
-
-    def at(self, pose: Array) -> Array:
-        """Return the (..., 6) wrench [N, Nm] at the link's origin in base axes."""
-        if self.dead:
-            return self._whole if pose.ndim == 2 else np.broadcast_to(self._whole, (*pose.shape[:-2], 6))
-        return np.concatenate([pose[..., :3, :3] @ part for part in (self.force, self.moment)], axis=-1)
-
-    def change(self, pose: Array) -> Array:
-        """Return the (..., 6, 6) change per motion of the link [m, rad]: only a load that turns with it has one."""
-        change = np.zeros((*pose.shape[:-2], 6, 6))
-        if not self.dead:
-            load = self.at(pose)[..., None, :]
-            change[..., :3, 3:] = np.cross(load[..., :3], np.eye(3))
-            change[..., 3:, 3:] = np.cross(load[..., 3:], np.eye(3))
-        return change
 
 
 def _vector(values: ArrayLike, name: str, *shape: int) -> Array:

@@ -89,11 +89,12 @@ class Pushes:
         self.links = np.array([elements, inboard], dtype=np.int64).reshape(2, -1).T.copy()
         self.acting = np.arange(len(loads)) if loads else ()
         self.turning = [j for j, load in enumerate(loads) if not load.dead]
-        self._dead = np.zeros((1, len(loads), 9))
-        self._dead[0, :, :3] = own.numbers[:, 9:]
-        for j, load in enumerate(loads):
-            if load.dead:
-                self._dead[0, j, 3:] = load.at(np.eye(4))
+        dead = {j: load.at(np.eye(4)) for j, load in enumerate(loads) if load.dead}
+        each = max((len(load) for load in dead.values() if load.ndim == 2), default=1)
+        self._dead = np.zeros((each, len(loads), 9))
+        self._dead[:, :, :3] = own.numbers[:, 9:]
+        for j, load in dead.items():
+            self._dead[:, j, 3:] = load
 
     def wrenches(self, q: Array, twists: Array | None = None) -> Array:
         """Return (1 or N, L, 9) where on its element each acts [m], and the wrench in base axes [N, Nm].
@@ -104,7 +105,7 @@ class Pushes:
         """
         if not self.turning:
             return self._dead
-        poses, found = self._poses(q, twists), np.repeat(self._dead, len(q), axis=0)
+        poses, found = self._poses(q, twists), np.broadcast_to(self._dead, (len(q), *self._dead.shape[1:])).copy()
         for j in self.turning:
             found[:, j, 3:] = self._loads[j].at(poses[:, j])
         return found

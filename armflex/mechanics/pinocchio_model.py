@@ -16,8 +16,9 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.mechanics.laws import LawStack, PlacedLaws
-from armflex.mechanics.loads import Load, Wrench
+from armflex.mechanics.loads import Load
 from armflex.robot import FlexModel
+from armflex.rows.wrench import Wrench, wrenches_in
 
 gravity, rnea, integrate, frame_jacobian = (
     pin.computeGeneralizedGravity,
@@ -36,7 +37,8 @@ class LoadCase(NamedTuple):
 
     Attributes:
         q, v, a: (nq,) or (N, nq) joint positions [rad or m], velocities and accelerations; None where the arm stands.
-        wrenches: Loads from outside, beside those that the arm's effects put on its links.
+        wrenches: Loads from outside, beside those that the arm's effects put on its links; of N configurations each
+            the same in all, or one for each.
         covariates: What the laws may know beyond positions, by name: numbers, or (N,) of them, in SI units.
     """
 
@@ -55,7 +57,7 @@ class LoadCase(NamedTuple):
         """Return one of N rows, or the (M,) of some numbers."""
         v, a = (None if values is None else values[rows] for values in (self.v, self.a))
         known = {name: values[rows] if np.ndim(values) else values for name, values in self.covariates.items()}
-        return LoadCase(self.q[rows], v, a, self.wrenches, known)
+        return LoadCase(self.q[rows], v, a, wrenches_in(self.wrenches, rows), known)
 
 
 class Mechanics:

@@ -15,10 +15,11 @@ from armflex.mechanics.deflection import deflect
 from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.loads import Load, Wrench
+from armflex.mechanics.loads import Load
 from armflex.mechanics.many_rows import ROUNDS, SETTLED, RowSolver, kernel, turned
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.robot import build_model
+from armflex.rows.wrench import Wrench, check_rows
 
 COMPILED = ("exact", "first_order")
 """Methods that the kernel has."""
@@ -49,6 +50,7 @@ class Prepared:
         wrenches: Sequence[Wrench] = (),
     ) -> None:
         check_method(method)
+        check_rows(wrenches, None)
         loaded.flags_under(wrenches, accelerated=False)  # raises where a link is not the arm's
         self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
         joints, flexures = len(loaded.arm.joint_names), len(loaded.flexure_joints)

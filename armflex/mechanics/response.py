@@ -29,6 +29,7 @@ from armflex.mechanics.loads import Payload
 from armflex.mechanics.many_rows import Pushed, Pushes, RowSolver, Solution, by_payload, flexed
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_threads
+from armflex.rows.wrench import Wrench, check_rows
 
 Progress = Callable[[int, int], None]
 
@@ -162,6 +163,7 @@ def respond(
     covariates: Mapping[str, Array] | None = None,
     progress: Progress | None = None,
     allow_large: bool = False,
+    wrenches: Sequence[Wrench] = (),
 ) -> Response:
     """Return what the arm does at (N, nq) joint positions with a payload each.
 
@@ -172,6 +174,7 @@ def respond(
         covariates: (N,) each or numbers, by name.
         progress: Told how many rows are done, of how many.
         allow_large: Whether flexures may turn by more than 0.1 rad.
+        wrenches: Loads from outside at named links, the same in all rows or one for each.
 
     Raises:
         UnknownNameError, MissingCovariateError: No such payload; an effect depends on what is not given.
@@ -179,16 +182,16 @@ def respond(
     """
     known = {name: np.asarray(values) for name, values in (covariates or {}).items()}
     q, n, done, parts = np.ascontiguousarray(q), len(arm.sites), 0, []
-    row = Row(q, arm.joint_index, known)
-    wrenches, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
+    case = LoadCase(q, wrenches=tuple(wrenches), covariates=known)
+    loads, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
 
     def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part:
         loaded, rows = asked
-        some = row.some(rows)
-        part, found = _solved(loaded, rows, loaded.row(some.q, dict(some.covariates)), laws, allow_large)
-        wrenches[rows], twists[rows] = found.wrenches, found.twists
+        part, found = _solved(loaded, rows, case.some(rows), laws, allow_large)
+        loads[rows], twists[rows] = found.wrenches, found.twists
         return part
 
+    check_rows(wrenches, len(q))
     groups = by_payload(arm, payloads if len(q) else (None,), len(q))
     # No rows are a part, too.
     pieces = [(loaded, own[i : i + AT_ONCE]) for loaded, own in groups for i in range(0, max(len(own), 1), AT_ONCE)]
@@ -199,13 +202,17 @@ def respond(
             progress(done, len(q))
     frames = parts[0].loaded
     named = (frames.link_frames.names, frames.sites.names)
-    return Response(row, wrenches, twists.reshape(len(q), 6 * n), laws, *named, tuple(parts))
+    return Response(Row(q, arm.joint_index, known), loads, twists.reshape(len(q), 6 * n), laws, *named, tuple(parts))
 
 
-def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_large: bool) -> tuple[_Part, Solution]:
+def _solved(
+    loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
+) -> tuple[_Part, Solution]:
     """Return some rows of one payload solved, the tip's response to their laws put into its rows of `into`."""
-    arm, q, n = loaded.arm, np.ascontiguousarray(row.q), len(loaded.arm.sites)
-    solver, laws, found = RowSolver(loaded, True), RowLaws(arm.stack, row), Solution.empty(len(q), n)
+    arm, q, n = loaded.arm, np.ascontiguousarray(case.q), len(loaded.arm.sites)
+    row = loaded.row(q, case.covariates)
+    solver, laws = RowSolver(loaded, True, case.wrenches), RowLaws(arm.stack, row)
+    found = Solution.empty(len(q), n)
     fine = solver.solve(row, laws, found)
     some = np.flatnonzero(fine)
     if laws.curved:
@@ -213,7 +220,7 @@ def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_la
     into[rows[some]], distance = solver.linearise(row, laws, found, some)
     left = np.concatenate([np.flatnonzero(~fine), some[~(distance < 1.0)]])
     for i in left:
-        one = find_equilibrium(loaded, LoadCase(q[i], covariates=row.some(int(i)).covariates), allow_large=allow_large)
+        one = find_equilibrium(loaded, case.some(int(i)), allow_large=allow_large)
         places = loaded.flex.flexure_v
         assert one.torque is not None  # where stability was checked
         found.twists[i], found.wrenches[i] = one.motion[places].reshape(-1, 6), -one.torque[places].reshape(-1, 6)
@@ -224,5 +231,5 @@ def _solved(loaded: LoadedArm, rows: np.ndarray, row: Row, into: Array, allow_la
     small = (np.linalg.norm(found.twists[:, :, 3:], axis=2) <= MAX_ROTATION).all(axis=1)
     for i in () if allow_large else np.flatnonzero(~small):
         check_small(found.twists[i].ravel(), arm.stack.names)
-    pushed = Pushes(loaded, sited=True).at(q, found.twists)
+    pushed = Pushes(loaded, case.wrenches, sited=True).at(q, found.twists)
     return _Part(loaded, rows, pushed, laws.tangents(found.wrenches)), found

@@ -174,7 +174,8 @@ def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:
         """Where one row is refused, halves are asked until it stands alone."""
         given = {name: values[some] for name, values in known.items()}
         try:
-            arm.deflection(rows.q[some], [rows.payload[i] for i in some], covariates=given, enforce_limits=False)
+            here = rows.some(some)
+            arm.deflection(here.q, here.payload, covariates=given, wrenches=here.wrenches, enforce_limits=False)
         except tuple(NO_ANSWER.values()) as error:
             if len(some) == 1:
                 dropped[next(name for name, kind in NO_ANSWER.items() if isinstance(error, kind))] += 1

@@ -16,9 +16,8 @@ from typing import Literal
 import numpy as np
 from lxml import etree
 
-from armflex.conventions import LARGEST, NUMBER, Array
+from armflex.conventions import LARGEST, NUMBER, Array, unprintable
 from armflex.errors import Flag, Place, UrdfError, did_you_mean
-from armflex.printable import unprintable
 
 MAX_BYTES = 5_000_000
 MAX_DEPTH = 64

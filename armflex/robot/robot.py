@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
 from armflex.errors import Flag, JointLimitError, UnknownNameError, UrdfError, did_you_mean
 from armflex.robot.plausible import check_faults, check_masses, check_motion, scope_of
-from armflex.robot.urdf import MOVING, Joint, Urdf, check_tree, find_chain, read_urdf
+from armflex.robot.urdf import MOVING, Joint, Link, Urdf, check_tree, find_chain, read_urdf
+
+TCP = "tcp"
+"""Link that a tool ends in, which no file has; numbered where one does."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,8 @@ class Robot:
         locked: Positions of the moving joints off the chain, which weigh but do not move [rad or m].
         flags: What is doubtful about the file.
         strict: Whether impossible inertias are refused where the arm is asked to move.
+        mount: (3, 3) how the base stands in a level world, whose z is up; the unit matrix where nobody says.
+        tool_joint: Name of the fixed joint beyond the declared tip link that leads to `tip`, None without a tool.
     """
 
     urdf: Urdf
@@ -38,6 +44,8 @@ class Robot:
     locked: Mapping[str, float] = field(default_factory=dict)
     flags: tuple[Flag, ...] = ()
     strict: bool = True
+    mount: Array = field(default_factory=lambda: np.eye(3))
+    tool_joint: str | None = None
 
     def check_motion(self) -> None:
         """Raise `UrdfError` where inertial loads cannot be computed; see `armflex.robot.plausible.check_motion`."""
@@ -96,6 +104,8 @@ def load_robot(
     strict: bool = True,
     allow_massless: bool = False,
     locked: Mapping[str, float] | None = None,
+    tool: pin.SE3 | None = None,
+    mount: Array | None = None,
 ) -> Robot:
     """Read and validate a URDF; nothing reaches Pinocchio before it has passed.
 
@@ -107,6 +117,9 @@ def load_robot(
         strict: Refuse unknown tags on the chain, and motion with impossible inertias, instead of flagging them.
         allow_massless: Accept moving links without mass, with a flag.
         locked: Positions of moving joints off the chain [rad or m]; see `lock_side_joints` for those not given.
+        tool: T_link_tool of a tool centre point that the file does not have, beyond the link `tip`: the tip is then a
+            link of its own, "tcp", without mass.
+        mount: (3, 3) how the base stands in a level world whose z is up; gravity follows where it is not given.
 
     Raises:
         UrdfError: The file is no robot that can be computed with, or the chain or what it carries cannot be read; file
@@ -120,7 +133,13 @@ def load_robot(
     if base not in document.links:
         raise UnknownNameError("link", base, document.links)
     chain = find_chain(document, base, tip or None)
-    down = np.array([0.0, 0.0, -STANDARD_GRAVITY]) if gravity is None else finite_array(gravity, "gravity", (3,))
+    tool_joint = None
+    if tool is not None:
+        document, tool_joint = with_tool(document, chain[-1].child, tool)
+        chain = (*chain, document.joints[tool_joint])
+    stands = np.eye(3) if mount is None else finite_array(mount, "mount", (3, 3))
+    level = stands.T @ np.array([0.0, 0.0, -STANDARD_GRAVITY])
+    down = level if gravity is None else finite_array(gravity, "gravity", (3,))
     scope = scope_of(document, chain)
     found = check_faults(document, scope)
     held, mimics = lock_side_joints(document, base, chain, locked or {})
@@ -128,10 +147,20 @@ def load_robot(
     size = float(np.linalg.norm(down))
     if not 9.5 < size < 10.1:
         flags.append(Flag("gravity", f"gravity is {size:g} m/s^2, expected about {STANDARD_GRAVITY}"))
-    elif down[2] > 0.5 * size:
+    elif mount is None and down[2] > 0.5 * size:
         text = f"gravity {down.tolist()} points along +z of the base: upside down on purpose?"
         flags.append(Flag("gravity", text))
-    return Robot(document, base, chain[-1].child, chain, down, held, (*flags, *mimics), strict)
+    return Robot(document, base, chain[-1].child, chain, down, held, (*flags, *mimics), strict, stands, tool_joint)
+
+
+def with_tool(urdf: Urdf, link: str, tool: pin.SE3) -> tuple[Urdf, str]:
+    """Return a robot with a link more, fixed to another where a tool ends, and the name of the joint there."""
+    taken = {*urdf.links, *urdf.joints}
+    name = next(name for name in (TCP, *(f"{TCP}_{i}" for i in range(2, len(taken) + 3))) if name not in taken)
+    place, axis, limits = urdf.links[link].place, np.array([1.0, 0.0, 0.0]), (-np.inf, np.inf, np.inf, np.inf)
+    joint = Joint(name, "fixed", link, name, tool.translation, tool.rotation, axis, *limits, None, place)
+    links = urdf.links | {name: Link(name, None, (), place)}
+    return replace(urdf, links=links, joints=urdf.joints | {name: joint}), name
 
 
 def lock_side_joints(

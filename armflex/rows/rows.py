@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Place
-from armflex.rows.poses import pose_groups
+from armflex.rows.poses import numbered, pose_groups
+from armflex.rows.wrench import Wrench, wrenches_in
 
 STILL = 1e-9
 """Joints that move by less [rad or m] from row to row stand still: rounding turns no joint round."""
@@ -51,6 +52,11 @@ class Driven(Protocol):
         ...
 
     @property
+    def wrenches(self) -> Sequence[Wrench]:
+        """Known loads from outside, the same in all rows or one for each of them."""
+        ...
+
+    @property
     def known(self) -> dict[str, Array]:
         """(N,) each: time where it was recorded, every numeric column, and `approach_<joint>`."""
         ...
@@ -75,6 +81,7 @@ class Rows:
         covariates: Every other column: (N,) numbers in the column's unit, or text per row.
         places: File and line of each row, none where rows are not those of a file.
         derived: Columns that were not given but follow from the order of the rows: `time`, `approach_<joint>`.
+        wrenches: Known loads from outside, the same in all rows or one for each of the N.
     """
 
     joint_names: tuple[str, ...]
@@ -89,6 +96,7 @@ class Rows:
     covariates: Mapping[str, Array | tuple[str, ...]] = field(default_factory=dict)
     places: tuple[Place, ...] = ()
     derived: tuple[str, ...] = ()
+    wrenches: tuple[Wrench, ...] = ()
 
     @classmethod
     def of(
@@ -160,6 +168,13 @@ class Rows:
         """(N,) number of every row's pose, by name or by where the joints stand; see `pose_groups`."""
         return pose_groups(self)
 
+    @cached_property
+    def load_number(self) -> np.ndarray:
+        """(N,) number of what loads every row: equal where the payload and all known forces are."""
+        parts = [part for one in self.wrenches if one.rows for part in (one.force, one.moment)]
+        pulled = np.hstack([np.zeros((len(self), 0)), *parts])
+        return numbered(zip(self.payload, map(tuple, pulled.tolist()), strict=True))
+
     def motion(self, i: int) -> dict[str, Array | None]:
         """Return nothing: what is measured stands still."""
         return {}
@@ -179,6 +194,7 @@ class Rows:
             "hold": None if self.hold is None else self.hold[rows],
             "covariates": {name: taken(values) for name, values in self.covariates.items()},
             "places": taken(self.places) if self.places else (),
+            "wrenches": wrenches_in(self.wrenches, rows),
         }
 
 

@@ -12,8 +12,8 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.estimate.tip_uncertainty import AT_REST, length_sigma, tip_covariance
-from armflex.mechanics.deflection import Deflection, DeflectionBatch
+from armflex.estimate.tip_uncertainty import AT_REST, tip_covariance
+from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.parallel import in_threads
 from armflex.trajectory import Points, Trajectory
 
@@ -259,9 +259,8 @@ class _Judge:
     def keep_flags(self, found: DeflectionBatch, time: Array) -> None:
         """Keep the flags that were not met before."""
         met = [*found.flags_by_row, *((i, flag) for i, flags in found.unseen() for flag in flags)]
-        effort = np.array([joint.effort for joint in self.arm.robot.moving])
-        over = np.flatnonzero((np.abs(found.drive_loads) > effort).any(axis=1))[:1]
-        met += [(int(i), flag) for i in over for flag in overload(self.arm, found.row(int(i)))]
+        over = np.flatnonzero((found.drive_shares > 1.0).any(axis=1))[:1]
+        met += [(int(i), flag) for i in over for flag in found.row(int(i)).overload]
         for i, flag in sorted(met, key=lambda pair: pair[0]):
             said = flag if flag in self.arm.flags else Flag(flag.code, f"at {time[i]:g} s: {flag.text}")
             self.flags.setdefault(flag.code, said)
@@ -329,15 +328,6 @@ class _Judge:
             found.payload[i],
             found.reason[i],
         )
-
-
-def overload(arm: Arm, found: Deflection) -> tuple[Flag, ...]:
-    """Return a flag where a drive carries more than its effort limit."""
-    shares = arm.drive_shares(found)
-    worst = int(np.argmax(shares))
-    if shares[worst] <= 1.0:
-        return ()
-    return (Flag("beyond_effort", f"drive of {arm.joint_names[worst]!r} carries {shares[worst]:.0%} of its limit"),)
 
 
 def _worst_between(judge: _Judge, segments: np.ndarray) -> list[Point]:

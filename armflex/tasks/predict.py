@@ -17,6 +17,7 @@ from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory,
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
 from armflex.estimate.view import untold_shifts
 from armflex.laws.effects.remember import (
+    check_approaches,
     check_covariates,
     derived_direction,
     derived_directions,
@@ -29,8 +30,8 @@ from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
 from armflex.readings import Position, unread
 from armflex.readings.instrument import Instrument
+from armflex.rows.wrench import wrenches_in
 from armflex.setup import Setup
-from armflex.trajectory import check_approaches
 
 TOGETHER = 2048
 """Rows that are predicted together, and of a file are in memory at a time: each takes some ten kilobytes."""
@@ -160,12 +161,13 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         known = known_rows(arm, rows)
     instrument = arm.instrument or Instrument()
     try:
-        found = certain.deflection(rows.q, rows.payload, covariates=known)
+        found = certain.deflection(rows.q, rows.payload, covariates=known, wrenches=rows.wrenches)
     except ArmflexError:
         for i in every:  # which of them it is, by its place
             with naming(rows.places[i]):
                 given = {name: values[i] for name, values in known.items()}
-                certain.deflection(rows.q[i], rows.payload[i], covariates=given)
+                pulled = wrenches_in(rows.wrenches, int(i))
+                certain.deflection(rows.q[i], rows.payload[i], covariates=given, wrenches=pulled)
         raise
     fitted, about = fitted_variance(arm, rows)
     untold = (untold_shifts(Setup(arm, instrument), rows, unread(len(rows), Position)) ** 2).sum(axis=0)

@@ -219,7 +219,8 @@ def context_at(fitted: Fit, measurements: Measurements) -> Context:
     lines, rest = [(view.rows, view.line)], np.setdiff1d(np.arange(len(measurements)), view.rows)
     if len(rest):
         given = {name: values[rest] for name, values in known.items()}
-        lines.append((rest, respond(arm, measurements.q[rest], [measurements.payload[row] for row in rest], given)))
+        some = measurements.some(rest)
+        lines.append((rest, respond(arm, some.q, some.payload, given, wrenches=some.wrenches)))
     for rows, line in lines:
         for site in wrenches:
             wrenches[site][rows] = line.load_at(site)

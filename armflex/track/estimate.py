@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
 
 from armflex.conventions import Array
-from armflex.covariance import root_of_covariance
+from armflex.linear_gaussian import root_of_covariance
 from armflex.readings.chance import outlier_limit
 
 GROSS = 100.0

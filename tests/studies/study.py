@@ -206,6 +206,12 @@ def _confusion(one: Score) -> str:
     return "\n".join(lines)
 
 
+def page(scores: Sequence[Score], asked: str) -> str:
+    """Return the tables as Markdown, under the options that they were asked with."""
+    parts = {f"`study.py {asked}`": summary(scores), "By kind": table(scores), "What is not exact": confusions(scores)}
+    return "\n".join(f"#### {name}\n\n```text\n{text.strip()}\n```\n" for name, text in parts.items())
+
+
 def _brief(effect: Sequence) -> str:
     return " ".join(str(part) for part in effect[:3] if part) + (f" {effect[3]}" if isinstance(effect[3], str) else "")
 
@@ -224,6 +230,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--effects", help="how many at once, 2-6: those kinds alone")
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("-o", "--output", type=Path, default=Path("study.csv"))
+    parser.add_argument("--page", type=Path, help="Markdown of the same tables, for the documentation")
     given = parser.parse_args(arguments)
     kinds = [name.strip() for name in given.kinds.split(",")]
     if given.effects:
@@ -234,6 +241,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"unknown kinds: {', '.join(unknown)}; known: {', '.join(EVERY)}")
     scores = run(jobs(given.draws, kinds, given.seed, given.size), given.output, given.jobs)
     print(f"\n{table(scores)}\n\n{summary(scores)}\n\n{confusions(scores)}")
+    if given.page:
+        given.page.write_text(page(scores, f"--draws {given.draws} --seed {given.seed} --size {given.size:g}"))
     return 0
 
 

@@ -96,8 +96,8 @@ def test_a_load_that_follows_its_link_is_flagged(tarm):
 
 def test_drive_shares_by_hand(tarm):
     found = tarm.deflection(np.zeros(7), "p600")
-    assert tarm.drive_shares(found)[2] == pytest.approx(abs(found.joint_loads[2, 4]) / 250e3)
-    assert tarm.drive_shares(found)[0] == pytest.approx(abs(found.joint_loads[0, 2]) / 150e3)
+    assert found.drive_shares[2] == pytest.approx(abs(found.joint_loads[2, 4]) / 250e3)
+    assert found.drive_shares[0] == pytest.approx(abs(found.joint_loads[0, 2]) / 150e3)
 
 
 @pytest.mark.slow

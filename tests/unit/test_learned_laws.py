@@ -30,7 +30,7 @@ from armflex.estimate.learned import learned_axes
 from armflex.estimate.sample import sample_laws
 from armflex.estimate.view import look
 from armflex.laws import AtNode, LinearLaw, Row, StructuralLaw, SubJoint
-from armflex.laws.flexure import Flexure
+from armflex.laws.declared import Flexure
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.law import beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in

@@ -20,9 +20,9 @@ from support.small_arms import joint, link, robot
 from armflex import Reading, Tracker, load_arm, predict, read_measurements, read_points
 from armflex.cli import terminal
 from armflex.cli.main import Commands, main
+from armflex.conventions import printable
 from armflex.errors import ArmFileError, TableError, UrdfError
 from armflex.plotting import picture
-from armflex.printable import printable
 from armflex.show.view.law_curves import draw_laws
 from armflex.show.view.meshcat_page import render_page
 from armflex.show.view.scene_3d import Scene

@@ -21,6 +21,7 @@ from armflex.estimate.calibrate import calibrate, write_calibrated
 from armflex.measured.measurements import read_measurements, stream_inputs
 from armflex.measured.table import Column, Table
 from armflex.mechanics.response import respond
+from armflex.robot import Corrections
 from armflex.rows.rows import last_motion
 from armflex.tasks import predict as task
 from armflex.tasks.compensate import _Solver
@@ -260,7 +261,7 @@ def test_loads_on_the_drives_are_those_of_each_row(arm: armflex.Arm, path: Traje
     for motion in ({}, {"v": np.full_like(q, 0.1)}):
         found = arm.deflection(q, "p600", **motion)
         effort = np.array([joint.effort for joint in arm.robot.moving])
-        shares = [arm.drive_shares(found.row(i)) for i in range(len(q))]
+        shares = [found.row(i).drive_shares for i in range(len(q))]
         np.testing.assert_allclose(np.abs(found.drive_loads) / effort, shares, rtol=1e-9, atol=1e-12)
 
 
@@ -320,3 +321,18 @@ def test_no_command_ends_in_a_traceback_where_memory_runs_out(
     rows = 143 if "trajectory" in table else 460
     assert ended.value.code == 1 and not (tmp_path / "out").exists()
     assert f"error: {rows} rows: there is not enough memory for them" in " ".join(capsys.readouterr().err.split())
+
+
+def test_what_follows_from_a_batch_is_what_follows_from_its_rows(arm: armflex.Arm, path: Trajectory) -> None:
+    """Also of an arm whose geometry was corrected, and of a batch whose rows are asked one by one."""
+    q = np.delete(path.q, 11, axis=0)
+    unsure = tuple(replace(one, law=replace(one.law, relative_std=0.1)) for one in arm.flexures)
+    off = replace(arm, flexures=unsure, corrections=Corrections(joint_offset={arm.joint_names[1]: 2e-3}))
+    for motion in ({}, {"v": np.full_like(q, 0.1)}):
+        found = off.deflection(q, "p600", **motion)
+        rows = [found.row(i) for i in range(len(q))]
+        for name in ("corrected", "remainder", "drive_shares"):
+            alone = [getattr(row, name) for row in rows]
+            np.testing.assert_allclose(getattr(found, name), alone, rtol=1e-8, atol=1e-11)
+        np.testing.assert_allclose(found.shares(), [row.shares() for row in rows], rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(found.sigma(), [row.sigma() for row in rows], rtol=1e-7)

@@ -25,8 +25,8 @@ from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
 
 if TYPE_CHECKING:
+    from armflex.laws.declared import Flexure
     from armflex.laws.effects.context import Context, Records
-    from armflex.laws.flexure import Flexure
 
 Values = tuple[float, ...]
 

@@ -13,9 +13,9 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.laws import Law, Row
+from armflex.laws.declared import Flexure
 from armflex.laws.effects.effect import Act, Effect, LoadLaw, TwistLaw, Values
 from armflex.laws.effects.location import Here, link_of, resolve, same_site, site_of
-from armflex.laws.flexure import Flexure
 from armflex.laws.law import NOTHING, UNLOADED, Composed, Ranges, WithoutParameters, anywhere, by_wrench
 from armflex.robot import Robot
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws import Law
-from armflex.laws.flexure import Flexure
+from armflex.laws.declared import Flexure
 from armflex.robot import Robot, Site
 from armflex.robot.urdf import Joint
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -34,6 +34,18 @@ def check_covariates(arm: Manipulator, given: Iterable[str]) -> None:
         if name not in known:
             hint = did_you_mean(name, known)
             raise InputError(f"no effect of this arm depends on {name!r}{hint} (they depend on: {listing(known)})")
+
+
+def check_approaches(values: Mapping[str, float], joints: Sequence[str]) -> None:
+    """Raise `InputError` where an `approach_<joint>` is of no joint, or is not -1, 0 or 1."""
+    known = [f"{APPROACH}{joint}" for joint in joints]
+    for name, value in values.items():
+        if not name.startswith(APPROACH):
+            continue
+        if name not in known:
+            raise InputError(f"no covariate {name!r}{did_you_mean(name, known)} (known: {listing(known)})")
+        if value not in (-1.0, 0.0, 1.0):
+            raise InputError(f"{name} is {value:g}, not -1, 0 or 1")
 
 
 def derived_directions(arm: Manipulator, rows: Rows, asked: np.ndarray) -> tuple[Flag, ...]:
@@ -85,10 +97,12 @@ def settled(arm: Manipulator, given: Mapping[str, float]) -> dict[str, float]:
     """Return covariates of a single configuration, lagged columns taken as settled where they are not given.
 
     Raises:
-        InputError: No effect depends on one of them.
+        InputError: No effect depends on one of them, or an `approach_<joint>` is no direction of a joint.
         MissingCovariateError: Such a column is not given either.
     """
-    check_covariates(arm, given)
+    if given:
+        check_approaches(given, arm.robot.joint_names)
+        check_covariates(arm, given)
     known = dict(given)
     for effect in arm.effects:
         state, columns = effect.state, effect.location.covariates

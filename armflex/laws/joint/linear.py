@@ -9,19 +9,22 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.declaration import Declaration
-from armflex.errors import Flag, LawError
+from armflex.errors import Flag, LawError, did_you_mean
 from armflex.laws.joint.log_compliance import LOOSE, LogCompliance
 from armflex.laws.law import Law, Parameter, Ranges, Row, block_diagonal, check_ordered, embed
 from armflex.storage.schema import Numbers
 
 SYMMETRY = 1e-9
 
+SINGULAR = 1e-12
+"""Least eigenvalue of a stiffness, its diagonal 1, of which an inverse has digits that mean something."""
+
 SOFTEST = (1e-5, 1e-3)
 """m/N and rad/Nm beyond which a single joint of steel is not believed; a hint at a wrong unit, no more."""
 
 EXAMPLE = """
 model = "linear"
-compliance = [1e-8, 2e-8, 1e-8, 1e-6, 2e-6, 1e-6]  # of dx dy dz [m/N], rx ry rz [rad/Nm]; or 6 x 6
+compliance = [1e-8, 2e-8, 1e-8, 1e-6, 2e-6, 1e-6]  # of dx dy dz [m/N], rx ry rz [rad/Nm]; or 6 x 6; or `stiffness`
 relative_std = 0.05  # of every entry; optional
 """
 
@@ -203,9 +206,38 @@ def softness(compliance: Array) -> tuple[Flag, ...]:
 
 
 def declared_matrix(table: Declaration, key: str) -> Array:
-    """Return a (6, 6) matrix given as 6 numbers of its diagonal or in full."""
+    """Return a (6, 6) matrix given as 6 numbers of its diagonal or in full; a `compliance` by a `stiffness`, too."""
+    if key == "compliance" and table.has("stiffness"):
+        if table.has(key):
+            raise table.fail("stiffness", "stands beside a compliance, of which it is the inverse: give one of them")
+        return _inverted(table)
+    if not table.has(key):
+        for name in table.table.keys() - table.known:
+            if hint := did_you_mean(name, ("stiffness", "joint_stiffness")):
+                raise table.fail(name, f"unknown key{hint}")
     values = table.numbers(key, (6,), (6, 6))
     return np.diag(values) if values.ndim == 1 else values
+
+
+def _inverted(table: Declaration) -> Array:
+    """Return the compliance of a declared `stiffness` [N/m, Nm/rad]."""
+    values = table.numbers("stiffness", (6,), (6, 6))
+    matrix = np.diag(values) if values.ndim == 1 else values
+    diagonal = np.diag(matrix)
+    if diagonal.min() <= 0.0:
+        axis = TWIST_NAMES[int(diagonal.argmin())]
+        text = f"of {axis} is {diagonal.min():g}, expected more than 0"
+        raise table.fail("stiffness", f"{text}; of an axis that does not give, the compliance is 0")
+    root = np.sqrt(np.outer(diagonal, diagonal))  # scaled first: N/m and Nm/rad differ by orders of magnitude
+    scaled = matrix / root
+    if (skew := np.abs(scaled - scaled.T)).max() > SYMMETRY:
+        i, j = np.unravel_index(np.argmax(skew), (6, 6))
+        pair = f"K[{i}][{j}] = {matrix[i, j]:g}, K[{j}][{i}] = {matrix[j, i]:g}"
+        raise table.fail("stiffness", f"is not symmetric: {pair}")
+    if np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < SINGULAR:
+        raise table.fail("stiffness", "is not positive definite: some load would move it without bound")
+    inverse = np.linalg.inv(0.5 * (scaled + scaled.T)) / root
+    return 0.5 * (inverse + inverse.T)
 
 
 def read_linear(table: Declaration, joint: str, ranges: Ranges) -> LinearLaw:

@@ -105,7 +105,7 @@ class PositionDependentLaw(Compliance):
 
 def read_position_dependent(table: Declaration, joint: str, ranges: Ranges) -> PositionDependentLaw:
     """Return the law that an arm.toml declares: `compliance` at zero, `compliance_q1` to `_q3`, `depends_on`."""
-    given = [key for key in COEFFICIENTS if table.has(key)]
+    given = [key for key in COEFFICIENTS if table.has(key) or (key == "compliance" and "stiffness" in table.table)]
     coefficients = np.zeros((4, 6, 6))
     for key in given or ["compliance"]:
         coefficients[COEFFICIENTS.index(key)] = declared_matrix(table, key)

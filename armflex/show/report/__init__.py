@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from armflex.printable import printable
+from armflex.conventions import printable
 from armflex.storage.whole_file import write_whole
 
 if TYPE_CHECKING:

@@ -140,7 +140,20 @@ def arm_scene(
         times=times if len(times) > 1 else None,
         speed=float(max(1.0, round((times[-1] - times[0]) / PLAY_SECONDS))),
     )
+    scene = _standing(scene, arm.robot.mount)
     return replace(scene, floor_z=float(scene_points(scene)[:, 2].min()) - 0.02 * arm.robot.reach)
+
+
+def _standing(scene: Scene, mount: Array) -> Scene:
+    """Return a scene in base axes as it stands in a level world, the base turned by a (3, 3) rotation."""
+    if np.array_equal(mount, np.eye(3)):
+        return scene
+    turned = np.eye(4)
+    turned[:3, :3] = mount
+    nodes = tuple(replace(node, poses=turned @ node.poses) for node in scene.nodes)
+    lines = tuple(replace(line, points=line.points @ mount.T) for line in scene.polylines)
+    markers = tuple(replace(marker, position=mount @ marker.position) for marker in scene.markers)
+    return replace(scene, nodes=nodes, polylines=lines, markers=markers)
 
 
 def nice_magnification(arm: Arm, motion: Motion) -> float:

@@ -8,6 +8,7 @@ from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import number
@@ -53,14 +54,16 @@ def map_page(
     here = found.worst_voxel
     payload, known = found.payloads[found.worst_payload[here]], settled(arm, covariates or {})
     shown = arm.deflection(found.worst_q[here], payload, covariates=known)
+    mount = pin.SE3(arm.robot.mount, np.zeros(3))
+    centres = found.centres @ mount.rotation.T
     scene = arm_scene(arm, Motion(np.zeros(1), (shown,), 0), magnification=1.0)
-    corners = (found.centres[:, None] + found.voxel * CORNERS).reshape(-1, 3)
+    corners = (found.centres[:, None] + found.voxel * CORNERS).reshape(-1, 3) @ mount.rotation.T
     camera = frame_camera(corners)
     towards = (camera.position - camera.target)[:2]
-    behind = (found.centres[:, :2] - camera.target[:2]) @ towards <= 0.0
+    behind = (centres[:, :2] - camera.target[:2]) @ towards <= 0.0
     groups = _groups(found, tolerance)
     nodes = [
-        Node(f"voxels/{text}", np.eye(4)[None], (_cubes(found, some & behind, color),))
+        Node(f"voxels/{text}", mount.homogeneous[None], (_cubes(found, some & behind, color),))
         for color, text, some in groups
         if (some & behind).any()
     ]

@@ -24,7 +24,7 @@ from meshcat.animation import Animation, AnimationClip, AnimationTrack, js_posit
 from meshcat.commands import SetAnimation, SetObject, SetProperty, SetTransform
 from meshcat.path import Path as ScenePath
 
-from armflex.printable import printable
+from armflex.conventions import printable
 from armflex.show.view.scene_3d import Camera, Scene, Shape, frame_camera, scene_points
 
 Command = dict[str, object]

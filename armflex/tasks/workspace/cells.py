@@ -19,7 +19,8 @@ import numpy as np
 from armflex.arm import Arm, ManyRows
 from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, Flag
-from armflex.estimate.tip_uncertainty import length_sigma, tip_covariance
+from armflex.estimate.tip_uncertainty import tip_covariance
+from armflex.mechanics.deflection import length_sigma
 from armflex.storage.array_file import Layout
 from armflex.storage.kept import Form
 from armflex.storage.schema import Numbers

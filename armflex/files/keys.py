@@ -1,0 +1,229 @@
+"""What the keys of an arm.toml and the columns of a table mean: the documentation lists them from here.
+
+Which there are, of what type and with what default, it finds by asking the readers; a test says which of them has no
+line here. A key stands under its table, with NAME for a name that is yours and KIND where a table has kinds.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Key(NamedTuple):
+    """A key or a column: what it means, its unit, and its default where the reader's own words would not say it."""
+
+    meaning: str
+    unit: str = ""
+    default: str = ""
+
+
+_FLEXURE = {
+    "model": Key("the joint deformation model, see the laws below"),
+    "file": Key("the law that `armflex train` wrote, relative to this file"),
+    "compliance": Key(
+        "deflection by load, in the axes fx fy fz mx my mz: the diagonal, or the full symmetric matrix",
+        "m/N, rad/Nm, mixed",
+    ),
+    "stiffness": Key("load by deflection, instead of `compliance`", "N/m, Nm/rad, mixed"),
+    "joint_stiffness": Key("about or along the drive's own axis, instead of `compliance`", "Nm/rad or N/m"),
+    "relative_std": Key("how well the law is known: one standard deviation, relative", "1", "0: taken as exact"),
+    "node": Key("the place in the joint's frame that the law is of; the flexure's origin where left out", "m"),
+    "compliance_q1": Key("what is added per joint position", "…/rad or …/m", "0"),
+    "compliance_q2": Key("per square of it", "…/rad² or …/m²", "0"),
+    "compliance_q3": Key("per cube of it", "…/rad³ or …/m³", "0"),
+    "depends_on": Key("the joint whose position counts", default="the flexure's own joint"),
+    "energy": Key("w'Cw/2 at which the compliance has fallen to 1/√2 of that under small loads", "J"),
+    "nodes": Key("name and place of every node of the structure", "m"),
+    "tip": Key("the node that carries on to the next link"),
+    "components": Key("6, or 3 for forces and shifts alone"),
+    "subjoint": Key("compliant places between nodes and the ground, see below"),
+    "beam": Key("Euler-Bernoulli beams between nodes, see below"),
+    "learn": Key("`calibrate` learns this law from readings of the tip"),
+    "neurons": Key("size of a learned network, 1 to 30 or so"),
+}
+
+KEYS: dict[str, dict[str, Key]] = {
+    "": {
+        "robot": Key("the robot and what is said about it"),
+        "payload": Key("what may be carried, a table for each; `none` always exists"),
+        "flexure": Key("where the arm gives, a table for each"),
+        "preset": Key("flexures that replace or join those declared, chosen by `--preset NAME`"),
+        "measurement": Key("how the arm is measured"),
+        "instrument": Key("instruments that read the arm beside, or instead of, x y z; a table for each"),
+        "prior": Key("what calibration may move, and how far"),
+        "effect": Key("what the arm does beyond its flexures, in order"),
+        "calibration": Key("what `calibrate` or `trace` found; written, not meant to be edited"),
+    },
+    "robot": {
+        "urdf": Key("the robot's URDF, relative to this file"),
+        "tip": Key("the link whose motion is reported"),
+        "base": Key("the link in whose frame positions, loads and results are meant", default="the URDF's root"),
+        "gravity": Key("acceleration of gravity in the base frame", "m/s²", "0 0 -9.81, and that is said"),
+        "tool": Key(
+            "`xyz` [m] and `rpy` [rad]: the tip frame beyond the link `tip`, as in a controller's tool", "m, rad"
+        ),
+        "mount": Key("`rpy` of the base in a level world, instead of turning `gravity`", "rad"),
+        "payload_rating": Key("heaviest payload that is not remarked upon", "kg", "none"),
+        "locked": Key("joints beside the chain, or of it, held still at a position", "rad or m"),
+        "allow_massless": Key("take links without mass on the chain as they are"),
+    },
+    "robot.locked": {"NAME": Key("position of the joint", "rad or m")},
+    "payload.NAME": {
+        "mass": Key("of what is carried", "kg"),
+        "com": Key("centre of mass in the tip frame", "m"),
+        "inertia": Key("ixx iyy izz ixy ixz iyz about the centre of mass; only motion needs it", "kg m²", "none"),
+    },
+    "flexure.NAME": {
+        "joint": Key("the joint that it belongs to: it gives in the joint's child frame, just outboard of its motion"),
+        **_FLEXURE,
+    },
+    "flexure.NAME.nodes": {"NAME": Key("place of the node in the flexure's frame", "m")},
+    "flexure.NAME.subjoint": {
+        "at": Key("the node that it holds"),
+        "holds": Key("components that it holds", default="all six"),
+        **_FLEXURE,
+    },
+    "flexure.NAME.beam": {
+        "between": Key("the two nodes that it joins"),
+        "E": Key("Young's modulus", "Pa"),
+        "G": Key("shear modulus", "Pa"),
+        "A": Key("area of the section", "m²"),
+        "Iy": Key("second moment of area about the section's y", "m⁴"),
+        "Iz": Key("second moment of area about the section's z", "m⁴"),
+        "J": Key("torsion constant", "m⁴"),
+        "up": Key("a direction that lies in the section's x-z plane", "1", "0 0 1"),
+    },
+    "preset.NAME": {"flexure": Key("tables as [flexure.NAME]")},
+    "measurement": {
+        "frame": Key(
+            "frame of the measured positions: `base`, or `unknown` where the instrument's pose is to be found"
+        ),
+        "gravity_in": Key("`base`, or `measurement` where gravity is known in the levelled instrument's frame"),
+    },
+    "instrument.NAME": {
+        "kind": Key("what it reads"),
+        "link": Key("the link that it reads"),
+        "point": Key("where on the link, in its frame", "m"),
+        "point_std": Key("one standard deviation of the point, where it is to be found", "m", "0: fixed"),
+        "anchor": Key("the fixed end of a distance, in the base frame", "m"),
+        "anchor_std": Key("one standard deviation of the anchor, where it is to be found", "m", "0: fixed"),
+        "length_offset_std": Key("one standard deviation of the distance's zero", "m", "0: fixed"),
+        "sigma": Key("one standard deviation of a reading", "m, rad or m/s²"),
+        "mounting_std": Key("one standard deviation of how it is turned on the link", "rad", "0: fixed"),
+        "bias_std": Key("one standard deviation of what it reads too much", "rad or m/s²", "0: fixed"),
+    },
+    "prior": {
+        "joint_offset": Key("zero of every joint", "rad or m", "0: fixed"),
+        "compliance": Key("every declared linear compliance, relative", "1", "0: fixed"),
+        "tool": Key("the target's place in the tip frame", "m", "0: fixed"),
+        "geometry": Key("every fixed transform of the chain", "m and rad", "0: fixed"),
+        "session_translation": Key("the instrument's frame between sessions", "m", "0: fixed"),
+        "session_rotation": Key("the instrument's frame between sessions", "rad", "0: fixed"),
+    },
+    "effect": {
+        "name": Key("a law of the catalogue, or `unnamed`"),
+        "shape": Key("of an `unnamed` effect: its form"),
+        "site": Key("a joint, `base` or `tool`; a link goes by the joint that ends it"),
+        "axis": Key("dx dy dz rx ry or rz in the site's frame, where the law has one"),
+        "partner": Key("second axis, session or payload, where the law has one"),
+        "covariates": Key("columns that it depends on, where their names are not the law's own"),
+        "derived": Key("directions `approach_<joint>` that the order of the rows stands in for"),
+        "parameters": Key("values by name, see the catalogue of effects", "as listed there"),
+        "std": Key("one standard uncertainty of each", "as the parameter's"),
+    },
+    "effect.parameters": {"NAME": Key("value of the parameter", "as listed in the catalogue")},
+    "effect.std": {"NAME": Key("one standard uncertainty", "as the parameter's")},
+    "calibration": {
+        "unfinished": Key("written while `trace` was still searching"),
+        "measurements_sha256": Key("digest of the campaign"),
+        "rows": Key("rows that the fit used"),
+        "rms_m": Key("RMS of the 3-D position error over these", "m"),
+        "instrument": Key("pose of the base in the instrument's frame: shift and rotation vector", "m, rad"),
+        "target": Key("the measured target in the tip frame", "m"),
+        "scale": Key("share by which the instrument's distances are too long", "1"),
+        "mounting": Key("how the target is turned on the tool: rotation vector", "rad"),
+        "joint_offset": Key("added to what the controller reports, by joint", "rad or m"),
+        "geometry": Key("correction of each fixed transform, by joint: shift and rotation vector", "m, rad"),
+        "compliance": Key("logarithms of the factors on each axis' compliance, by flexure", "1"),
+        "sessions": Key("shift and rotation vector of the instrument's frame, by session", "m, rad"),
+        "law": Key("what was learned of a law, by flexure"),
+        "misfit_m": Key("scatter beyond what the readings state: what the arm still lacks", "m"),
+        "unexplained": Key("where something without a recorded cause acts"),
+        "parameters": Key("names of the fitted parameters, in the order of the covariance"),
+        "covariance": Key("posterior covariance: rows of the lower triangle", "products of the parameters' units"),
+        "covariance_file": Key("the safetensors file that holds it, where it is large"),
+        "covariance_sha256": Key("digest of that file"),
+        "undetermined": Key("directions among the parameters that nothing determined", "1"),
+    },
+    "calibration.joint_offset": {"NAME": Key("of this joint", "rad or m")},
+    "calibration.geometry": {"NAME": Key("shift and rotation vector before this joint", "m, rad")},
+    "calibration.compliance": {"NAME": Key("of this flexure's six axes", "1")},
+    "calibration.sessions": {"NAME": Key("of this session", "m, rad")},
+    "calibration.unexplained": {
+        "site": Key("where it acts"),
+        "axis": Key("along or about what"),
+        "std": Key("how much it scatters", "m or rad"),
+    },
+    "calibration.law.NAME": {
+        "values": Key("the law's parameters", "each its own"),
+        "scales": Key("how large each group of them may be", "each its own"),
+        "mean": Key("mean of the loads seen", "N, Nm"),
+        "precision": Key("of the loads seen", "1/N², …"),
+        "loads": Key("smallest and largest load seen of each component", "N, Nm"),
+        "load_scale": Key("unit of the loads in the law", "N, Nm"),
+        "twist_scale": Key("unit of the twists in the law", "m, rad"),
+        "reach": Key("deflection up to which the correction goes", "m, rad"),
+        "faded": Key("distance beyond the loads seen at which the correction has faded", "1"),
+        "energy": Key("the distance that it fades by", "1/N², …"),
+    },
+}
+"""Table -> key -> meaning."""
+
+_ROW = {
+    "time": Key("when: from any origin", "s", "the row's number"),
+    "payload": Key("a payload of the arm.toml", default="`none`, also where the cell is empty"),
+    "q_JOINT": Key("the controller's position of every moving joint of the chain", "rad or m"),
+    "approach_JOINT": Key("-1, 0 or +1: the way the joint last moved", "", "from the order of the rows"),
+    "force_fx": Key("known force from outside", "N", "0"),
+    "force_fy": Key("the same along y", "N", "0"),
+    "force_fz": Key("the same along z", "N", "0"),
+    "force_mx": Key("known moment from outside", "Nm", "0"),
+    "force_my": Key("the same about y", "Nm", "0"),
+    "force_mz": Key("the same about z", "Nm", "0"),
+    "force_frame": Key("the link at whose origin the load acts", default="the tip"),
+    "force_axes": Key("`link` or `base`: whose axes the load is in", default="`base`"),
+}
+
+COLUMNS: dict[str, dict[str, Key]] = {
+    "measurements.csv": {
+        "pose": Key("identifier; repeats of a commanded pose share it", default="the row's number"),
+        "session": Key("identifier; the instrument may stand elsewhere in another one", default="one session"),
+        **_ROW,
+        "x": Key("measured position of the target; empty where the arm went and nothing was read", "m"),
+        "y": Key("the same", "m"),
+        "z": Key("the same", "m"),
+        "rx": Key("measured orientation: rotation vector, about x", "rad", "not measured"),
+        "ry": Key("the same, about y", "rad", "not measured"),
+        "rz": Key("the same, about z", "rad", "not measured"),
+        "sigma": Key("one standard deviation of each of x y z", "m"),
+        "sigma_x": Key("the same of x alone, instead of `sigma`", "m"),
+        "sigma_y": Key("the same of y", "m"),
+        "sigma_z": Key("the same of z", "m"),
+        "sigma_r": Key("one standard deviation of the orientation", "rad", "needed with rx ry rz"),
+        "hold": Key("how long the load has stood", "s", "not known"),
+        "point": Key("with `--points`: name of the row's point in that file", default="`pose`"),
+    },
+    "trajectory.csv": {
+        **_ROW,
+        "via": Key("name of the via-point that the row is", default="none"),
+        "v_JOINT": Key("joint velocities, of every joint, where inertial loads count", "rad/s or m/s", "slow"),
+        "a_JOINT": Key("joint accelerations, of every joint", "rad/s² or m/s²", "slow"),
+    },
+    "joint_data.csv": {
+        **{f"f{axis}": Key(f"force on the joint along {axis}", "N") for axis in "xyz"},
+        **{f"m{axis}": Key(f"moment on the joint about {axis}", "Nm", "forces alone") for axis in "xyz"},
+        **{f"d{axis}": Key(f"deflection along {axis}", "m") for axis in "xyz"},
+        **{f"r{axis}": Key(f"deflection about {axis}", "rad", "shifts alone") for axis in "xyz"},
+    },
+}
+"""File -> column -> meaning. JOINT stands for a joint's name."""

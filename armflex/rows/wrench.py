@@ -1,0 +1,107 @@
+"""Loads from outside at named links: known forces that pull at the arm, the same in all rows or one in each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.conventions import Array, finite_array, real_array
+from armflex.errors import InputError, ShapeError
+
+if TYPE_CHECKING:
+    cached_property = property  # as in `armflex.arm`
+else:
+    from functools import cached_property
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """A load from outside, on the structure: the same in all rows, or one for each of N rows of a batch.
+
+    Attributes:
+        frame: Link at whose origin it acts.
+        force: (3,) or (N, 3) [N].
+        moment: (3,) or (N, 3) [N m].
+        axes: "base" for fixed axes of the base (a dead load), "frame" for axes that turn with the link.
+
+    Raises:
+        ShapeError, ArrayTypeError, NotFiniteError: Force and moment are not both such finite numbers.
+        InputError: There are no such axes.
+    """
+
+    frame: str
+    force: Array
+    moment: Array
+    axes: str = "base"
+
+    def __post_init__(self) -> None:
+        given = {name: real_array(getattr(self, name), name) for name in ("force", "moment")}
+        rows = next((len(values) for values in given.values() if values.ndim == 2), None)
+        shape = (3,) if rows is None else (rows, 3)
+        for name, values in given.items():
+            each = np.broadcast_to(values, shape) if rows is not None and values.shape == (3,) else values
+            object.__setattr__(self, name, finite_array(each, name, shape))
+        if self.axes not in ("base", "frame"):
+            raise InputError(f"wrench at {self.frame!r}: axes is {self.axes!r}, expected 'base' or 'frame'")
+
+    @property
+    def dead(self) -> bool:
+        """Whether it does not turn with its link."""
+        return self.axes == "base"
+
+    @property
+    def rows(self) -> int | None:
+        """How many rows it has one for, None where it is the same in all."""
+        return None if self.force.ndim == 1 else len(self.force)
+
+    @cached_property
+    def sizes(self) -> tuple[float, float]:
+        """Of force [N] and moment [N m], the greatest of all rows."""
+        if self.rows is None:
+            return math.hypot(*self.force.tolist()), math.hypot(*self.moment.tolist())
+        force, moment = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (self.force, self.moment))
+        return force, moment
+
+    @cached_property
+    def _whole(self) -> Array:
+        return np.concatenate([self.force, self.moment], axis=-1)
+
+    def at(self, pose: Array) -> Array:
+        """Return the (..., 6) wrench [N, Nm] at the link's origin in base axes, of (..., 4, 4) poses of the link.
+
+        A wrench for each of N rows is asked with a pose for each, or one for all.
+        """
+        if self.dead:
+            single = self._whole.ndim == 1 and pose.ndim > 2
+            return np.broadcast_to(self._whole, (*pose.shape[:-2], 6)) if single else self._whole
+        turned = [(pose[..., :3, :3] @ part[..., None])[..., 0] for part in (self.force, self.moment)]
+        return np.concatenate(turned, axis=-1)
+
+    def change(self, pose: Array) -> Array:
+        """Return the (..., 6, 6) change per motion of the link [m, rad]: only a load that turns with it has one."""
+        load = self.at(pose)[..., None, :]
+        change = np.zeros((*load.shape[:-2], 6, 6))
+        if not self.dead:
+            change[..., :3, 3:] = np.cross(load[..., :3], np.eye(3))
+            change[..., 3:, 3:] = np.cross(load[..., 3:], np.eye(3))
+        return change
+
+
+def wrenches_in(wrenches: Sequence[Wrench], rows: int | slice | np.ndarray) -> tuple[Wrench, ...]:
+    """Return wrenches in one of N rows or in some of them, without those that are zero there."""
+    found = (
+        one if one.rows is None else Wrench(one.frame, one.force[rows], one.moment[rows], one.axes) for one in wrenches
+    )
+    return tuple(one for one in found if any(one.sizes))
+
+
+def check_rows(wrenches: Sequence[Wrench], count: int | None) -> None:
+    """Raise `ShapeError` where a wrench is for other rows than the `count` of a batch, None for a single query."""
+    for one in wrenches:
+        if one.rows not in (None, count):
+            expected = "(3,)" if count is None else f"(3,) or ({count}, 3)"
+            raise ShapeError(f"wrench at {one.frame!r}: expected force and moment {expected}, got {one.force.shape}")

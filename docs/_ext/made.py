@@ -1,0 +1,228 @@
+"""What is made before the pages are read: everything that the code says better than a page that somebody keeps.
+
+It goes to `_made`, which pages include. What takes seconds is kept until a file that it depends on changes.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import click
+import effects
+import formats
+import pictures
+from sphinx.application import Sphinx
+
+import armflex
+from armflex.cli.main import COMMANDS
+
+DOCS = Path(__file__).parents[1]
+ROOT, MADE = DOCS.parent, DOCS / "_made"
+PACKAGE = ROOT / "armflex"
+
+GROUPS = {
+    "An arm and its deflection": ("arm", "bundled", "robot", "files", "mechanics", "estimate.tip_uncertainty"),
+    "Paths": ("trajectory", "tasks.check", "tasks.compensate", "tasks.predict", "export"),
+    "Campaigns, calibration, tracing": ("measured", "rows", "estimate", "trace", "readings"),
+    "What to measure next, and tracking": ("plan", "track"),
+    "Joint laws from a bench": ("bench", "laws"),
+    "Maps and pages": ("tasks.workspace", "show"),
+    "Errors": ("errors",),
+}
+"""Heading -> packages whose names of `armflex` stand under it."""
+
+HEADS = {
+    "Equilibrium": (
+        "mechanics",
+        "mechanics.equilibrium",
+        "mechanics.certificate",
+        "mechanics.kernel",
+        "mechanics.many_rows",
+    ),
+    "How the tip responds": ("mechanics.response",),
+    "Joint laws": ("laws.joint.structural", "laws.joint.log_compliance", "laws.joint.hardening", "laws.joint.network"),
+    "Calibration": ("linear_gaussian", "estimate.fit", "estimate.identify", "estimate.misread", "estimate.learn"),
+    "Tracing": (
+        "trace.projection",
+        "trace.search",
+        "trace.accept",
+        "trace.unrecorded",
+        "trace.exchange",
+        "trace.withdraw",
+    ),
+    "What to measure next": ("plan.design",),
+    "Tracking": ("track.watch",),
+    "Joint laws from a bench": ("bench.fit_linear", "bench.network_problem", "bench.fit_bayesian", "bench.metropolis"),
+}
+"""Heading -> modules whose heads derive what they do."""
+
+
+def commands() -> str:
+    """Return every command as its `--help` has it, from the same declarations."""
+    lines: list[str] = []
+    for name, brief in COMMANDS.items():
+        command = importlib.import_module(f"armflex.cli.{name}_command").command
+        context = click.Context(command, info_name=f"armflex {name}")
+        usage = command.get_usage(context).removeprefix("Usage: ")
+        lines += [f"(armflex-{name})=", f"## `armflex {name}`", "", f"{brief[:1].upper()}{brief[1:]}.", ""]
+        lines += ["```text", " ".join(usage.split()), "```", "", _prose(command.help or ""), ""]
+        rows = []
+        for one in command.params:
+            if isinstance(one, click.Option) and not one.hidden:
+                flags = ", ".join(f"`{flag}`" for flag in one.opts)
+                kind = "" if one.is_flag else f" *{_metavar(one, context)}*"
+                default = one.get_default(context)
+                shown = f" (default: `{default}`)" if one.show_default or default not in (None, False, (), "") else ""
+                shown = "" if callable(default) or "Sentinel" in str(default) else shown
+                rows.append(
+                    f"| {flags}{kind} | {_cell(one.help or '')}{shown}{' **Required.**' if one.required else ''} |"
+                )
+        lines += ["| option | |", "|---|---|", *rows, ""] if rows else []
+    return "\n".join(lines)
+
+
+def _metavar(one: click.Option, context: click.Context) -> str:
+    if isinstance(one.type, click.Choice):
+        return ", ".join(map(str, one.type.choices))
+    return (one.metavar or one.type.name).upper().replace("|", ", ")
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
+
+
+def _prose(text: str) -> str:
+    """Return a docstring as Markdown: what is indented is a formula, a list or an example, as it stands."""
+    parts, text = [], re.sub(r"\\b\n", "", text)
+    for block in re.split(r"\n\s*\n", text.strip("\n")):
+        lines = block.split("\n")
+        if all(line.startswith("    ") for line in lines):
+            parts.append("```text\n" + "\n".join(line[4:] for line in lines) + "\n```")
+            continue
+        cut = next((i for i, line in enumerate(lines) if i and line.startswith("    ")), len(lines))
+        parts.append("\n".join(re.sub(r"(?<!`)<(?=\w)", "&lt;", line) for line in lines[:cut]))
+        if cut < len(lines):
+            parts.append("```text\n" + "\n".join(line.removeprefix("    ") for line in lines[cut:]) + "\n```")
+    return "\n\n".join(parts)
+
+
+def heads() -> str:
+    """Return the heads of modules that derive what they do."""
+    lines: list[str] = []
+    for title, modules in HEADS.items():
+        lines += [f"## {title}", ""]
+        for module in modules:
+            path = PACKAGE / f"{module.replace('.', '/')}.py"
+            path = path if path.exists() else path.with_suffix("") / "__init__.py"
+            if not path.exists():
+                raise FileNotFoundError(f"docs/_ext/made.py: HEADS names armflex.{module}, which is not there")
+            text = ast.get_docstring(ast.parse(path.read_text())) or ""
+            first, _, rest = text.partition("\n\n")
+            title_of = " ".join(first.split()).rstrip(".")
+            shown = title_of.replace("[", "\\[")
+            lines += [f"### {shown}", "", f"*armflex/{path.relative_to(PACKAGE).as_posix()}*", "", _prose(rest), ""]
+    return "\n".join(lines)
+
+
+def api() -> str:
+    """Return every public name of the package under a heading."""
+    left, lines = [name for name in armflex.__all__ if name != "__version__"], []
+    found = {title: [] for title in GROUPS}
+    for name in left:
+        module = armflex.EXPORTS[name].removeprefix("armflex.") + "."
+        fitting = [
+            (len(prefix), title) for title, some in GROUPS.items() for prefix in some if module.startswith(prefix + ".")
+        ]
+        found[max(fitting)[1] if fitting else "An arm and its deflection"].append(name)
+    for title, names in found.items():
+        lines += [f"## {title}", "", "```{eval-rst}"]
+        for name in names:
+            if isinstance(getattr(armflex, name), type):
+                lines += [
+                    f".. autoclass:: armflex.{name}",
+                    "   :members:",
+                    "   :inherited-members: Exception, object",
+                    "",
+                ]
+            else:
+                lines += [f".. autofunction:: armflex.{name}", ""]
+        lines += ["```", ""]
+    return "\n".join(lines)
+
+
+def conventions() -> str:
+    """Return the head of `armflex.conventions`, and the units that are understood."""
+    module = importlib.import_module("armflex.conventions")
+    lines = [_prose((module.__doc__ or "").partition("\n\n")[2]), "", "| quantity | units |", "|---|---|"]
+    lines += [f"| {kind} | {', '.join(f'`{unit}`' for unit in units)} |" for kind, units in module.UNITS.items()]
+    return "\n".join(lines) + "\n"
+
+
+def bench() -> str:
+    """Return what `make bench` wrote, under this page's headings."""
+    file = DOCS / "results" / "bench.md"
+    return re.sub(r"^# .*\n", "", file.read_text()) if file.exists() else "`make bench` has not been run.\n"
+
+
+def study() -> str:
+    """Return what `make study` wrote, and runs of it that were kept."""
+    lines = [file.read_text() for file in sorted((DOCS / "results").glob("study*.md"))]
+    return "\n".join(lines) or "`make study` has not been run.\n"
+
+
+def examples() -> str:
+    """Return a table of the examples."""
+    rows = []
+    for file in sorted((ROOT / "examples").glob("*.py")):
+        text = " ".join((ast.get_docstring(ast.parse(file.read_text())) or "").split("\n\n")[0].split())
+        rows.append(f"| `examples/{file.name}` | {_cell(text)} |")
+    return "\n".join(["| | |", "|---|---|", *rows]) + "\n"
+
+
+def _write(name: str, text: str) -> None:
+    file = MADE / name
+    if not file.exists() or file.read_text() != text:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+
+
+def _kept(name: str, sources: Iterable[Path], make: Callable[[], str]) -> None:
+    """Write what takes seconds, unless it was made from the same sources before."""
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()
+    mark = MADE / f"{name}.sha256"
+    if not (mark.exists() and mark.read_text() == digest and (MADE / name).exists()):
+        _write(name, make())
+        mark.write_text(digest)
+
+
+def make(app: Sphinx | None = None) -> None:
+    """Write everything."""
+    MADE.mkdir(exist_ok=True)
+    read = formats.columns()
+    _write("arm.md", formats.arm_page())
+    for file in read:
+        _write(f"{file}.md", formats.table_page(file, read))
+    for name, page in {
+        "commands": commands,
+        "heads": heads,
+        "api": api,
+        "conventions": conventions,
+        "bench": bench,
+        "study": study,
+        "examples": examples,
+    }.items():
+        _write(f"{name}.md", page())
+    code = [*PACKAGE.rglob("*.py"), *(DOCS / "_ext").glob("*.py")]
+    _kept("effects.md", code, lambda: effects.page(effects.shown(), MADE / "effects"))
+    _kept("pictures.md", code, lambda: pictures.draw(MADE / "pictures"))
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Make everything before Sphinx looks for pages."""
+    app.connect("config-inited", lambda app, config: make(app), priority=100)
+    return {"parallel_read_safe": True}

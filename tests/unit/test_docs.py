@@ -1,0 +1,142 @@
+"""What the pages say works: every code block runs, and every key and column that a reader asks for has a meaning.
+
+A page's blocks run in order in one folder, in which `robots` are the bundled ones. A comment before a block says what
+is special about it: `<!-- file: NAME -->` it is that file, `<!-- exit 1 -->` its commands end so, `<!-- slow: WHY -->`
+it takes its time, `<!-- not run: WHY -->`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import sys
+import tomllib
+import warnings
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from support.command_line import run_here
+from support.small_arms import ROBOTS
+
+import armflex
+
+ROOT = ROBOTS.parent
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+APART = {"export.md": "tests/unit/test_export_docs.py", "c-export.md": "examples/13_c_in_the_controller.py"}
+"""Pages whose commands are run elsewhere."""
+
+BLOCK = re.compile(r"((?:<!--[^\n]*-->\n)*)^```(\w+|\{[\w-]+\})[^\n]*\n(.*?)^```", re.M | re.S)
+RUN = ("python", "console", "toml")
+
+
+class Block(NamedTuple):
+    """A block of code: its language, its text, and what the comments before it say."""
+
+    language: str
+    text: str
+    said: str
+
+    def has(self, word: str) -> bool:
+        return f"<!-- {word}" in self.said
+
+    @property
+    def file(self) -> str:
+        found = re.search(r"<!-- file: (\S+) -->", self.said)
+        return found[1] if found else ""
+
+
+def blocks(page: Path) -> list[Block]:
+    found = [Block(language, text, said) for said, language, text in BLOCK.findall(page.read_text())]
+    return [one for one in found if (one.language in RUN or one.file) and not one.has("not run")]
+
+
+def cases() -> list:
+    found = []
+    for page in PAGES:
+        some = [] if page.name in APART else blocks(page)
+        if some:
+            slow = [pytest.mark.slow] if any(one.has("slow") for one in some) or page.name in SLOW else []
+            found.append(pytest.param(page, id=page.name, marks=slow))
+    return found
+
+
+SLOW = (
+    "README.md",
+    "calibrate.md",
+    "check.md",
+    "learn.md",
+    "map.md",
+    "plan.md",
+    "start.md",
+    "trace.md",
+    "track.md",
+    "train.md",
+)
+"""Pages whose blocks take a second or more together."""
+
+
+@pytest.mark.parametrize("page", cases())
+def test_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "robots").symlink_to(ROBOTS, target_is_directory=True)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for one in blocks(page):
+        if one.file:
+            Path(one.file).write_text(one.text)
+        elif one.language == "toml":
+            assert tomllib.loads(one.text)
+        elif one.language == "python":
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", armflex.ArmflexWarning)
+                exec(compile(one.text, f"{page.name}:{one.text[:30]!r}", "exec"), names)
+        else:
+            for line in one.text.replace("\\\n", " ").splitlines():
+                program, *arguments = shlex.split(line, comments=True) or [""]
+                if program:
+                    assert program == "armflex", f"{line!r} is no command of armflex: say why it is not run"
+                    done = run_here(tmp_path, *arguments)
+                    assert done.returncode == int(one.has("exit 1")), (line, done.stdout, done.stderr)
+
+
+def test_every_block_says_why_it_is_not_run() -> None:
+    for page in PAGES:
+        for said, language, text in BLOCK.findall(page.read_text()):
+            if language in ("python", "console") and "<!-- not run" in said:
+                assert re.search(r"<!-- not run: \w.* -->", said), (page.name, text)
+
+
+def test_every_key_and_column_has_a_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the readers ask for while they read docs/formats stands in `armflex.files.keys`."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "_ext"))
+    import formats
+
+    asked, read = formats.arm_keys(), formats.columns()
+    assert formats.undescribed(asked, read) == []
+    assert len(asked["flexure.NAME"]) > 10 and "q_JOINT" in read["trajectory.csv"]
+
+
+def test_pages_are_in_the_contents() -> None:
+    listed = re.findall(r"^([\w-]+)$", (ROOT / "docs" / "index.md").read_text(), re.M)
+    pages = {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index"}
+    assert pages <= set(listed), f"docs/index.md does not list {sorted(pages - set(listed))}"
+
+
+@pytest.mark.slow
+def test_pages_are_built_without_a_warning(tmp_path: Path) -> None:
+    """All but the notebooks, which `make docs` runs."""
+    pytest.importorskip("sphinx", reason="the extra `docs` is not installed; `make docs` builds the pages")
+    import subprocess
+
+    command = [sys.executable, "-m", "sphinx", "-W", "-q", str(ROOT / "docs"), str(tmp_path)]
+    settings = {**os.environ, "ARMFLEX_NOTEBOOKS": "0"}
+    done = subprocess.run(command, capture_output=True, text=True, env=settings, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    pages = "".join(page.read_text() for page in tmp_path.rglob("*.html"))
+    fetched = re.findall(
+        r'(?:<script[^>]*src|<link[^>]*rel="stylesheet"[^>]*href|<img[^>]*src)="(https?:[^"]*)"', pages
+    )
+    assert fetched == []
+    shutil.rmtree(tmp_path)
