@@ -11,17 +11,12 @@ from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values, full
-from armflex.laws.effects.location import Location
+from armflex.laws.effects.effect import Effect, EffectLaw, full
 from armflex.parameters import ArmParameter, of_effect
 from armflex.setup import Setup
 
 LARGEST_MOTION = 0.1
 """RMS of the tip's motion [m] that is expected of a missing effect at most: one standard deviation."""
-
-USUAL_SHIFT, USUAL_TURN, USUAL_SHARE = 0.02, 0.005, 0.1
-"""RMS of a twist [m, rad], and of a force as a share of what the arm weighs (its moment: at 1 m), that missing effects
-have at most on machines that work: one standard deviation."""
 
 LOOSE = 2.0
 """Prior standard deviation of the logarithm of an inner parameter about where its search ended."""
@@ -125,26 +120,11 @@ def effect_jacobian(effect: Effect, free: tuple[int, ...], view: View, context: 
 
 
 def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
-    """Return (k,) prior standard deviations of amplitudes, as usual at most, and of inner values, loosely."""
+    """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`, inner ones loosely."""
     jacobian = view.effect_jacobian(effect, context)
     moved = np.sqrt((jacobian[:, view.positions] ** 2).sum(axis=1).mean(axis=0))
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
-    amplitudes = np.minimum(amplitudes, usual_amplitudes(effect.law, effect.location, effect.inner, view, context))
     searched = [LOOSE if effect.law.inner[i].positive else np.inf for i in free]
     return np.concatenate([amplitudes, searched])
-
-
-def usual_amplitudes(law: EffectLaw, location: Location, inner: Values, view: View, context: Context) -> Array:
-    """Return the (k,) sizes of acting amplitudes that machines have, one standard deviation; infinite if anything goes.
-
-    What an amplitude is by itself tells where it is a length or an angle; else what it does: the twist or the force.
-    """
-    usual = np.array([law.amplitudes[i].usual for i in location.terms])
-    if law.act not in (Act.TWIST, Act.LOAD):
-        return usual
-    force = USUAL_SHARE * view.arm.weight
-    sizes = np.repeat((USUAL_SHIFT, USUAL_TURN) if law.act is Act.TWIST else (force, force), 3)
-    whole = np.sqrt(((law.features(location, inner, view, context) / sizes) ** 2).sum(axis=2).mean(axis=0))
-    return np.minimum(usual, 1.0 / np.maximum(whole, 1e-300))

@@ -55,7 +55,7 @@ def so_far(state: State, places: tuple[RandomTwist, ...]) -> Trace:
 
 def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
     """Return the account of a search that has come to its end, after second thoughts about what it added."""
-    state.say("putting effects in each other's places")
+    state.say("weighing every effect beside the others")
     *_, state = (state, *pruned(state))
     state, withdrawn, compared = never_worse(sorted_out(state))
     state.say(f"searching what {len(state.rows)} rows still show")

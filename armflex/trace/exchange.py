@@ -16,9 +16,9 @@ from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, sift
 from armflex.trace.grow import accepted
-from armflex.trace.polish import Polished, polish
+from armflex.trace.polish import Polished, polish, unusual
 from armflex.trace.projection import Projection, evidence, projected, ridge_for
-from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, plainest
+from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, plainness
 from armflex.trace.state import State, add, candidate_of, information, moved_to, stands, without
 
 Spots = frozenset[tuple[str, str]]
@@ -66,7 +66,11 @@ def worth_of(state: State, *indices: int) -> tuple[float, Projection]:
     projection, own = leave_out(state, *indices)
     gain = projection.gain(state.fit.regressors[:, own])[0]
     parameters = sum(candidate_of(state.fitted[index]).parameters for index in indices)
-    return float(evidence(gain, projection.objective, projection.count, parameters)), projection
+    sizes = sum(
+        unusual(candidate_of(one), one.acting, state.fit.view, state.context)
+        for one in map(state.fitted.__getitem__, indices)
+    )
+    return float(evidence(gain, projection.objective, projection.count, parameters)) - sizes, projection
 
 
 def hypotheses_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]:
@@ -177,7 +181,7 @@ def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
     if not likely:
         return ()
     names = " and ".join(state.effects[i].effect.name for i in indices)
-    own = [Polished(candidate_of(state.fitted[i]), 0.0, 0.0, state.fitted[i].acting, ()) for i in indices]
+    own = plainness(candidate_of(state.fitted[indices[0]]))
     now, rest, step = _information(state, state), without(state, *indices), state.steps[indices[0]]
     assert step is not None
     best: tuple[float, tuple[State, ...]] = 0.0, ()
@@ -190,7 +194,8 @@ def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
             trial = replace(trial, steps=tuple(replace(step, exchanged=True) if s is None else s for s in trial.steps))
             if not stands(trial):
                 continue
-            margin = 0.0 if not alone else -TIE if plainest([one, *own]) is one else PREFERRED
+            kind = plainness(one.candidate)
+            margin = 0.0 if not alone else -TIE if kind < own else TIE if kind == own else PREFERRED
             passed, worse = (rest, trial), _information(trial, state) - now + margin
             if worse >= 0.0 and not alone and (more := accepted(trial, trial.looked)):
                 passed, worse = (rest, trial, more), _information(more, state) - now + PREFERRED

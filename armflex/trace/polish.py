@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from armflex.conventions import Array
-from armflex.estimate.effect_block import usual_amplitudes
 from armflex.estimate.fit import Fit
+from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
@@ -32,6 +32,10 @@ ROWS = 15
 LARGEST_SHIFT, LARGEST_TURN = 0.05, 0.03
 """RMS of a twist [m, rad] beyond which it is no small effect any more."""
 
+USUAL_SHIFT, USUAL_TURN, USUAL_SHARE = 0.02, 0.005, 0.1
+"""RMS of a twist [m, rad], and of a force as a share of what the arm weighs (of its moment: at 1 m), that machines have
+without anybody knowing."""
+
 SOFT = 100.0
 """Times the softest joint of steel that is believed: what would have to give more is no compliance."""
 
@@ -45,8 +49,8 @@ class Polished:
 
     Attributes:
         candidate: With those values.
-        gain: Fall of the objective, less what the size of its amplitudes counts against it.
-        evidence: Fall of the information criterion, likewise.
+        gain: Fall of the objective.
+        evidence: Fall of the information criterion, less what its size counts against it; see `unusual`.
         amplitudes: Of the acting terms.
         free: Inner parameters that a fit may go on moving.
     """
@@ -119,10 +123,23 @@ def polish(candidate: Candidate, fit: Fit, context: Context, projection: Project
         free = tuple(i for i in best.candidate.searched if law.inner[i].smooth)
         found.append(refined(best, free) if free and best.gain > 0.0 else best)
     best = max(found, key=lambda one: one.evidence)
-    # Sizes that no machine has count against it, in proportion.
-    usual = usual_amplitudes(law, best.candidate.location, best.candidate.inner, fit.view, context)
-    unusual = float(((best.amplitudes / usual) ** 2).sum())
-    return replace(best, gain=best.gain - unusual, evidence=best.evidence - unusual)
+    return replace(best, evidence=best.evidence - unusual(best.candidate, best.amplitudes, fit.view, context))
+
+
+def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Context) -> float:
+    """Return the evidence that the size of (k,) acting amplitudes counts against a candidate.
+
+    That of a Cauchy density: nothing where machines have as much, more the larger it is, and never past all evidence.
+    """
+    law, location = candidate.law, candidate.location
+    sizes = amplitudes / np.array([law.amplitudes[i].usual for i in location.terms])
+    much = float((sizes**2).sum())
+    if law.act in (Act.TWIST, Act.LOAD):
+        force = USUAL_SHARE * view.arm.weight
+        usual = np.repeat((USUAL_SHIFT, USUAL_TURN) if law.act is Act.TWIST else (force, force), 3)
+        whole = np.einsum("mka,k->ma", law.features(location, candidate.inner, view, context), amplitudes)
+        much = max(much, float(((whole / usual) ** 2).sum(axis=1).mean()))
+    return 2.0 * float(np.log1p(much))
 
 
 def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context, present: bool = False) -> bool:

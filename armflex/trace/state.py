@@ -28,7 +28,7 @@ from armflex.rows.rows import POSE
 from armflex.setup import Setup
 from armflex.trace.accept import Step
 from armflex.trace.candidates import Bank, Candidate, bank, candidate_regressors, candidates_of
-from armflex.trace.polish import Polished, sensible
+from armflex.trace.polish import Polished, sensible, unusual
 from armflex.trace.projection import project
 from armflex.trace.search import Round, search
 from armflex.trace.telling import Report, Tell, silent, tell_steps
@@ -316,16 +316,17 @@ def refit(
 
 
 def information(state: State, limit: float) -> float:
-    """Return n log J + k log n of a state: the smaller the better.
+    """Return n log J + k log n of a state, and what the sizes of its effects count against it: the smaller the better.
 
     J is what the fit reached, not what its linear problem promises; below n, noise is as stated rather than smaller,
     and J itself counts. States are compared at one `limit` of lengths beyond which rows count less (`robust_limit`).
     """
     count = state.fit.view.count
     searched = sum(candidate_of(effect).parameters for effect in state.fitted)
+    sizes = sum(unusual(candidate_of(one), one.acting, state.fit.view, state.context) for one in state.fitted)
     share = state.fit.cost(limit) / count
     misfit = float(np.log(share)) if share > 1.0 else share - 1.0
-    return count * (misfit + float(np.log(count))) + searched * float(np.log(count))
+    return count * (misfit + float(np.log(count))) + searched * float(np.log(count)) + sizes
 
 
 def candidate_of(effect: Effect) -> Candidate:

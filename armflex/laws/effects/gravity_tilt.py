@@ -29,7 +29,7 @@ GRAVITY_TILT = ModelLaw(
     words=Words("gravity tilt", "down is not where the frame says", "rotation of gravity"),
     instead="put an inclinometer on the base",
     places=lambda records: singly_and_together((BASE,), (0, 1), axes=("rx", "ry")),
-    amplitudes=(Amplitude("rx", "rad", most=0.1, usual=0.03), Amplitude("ry", "rad", most=0.1, usual=0.03)),
+    amplitudes=(Amplitude("rx", "rad", most=0.1, usual=0.01), Amplitude("ry", "rad", most=0.1, usual=0.01)),
     act=Act.GRAVITY,
     made=_turned,
     changed=_change,

@@ -47,7 +47,7 @@ LINK_MASS = ModelLaw(
     words=Words("link mass correction", "the link weighs otherwise than declared", "m, centre of mass"),
     instead="weigh the link",
     places=_places,
-    amplitudes=(Amplitude("mass", "kg"), *(Amplitude(f"com_{a}", "m", most=1.0, usual=0.2) for a in "xyz")),
+    amplitudes=(Amplitude("mass", "kg"), *(Amplitude(f"com_{a}", "m", most=1.0, usual=0.1) for a in "xyz")),
     possible=_weighs,
     act=Act.LOAD,
     made=_weight,

@@ -41,7 +41,7 @@ PAYLOAD_COM = ModelLaw(
     words=Words("payload centre-of-mass correction", "the payload hangs elsewhere than declared", "Δcom"),
     instead="carry the same mass at another place of the tool",
     places=_places,
-    amplitudes=tuple(Amplitude(axis, "m", most=1.0, usual=0.2) for axis in ("dx", "dy", "dz")),
+    amplitudes=tuple(Amplitude(axis, "m", most=1.0, usual=0.1) for axis in ("dx", "dy", "dz")),
     act=Act.LOAD,
     made=_weight,
     changed=_change,

@@ -9,7 +9,7 @@ THERMAL_GROWTH = TwistLaw(
     words=Words("thermal growth", "the link grows as it warms", "α L (T − T₀)"),
     instead=f"{ON_THE_LINK} at two temperatures",
     places=lambda records: [Location(link, None, (name,)) for link in records.links for name in records.temperatures],
-    amplitudes=(Amplitude("alpha", "1/K"),),
+    amplitudes=(Amplitude("alpha", "1/K", usual=2e-4),),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner),), lambda here, inner: here.stretch),
     inner=WARM,
     memory=LAGGED,

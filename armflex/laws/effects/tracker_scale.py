@@ -22,7 +22,7 @@ TRACKER_SCALE = ModelLaw(
     words=Words("instrument scale", "distances are read too long or too short", "λ · range"),
     instead="measure a scale bar or a second instrument's distance with the instrument",
     places=lambda records: [Location(BASE)],
-    amplitudes=(Amplitude("lambda", "ppm", usual=300.0),),
+    amplitudes=(Amplitude("lambda", "ppm", usual=100.0),),
     act=Act.SCALE,
     made=lambda here, view, context: np.full((len(view.rows), 1, 1), PPM),
     changed=_change,
