@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,13 +15,24 @@ from armflex.conventions import Array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.remember import check_approaches, check_covariates, derived_direction
+from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_forces
 from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
+from armflex.mechanics.many_rows import rigid_tips
 from armflex.rows.rows import APPROACH, last_motion
-from armflex.rows.wrench import Wrench
+from armflex.rows.wrench import Wrench, wrenches_in
 
 SHORTEST = 1e-9
 """No controller's rows follow each other sooner [s]; speeds over less may be beyond all numbers."""
+
+ARC = 8
+"""Chords that the way of the tip from row to row is measured by; even."""
+
+TOGETHER = 4096
+"""Stretches whose length is measured together."""
+
+NOTICED = 1e-3
+"""Share of a table's largest force that loads linear between rows may leave out without a word."""
 
 
 class Points(NamedTuple):
@@ -33,6 +44,8 @@ class Points(NamedTuple):
         payload: Name of each one's payload.
         v, a: (M, nq) joint velocities [rad/s or m/s] and accelerations, None where the path is slow.
         covariates: Further columns by name, (M,) each in its own unit.
+        target: (M, nq) as of `Trajectory`.
+        wrenches: Known loads from outside, the same at all points or one for each.
     """
 
     time: Array
@@ -41,6 +54,20 @@ class Points(NamedTuple):
     v: Array | None
     a: Array | None
     covariates: Mapping[str, Array]
+    target: Array | None
+    wrenches: tuple[Wrench, ...]
+
+    def some(self, rows: np.ndarray) -> Points:
+        """Return the points of (M,) numbers."""
+        v, a, target = (None if values is None else values[rows] for values in (self.v, self.a, self.target))
+        payload, known = [self.payload[int(i)] for i in rows], {n: x[rows] for n, x in self.covariates.items()}
+        return Points(self.time[rows], self.q[rows], payload, v, a, known, target, wrenches_in(self.wrenches, rows))
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """Motion, loads and what else is known of the points, as `Arm.deflection` takes them."""
+        known = {"time": self.time, **self.covariates}
+        return {"v": self.v, "a": self.a, "covariates": known, "wrenches": self.wrenches}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +84,8 @@ class Trajectory:
         covariates: Further columns, (N,) each in its own unit; `approach_<joint>` is the direction of the way there.
         places: Where each row stands in a file, none where rows are not those of one.
         wrenches: Known loads from outside, the same in all rows or one for each of the N.
+        target: (N, nq) joint positions that put the rigid tip where the flexed one is to be [rad or m], None where
+            those are q.
     """
 
     joint_names: tuple[str, ...]
@@ -69,6 +98,7 @@ class Trajectory:
     covariates: Mapping[str, Array] = field(default_factory=dict)
     places: tuple[Place, ...] = ()
     wrenches: tuple[Wrench, ...] = ()
+    target: Array | None = None
 
     def __post_init__(self) -> None:
         count = len(self.time)
@@ -102,7 +132,65 @@ class Trajectory:
             None if self.v is None else part(self.v),
             None if self.a is None else part(self.a),
             {name: known(name, values) for name, values in self.covariates.items()},
+            None if self.target is None else part(self.target),
+            _each(self.wrenches, part),
         )
+
+    @property
+    def points(self) -> Points:
+        """The rows."""
+        moved = (self.v, self.a, self.covariates, self.target)
+        return Points(self.time, self.q, self.payload, *moved, self.wrenches)
+
+    def lengths(self, arm: Arm) -> Array:
+        """Return the (N,) length of path [m] that the rigid arm's tip has gone to each row, where it is meant to be."""
+        nominal, steps = arm.loaded(None).nominal or arm.loaded(None).chain, np.linspace(0.0, 1.0, ARC + 1)
+        own, gone = self.for_arm(arm), [np.zeros(1)]
+        q = own.q if own.target is None else own.target
+        for first in range(0, len(q) - 1, TOGETHER):
+            here, there = q[first : first + TOGETHER][: len(q) - 1 - first], q[first + 1 : first + 1 + TOGETHER]
+            along = here[:, None] + steps[:, None] * (there - here)[:, None]
+            tips = rigid_tips(nominal, along.reshape(-1, q.shape[1]))[:, :3, 3].reshape(-1, ARC + 1, 3)
+            fine, coarse = (np.linalg.norm(np.diff(t, axis=1), axis=2).sum(axis=1) for t in (tips, tips[:, ::2]))
+            gone.append(fine + (fine - coarse) / 3.0)  # an arc is longer than its chords by a share of their square
+        return np.cumsum(np.concatenate(gone))
+
+    def under(self, table: ForceTable, arm: Arm) -> tuple[Trajectory, tuple[Flag, ...]]:
+        """Return the trajectory under loads that depend on how far along the rigid tip's path a row is, and flags.
+
+        Raises:
+            InputError: Rows have loads already, or are beyond the table.
+        """
+        if self.wrenches:
+            raise InputError(f"rows name forces already, which those of {table.path} would be beside")
+        lengths = self.lengths(arm)
+        lost, flags = table.missed(lengths), ()
+        if lost > NOTICED * max((one.sizes[0] for one in table.wrenches), default=0.0):
+            text = f"loads are linear between rows, which leaves out up to {lost:.3g} N of {table.path}: give more rows"
+            flags = (Flag("force_table", text),)
+        return replace(self, wrenches=table.at(lengths)), flags
+
+    def towards(self, desired: Trajectory) -> Trajectory:
+        """Return the trajectory, as `for_arm` orders it, whose flexed tip is meant where `desired` has the rigid tip.
+
+        Raises:
+            InputError: The joints are not the same, or the rows: in number, time or via-point.
+        """
+        if len(desired) != len(self):
+            more = " (`compensate --between` inserts rows)" if len(self) > len(desired) else ""
+            raise InputError(f"the desired path has {len(desired)} rows, this one has {len(self)}{more}")
+        if sorted(desired.joint_names) != sorted(self.joint_names):
+            theirs = f"the desired path is of joints {', '.join(desired.joint_names)}"
+            raise InputError(f"{theirs}, this one of {', '.join(self.joint_names)}")
+        late = np.abs(desired.time - self.time) > SHORTEST * np.maximum(1.0, np.abs(self.time))
+        for i, (own, wanted) in enumerate(zip(self.via, desired.via, strict=True)):
+            place = f"{desired.places[i]}: " if desired.places else ""
+            if late[i]:
+                raise InputError(f"{place}row {i} of the desired path is at {desired.time[i]:.9g} s, "
+                                 f"this one's at {self.time[i]:.9g} s")  # fmt: skip
+            if own != wanted:
+                raise InputError(f"{place}row {i} of the desired path is via-point {wanted!r}, this one's is {own!r}")
+        return replace(self, target=desired.q[:, [desired.joint_names.index(name) for name in self.joint_names]])
 
     @property
     def known(self) -> dict[str, Array]:
@@ -112,9 +200,10 @@ class Trajectory:
         return {"time": self.time, **approach, **self.covariates}
 
     def asked(self, i: int) -> dict[str, Any]:
-        """Return row i's motion and what else is known of it as `Arm.deflection` takes them."""
+        """Return row i's motion, loads and what else is known of it as `Arm.deflection` takes them."""
         known = {name: values[i] for name, values in self.covariates.items()}
-        return {**self.motion(i), "covariates": {"time": self.time[i], **known}}
+        pulled = wrenches_in(self.wrenches, i)
+        return {**self.motion(i), "covariates": {"time": self.time[i], **known}, "wrenches": pulled}
 
     def with_constants(self, arm: Arm, constants: Mapping[str, float]) -> Trajectory:
         """Return the trajectory in the arm's order of joints with further columns that are the same in every row.
@@ -173,7 +262,8 @@ class Trajectory:
                 f"trajectory of joints {', '.join(self.joint_names)}, the arm has {', '.join(arm.joint_names)}"
             )
         order = [self.joint_names.index(name) for name in arm.joint_names]
-        moved = {name: None if x is None else x[:, order] for name, x in (("v", self.v), ("a", self.a))}
+        given = {"v": self.v, "a": self.a, "target": self.target}
+        moved = {name: None if values is None else values[:, order] for name, values in given.items()}
         return replace(self, joint_names=arm.joint_names, q=self.q[:, order], **moved)
 
     def with_midpoints(self, segments: np.ndarray) -> Trajectory:
@@ -189,22 +279,48 @@ class Trajectory:
             payload.insert(place, payload[place - 1])
             via.insert(place, "")
         covariates = {name: insert(values, name.startswith(APPROACH)) for name, values in self.covariates.items()}
-        v, a = (None if values is None else insert(values) for values in (self.v, self.a))
+        v, a, target = (None if values is None else insert(values) for values in (self.v, self.a, self.target))
         time, q = insert(self.time), insert(self.q)
-        return Trajectory(self.joint_names, time, q, tuple(payload), tuple(via), v, a, covariates)
+        wrenches = _each(self.wrenches, insert)
+        return replace(
+            self,
+            time=time,
+            q=q,
+            payload=tuple(payload),
+            via=tuple(via),
+            v=v,
+            a=a,
+            covariates=covariates,
+            places=(),
+            wrenches=wrenches,
+            target=target,
+        )
 
 
-def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
+def _each(wrenches: Sequence[Wrench], of: Callable[[Array], Array]) -> tuple[Wrench, ...]:
+    """Return wrenches with what a function makes of forces and moments of N rows; others are the same in all rows."""
+    return tuple(
+        one if one.rows is None else Wrench(one.frame, of(one.force), of(one.moment), one.axes) for one in wrenches
+    )
+
+
+def read_trajectory(path: str | Path, arm: Arm, unnamed: Unnamed = UNLOADED) -> Trajectory:
     """Read a trajectory.csv for an arm.
 
+    Args:
+        path: The file.
+        arm: The arm.
+        unnamed: What loads rows that name no payload, or no force.
+
     Raises:
-        TableError: A column is missing, misspelt or not numeric; time does not increase; a payload is unknown.
+        TableError: A column is missing, misspelt or not numeric; time does not increase; a payload is unknown; a force
+            is given in part, or at no link.
     """
-    kinds = {"time": "time"} | joint_kinds(arm, "qva")
-    table = read_table(path, kinds)
+    kinds = {"time": "time"} | joint_kinds(arm, "qva") | FORCE_KINDS
+    table = unnamed.put(read_table(path, kinds))
     names = {prefix: [f"{prefix}_{joint}" for joint in arm.joint_names] for prefix in "qva"}
     table.require(["time", *names["q"]])
-    known = [*kinds, "payload", "via"]
+    known = [*kinds, *FORCE_TEXTS, "payload", "via"]
     others = [name for name in table.columns if name not in known]
     for name in others:
         if misspelt(name, known) or name.startswith("q_"):
@@ -241,6 +357,7 @@ def read_trajectory(path: str | Path, arm: Arm) -> Trajectory:
         moved["a"],
         covariates=covariates,
         places=tuple(Place(table.path, line) for line in table.lines),
+        wrenches=read_forces(table, arm),
     )
 
 
@@ -256,5 +373,6 @@ def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:
         if values is not None:
             columns |= {f"{prefix}_{name}": values[:, i].tolist() for i, name in enumerate(trajectory.joint_names)}
     columns |= {"payload": list(trajectory.payload), "via": list(trajectory.via)}
+    columns |= force_columns(trajectory.wrenches, len(trajectory))
     columns |= {name: values.tolist() for name, values in trajectory.covariates.items()}
     return write_table(path, columns)

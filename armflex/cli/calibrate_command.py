@@ -108,6 +108,8 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
 def _cells(parameter: Parameter) -> list[str]:
     pull = number(parameter.pull, 2) if np.isfinite(parameter.prior) else "-"
     says = "wrong as declared" if parameter.surprising else "this" if parameter.determined else "nothing"
+    if parameter.combined:
+        says = f"only with {', '.join(parameter.trades_against[:2]) or 'others'}"
     least = RESOLUTION if parameter.unit in ("m", "rad") else 0.0
     value, std = number(parameter.value, 4, least), number(parameter.std, 2, least)
     return [parameter.name, value, std, parameter.unit, pull, says]
@@ -150,6 +152,7 @@ def as_json(found: Calibration) -> dict[str, Any]:
                 "unit": p.unit,
                 "prior": p.prior if np.isfinite(p.prior) else None,
                 "determined": p.determined,
+                "only_combined_with": list(p.trades_against) if p.combined else None,
             }
             for p in found.parameters
         ],

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import no_via_points, number, print_table, progress, say
+from armflex.cli.terminal import no_via_points, number, plus_minus, print_table, progress, say
 from armflex.errors import enough_memory
+from armflex.measured.forces import Unnamed
 from armflex.mechanics.equilibrium import METHODS
 from armflex.tasks.check import CheckReport, Point, check
 from armflex.trajectory import read_trajectory
@@ -23,28 +25,46 @@ from armflex.trajectory import read_trajectory
               help="Largest displacement of the tip, with unit.")  # fmt: skip
 @click.option("--angle", type=options.Quantity("angle"), metavar="1mrad",
               help="Largest rotation of the tip, with unit.")  # fmt: skip
+@click.option("--against", "desired_path", metavar="DESIRED.csv", type=options.InputPath,
+              help="Hold the flexed tip against where the rigid arm has it on this path, not on TRAJ: is a compensated "
+                   "path where it was meant to be?")  # fmt: skip
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
+@options.loads
+@options.force_table
 @options.covariates
 def command(
-    arm: Arm, trajectory_path: Path, tolerance: float, angle: float | None, method: str, covariates: dict[str, float]
+    arm: Arm,
+    unnamed: Unnamed,
+    table_path: Path | None,
+    trajectory_path: Path,
+    tolerance: float,
+    angle: float | None,
+    desired_path: Path | None,
+    **how: Any,
 ) -> int:
-    """Each via-point and the path between: displacement, margin, verdict, worst first."""
-    trajectory = read_trajectory(trajectory_path, arm)
+    """Each via-point and the path between: displacement, margin, verdict, worst first.
+
+    The displacement is that of the loaded tip from the rigid arm's; with --against from where another path has it.
+    """
+    trajectory = options.read_path(trajectory_path, arm, unnamed, table_path)
+    against = None if desired_path is None else read_trajectory(desired_path, arm)
     with enough_memory(f"{len(trajectory)} rows"), progress("checking") as tick:
-        report = check(arm, trajectory, tolerance, angle, method=method, progress=tick, covariates=covariates)
-    say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
-    print_check(report)
+        report = check(arm, trajectory, tolerance, angle, progress=tick, against=against, **how)
+    meant = "" if desired_path is None else f"; against the rigid tip on {desired_path}"
+    say(f"base {arm.robot.base}, tip {arm.robot.tip}{meant}", "")
+    print_check(report, "moves" if against is None else "off by")
     as_they_are = ("ok", "tolerance_m", "angle_rad", "samples")
-    points = {"via_points": [asdict(point) for point in report.via_points], "path_worst": asdict(report.path_worst)}
-    options.conclude({name: getattr(report, name) for name in as_they_are} | points, report.flags, arm)
+    told = {name: getattr(report, name) for name in as_they_are} | {"via_points": [_json(p) for p in report.via_points]}
+    told |= {"path_worst": _json(report.path_worst)} | ({} if against is None else {"against": str(desired_path)})
+    options.conclude(told, report.flags, arm)
     return 0 if report.ok else 1
 
 
-def print_check(report: CheckReport) -> None:
+def print_check(report: CheckReport, moves: str = "moves") -> None:
     """Print the via-points, worst first, and the worst of the path."""
     asked = f"{report.tolerance_m * 1e3:g} mm"
     asked += "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
-    columns = ["via-point", "time s", "payload", "moves mm", "± mm", "margin mm", "turns mrad", "verdict", "cause"]
+    columns = ["via-point", "time s", "payload", f"{moves} mm", "± mm", "margin mm", "turns mrad", "verdict", "cause"]
     if report.angle_rad is not None:
         columns.insert(7, "margin mrad")
     if report.via_points:
@@ -64,13 +84,17 @@ def print_check(report: CheckReport) -> None:
     say(f"The path is {verdict} ({report.samples} configurations evaluated).")
 
 
+def _json(point: Point) -> dict[str, Any]:
+    return {**asdict(point), "sigma_m": options.finite(point.sigma_m)}
+
+
 def _row(point: Point, name: str) -> list[str]:
     return [
         name,
         f"{point.time:g}",
         point.payload,
         number(point.displacement_m * 1e3),
-        "-" if point.sigma_m is None else number(point.sigma_m * 1e3, 2),
+        plus_minus(point.sigma_m),
         number(point.margin_m * 1e3, 3),
         number(point.rotation_rad * 1e3, 3),
         *([] if point.margin_rad is None else [number(point.margin_rad * 1e3, 3)]),

@@ -9,10 +9,11 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import no_via_points, number, print_table, progress, say
+from armflex.cli.terminal import no_via_points, number, plus_minus, print_table, progress, say
 from armflex.errors import enough_memory
+from armflex.measured.forces import Unnamed
 from armflex.tasks.compensate import Compensation, compensate
-from armflex.trajectory import read_trajectory, write_trajectory
+from armflex.trajectory import write_trajectory
 
 MOST_ROWS = 40
 """Of a table on a screen."""
@@ -26,9 +27,13 @@ MOST_ROWS = 40
 @click.option("--between", type=options.Quantity("length"), metavar="0.1mm",
               help="Insert rows until the error halfway between rows is below this.")  # fmt: skip
 @click.option("--best-effort", is_flag=True, help="Write the best feasible rows where others cannot be reached.")
+@options.loads
+@options.force_table
 @options.covariates
 def command(
     arm: Arm,
+    unnamed: Unnamed,
+    table_path: Path | None,
     trajectory_path: Path,
     output: Path,
     match: str,
@@ -38,9 +43,10 @@ def command(
 ) -> int:
     """Put the loaded, deflected tip where the rigid arm would have been, and say what remains.
 
+    Process forces are those of the rows, of --force or of --force-table; they are written with the rows.
     Nothing is written where a row cannot be reached, unless --best-effort is given.
     """
-    trajectory = read_trajectory(trajectory_path, arm)
+    trajectory = options.read_path(trajectory_path, arm, unnamed, table_path)
     with enough_memory(f"{len(trajectory)} rows"), progress("compensating") as tick:
         asked = {"best_effort": True, "between": between, "covariates": covariates}
         found = compensate(arm, trajectory, match, progress=tick, **asked)
@@ -48,9 +54,12 @@ def command(
     print_compensation(found)
     rows = [
         {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(row).items()}
+        | {name: options.finite(getattr(row, name)) for name in ("sigma_m", "sigma_rad")}
         for row in found.rows
     ]
+    remains, sigma = found.remains_m
     summary = {"ok": found.ok, "match": found.match, "between_m": found.between_m}
+    summary |= {"remains_m": remains, "sigma_m": options.finite(sigma)}
     options.conclude(summary | {"rows": rows}, found.flags, arm)
     if found.ok or best_effort:
         write_trajectory(found.trajectory, output)
@@ -79,6 +88,7 @@ def print_compensation(found: Compensation) -> None:
             f"{row.time:g}",
             number(float(shift_before) * 1e3),
             number(float(shift_after) * 1e3, 2),
+            plus_minus(row.sigma_m),
             *(number(float(np.linalg.norm(error[3:])) * 1e3, 3) for error in (row.before, row.after)),
             number(float(np.abs(row.change).max()), 3),
             "reached" if row.reached else row.reason,
@@ -86,13 +96,18 @@ def print_compensation(found: Compensation) -> None:
         for row, shift_before, shift_after in zip(found.rows, before, after, strict=True)
         if row.via or not row.reached or any(row is one for one in stand_in)
     ]
-    columns = ["row", "time s", "before mm", "remains mm", "before mrad", "remains mrad", "most rad or m", "result"]
+    columns = ["row", "time s", "before mm", "remains mm", "± mm", "before mrad", "remains mrad", "most rad or m"]
+    columns.append("result")
     print_table(f"Tip error, matching {found.match}", columns, shown[:MOST_ROWS])
     if hidden := shown[MOST_ROWS:]:
         missed = sum(row[-1] != "reached" for row in hidden)
         say(f"... and {len(hidden)} more via-points and rows not reached, {missed} of them not reached.")
     reached = sum(row.reached for row in found.rows)
-    largest = f"largest error {number(before.max() * 1e3)} mm before, {number(after.max() * 1e3, 2)} mm after"
+    sigma = found.remains_m[1]
+    known = "" if sigma is None else f" (± mm: {plus_minus(sigma)})"
+    largest = f"largest error {number(before.max() * 1e3)} mm before, {number(after.max() * 1e3, 2)} mm{known} after"
     say(f"{reached} of {len(found.rows)} rows reached; {largest}.")
+    if sigma is not None:
+        say("± is one standard uncertainty, of the laws and of what was fitted: by so much the machine may be off.")
     if found.between_m is not None:
         say(f"Halfway between rows of one payload up to {number(found.between_m * 1e3, 3)} mm remain.")

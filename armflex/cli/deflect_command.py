@@ -9,13 +9,13 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
+from armflex.cli.options import finite
 from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.laws.effects.remember import settled
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
-from armflex.rows.wrench import Wrench
 
 
 @click.command(cls=options.Command)
@@ -23,7 +23,8 @@ from armflex.rows.wrench import Wrench
 @click.option("--q", "positions", default="", metavar="A1=0.3,A4=-10deg",
               help="Joint positions; others are 0, or in the middle of limits that 0 is outside of.")  # fmt: skip
 @click.option("--payload", default="none", show_default=True, help="Name of a payload in ARM.")
-@click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ", help="Dead load in base axes, with unit.")
+@click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ",
+              help=f"Load from outside with unit, or as fx=0,fz=-500N: {options.FORCE_HELP}. Any number.")  # fmt: skip
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
 @click.option("--strict", is_flag=True, help="Refuse loads beyond those that a trained law has seen.")
 @click.option("--allow-large", is_flag=True, help="Go on where a flexure turns by more than 0.1 rad.")
@@ -35,7 +36,7 @@ def command(
 
     A temperature that an effect of the arm lags behind is taken as settled.
     """
-    wrenches = [Wrench(link, force, np.zeros(3)) for link, force in map(options.parse_force, forces)]
+    wrenches = [options.parse_force(text, arm) for text in forces]
     q = options.parse_positions(positions, arm)
     found = arm.deflection(q, payload, covariates=settled(arm, covariates), wrenches=wrenches, **how)
     covariance, flags = total_covariance(found)
@@ -47,7 +48,7 @@ def command(
         "joint_names": list(found.names.joints),
         "flexure_names": list(found.names.flexures),
         **{name: getattr(found, name).tolist() for name in (*arrays, "compliance")},
-        "covariance": None if covariance is None else covariance.tolist(),
+        "covariance": None if covariance is None else [[finite(x) for x in row] for row in covariance.tolist()],
         "pose": found.pose.homogeneous.tolist(),
         "rigid_pose": found.rigid_pose.homogeneous.tolist(),
     }

@@ -12,7 +12,7 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.main import was_interrupted
 from armflex.cli.terminal import complain, number, print_table, progress, say
-from armflex.conventions import Array, parse_quantity
+from armflex.conventions import parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
 from armflex.plotting import SUFFIXES as PICTURES
@@ -31,6 +31,7 @@ Output = options.OutputPath
 @click.option("-o", "--output", required=True, type=Output(), help="MAP.safetensors with everything, or MAP.csv.")
 @click.option("--rows", type=int, default=1 << 16, show_default=True, help="Configurations within the joint limits.")
 @click.option("--payload", "payloads", default="none", show_default=True, metavar="A,B", help="Carried in turn.")
+@click.option("--force", metavar="fx=0,fz=-500N", help=f"Load from outside everywhere; {options.FORCE_HELP}.")
 @click.option("--tolerance", metavar="5mm", help="Largest displacement of the tip, with unit, for the verdicts.")
 @click.option("--voxel", metavar="200mm", help="Edge of a voxel, with unit; a round one is chosen otherwise.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the configurations.")
@@ -48,6 +49,7 @@ def command(
     arm: Arm,
     output: Path,
     payloads: str,
+    force: str | None,
     tolerance: str | None,
     voxel: str | None,
     picture: Path | None,
@@ -66,6 +68,7 @@ def command(
     names = [name.strip() for name in payloads.split(",")]
     if limit is not None and limit <= 0.0:
         raise InputError(f"tolerance must be positive, got {tolerance}")
+    settings["wrenches"] = () if force is None else (options.parse_force(force, arm),)
     if settings["jobs"] == 0:
         raise InputError("--jobs is 0: expected a number of processes, or -1")
     try:
@@ -79,7 +82,7 @@ def command(
     if picture is not None:
         draw_map(arm, found, picture, limit)
     if page is not None:
-        map_page(arm, found, page, limit, settings["covariates"])
+        map_page(arm, found, page, limit, settings["covariates"], settings["wrenches"])
     print_map(found, limit)
     options.conclude(as_json(found, limit), found.flags, arm)
     return 0 if limit is None or (found.verdicts(limit) == "ok").all() else 1
@@ -116,7 +119,7 @@ def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
 
 def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
     """Return the summary of a map for programs, SI."""
-    here = found.worst_voxel if found.answered.any() else None
+    here, drawn = found.worst_voxel if found.answered.any() else None, found.worst_of_draws
     summary = {
         "joint_names": list(found.joints),
         "payloads": list(found.payloads),
@@ -132,13 +135,13 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
         if here is None
         else {
             "displacement_m": float(found.worst[here]),
-            "sigma_m": _finite(found.sigma, here),
+            "sigma_m": None if found.sigma is None else options.finite(found.sigma[here]),
             "centre": found.centres[here].tolist(),
             "q": found.worst_q[here].tolist(),
             "payload": found.payloads[found.worst_payload[here]],
-            "worst_of_draws_m": _finite(found.worst_of_draws, here),
+            "worst_of_draws_m": None if drawn is None else options.finite(drawn[here]),
         },
-        "worst_of_draws_m": _finite(found.worst_of_draws),
+        "worst_of_draws_m": None if drawn is None else options.finite(drawn.max()),
     }
     if tolerance is not None:
         summary |= {"tolerance_m": tolerance, "verdicts": _verdicts(found, tolerance)}
@@ -149,9 +152,3 @@ def _verdicts(found: WorkspaceMap, tolerance: float) -> dict[str, int]:
     """Return how many voxels have each verdict."""
     verdicts = found.verdicts(tolerance)
     return {name: int((verdicts == name).sum()) for name in VERDICTS}
-
-
-def _finite(values: Array | None, here: int | slice = slice(None)) -> float | None:
-    """Return the largest of some values; None where there is none, or no number that JSON has."""
-    most = np.nan if values is None else values[here].max()
-    return float(most) if np.isfinite(most) else None

@@ -16,13 +16,19 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli.terminal import show_flags
-from armflex.conventions import NUMBER, Array, parse_quantity
-from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean
+from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
+from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import load_arm
+from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
 from armflex.measured.points import read_points
+from armflex.rows.wrench import Wrench
 from armflex.storage.whole_file import is_replaced, write_whole
+from armflex.trajectory import Trajectory, read_trajectory
 
 InputPath = click.Path(path_type=Path)
+
+UNNAMED = "for rows that name none"
+FORCE_HELP = "at the tip in axes of the base, or with frame=LINK,axes=link elsewhere"
 
 
 class Choice(click.Choice):
@@ -111,6 +117,11 @@ def write_json(content: dict[str, Any], path: Path | None = None) -> None:
     """Write a result as strict JSON to a path or `--json`, whole or not at all; nothing where neither is given."""
     if path := path or json_path():
         write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def finite(value: float | None) -> float | None:
+    """Return a number as strict JSON has it: None where it is infinite, or none."""
+    return None if value is None or not np.isfinite(value) else float(value)
 
 
 def conclude(content: dict[str, Any], flags: Sequence[Flag], arm: Arm | None = None) -> None:
@@ -265,12 +276,76 @@ def parse_positions(text: str, arm: Arm) -> Array:
     return arm.position(**positions)
 
 
-def parse_force(text: str) -> tuple[str, Array]:
-    """Return link and (3,) force [N] from 'tool=0,0,-500N'; the unit holds for all three."""
-    link, equals, values = text.partition("=")
-    parts = values.split(",")
-    if not equals or len(parts) != 3:
-        raise InputError(f"--force: {text!r} is not of the form LINK=FX,FY,FZ with a unit, such as tool=0,0,-500N")
-    unit = parts[-1].strip().lstrip("+-.0123456789eE")
-    numbers = [part.strip().removesuffix(unit) for part in parts]
-    return link.strip(), np.array([parse_quantity(number + unit, "force") for number in numbers])
+def loads(function: Callable) -> Callable:
+    """Add `--payload` and `--force` for rows that name none: the command gets them as `unnamed`, arm first."""
+
+    @click.option("--force", "force_text", metavar="fx=0,fz=-500N", help=f"Load from outside {UNNAMED}; {FORCE_HELP}.")
+    @click.option("--payload", default="none", show_default=True, help=f"Payload of ARM {UNNAMED}.")
+    @functools.wraps(function)
+    def with_loads(arm: Arm, payload: str, force_text: str | None, **rest: Any) -> Any:
+        arm.payload(payload)  # raises where there is none of that name
+        force = None if force_text is None else parse_force(force_text, arm)
+        return function(arm, unnamed=Unnamed(payload, force), **rest)
+
+    return with_loads
+
+
+force_table = click.option(
+    "--force-table",
+    "table_path",
+    metavar="F.csv",
+    type=InputPath,
+    help="Loads from outside by where the tool is: a column s, the length of path [m] from the first row on, and the "
+    "force_ columns of a trajectory; linear between its rows.",
+)
+
+
+def read_path(path: Path, arm: Arm, unnamed: Unnamed = UNLOADED, table_path: Path | None = None) -> Trajectory:
+    """Return a trajectory under the loads that its rows, or the command's options, say; flags are shown."""
+    trajectory = read_trajectory(path, arm, unnamed)
+    if table_path is None:
+        return trajectory
+    if unnamed.force is not None:
+        raise InputError("--force and --force-table exclude each other")
+    trajectory, flags = trajectory.under(read_force_table(table_path, arm), arm)
+    show_flags(flags)
+    return trajectory
+
+
+def parse_force(text: str, arm: Arm) -> Wrench:
+    """Return a load from 'fx=0,fz=-500N,my=20Nm', or from 'tool=0,0,-500N', whose unit holds for all three.
+
+    The first form may end with `frame=LINK`, the tip where it does not, and `axes=link`, those of the base else.
+
+    Raises:
+        InputError: Of neither form; UnknownNameError, UnitError for names and units.
+    """
+    form = f"--force: {text!r} is not of the form LINK=FX,FY,FZ with a unit, such as tool=0,0,-500N, or fx=0,fz=-500N"
+    first, _, values = (part.strip() for part in text.partition("="))
+    words, given = (*WRENCH_NAMES, "frame", "axes"), dict[str, str]()
+    if first in words:
+        for part in text.split(","):
+            name, equals, value = (piece.strip() for piece in part.partition("="))
+            if not equals or not value or name in given:
+                raise InputError(f"{form}: {part.strip()!r}" + (" is given twice" if name in given else ""))
+            if name not in words:
+                raise InputError(f"--force: no component {name!r}{did_you_mean(name, words)} (known: {listing(words)})")
+            given[name] = value
+    else:
+        parts = values.split(",")
+        if len(parts) != 3:
+            raise InputError(form)
+        unit = parts[-1].strip().lstrip("+-.0123456789eE")
+        given = {name: part.strip().removesuffix(unit) + unit for name, part in zip(WRENCH_NAMES, parts, strict=False)}
+        given["frame"] = first
+    frame, axes = given.pop("frame", arm.robot.tip), given.pop("axes", "base")
+    if frame not in arm.link_names:
+        raise UnknownNameError("link", frame, arm.link_names)
+    if axes not in FORCE_AXES:
+        raise InputError(f"--force: axes is {axes!r}, expected base or link{did_you_mean(axes, FORCE_AXES)}")
+    numbers = []
+    for name, kind in FORCE_KINDS.items():
+        value = given.get(name.removeprefix("force_"), "0")
+        unit = {"force": "N", "moment": "Nm"}[kind]
+        numbers.append(parse_quantity(value if not NUMBER.fullmatch(value) or float(value) else f"0{unit}", kind))
+    return Wrench(frame, np.array(numbers[:3]), np.array(numbers[3:]), FORCE_AXES[axes])

@@ -9,6 +9,7 @@ import click
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import progress, say
+from armflex.measured.forces import Unnamed
 from armflex.tasks.predict import predict_file
 
 
@@ -16,10 +17,11 @@ from armflex.tasks.predict import predict_file
 @options.arm
 @click.argument("rows_path", metavar="ROWS.csv", type=options.InputPath)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Table to write.")
+@options.loads
 @options.covariates
-def command(arm: Arm, rows_path: Path, output: Path, covariates: dict[str, float]) -> None:
+def command(arm: Arm, unnamed: Unnamed, rows_path: Path, output: Path, covariates: dict[str, float]) -> None:
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
     with progress("predicting") as tick:
-        rows, flags = predict_file(arm, rows_path, output, tick, covariates)
+        rows, flags = predict_file(arm, rows_path, output, tick, covariates, unnamed)
     options.conclude({"rows": rows}, flags, arm)
     say(f"{rows} rows written to {output} (base {arm.robot.base}, tip {arm.robot.tip}).")

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from functools import partial
 
 import click
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -70,6 +71,11 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
         failed = "fail" in row or "not reached" in row
         table.add_row(*row, style="red" if failed else "yellow" if "uncertain" in row else None)
     stream().print(table)
+
+
+def plus_minus(sigma: float | None) -> str:
+    """Return the cell of a standard uncertainty [m or rad], in mm or mrad; None where nobody states one."""
+    return "-" if sigma is None else "undetermined" if np.isinf(sigma) else number(sigma * 1e3, 2)
 
 
 def no_via_points(shown: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ from armflex.trace import trace
 from armflex.trace.findings import write_traced
 
 if TYPE_CHECKING:
-    from armflex.trace.findings import Found, Trace
+    from armflex.trace.findings import Family, Found, Trace
     from armflex.trace.telling import Doing
 
 MOST_LINES = 8
@@ -196,18 +196,31 @@ def telling() -> Iterator[tuple[Callable[[str], None], Callable[[Doing], None]]]
 
 def print_trace(found: Trace) -> None:
     """Print the errors before and after, what was added, what else it may be, what is left, and what to measure."""
+    held_out = found.held_out
     figures = [
         ["declared, instrument placed", found.declared_rms, None],
-        ["calibrated", found.calibrated_rms, found.held_out_before],
-        ["with what was found", found.rms, found.held_out_after],
+        ["calibrated", found.calibrated_rms, held_out[0]],
+        ["with what was found", found.rms, held_out[1]],
         ["stated noise", found.noise_rms, None],
     ]
     rows = [[name, *("-" if rms is None else number(rms * 1e3, 3) for rms in pair)] for name, *pair in figures]
     title = f"RMS of the 3-D position error over {len(found.rows)} rows"
     print_table(title, ["", "all rows mm", "poses held out mm"], rows)
     if found.found:
-        columns = ["added", "site", "axis", "value ± standard uncertainty", "held out mm"]
+        columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", "held out mm", "again"]
         print_table("What the arm lacked", columns, [row for one in found.found for row in _lines(one)])
+    if found.families:
+        columns = ["at every drive", "RMS of its twists", "evidence", "held out mm"]
+        rows = [
+            [
+                one.title.removesuffix(" at every drive"),
+                f"{number(one.kin.std, 2)} {one.unit}",
+                f"{one.kin.worth:.0f}",
+                f"{number(one.proof.before * 1e3, 3)} -> {number(one.proof.after * 1e3, 3)}",
+            ]
+            for one in found.families
+        ]
+        print_table("What its drives have in common", columns, rows)
     say(*_remarks(found))
 
 
@@ -215,15 +228,26 @@ def _lines(found: Found) -> Iterator[list[str]]:
     """Yield one line for each value of an effect; the first one says which effect it is."""
     effect, proof = found.effect, found.proof
     held_out = f"{number(proof.before * 1e3, 3)} -> {number(proof.after * 1e3, 3)}"
-    head = [" ".join(filter(None, names_of(effect.law))), effect.location.place, effect.location.axis or "-"]
+    depends = ", ".join(effect.location.covariates) or "-"
+    head = [" ".join(filter(None, names_of(effect.law))), effect.location.place, effect.location.axis or "-", depends]
+    again = "-" if found.survives is None else f"{found.survives:.0%}"
     values = list(zip(effect.named.items(), effect.units, strict=True))
     for (name, value), unit in values[:MOST_LINES]:
         std = f" ± {found.std[name]:.2g}" if found.std.get(name) else ""
-        yield [*head, f"{name} {value:.4g}{std} {unit}", held_out]
-        head, held_out = ["", "", ""], ""
+        yield [*head, f"{name} {value:.4g}{std} {unit}", held_out, again]
+        head, held_out, again = ["", "", "", ""], "", ""
 
 
 def _remarks(found: Trace) -> Iterator[str]:
+    if found.compared is not None:
+        yield f"Poses held out: {found.said_of_held_out}"
+    if any(one.survives is not None for one in found.found):
+        yield "Again: how often the same law at the same place is chosen without a fifth of the poses."
+    if found.families:
+        yield (
+            "What drives have in common is no named cause: it says of what kind and how large their errors are. "
+            "Members that show by themselves are among what the arm lacked."
+        )
     if found.outliers:
         lost, less = found.told("lost beam"), found.told("counted less")
         yield f"In no figure: {lost} rows left out as lost beams, and {less} that the fit counts less as outliers."
@@ -256,7 +280,9 @@ def _remarks(found: Trace) -> Iterator[str]:
         others = ", ".join(f"{place.site.removeprefix(LINK)} {place.axis}" for place in left.equivalent[:3])
         also = f" (or {others})" if others else ""
         yield f"Left unexplained: {number(left.rms * 1e3, 3)} mm RMS {where}{size}{also}; no column tells why."
-    elif not found.found and not found.withdrawn:
+    elif found.undecided is not None:
+        yield found.undecided.text
+    elif not found.found and not found.families and not found.withdrawn:
         yield "Nothing is missing that these data could show."
     if found.smallest:
         least = min(found.smallest, key=lambda one: one.least)
@@ -286,7 +312,8 @@ def as_json(found: Trace) -> dict[str, Any]:
             "calibrated": found.calibrated_rms * 1e3,
             "after": found.rms * 1e3,
         },
-        "held_out_rms_mm": {"calibrated": found.held_out_before * 1e3, "after": found.held_out_after * 1e3},
+        "held_out_rms_mm": dict(zip(("calibrated", "after"), (1e3 * rms for rms in found.held_out), strict=True)),
+        "held_out_is_of": found.said_of_held_out if found.compared is not None else "nothing was chosen",
         "effects": [_effect_json(one) for one in found.found],
         "unexplained": left
         and {
@@ -309,6 +336,15 @@ def as_json(found: Trace) -> dict[str, Any]:
         ],
         "held_out_chosen_again_rms_mm": found.compared
         and {"calibrated": found.compared.before * 1e3, "after": found.compared.after * 1e3},
+        "families": [_family_json(one) for one in found.families],
+        "undecided": found.undecided
+        and {
+            "rms_mm": found.undecided.rms * 1e3,
+            "stated_mm": found.undecided.stated * 1e3,
+            "poses": found.undecided.poses,
+            "evidence": found.undecided.evidence,
+            "chance": found.undecided.chance,
+        },
         "withdrawn": [
             {
                 **(_place_json(one.effect) if one.effect is not None else {}),
@@ -327,20 +363,40 @@ def as_json(found: Trace) -> dict[str, Any]:
 def _effect_json(found: Found) -> dict[str, Any]:
     effect, proof = found.effect, found.proof
     sessions = {"before": proof.sessions_before, "after": proof.sessions_after}
-    # Nothing determines a value whose standard uncertainty is not finite.
-    std = {name: value for name, value in found.std.items() if value is not None and np.isfinite(value)}
     return {
         **_place_json(effect),
-        "parameters": {
-            name: {"value": value, "std": std.get(name), "unit": unit}
-            for (name, value), unit in zip(effect.named.items(), effect.units, strict=True)
-        },
+        "parameters": _values_json(effect, found.std),
         "held_out_rms_mm": {"before": proof.before * 1e3, "after": proof.after * 1e3},
         "equivalent": [_place_json(hypothesis) for hypothesis, _ in found.equivalent],
         "held_out_sessions_rms_mm": {name: None if rms is None else rms * 1e3 for name, rms in sessions.items()},
         "evidence": found.evidence,
         "chance": proof.null,
         "believed": found.believed,
+        "chosen_again": found.survives,
+        "family": found.family,
+    }
+
+
+def _family_json(found: Family) -> dict[str, Any]:
+    proof = found.proof
+    return {
+        "family": found.kin.number,
+        "effect": names_of(found.members[0][0].law)[0],
+        "title": found.title,
+        "std": found.kin.std,
+        "unit": found.unit,
+        "evidence": found.kin.worth,
+        "held_out_rms_mm": {"before": proof.before * 1e3, "after": proof.after * 1e3},
+        "members": [_place_json(effect) | {"parameters": _values_json(effect, std)} for effect, std in found.members],
+    }
+
+
+def _values_json(effect: Effect, stds: Mapping[str, float]) -> dict[str, Any]:
+    """Return every value with its standard uncertainty, None where nothing determines it."""
+    std = {name: one for name, one in stds.items() if np.isfinite(one)}
+    return {
+        name: {"value": value, "std": std.get(name), "unit": unit}
+        for (name, value), unit in zip(effect.named.items(), effect.units, strict=True)
     }
 
 

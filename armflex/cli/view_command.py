@@ -11,6 +11,7 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import progress, say, show_flags
 from armflex.errors import InputError
+from armflex.measured.forces import Unnamed
 from armflex.show.view.arm_scene import view
 from armflex.tasks.check import check
 from armflex.trajectory import read_trajectory
@@ -22,30 +23,32 @@ from armflex.trajectory import read_trajectory
 @click.option("--tolerance", type=options.Quantity("length"), metavar="5mm",
               help="Colour the via-points by their verdict.")  # fmt: skip
 @click.option("--q", "positions", default="", metavar="A1=0.3", help="Joint positions where no trajectory is given.")
-@click.option("--payload", default="none", show_default=True, help="Carried at --q.")
 @click.option("--magnify", "magnification", type=float,
               help="Factor on the deflections shown; a round one is chosen otherwise.")  # fmt: skip
 @click.option("--meshes", is_flag=True, help="Draw the URDF's mesh files where they lie beside it.")
 @click.option("-o", "--output", "path", required=True, type=options.OutputPath(), help="HTML page to write.")
+@options.loads
 @options.covariates
 def command(
     arm: Arm,
+    unnamed: Unnamed,
     trajectory_path: Path | None,
     tolerance: float | None,
     positions: str,
-    payload: str,
     **shown: Any,
 ) -> None:
     """One self-contained page, made without a display, opened by any browser."""
     if trajectory_path is None and tolerance is not None:
         raise InputError("--tolerance goes with --traj")
-    if trajectory_path is not None and (positions or payload != "none"):
-        raise InputError("--traj brings its own positions and payloads: leave --q and --payload out")
+    if trajectory_path is not None and positions:
+        raise InputError("--traj brings its own positions: leave --q out")
     path, covariates = shown["path"], shown["covariates"]
     if trajectory_path is None:
-        view(arm, options.parse_positions(positions, arm) if positions else None, payload, **shown)
+        pulled = () if unnamed.force is None else (unnamed.force,)
+        q = options.parse_positions(positions, arm) if positions else None
+        view(arm, q, unnamed.payload, wrenches=pulled, **shown)
     else:
-        trajectory = read_trajectory(trajectory_path, arm)
+        trajectory = read_trajectory(trajectory_path, arm, unnamed)
         report = None
         if tolerance is not None:
             with progress("checking") as tick:

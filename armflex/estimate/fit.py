@@ -34,6 +34,9 @@ BROKEN, KEPT = 0.25, 0.75
 CALM = 1e-2
 """Damping beyond which a step is short because it must be, not because it has arrived."""
 
+RESISTING = 3
+"""Parameters and rows that are named where a fit does not settle."""
+
 FLAT = 1e-2
 """Fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as stated."""
 
@@ -255,7 +258,7 @@ def _settled(
         if found is None and effort.content:
             return here, history, problem.promised(problem.step(max(damping, LIGHT))) / unit
         if found is None:
-            raise ConvergenceError("calibration finds no better values along its step", [before])
+            raise task.resisting("calibration finds no better values along its step", here, problem, [before])
         size, (here, damping) = problem.length(found[0].values - here.values), found
         history.append(task.cost(here, limit))
         if progress:
@@ -264,7 +267,7 @@ def _settled(
         if (size < SETTLED or fall < effort.flat) and (damping <= CALM or not effort.content):
             return here, history, 0.0
     if not effort.content:
-        raise ConvergenceError("calibration did not settle", history)
+        raise task.resisting("calibration did not settle", here, task.problem(here, limit), history)
     return here, history, fall
 
 
@@ -333,6 +336,19 @@ class _Task:
     def cost(self, here: _Iterate, limit: float) -> float:
         """Return the cost of an iterate."""
         return objective(here.view, here.values, self.prior, limit)
+
+    def resisting(self, text: str, here: _Iterate, problem: _Problem, history: Sequence[float]) -> ConvergenceError:
+        """Return the error of a fit that ended unsettled, with the parameters and rows that keep it from settling."""
+        step, names = problem.step(LIGHT) / problem.known.std, parameters_of(self.blocks)
+        most = [int(i) for i in np.argsort(-np.abs(step))[:RESISTING] if np.isfinite(step[i]) and step[i] != 0.0]
+        moving = ", ".join(f"{names[i].label} by {abs(step[i]):.2g} of its uncertainty" for i in most)
+        view, places = here.view, self.measurements.places
+        squares = (np.nan_to_num(view.residual / view.sigma) ** 2).sum(axis=1)
+        worst = np.argsort(-squares)[:RESISTING]
+        far = ", ".join(str(places[view.rows[i]] if places else f"row {view.rows[i]}") for i in worst)
+        share = squares[worst].sum() / max(float(squares.sum()), 1e-300)
+        still = f"still moving: {moving or 'nothing'}"
+        return ConvergenceError(f"{text}; {still}; {share:.0%} of what is left is at {far}", history)
 
     def problem(self, here: _Iterate, limit: float) -> _Problem:
         """Return the linear problem about an iterate."""

@@ -18,6 +18,9 @@ UNDETERMINED = 0.9
 SURPRISING = 3.0
 """Prior standard deviations beyond which a fitted value is a finding."""
 
+LOOSER = 30.0
+"""Times the priors of all others that a parameter must be told with to be told by itself."""
+
 STILL = 1e-9
 """Standard deviations of the readings by which a parameter moves them altogether, below which it is rounding."""
 
@@ -36,6 +39,7 @@ class Parameter:
         prior: Its prior standard deviation, infinite where nothing was known.
         determined: Whether the data said anything about it.
         trades_against: Parameters that it can be exchanged for without the readings noticing.
+        combined: Whether only what was known of those tells it: the readings determine a combination of them.
     """
 
     which: ArmParameter
@@ -44,6 +48,7 @@ class Parameter:
     prior: float
     determined: bool
     trades_against: tuple[str, ...]
+    combined: bool = False
 
     @property
     def kind(self) -> Kind:
@@ -86,9 +91,25 @@ def parameters(fit: Fit) -> tuple[Parameter, ...]:
     std, names = fit.posterior.std, [which.label for which in fit.parameters]
     determined = std < UNDETERMINED * fit.prior
     known = LinearGaussian(fit.told).with_precision(fit.precision)  # others take over within their priors
-    partners = [() if determined[i] else partners_of(fit.told, known, i, names) for i in range(len(names))]
+    combined = [bool(determined[i]) and _only_combined(fit, i) for i in range(len(names))]
+    asked = [combined[i] or not determined[i] for i in range(len(names))]
+    partners = [partners_of(fit.told, known, i, names) if asked[i] else () for i in range(len(names))]
     numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
-    return tuple(Parameter(*found) for found in zip(fit.parameters, *numbers, partners, strict=True))
+    return tuple(Parameter(*found) for found in zip(fit.parameters, *numbers, partners, combined, strict=True))
+
+
+def _only_combined(fit: Fit, index: int) -> bool:
+    """Return whether the readings tell nothing about a parameter once little is known of the others.
+
+    Where two are told by their sum alone, each comes out at 0.7 of its prior, however good the readings are.
+    """
+    own, noise = fit.prior[index], max(fit.noise, 1.0)
+    if not np.isfinite(own):
+        return False
+    loose = fit.precision / LOOSER**2
+    loose[index] = fit.precision[index]
+    left = LinearGaussian(fit.told / noise**2).with_precision(loose)
+    return float(left.std[index]) >= UNDETERMINED * own
 
 
 def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:

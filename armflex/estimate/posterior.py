@@ -70,7 +70,7 @@ def fitted_variance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...
     variance = np.einsum("ndp,pq,ndq->nd", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     left = arm.certainty.leaves_open(jacobian)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)
-    flags = (_open(arm.certainty, "is infinite where they matter"),) if left.any() else ()
+    flags = (_open(arm.certainty),) if left.any() else ()
     return variance, (*flags, *_lacking(arm.certainty))
 
 
@@ -78,7 +78,8 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
     """Return the (N, 6, 6) covariance of the tip's motion, base axes [m, rad], due to fitted parameters, and flags.
 
     Where the instrument stands and what it looks at has no part in it, nor has what a tilted instrument would say of
-    gravity. None where nothing was fitted, or where the arm no longer has what was.
+    gravity. None where nothing was fitted, or where the arm no longer has what was. Variances are infinite where the
+    tip depends on what neither a campaign nor a prior determined.
     """
     if arm.certainty is None:
         return None, ()
@@ -96,14 +97,18 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
     covariance[:, view.positions, view.positions] += arm.certainty.misfit**2 * np.eye(3)
     shifts = untold_shifts(view.setup, rows, tip)
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
-    flags = (_open(arm.certainty, "leaves them out"),) if arm.certainty.leaves_open(jacobian).any() else ()
+    left = arm.certainty.leaves_open(jacobian)
+    diagonal = np.arange(6)
+    covariance[:, diagonal, diagonal] = np.where(left, np.inf, covariance[:, diagonal, diagonal])
+    flags = (_open(arm.certainty),) if left.any() else ()
     return covariance, (*flags, *_lacking(arm.certainty))
 
 
-def _open(certainty: Certainty, sigma: str) -> Flag:
-    """Return the flag about parameters that nothing determines, and what sigma makes of them."""
+def _open(certainty: Certainty) -> Flag:
+    """Return the flag about parameters that nothing determines."""
     names = listing(certainty.undetermined)
-    return Flag("undetermined", f"neither a campaign nor a prior determines {names}: sigma {sigma}")
+    text = f"neither a campaign nor a prior determines {names}: sigma is infinite where they matter"
+    return Flag("undetermined", text)
 
 
 def _lacking(certainty: Certainty) -> tuple[Flag, ...]:

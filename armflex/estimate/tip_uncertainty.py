@@ -17,14 +17,13 @@ from armflex.laws.effects.remember import remembers
 from armflex.mechanics.deflection import Deflection, DeflectionBatch
 from armflex.mechanics.loads import Payload
 from armflex.rows import Rows
+from armflex.rows.wrench import Wrench, wrenches_in
 
 AT_ONCE = 512
 """Rows that are linearised together: each takes some ten kilobytes."""
 
-AT_REST = Flag(
-    "certainty_at_rest", "what was fitted is taken to be as uncertain as where the arm stands under its own weight"
-)
-"""For a moving arm, or one under loads from outside."""
+AT_REST = Flag("certainty_at_rest", "what was fitted is taken to be as uncertain as where the arm stands still")
+"""For a moving arm."""
 
 REMEMBERED = (
     Flag("certainty_of_memory", "an effect with a memory is taken to be as uncertain as if it began where it settles"),
@@ -52,13 +51,13 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
     if isinstance(found, DeflectionBatch):
         laws = replace(found, arm=certain).covariance
         payloads = [_known_as(certain, certain.payload(found.payload(i))) for i in range(len(found.q))]
-        covariance, flags = tip_covariance(certain, found.q, payloads, case.covariates, laws)
+        covariance, flags = tip_covariance(certain, found.q, payloads, case.covariates, laws, case.wrenches)
     else:
         own = replace(found, solved=found.solved._replace(loaded=certain.loaded(found.payload))).covariance
         laws, payloads = None if own is None else own[None], [_known_as(certain, found.payload)]
-        covariance, flags = tip_covariance(certain, found.q[None], payloads, case.covariates, laws)
+        covariance, flags = tip_covariance(certain, found.q[None], payloads, case.covariates, laws, case.wrenches)
         covariance = None if covariance is None else covariance[0]
-    return covariance, (*flags, AT_REST) if case.moves or case.wrenches else flags
+    return covariance, (*flags, AT_REST) if case.moves else flags
 
 
 def _known_as(arm: Arm, payload: Payload) -> str | Payload:
@@ -67,7 +66,12 @@ def _known_as(arm: Arm, payload: Payload) -> str | Payload:
 
 
 def tip_covariance(
-    arm: Arm, q: Array, payloads: Sequence[str | Payload], covariates: Mapping[str, ArrayLike], laws: Array | None
+    arm: Arm,
+    q: Array,
+    payloads: Sequence[str | Payload],
+    covariates: Mapping[str, ArrayLike],
+    laws: Array | None,
+    wrenches: Sequence[Wrench] = (),
 ) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return the (N, 6, 6) covariance of the tip's displacement, base axes [m, rad], None where nobody states one.
 
@@ -77,6 +81,7 @@ def tip_covariance(
         payloads: What is carried in each row, or its name.
         covariates: What the arm's effects depend on, numbers or (N,) by name.
         laws: (N, 6, 6) covariance that the laws themselves give, None where none does.
+        wrenches: Known loads from outside, the same in all rows or one for each.
 
     Returns:
         The covariance, and met about it.
@@ -91,7 +96,8 @@ def tip_covariance(
         # A direction of 0 is one that nothing tells: of effects that derive it, the joint came from either side.
         carried = cast(Sequence[str], payloads[some])  # one without a name may stand for itself here
         rows = Rows.of(arm.joint_names, q[some], carried, {"time": 0.0} | given, derived=derived)
-        part, flags = displacement_covariance(arm, rows)
+        pulled = wrenches_in(wrenches, np.arange(len(q))[some])
+        part, flags = displacement_covariance(arm, replace(rows, wrenches=pulled))
         if part is None:
             return laws, flags
         parts.append(part)

@@ -167,8 +167,9 @@ def _path(
             raise InputError("--covariates go with --compensate: without it nothing depends on them")
         return path, ("The path is written as it is; --compensate has the loaded tip where the rigid one would be.",)
     found = compensate(arm, path, covariates=covariates)
-    before, after = (max(np.linalg.norm(getattr(row, name)[:3]) for row in found.rows) for name in ("before", "after"))
-    text = f"Compensated: of {before * 1e3:.3g} mm at most {after * 1e3:.2g} mm remain in the rows"
+    before, (after, sigma) = max(np.linalg.norm(row.before[:3]) for row in found.rows), found.remains_m
+    known = "" if sigma is None else f" ± {sigma * 1e3:.2g}"
+    text = f"Compensated: of {before * 1e3:.3g} mm at most {after * 1e3:.2g}{known} mm remain in the rows"
     between = found.between_m or 0.0
     return found.trajectory, (f"{text}, {between * 1e3:.2g} mm halfway between.", *map(str, found.flags))
 

@@ -67,6 +67,11 @@ KEYS: dict[str, dict[str, Key]] = {
         "locked": Key("joints beside the chain, or of it, held still at a position", "rad or m"),
         "allow_massless": Key("take links without mass on the chain as they are"),
     },
+    "robot.tool": {
+        "xyz": Key("place of the tool's tip in the link `tip`", "m"),
+        "rpy": Key("roll, pitch and yaw of it about the link's axes, as in a URDF", "rad", "0 0 0"),
+    },
+    "robot.mount": {"rpy": Key("roll, pitch and yaw of the base in a level world", "rad")},
     "robot.locked": {"NAME": Key("position of the joint", "rad or m")},
     "payload.NAME": {
         "mass": Key("of what is carried", "kg"),

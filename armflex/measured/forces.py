@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import WRENCH_NAMES
-from armflex.errors import Place, TableError, UnknownNameError, did_you_mean
-from armflex.measured.table import Table
+from armflex.conventions import WRENCH_NAMES, Array
+from armflex.errors import InputError, Place, TableError, UnknownNameError, did_you_mean
+from armflex.measured.table import Column, Table, read_table
 from armflex.rows.wrench import Wrench
 
 FORCES = tuple(f"force_{name}" for name in WRENCH_NAMES)
@@ -69,3 +74,119 @@ def read_forces(table: Table, arm: Arm) -> tuple[Wrench, ...]:
         own = np.where([[other == pair] for other in pairs], loads, 0.0)
         found.append(Wrench(pair[0], own[:, :3], own[:, 3:], FORCE_AXES[pair[1]]))
     return tuple(found)
+
+
+class Unnamed(NamedTuple):
+    """What loads rows that name none: a payload's name, and a load from outside that is the same in all, or None."""
+
+    payload: str = "none"
+    force: Wrench | None = None
+
+    def put(self, table: Table) -> Table:
+        """Return a table with these in the rows whose cells for them are empty, or which has no such columns."""
+        columns, blank = dict(table.columns), Column("", "", 1.0, ("",) * len(table))
+        if self.payload != "none":
+            own = columns.get("payload", replace(blank, header="payload"))
+            columns["payload"] = replace(own, cells=tuple(cell.strip() or self.payload for cell in own.cells))
+        if self.force is not None:
+            named = [any(cells) for cells in zip(*(table.texts(n) for n in FORCES if n in columns), strict=True)]
+            named = named or [False] * len(table)
+            whole = np.concatenate([self.force.force, self.force.moment]).tolist()
+            axes = next(name for name, meant in FORCE_AXES.items() if meant == self.force.axes)
+            for name, value in zip((*FORCES, *FORCE_TEXTS), (*whole, self.force.frame, axes), strict=True):
+                own = columns.get(name, replace(blank, header=name))
+                here = repr(value / own.factor) if isinstance(value, float) else value
+                there = "0" if name in FORCES and name not in table.columns else ""
+                cells = (cell or there if one else here for cell, one in zip(own.cells, named, strict=True))
+                columns[name] = replace(own, cells=tuple(cells))
+        return replace(table, columns=columns)
+
+
+UNLOADED = Unnamed()
+
+
+@dataclass(frozen=True, eq=False)
+class ForceTable:
+    """A load from outside that depends on how far along its path the tool is, linear between the table's rows.
+
+    Attributes:
+        path: The file.
+        s: (K,) lengths of path [m], increasing.
+        wrenches: For all K rows each.
+    """
+
+    path: Path
+    s: Array
+    wrenches: tuple[Wrench, ...]
+
+    def at(self, lengths: Array) -> tuple[Wrench, ...]:
+        """Return the loads at (N,) lengths of path [m], for all N rows each.
+
+        Raises:
+            InputError: A length is outside the table; the first one is named.
+        """
+        slack = 1e-9 * max(1.0, float(np.abs(self.s).max()))
+        outside = (lengths < self.s[0] - slack) | (lengths > self.s[-1] + slack)
+        for i in np.flatnonzero(outside)[:1]:
+            has = f"{self.path}: the table of forces goes from {self.s[0]:.6g} to {self.s[-1]:.6g} m"
+            raise InputError(f"{has}, row {i} is at {lengths[i]:.6g} m of the path")
+
+        def between(values: Array) -> Array:
+            return np.column_stack([np.interp(lengths, self.s, column) for column in values.T])
+
+        return tuple(Wrench(one.frame, between(one.force), between(one.moment), one.axes) for one in self.wrenches)
+
+    def missed(self, lengths: Array) -> float:
+        """Return the largest force [N] that loads linear between (N,) lengths [m] leave out: corners of the table."""
+        inside = self.s[(self.s > lengths[0]) & (self.s < lengths[-1])]
+        seen, most = np.unique(lengths), 0.0
+        for exact, rows in zip(self.at(inside), self.at(seen), strict=True):
+            taken = np.column_stack([np.interp(inside, seen, column) for column in rows.force.T])
+            most = max(most, float(np.linalg.norm(exact.force - taken, axis=1).max(initial=0.0)))
+        return most
+
+
+def read_force_table(path: str | Path, arm: Arm) -> ForceTable:
+    """Read a table of forces over the length of a path: `s` [m] from the path's first row on, and `force_*` columns.
+
+    The columns are those of a trajectory.csv, see `read_forces`.
+
+    Raises:
+        TableError: A column is missing or unknown, `s` does not increase, or as `read_forces`.
+    """
+    table, known = read_table(path, {"s": "length", **FORCE_KINDS}), ("s", *FORCES, *FORCE_TEXTS)
+    table.require(["s"])
+    for name in table.columns:
+        if name not in known:
+            hint = did_you_mean(name, known)
+            raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
+    if not any(name in table.columns for name in FORCES):
+        raise TableError(Place(table.path, 1), f"has none of {FORCES[0]} .. {FORCES[-1]}")
+    if not len(table):
+        raise TableError(Place(table.path), "has a header but no rows")
+    s = table.numbers("s")
+    for i in np.flatnonzero(np.diff(s) <= 0.0)[:1]:
+        raise TableError(Place(table.path, table.lines[i + 1]), "s does not increase")
+    return ForceTable(table.path, s, read_forces(table, arm))
+
+
+def force_columns(wrenches: Sequence[Wrench], count: int) -> dict[str, list]:
+    """Return loads on each of so many rows as columns of a table, none where there are none; see `read_forces`.
+
+    Raises:
+        InputError: Two of them act in one row at different links or in different axes, for which there are no columns.
+    """
+    loads, frames, axes = np.zeros((count, 6)), [""] * count, [""] * count
+    names = {meant: name for name, meant in FORCE_AXES.items()}
+    for one in wrenches:
+        own = np.broadcast_to(np.hstack([one.force, one.moment]), (count, 6))
+        for i in np.flatnonzero(own.any(axis=1)).tolist():
+            here = (one.frame, names[one.axes])
+            if frames[i] and (frames[i], axes[i]) != here:
+                text = f"at {frames[i]!r} in axes of the {axes[i]} and at {here[0]!r} in those of the {here[1]}"
+                raise InputError(f"row {i} has two loads from outside, {text}: a table has columns for one")
+            (frames[i], axes[i]), loads[i] = here, loads[i] + own[i]
+    if not any(frames):
+        return {}
+    columns: dict[str, list] = {name: loads[:, i].tolist() for i, name in enumerate(FORCES)}
+    return columns | dict(zip(FORCE_TEXTS, (frames, axes), strict=True))

@@ -26,7 +26,7 @@ from armflex.measured.data_flags import (
     in_other_units,
     table_flags,
 )
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, read_forces
+from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, read_forces
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
@@ -144,7 +144,11 @@ def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> 
 
 
 def read_measurements(
-    path: str | Path, arm: Arm, inputs_only: bool = False, points: str | Path | PointExport | None = None
+    path: str | Path,
+    arm: Arm,
+    inputs_only: bool = False,
+    points: str | Path | PointExport | None = None,
+    unnamed: Unnamed = UNLOADED,
 ) -> Measurements:
     """Read a campaign for an arm, from CSV or Parquet.
 
@@ -154,13 +158,14 @@ def read_measurements(
         inputs_only: Accept a table without measured positions, such as rows to be predicted.
         points: The positions, where the instrument's program exported them apart: the file, or what `read_points`
             made of it. A row's point is named by its column `point`, else by its `pose`.
+        unnamed: What loads rows that name no payload, or no force.
 
     Raises:
         TableError: A column is missing, misspelt or of the wrong unit; a cell is not a number; a position or a force is
             given in part; some rows are in another unit; a payload or link is unknown; points do not match the rows.
     """
     export = points if isinstance(points, PointExport) or points is None else read_points(points)
-    table = read_table(path, KINDS | joint_kinds(arm, "q"))
+    table = unnamed.put(read_table(path, KINDS | joint_kinds(arm, "q")))
     known, flags = _known_columns(table, arm, inputs_only, export), ()
     if export:
         table, flags = with_points(table, export)
@@ -180,7 +185,7 @@ def read_measurements(
     return replace(found, flags=flags, sha256=sha256, frame=frame)
 
 
-def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurements]:
+def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLOADED) -> Iterator[Measurements]:
     """Yield the rows of a table of inputs, so many at most at a time, as `read_measurements` gives them all.
 
     The table is read twice: all of it is looked at before its first rows are given. What is kept meanwhile does not
@@ -192,13 +197,13 @@ def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurement
     """
     path, kinds = Path(path), KINDS | joint_kinds(arm, "q")
     if not path.is_file():
-        yield read_measurements(path, arm, inputs_only=True).levelled()
+        yield read_measurements(path, arm, inputs_only=True, unnamed=unnamed).levelled()
         return
     far, positions = [np.zeros((0, len(arm.joint_names)))], [np.zeros((0, 3))]
     far_places: list[Place] = []
     places: list[Place] = []
     seen: dict[str, _Seen] = {}
-    for table in read_pieces(path, kinds, most):
+    for table in map(unnamed.put, read_pieces(path, kinds, most)):
         known, found = _known_columns(table, arm, True, None), _measurements(table, arm)
         for name in (name for name in table.columns if name not in known):
             seen.setdefault(name, _Seen()).add(table, name)
@@ -214,7 +219,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int) -> Iterator[Measurement
     check_one_unit(np.vstack(positions), np.arange(len(places)), places)
     before: tuple[Array, Array] | None = None
     first = 0
-    for table in read_pieces(path, kinds, most):
+    for table in map(unnamed.put, read_pieces(path, kinds, most)):
         found = _measurements(table, arm, first, before)
         known = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
         for name, column in seen.items():

@@ -109,16 +109,33 @@ class _Result(Generic[Length]):
         return length_sigma(self.displacement[..., part], self.covariance[..., part, part])  # pyright: ignore[reportReturnType]
 
 
-def length_sigma(vectors: Array, covariance: Array) -> Array:
+def length_sigma(vectors: Array, covariance: Array, short: bool = False) -> Array:
     """Return the (...) standard uncertainty of the lengths of (..., 3) vectors with a (..., 3, 3) covariance.
 
-    Of no length it is that of all three coordinates.
+    It is to first order; of no length it is that of all three coordinates. A vector shorter than its uncertainty has no
+    direction that first order could go by. `short` says that vectors may be so: then it is the root mean square of what
+    the length may be off, from the mean and variance of its square, which for normal deviations are exact; of a long
+    vector that is first order's, of none that of all three coordinates.
+
+    Args:
+        vectors: (..., 3).
+        covariance: (..., 3, 3), infinite on the diagonal where a coordinate may be anything: then is the length's, too.
+        short: Whether vectors may be shorter than their uncertainty.
     """
-    length = np.linalg.norm(vectors, axis=-1)
+    endless = np.asarray(np.isinf(np.diagonal(covariance, axis1=-2, axis2=-1)).any(axis=-1))
+    covariance = np.where(endless[..., None, None], 0.0, covariance)
+    length, total = np.linalg.norm(vectors, axis=-1), np.trace(covariance, axis1=-2, axis2=-1)
     along = vectors / np.where(length > 0.0, length, 1.0)[..., None]
     # As a sum over rows at once the last digit would depend on how many there are.
     variance = (along[..., None, :] @ covariance @ along[..., None])[..., 0, 0]
-    return np.sqrt(np.where(length > 0.0, np.maximum(variance, 0.0), np.trace(covariance, axis1=-2, axis2=-1)))
+    if short:
+        mean = length**2 + total  # of the square, whose variance is four times its mean times the length's
+        scatter = 2.0 * length**2 * variance + np.square(covariance).sum(axis=(-2, -1))
+        scatter /= np.where(mean > 0.0, 2.0 * mean, 1.0)
+        longer = (total - scatter) / np.where(length > 0.0, np.sqrt(np.maximum(mean - scatter, 0.0)) + length, 1.0)
+        variance = total - 2.0 * length * longer
+    variance = np.where(length > 0.0, np.maximum(variance, 0.0), total)
+    return np.where(endless, np.inf, np.sqrt(variance))
 
 
 def _drive_axes(arm: Structure) -> Array:

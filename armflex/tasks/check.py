@@ -14,7 +14,9 @@ from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, Smal
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import AT_REST, tip_covariance
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
+from armflex.mechanics.many_rows import displaced_from, rigid_tips
 from armflex.parallel import in_threads
+from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Points, Trajectory
 
 COVERAGE = 2.0
@@ -34,6 +36,9 @@ TOGETHER = 512
 CLOSEST = 1e-6
 """Fraction of the tolerance below which a peak between samples no longer counts."""
 
+ENDLESS = 1e9
+"""Tolerances that an infinite uncertainty is taken for."""
+
 Progress = Callable[[int, int], None]
 
 
@@ -44,13 +49,14 @@ class Point:
     Attributes:
         name: The via-point's name, '' on the path between.
         time: [s].
-        displacement_m: Length of the tip's shift [m].
-        rotation_rad: Angle of its rotation [rad].
-        sigma_m: Standard uncertainty of `displacement_m`, of the laws and of what was fitted; None where there is none.
+        displacement_m: Length of the tip's shift [m]; against a desired path, of the way from where it is meant.
+        rotation_rad: Angle of its rotation [rad], likewise.
+        sigma_m: Standard uncertainty of `displacement_m`, of the laws and of what was fitted; infinite where it depends
+            on what neither a campaign nor a prior determined, None where nobody states one.
         margin_m: Tolerance minus displacement [m].
         margin_rad: Angle tolerance minus rotation, None where no angle is asked for.
         verdict: "ok", "fail" or "uncertain".
-        cause: The flexure that contributes most, None for a rigid arm.
+        cause: The flexure that contributes most to the shift (or rotation) from the rigid arm, None for such an arm.
         payload: What is carried.
         reason: Why it fails whatever the tolerance: a joint limit, or a flexure turning too far; '' otherwise.
     """
@@ -110,6 +116,7 @@ def check(
     method: str = "exact",
     progress: Progress | None = None,
     covariates: Mapping[str, float] | None = None,
+    against: Trajectory | None = None,
 ) -> CheckReport:
     """Hold the tip's displacement along a trajectory against a tolerance.
 
@@ -124,15 +131,24 @@ def check(
         method: See `Arm.deflection`.
         progress: Called with (rows done, rows in all).
         covariates: What the arm's effects depend on and no column gives, the same in every row.
+        against: A path of the same rows: the flexed tip on `trajectory` is held against where the rigid arm has it on
+            this one, at the rows and between them. So a compensated path is checked.
 
     Raises:
         InputError: A tolerance is not positive, a covariate is one that no effect depends on, or a row cannot be used
             or is further from the one before than any path goes; the row and time are named, and its place in a file.
+            The rows of `against` are others: in number, time or via-point.
         MissingCovariateError: An effect depends on something that was not given.
     """
     if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
         raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
     trajectory = trajectory.with_constants(arm, covariates or {})
+    if against is not None:
+        trajectory, meant = trajectory.towards(against), against.for_arm(arm)
+        places = meant.places or [f"row {i} of the desired path" for i in range(len(meant))]
+        for q, place in zip(meant.q, places, strict=True):
+            with naming(place):
+                arm.check_position(q)
     derived, trajectory = trajectory.derived_directions(arm), trajectory.prepared(arm)
     _check_steps(arm, trajectory)
     certain, count = without_declared_uncertainty(arm), len(trajectory)
@@ -141,7 +157,7 @@ def check(
         (between, some), judge = piece, _Judge(certain, trajectory, tolerance, angle, method)
         if between:
             return _worst_between(judge, some), judge
-        found = judge.at(judge.rows(some), [judge.where(i) for i in some.tolist()])
+        found = judge.at(trajectory.points.some(some), [judge.where(i) for i in some.tolist()])
         return [judge.point(found, i, trajectory.via[row]) for i, row in enumerate(some)], judge
 
     both = ((False, np.arange(count)), (True, np.arange(count - 1)))
@@ -195,13 +211,6 @@ class _Judge:
         self.samples = 0
         self.flags: dict[str, Flag] = {}
 
-    def rows(self, some: np.ndarray) -> Points:
-        """Return some rows of the trajectory as points."""
-        t = self.trajectory
-        v, a = (None if values is None else values[some] for values in (t.v, t.a))
-        known = {name: values[some] for name, values in t.covariates.items()}
-        return Points(t.time[some], t.q[some], [t.payload[i] for i in some.tolist()], v, a, known)
-
     def where(self, i: int) -> str:
         """Return what row i is called in an error."""
         via = self.trajectory.via[i]
@@ -214,15 +223,14 @@ class _Judge:
         """
         points = self.trajectory.between(segments, fractions)
         names = {name: float(i) for i, name in enumerate(dict.fromkeys(points.payload))}
-        parts = [points.time, points.q, [names[name] for name in points.payload], points.v, points.a]
+        parts = [points.time, points.q, [names[name] for name in points.payload], points.v, points.a, points.target]
         parts += [*points.covariates.values()]
+        parts += [part for one in points.wrenches if one.rows is not None for part in (one.force, one.moment)]
         table = np.column_stack([part for part in parts if part is not None])
         _, first, back = np.unique(table, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)  # as they come, so that a flag is about the first of them
         place, first = np.argsort(order)[back.ravel()], first[order]
-        v, a = (None if values is None else values[first] for values in (points.v, points.a))
-        known = {name: values[first] for name, values in points.covariates.items()}
-        asked = Points(points.time[first], points.q[first], [points.payload[int(i)] for i in first], v, a, known)
+        asked = points.some(first)
         every, starts = np.arange(len(segments)), np.flatnonzero(np.diff(segments, prepend=-1))
         number = (every - starts[np.searchsorted(starts, every, side="right") - 1])[first]
         found = self.at(asked, [f"row {i} at {time:g} s" for i, time in zip(number, asked.time, strict=True)])
@@ -232,8 +240,7 @@ class _Judge:
     def at(self, points: Points, names: Sequence[str]) -> _Samples:
         """Return the verdicts at some points; errors are raised again with the point's name."""
         self.samples += len(points.time)
-        known = {"time": points.time, **points.covariates}
-        asked = {"v": points.v, "a": points.a, "covariates": known, "method": self.method}
+        asked = {**points.asked, "method": self.method}
         reason = np.full(len(points.time), "", dtype=object)
         try:
             found = self.arm.deflection(points.q, points.payload, **asked)
@@ -241,13 +248,14 @@ class _Judge:
             reason[:] = [self.trouble(points, i, name) for i, name in enumerate(names)]
             found = self.arm.deflection(points.q, points.payload, enforce_limits=False, allow_large=True, **asked)
         self.keep_flags(found, points.time)
-        return self.judge(found, self.covariance(found, points, known, reason == ""), points, reason)
+        return self.judge(found, self.covariance(found, points, reason == ""), points, reason)
 
     def trouble(self, points: Points, i: int, name: str) -> str:
         """Return why a point cannot be allowed, '' where it can; raise where it has no answer at all."""
         known = {key: values[i] for key, values in points.covariates.items()}
         moved = {key: None if values is None else values[i] for key, values in (("v", points.v), ("a", points.a))}
         asked = {"method": self.method, "covariates": {"time": points.time[i], **known}, **moved}
+        asked["wrenches"] = wrenches_in(points.wrenches, i)
         with naming(name):
             try:
                 self.arm.deflection(points.q[i], points.payload[i], **asked)
@@ -265,17 +273,16 @@ class _Judge:
             said = flag if flag in self.arm.flags else Flag(flag.code, f"at {time[i]:g} s: {flag.text}")
             self.flags.setdefault(flag.code, said)
 
-    def covariance(
-        self, found: DeflectionBatch, points: Points, known: Mapping[str, Array], fine: np.ndarray
-    ) -> Array | None:
+    def covariance(self, found: DeflectionBatch, points: Points, fine: np.ndarray) -> Array | None:
         """Return the (M, 6, 6) covariance of the displacement, None where nobody states one; others fail anyhow."""
         laws = found.covariance
         if self.arm.certainty is None or not fine.any():
             return laws
         some = np.flatnonzero(fine)
-        given = {name: values[some] for name, values in known.items()}
+        given = {name: values[some] for name, values in points.asked["covariates"].items()}
         own = None if laws is None else laws[some]
-        told, flags = tip_covariance(self.arm, points.q[some], [points.payload[i] for i in some.tolist()], given, own)
+        carried, pulled = [points.payload[i] for i in some.tolist()], wrenches_in(points.wrenches, some)
+        told, flags = tip_covariance(self.arm, points.q[some], carried, given, own, pulled)
         for flag in (*flags, *((AT_REST,) if points.v is not None or points.a is not None else ())):
             self.flags.setdefault(flag.code, flag)
         if told is None:
@@ -286,14 +293,19 @@ class _Judge:
 
     def judge(self, found: DeflectionBatch, covariance: Array | None, points: Points, reason: np.ndarray) -> _Samples:
         """Return the verdicts on points whose displacements have a (M, 6, 6) covariance."""
-        halves = (slice(0, 3), slice(3, 6))
-        sizes = np.stack([np.linalg.norm(found.displacement[:, half], axis=1) for half in halves], axis=1)
+        halves, error = (slice(0, 3), slice(3, 6)), found.displacement
+        if points.target is not None:
+            rigid = self.arm.loaded(None)
+            error = displaced_from(error, found.rigid_pose, rigid_tips(rigid.nominal or rigid.chain, points.target))
+        sizes = np.stack([np.linalg.norm(error[:, half], axis=1) for half in halves], axis=1)
         sigmas = np.full(sizes.shape, np.nan)
         if covariance is not None:
-            each = [length_sigma(found.displacement[:, half], covariance[:, half, half]) for half in halves]
+            near = points.target is not None
+            each = [length_sigma(error[:, half], covariance[:, half, half], near) for half in halves]
             sigmas = np.stack(each, axis=1)
         limits = np.array([self.tolerance] if self.angle is None else [self.tolerance, self.angle])
         size, half_widths = sizes[:, : len(limits)], COVERAGE * np.nan_to_num(sigmas[:, : len(limits)], posinf=np.inf)
+        half_widths = np.minimum(half_widths, ENDLESS * limits)
         margins = limits - size
         verdicts = np.where(np.abs(margins) < half_widths, 1, np.where(margins >= 0.0, 2, 0))
         verdict = np.where(reason == "", verdicts.min(axis=1), 0)

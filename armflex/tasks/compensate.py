@@ -17,9 +17,13 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.conventions import RESOLUTION, Array, as_pose, number
 from armflex.errors import Flag, InputError, UnreachableError, naming
-from armflex.mechanics.deflection import Deflection
+from armflex.estimate.posterior import without_declared_uncertainty
+from armflex.estimate.tip_uncertainty import total_covariance
+from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
+from armflex.parallel import in_threads
+from armflex.rows.wrench import wrenches_in
 from armflex.tasks.inverse_kinematics import (
     AIMED_AT,
     LEAST_DAMPING,
@@ -64,6 +68,10 @@ class CompensatedRow:
             exactly; '' when reached.
         sigma_min: Smallest singular value of the matched Jacobian [m per m or rad].
         smallest: Whether no smaller change near by reaches it, as far as could be shown; False where not reached.
+        sigma_m, sigma_rad: Standard uncertainties of what remains, of the shift's length and of the turn's [m, rad]:
+            `after` is what the arm as declared and fitted does, the machine is so far from it. Of the laws and of all
+            that was fitted; infinite where it depends on what neither a campaign nor a prior determined, None where
+            nobody states one.
     """
 
     time: float
@@ -75,6 +83,8 @@ class CompensatedRow:
     reason: str
     sigma_min: float
     smallest: bool = True
+    sigma_m: float | None = None
+    sigma_rad: float | None = None
 
 
 @dataclass(frozen=True)
@@ -88,7 +98,7 @@ class Compensation:
         between_m: Largest error of the tip halfway between rows of one payload, the path being straight in joint
             space there [m]; None with targets of one's own.
         flags: Flags: near singular rows, joints asked to move faster than their limit, payloads that change,
-            changes that may not be the smallest.
+            changes that may not be the smallest; no uncertainty that anybody states.
     """
 
     trajectory: Trajectory
@@ -101,6 +111,12 @@ class Compensation:
     def ok(self) -> bool:
         """Whether every row was reached."""
         return all(row.reached for row in self.rows)
+
+    @property
+    def remains_m(self) -> tuple[float, float | None]:
+        """What remains at most in a row, and the largest standard uncertainty of that in any [m]; see `sigma_m`."""
+        most = max(float(np.linalg.norm(row.after[:3])) for row in self.rows)
+        return most, max((row.sigma_m for row in self.rows if row.sigma_m is not None), default=None)
 
 
 def compensate(
@@ -155,7 +171,8 @@ def compensate(
         rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
         gaps = _gaps(arm, trajectory, moved)
     widest = None if gaps is None else float(gaps.max(initial=0.0))
-    flags = [*moved.derived_directions(arm), *_flags_about(arm, trajectory, moved, rows)]
+    rows, uncertain = _with_sigmas(arm, moved, rows)
+    flags = [*moved.derived_directions(arm), *_flags_about(arm, trajectory, moved, rows), *uncertain]
     if between is not None and (widest is None or widest > between):
         left = "is not looked at with targets of one's own" if widest is None else f"is still {widest:.3g} m"
         text = f"the error halfway between rows {left}; at most {between:g} m was asked"
@@ -198,6 +215,34 @@ def _flags_about(arm: Arm, commanded: Trajectory, moved: Trajectory, rows: Seque
             where = f"{arm.joint_names[joint]} would move at {share[segment, joint]:.2g} times its speed limit"
             times = f"at {moved.time[segment]:g} s (commanded path: {given[segment, joint]:.2g} times)"
             yield Flag("too_fast", f"{where} {times}")
+
+
+def _with_sigmas(
+    arm: Arm, moved: Trajectory, rows: Sequence[CompensatedRow]
+) -> tuple[tuple[CompensatedRow, ...], tuple[Flag, ...]]:
+    """Return the rows with the uncertainty of what remains in each, and flags about it."""
+    points, certain = moved.prepared(arm).points, without_declared_uncertainty(arm)
+    errors, met = np.array([row.after for row in rows]), dict[Flag, None]()
+
+    def uncertain(some: np.ndarray) -> tuple[list[tuple[float | None, float | None]], tuple[Flag, ...]]:
+        here = points.some(some)
+        found = certain.deflection(here.q, here.payload, enforce_limits=False, **here.asked)
+        covariance, flags = total_covariance(found)
+        if covariance is None:
+            return [(None, None)] * len(some), flags
+        halves = (slice(0, 3), slice(3, 6))
+        sigmas = [length_sigma(errors[some, half], covariance[:, half, half], short=True) for half in halves]
+        return list(zip(*(each.tolist() for each in sigmas), strict=True)), flags
+
+    found: list[CompensatedRow] = []
+    every = np.arange(len(rows))
+    for pairs, flags in in_threads(uncertain, [every[i : i + TOGETHER] for i in range(0, len(every), TOGETHER)]):
+        met |= dict.fromkeys(flags)
+        found += [replace(rows[len(found) + i], sigma_m=m, sigma_rad=rad) for i, (m, rad) in enumerate(pairs)]
+    if arm.flexure_names and any(row.sigma_m is None for row in found):
+        text = "neither the laws nor a fit of this arm states an uncertainty: what remains is the declared arm's"
+        met[Flag("no_uncertainty", text)] = None
+    return tuple(found), tuple(met)
 
 
 def _solve_rows(
@@ -319,7 +364,8 @@ class _Solver:
         """Return the (M, 6) error of rows after (M, nq) changes, and its matched Jacobian."""
         t, arm = self.trajectory, self.arm
         known = {"time": t.time[rows], **{name: values[rows] for name, values in t.covariates.items()}}
-        line = respond(arm, t.q[rows] + change, [t.payload[i] for i in rows.tolist()], known)
+        pulled = wrenches_in(t.wrenches, rows)
+        line = respond(arm, t.q[rows] + change, [t.payload[i] for i in rows.tolist()], known, wrenches=pulled)
         given = arm.stack.change_with_position(line.flexure_wrenches.reshape(len(rows), -1), line.row)
         jacobian = line.joints + line.laws.reshape(len(rows), 6, -1) @ given
         error = [_error(pin.SE3(pose), target) for pose, target in zip(line.tip, targets, strict=True)]
@@ -428,7 +474,6 @@ def _gaps(arm: Arm, commanded: Trajectory, moved: Trajectory) -> Array:
         half = np.full(len(some), 0.5)
         target = rigid_tips(rigid.nominal or rigid.chain, commanded.between(some, half).q)
         middle = known.between(some, half)
-        asked = {"v": middle.v, "a": middle.a, "covariates": {"time": middle.time, **middle.covariates}}
-        found = arm.deflection(middle.q, middle.payload, **asked)
+        found = arm.deflection(middle.q, middle.payload, **middle.asked)
         gaps[some] = np.linalg.norm(found.pose[:, :3, 3] - target[:, :3, 3], axis=1)
     return gaps

@@ -24,6 +24,7 @@ from armflex.laws.effects.remember import (
     directions,
     remembers,
 )
+from armflex.measured.forces import UNLOADED, Unnamed
 from armflex.measured.measurements import Measurements, read_measurements, stream_inputs
 from armflex.measured.table import writing_table
 from armflex.mechanics.deflection import DeflectionBatch
@@ -106,6 +107,7 @@ def predict_file(
     output: str | Path,
     progress: Progress | None = None,
     covariates: Mapping[str, float] | None = None,
+    unnamed: Unnamed = UNLOADED,
 ) -> tuple[int, tuple[Flag, ...]]:
     """Write what `predict` says of the rows of a table, some thousand of them in memory at a time.
 
@@ -116,6 +118,7 @@ def predict_file(
         arm, progress, covariates: As of `predict`.
         path: The rows; see `stream_inputs`.
         output: Written whole or not at all: x y z, sigma_*, the orientation pose_r*, and the displacement dx to rz.
+        unnamed: What loads rows that name no payload, or no force.
 
     Returns:
         The number of rows, and flags.
@@ -129,7 +132,10 @@ def predict_file(
 
     met = _Flags(arm)
     whole = remembers(arm)
-    pieces = iter([read_measurements(path, arm, inputs_only=True)]) if whole else stream_inputs(path, arm, TOGETHER)
+    if whole:
+        pieces = iter([read_measurements(path, arm, inputs_only=True, unnamed=unnamed)])
+    else:
+        pieces = stream_inputs(path, arm, TOGETHER, unnamed)
     certain, threads = without_declared_uncertainty(arm), cpu_count()
     waiting: deque[Future[tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]]] = deque()
     with writing_table(output) as write, ThreadPoolExecutor(threads) as pool:

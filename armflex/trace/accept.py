@@ -21,6 +21,18 @@ if TYPE_CHECKING:
 
 FLIPS = 200
 
+ENOUGH = 16.0
+"""Evidence that an effect must be worth at least: thousands are looked at, and noise gives the best of them 3 to 10.
+
+A large residual of a piece gives far more even with its signs turned at random, which `MARGIN` is counted from.
+"""
+
+MARGIN = 3.0
+"""Evidence that it must have beyond the best that random signs gave."""
+
+APART = 2.0
+"""Standard errors by which held-out errors must fall."""
+
 SHOWN = 2.0
 """Standard deviations by which an effect must still show for rows that were left out to say anything about it."""
 
@@ -55,6 +67,21 @@ class Proof:
         return self.sessions_after < self.sessions_before
 
 
+@dataclass(frozen=True)
+class Kin:
+    """A family that effects were accepted with: one law at every drive (`armflex.trace.families`).
+
+    Attributes:
+        number: Which family it is.
+        std: Standard deviation of its members' twists, RMS over the rows [rad or m].
+        worth: Twice the logarithm of its evidence over none.
+    """
+
+    number: int
+    std: float
+    worth: float
+
+
 @dataclass(frozen=True, eq=False)
 class Step:
     """What is kept of an accepted effect; a search itself is hundreds of megabytes.
@@ -64,12 +91,14 @@ class Step:
         proof: Held-out rows.
         witness: Whether it is believed for the priors' sake: held-out errors barely move, parameters no longer do.
         exchanged: Whether another effect has taken its place since, so that the proof is of what stood there before.
+        kin: The family with which it was added, whose proof it is; None where it stands alone.
     """
 
     ranking: tuple[Polished, ...]
     proof: Proof
     witness: bool
     exchanged: bool = False
+    kin: Kin | None = None
 
 
 def prove(before: State, after: State, null: float, new: Sequence[Block]) -> Proof:

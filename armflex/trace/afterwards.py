@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -16,15 +17,24 @@ from armflex.estimate.view import look, position_rms
 from armflex.laws.effects.effect import Effect
 from armflex.measured.repeats import repeats
 from armflex.parameters import ArmParameter
-from armflex.trace.accept import prove, sessions_held_out
+from armflex.trace.accept import ENOUGH, MARGIN, null_maximum, prove, sessions_held_out
 from armflex.trace.exchange import equivalents, pruned, worth_of
-from armflex.trace.findings import Found, Smallest, Trace, Unexplained, Unidentifiable, predictable_residual
+from armflex.trace.findings import (
+    Family,
+    Found,
+    Smallest,
+    Trace,
+    Undecided,
+    Unexplained,
+    Unidentifiable,
+    predictable_residual,
+)
 from armflex.trace.next_measurement import lacking, next_rows
 from armflex.trace.projection import project
 from armflex.trace.search import Round
 from armflex.trace.state import State, lost_rows, sorted_out, without
 from armflex.trace.unrecorded import NOTICED, RandomTwist, as_likely, localise
-from armflex.trace.withdraw import never_worse
+from armflex.trace.withdraw import Compared, never_worse
 
 ALMOST = 1e-4
 """Share of a column's square below which what is left of it cannot be seen at any plausible size."""
@@ -47,9 +57,8 @@ def so_far(state: State, places: tuple[RandomTwist, ...]) -> Trace:
 
     `places` are the likeliest of what was left at first.
     """
-    worths = [worth_of(state, index)[0] for index in range(len(state.effects))]
     left = unexplained(state, localise(state.fit, state.context, project(state.fit), state.groups))
-    found = tuple(_found(state, index, worth, ()) for index, worth in enumerate(worths))
+    found = tuple(_found(state, index, worth, ()) for index, worth in _by_themselves(state))
     return _summed_up(state, places, found, left, unfinished=True)
 
 
@@ -61,7 +70,7 @@ def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
     state.say(f"searching what {len(state.rows)} rows still show")
     looked = state.looked  # which costs nothing where nothing changed
     state.say("comparing what else would do")
-    found = tuple(_found(state, index, *equivalents(state, index)) for index in range(len(state.effects)))
+    found = tuple(_found(state, i, *equivalents(state, i), compared) for i, _ in _by_themselves(state))
     left = unexplained(state, looked.places)
     together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
     if left is None and len(together):  # rows left out although their neighbours are far off, too
@@ -69,12 +78,15 @@ def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
         errors = view.residual[:, view.positions]
         left = Unexplained(None, None, None, None, float(np.sqrt((errors**2).sum() / len(state.asked))))
     state.say("looking what could not be told, and what to measure next")
-    hypotheses = [[hypothesis for hypothesis, _ in one.equivalent] for one in found]
+    undecided = None if state.effects or left is not None or withdrawn else _undecided(state, looked)
+    others = {one.index: [hypothesis for hypothesis, _ in one.equivalent] for one in found}
+    hypotheses = [others.get(index, []) for index in range(len(state.effects))]
     return _summed_up(
         state,
         places,
         found,
         left,
+        undecided=undecided,
         not_identifiable=not_identifiable(looked, state),
         smallest=smallest(looked, state),
         next_measurement=(*next_rows(state, hypotheses), *lacking(state.measurements)),
@@ -90,7 +102,7 @@ def _summed_up(
     fit, calibration = state.fit, state.calibration
     folds, judged = pose_folds(state.groups), believed(state.calibrated, fit)
     # A random twist stays behind, because nobody can foresee it.
-    effects = (*calibration.arm.effects, *(one.effect for one in found))
+    effects = (*calibration.arm.effects, *state.fitted)
     arm, instrument = with_posteriors(fit.setup.arm, fit), fit.setup.instrument
     return Trace(
         arm=replace(arm, effects=effects, instrument=instrument, certainty=certainty_of(fit)),
@@ -98,6 +110,7 @@ def _summed_up(
         before=state.calibrated,
         state=state,
         found=found,
+        families=_families(state),
         unexplained=left,
         places=places,
         noise=fit.noise,
@@ -108,14 +121,51 @@ def _summed_up(
     )
 
 
-def _found(state: State, index: int, worth: float, others: tuple[tuple[Effect, float], ...]) -> Found:
+def _undecided(state: State, looked: Round) -> Undecided | None:
+    """Return what is left where it is much and the best candidate is no better than chance, None elsewhere."""
+    fit, best = state.fit, looked.ranking[0].evidence
+    if fit.noise**2 < LARGER:
+        return None
+    chance = max(float(null_maximum(sifted, state.groups).max()) for sifted in looked.sifted)
+    if best >= chance + MARGIN:
+        return None  # what was found was refused for other reasons than chance
+    poses, stated = int(state.groups.max()) + 1, position_rms(fit.view.sigma)
+    return Undecided(fit.rms, stated, poses, best, chance)
+
+
+def _by_themselves(state: State) -> Iterator[tuple[int, float]]:
+    """Yield place and evidence of every effect that was added alone, and of members of families that show alone."""
+    for unit in sorted(state.units):
+        for index in unit:
+            worth = worth_of(state, index)[0]
+            if len(unit) == 1 or worth >= ENOUGH:
+                yield index, worth
+
+
+def _families(state: State) -> tuple[Family, ...]:
+    found = []
+    for unit in state.units:
+        step = state.steps[unit[0]]
+        if step is not None and step.kin is not None:
+            blocks = [state.effects[i] for i in unit]
+            stds = [block.std(state.values_of(block), state.stds_of(block)) for block in blocks]
+            found.append(Family(step.kin, tuple(zip((state.fitted[i] for i in unit), stds, strict=True)), step.proof))
+    return tuple(found)
+
+
+def _found(
+    state: State, index: int, worth: float, others: tuple[tuple[Effect, float], ...], compared: Compared | None = None
+) -> Found:
     block, step = state.effects[index], state.steps[index]
     assert step is not None
     proof = step.proof
     if step.exchanged:
         proof = prove(without(state, index), state, proof.null, [block])
     std = block.std(state.values_of(block), state.stds_of(block))
-    return Found(state.fitted[index], std, worth, proof, others, step.ranking, step.witness)
+    effect, family = state.fitted[index], None if step.kin is None else step.kin.number
+    names = compared.names[index] if compared is not None else ()
+    survives = names.count(effect.name) / len(names) if names else None
+    return Found(effect, std, worth, proof, others, step.ranking, step.witness, index, family, survives)
 
 
 def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:

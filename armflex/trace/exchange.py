@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, islice
 
@@ -15,7 +14,7 @@ from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, sift
-from armflex.trace.grow import accepted
+from armflex.trace.grow import accepted, settled
 from armflex.trace.polish import Polished, polish, unusual
 from armflex.trace.projection import Projection, evidence, projected, ridge_for
 from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, plainness
@@ -132,16 +131,40 @@ def exchanged(state: State) -> tuple[State, ...]:
             if better:
                 passed, again = (*passed, *better, *pruned(better[-1])), True
                 break
-    return passed
+    after = settled(passed[-1]) if passed else None
+    return passed if after is None else (*passed, after)
+
+
+def in_place(state: State, indices: Sequence[int], better: Sequence[Polished], margin: float) -> tuple[State, ...]:
+    """Return the states without effects, and with the first of some candidates in their place.
+
+    None where it cannot stand there, or where the information criterion falls by less than a margin.
+    """
+    if not better:
+        return ()
+    first, names = indices[0], " and ".join(state.effects[index].effect.name for index in indices)
+    state.say(f"trying {better[0].effect.name} for {names}")
+    try:
+        rest = without(state, *indices)
+        trial = moved_to(add(rest, better[0]), first)
+    except ArmflexError:  # an arm that buckles
+        return ()
+    if not stands(trial) or len(trial.effects) != len(rest.effects) + 1:
+        return ()
+    if _information(trial, state) > _information(state, state) - margin:
+        return ()
+    step = state.steps[first]
+    assert step is not None
+    return rest, replace(trial, steps=(*trial.steps[:first], replace(step, exchanged=True), *trial.steps[first + 1 :]))
 
 
 def pruned(state: State) -> tuple[State, ...]:
     """Return the states without one effect and another that is no longer worth `SAME`, none where all are."""
     passed = []
-    while state.effects:
-        worths = [worth_of(state, i)[0] for i in range(len(state.effects))]
-        weakest = int(np.argmin(worths))
-        if worths[weakest] >= SAME:
+    while alone := [unit[0] for unit in state.units if len(unit) == 1]:
+        worths = [worth_of(state, i)[0] for i in alone]
+        weakest = alone[int(np.argmin(worths))]
+        if min(worths) >= SAME:
             break
         trial = without(state, weakest)
         # The linear estimate misses how much the rest must bend.
@@ -159,48 +182,39 @@ def _spots(state: State, indices: Iterable[int]) -> Spots:
 
 def _suspects(state: State) -> tuple[tuple[int, ...], ...]:
     """Return each effect, those first that the others could do without most easily, then pairs that share most."""
-    every = range(len(state.effects))
-    if len(every) < 2:
+    alone = [unit[0] for unit in state.units if len(unit) == 1]
+    if len(alone) < 2:
         return ()
-    worths = [worth_of(state, i)[0] for i in every]
+    worths = {i: worth_of(state, i)[0] for i in alone}
     # What a pair is worth beyond what its members are: either takes over when the other goes.
-    shared = {pair: worth_of(state, *pair)[0] - worths[pair[0]] - worths[pair[1]] for pair in combinations(every, 2)}
+    shared = {pair: worth_of(state, *pair)[0] - worths[pair[0]] - worths[pair[1]] for pair in combinations(alone, 2)}
     pairs = sorted((pair for pair in shared if shared[pair] > SAME), key=lambda pair: -shared[pair])
-    return (*sorted(((i,) for i in every), key=lambda one: worths[one[0]]), *pairs[:PAIRS])
+    return (*((i,) for i in sorted(alone, key=lambda i: worths[i])), *pairs[:PAIRS])
 
 
 def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
     """Return the states from one without some effects to one with better ones in their place, none where none is.
 
-    What is plainer may be a little worse, what bends more must be clearly better.
+    What is plainer may be a little worse, what bends more must be clearly better; for a pair one effect may come, or
+    another pair.
     """
     worth, hypotheses = hypotheses_of(state, *indices)
-    alone = len(indices) == 1
-    least = worth - max(CLOSE, SHARE * worth) if alone else PART * worth
-    likely = [one for one in hypotheses if one.evidence > least]
-    if not likely:
-        return ()
-    names = " and ".join(state.effects[i].effect.name for i in indices)
+    if len(indices) > 1:
+        passed = in_place(state, indices, [one for one in hypotheses if one.evidence > PART * worth], -np.inf)
+        now = _information(state, state)
+        if passed and _information(passed[-1], state) >= now:
+            more = accepted(passed[-1], passed[-1].looked)
+            better = more is not None and _information(more, state) < now - PREFERRED
+            passed = (*passed, more) if more is not None and better else ()
+        return passed
+    best: tuple[State, ...] = ()
     own = plainness(candidate_of(state.fitted[indices[0]]))
-    now, rest, step = _information(state, state), without(state, *indices), state.steps[indices[0]]
-    assert step is not None
-    best: tuple[float, tuple[State, ...]] = 0.0, ()
-    for one in likely[: SHORT if alone else 1]:
-        state.say(f"trying {one.effect.name} for {names}")
-        with contextlib.suppress(ArmflexError):  # an arm that buckles
-            trial = add(rest, one)
-            if len(trial.effects) > len(rest.effects):
-                trial = moved_to(trial, indices[0])
-            trial = replace(trial, steps=tuple(replace(step, exchanged=True) if s is None else s for s in trial.steps))
-            if not stands(trial):
-                continue
-            kind = plainness(one.candidate)
-            margin = 0.0 if not alone else -TIE if kind < own else TIE if kind == own else PREFERRED
-            passed, worse = (rest, trial), _information(trial, state) - now + margin
-            if worse >= 0.0 and not alone and (more := accepted(trial, trial.looked)):
-                passed, worse = (rest, trial, more), _information(more, state) - now + PREFERRED
-            best = min(best, (worse, passed), key=lambda entry: entry[0])
-    return best[1]
+    for one in [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]:
+        kind = plainness(one.candidate)
+        passed = in_place(state, indices, [one], -TIE if kind < own else TIE if kind == own else PREFERRED)
+        if passed and (not best or _information(passed[-1], state) < _information(best[-1], state)):
+            best = passed
+    return best
 
 
 def _information(trial: State, state: State) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,8 +21,8 @@ from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects.effect import Effect
-from armflex.parameters import ArmParameter, numbers_of
-from armflex.trace.accept import Proof
+from armflex.parameters import ArmParameter
+from armflex.trace.accept import Kin, Proof
 from armflex.trace.polish import Polished
 from armflex.trace.state import State, lost_rows
 from armflex.trace.unrecorded import RandomTwist
@@ -41,6 +41,10 @@ class Found:
         equivalent: Other candidates that these data cannot tell from it, with how much less evidence they have.
         ranking: What was considered when it was added, the best first.
         witness: Whether it is believed for the priors' sake: held-out errors barely move, parameters no longer do.
+        index: Its place among the effects of the final fit.
+        family: Number of the family with which it was added, whose proof it is; None where it stands alone.
+        survives: Share of the folds of the poses without which the same law at the same place is chosen again; None
+            where that was not asked.
     """
 
     effect: Effect
@@ -50,11 +54,42 @@ class Found:
     equivalent: tuple[tuple[Effect, float], ...]
     ranking: tuple[Polished, ...]
     witness: bool
+    index: int = 0
+    family: int | None = None
+    survives: float | None = None
 
     @property
     def believed(self) -> str:
         """Why: it predicts held-out rows better, or it ends what strained the priors and predicts them no worse."""
         return "strained priors" if self.witness else "held-out rows"
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """One law at every drive, believed together: errors of a size that all of them have, few of which show alone.
+
+    Attributes:
+        kin: Number, size and evidence.
+        members: The law at each drive with its fitted values, and the standard uncertainty of each by name.
+        proof: Held-out rows, of all families that were added at once.
+    """
+
+    kin: Kin
+    members: tuple[tuple[Effect, Mapping[str, float]], ...]
+    proof: Proof
+
+    @property
+    def title(self) -> str:
+        """Law, values that all have in common, and that it is everywhere."""
+        effect = self.members[0][0]
+        inner = dict(list(effect.named.items())[len(effect.location.terms) :])
+        said = "".join(f" {name} = {value:.3g}" for name, value in inner.items())
+        return f"{effect.law.name.replace('_', ' ')}{said} at every drive"
+
+    @property
+    def unit(self) -> str:
+        """Of the size of its twists."""
+        return "rad" if self.members[0][0].location.turns else "m"
 
 
 @dataclass(frozen=True)
@@ -75,6 +110,33 @@ class Unexplained:
     unit: str | None
     rms: float
     equivalent: tuple[RandomTwist, ...] = ()
+
+
+@dataclass(frozen=True)
+class Undecided:
+    """A residual far above what is stated, from poses too few to tell an effect from chance.
+
+    Attributes:
+        rms: RMS of the 3-D error that is left [m].
+        stated: What the stated standard deviations alone would give [m].
+        poses: Distinct poses that were fitted.
+        evidence, chance: That of the best candidate, and the best that random signs of the residual gave.
+    """
+
+    rms: float
+    stated: float
+    poses: int
+    evidence: float
+    chance: float
+
+    @property
+    def text(self) -> str:
+        """In a sentence."""
+        return (
+            f"These data cannot decide what is missing: {1e3 * self.rms:.3g} mm RMS are left where "
+            f"{1e3 * self.stated:.3g} mm are stated, and with {self.poses} distinct poses chance explains as much "
+            f"as the best effect does (evidence {self.chance:.0f} beside {self.evidence:.0f}): measure more poses."
+        )
 
 
 @dataclass(frozen=True)
@@ -118,7 +180,7 @@ class Trace:
         calibration: Before anything was added, lost beams and all.
         before: The same, fitted to the rows that the final fit uses.
         state: The final fit.
-        found: Effects in the order added.
+        found: Effects in the order added; of families, the members that show by themselves.
         unexplained: What is left above the noise, None when nothing is.
         places: Likeliest places of what was left at first.
         noise: Standard deviation of the readings over the stated one, from the final residual.
@@ -129,6 +191,8 @@ class Trace:
         next_measurement: What to measure next, in words.
         compared: Held-out poses, everything chosen and fitted without them; None where nothing was added.
         withdrawn: What was accepted and taken out again, because held-out poses were predicted worse with it.
+        families: Laws that all drives have.
+        undecided: What is left where these rows cannot tell whether anything is missing, None where they can.
         unfinished: Whether the search was still going on: what else would do, what could not be told and what to
             measure next is not worked out yet.
         stopped_at: How many effects the search had accepted where that many are its limit, None where it ended because
@@ -151,6 +215,8 @@ class Trace:
     next_measurement: tuple[str, ...] = ()
     compared: Compared | None = None
     withdrawn: tuple[Withdrawn, ...] = ()
+    families: tuple[Family, ...] = ()
+    undecided: Undecided | None = None
     unfinished: bool = False
     stopped_at: int | None = None
 
@@ -211,8 +277,13 @@ class Trace:
     @property
     def numbers(self) -> tuple[int, ...]:
         """Which of its name every effect that was found is in the arm, see `numbers_of`."""
-        known = self.calibration.arm.effects
-        return numbers_of((*known, *(one.effect for one in self.found)))[len(known) :]
+        return tuple(self.state.effects[one.index].number for one in self.found)
+
+    @property
+    def added(self) -> Iterator[tuple[Effect, dict[str, float]]]:
+        """Every effect of the final fit with the standard uncertainty of each of its values by name."""
+        for block, effect in zip(self.state.effects, self.state.fitted, strict=True):
+            yield effect, block.std(self.state.values_of(block), self.state.stds_of(block))
 
     def told(self, kind: str) -> int:
         """Return how many outliers are of one kind."""
@@ -225,6 +296,24 @@ class Trace:
             return ""
         count = "1 effect" if self.stopped_at == 1 else f"{self.stopped_at} effects"
         return f"The search ended at its limit of {count}: more may be missing."
+
+    @property
+    def held_out(self) -> tuple[float, float]:
+        """RMS of the 3-D error on held-out poses, of the calibrated arm and with what was found [m].
+
+        Where something was found, what it is was chosen without them; `held_out_after` is of what all rows chose.
+        """
+        if self.compared is None:
+            return self.held_out_before, self.held_out_after
+        return self.compared.before, max(self.compared.after, self.held_out_after)
+
+    @property
+    def said_of_held_out(self) -> str:
+        """What was decided without the poses that held-out errors are of, and what was not, in a sentence."""
+        return (
+            "laws, places and values were chosen and fitted without them, and whether an effect is added at all; "
+            "which laws competed at last, and what drives have in common, with all rows in sight."
+        )
 
     @property
     def residual(self) -> Array:
@@ -253,8 +342,10 @@ def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
     """
     fit = trace.state.fit
     campaign = Campaign(trace.state.measurements.sha256, len(trace.rows), trace.rms)
-    stated = [{name: std for name, std in found.std.items() if np.isfinite(std)} for found in trace.found]
-    effects = [effect_table(found.effect, std) for found, std in zip(trace.found, stated, strict=True)]
+    effects = [
+        effect_table(effect, {name: one for name, one in std.items() if np.isfinite(one)})
+        for effect, std in trace.added
+    ]
     setup = realise(fit.declared, trace.state.blocks, fit.values)  # effects are written by themselves
     arm = replace(with_posteriors(setup.arm, fit), instrument=setup.instrument, certainty=certainty_of(fit))
     return write_arm(declared, arm, campaign, path, effects, trace.unfinished)

@@ -14,20 +14,11 @@ import numpy as np
 from armflex.errors import ArmflexError
 from armflex.estimate.robust import robust_limit
 from armflex.rows.rows import POSE
-from armflex.trace.accept import Step, null_maximum, prove
+from armflex.trace.accept import APART, ENOUGH, MARGIN, Step, null_maximum, prove
 from armflex.trace.polish import Polished
 from armflex.trace.search import SHORT, TIE, Round, plainest
 from armflex.trace.state import State, add, information, sorted_out, stands, with_random
 from armflex.trace.unrecorded import NOTICED, PoseBlock, RandomTwist, as_likely
-
-ENOUGH = 16.0
-"""Evidence that an effect must be worth at least: thousands are looked at, and noise gives the best of them 3 to 10.
-
-A large residual of a piece gives far more even with its signs turned at random, which `MARGIN` is counted from.
-"""
-
-MARGIN = 3.0
-"""Evidence that it must have beyond the best that random signs gave."""
 
 SOUGHT = 6.0
 """Evidence more for waves, bumps and products: the residual itself chose the places at which they compete."""
@@ -35,49 +26,66 @@ SOUGHT = 6.0
 SHARE = 0.4
 """Share of the excess that the best candidate must explain; below it an unrecorded cause is thought of first."""
 
-APART, FAR_APART = 2.0, 4.0
-"""Standard errors by which held-out errors must fall, and by which where a random twist would explain more."""
+FAR_APART = 4.0
+"""Standard errors by which held-out errors must fall where a random twist would explain more."""
 
 
 def grown(state: State) -> State | None:
-    """Return the state with one more effect, None where none is beyond chance.
-
-    What was set aside as unrecorded stays under suspicion: see `suspected`.
-    """
-    state.say(f"searching what {len(state.rows)} rows still show")
+    """Return the state with one more effect, None where none is beyond chance."""
     place = unrecorded(state, state.looked)
-    found = accepted(state, state.looked, APART if place is None else FAR_APART)
-    return None if found is None else suspected(sorted_out(replace(found, heed=True)))
-
-
-def set_aside(state: State) -> State | None:
-    """Return the state with an unrecorded cause set aside, else without rows far off, None where nothing is left.
-
-    Rows that are far off together stayed because an effect might explain them: none does.
-    """
-    place = unrecorded(state, state.looked)
-    if place is not None:
-        state.say(f"setting aside a random twist at {place.site} {place.axis}")
-        return _with_twist(state, place)
-    left = sorted_out(replace(state, heed=False)) if state.heed else state
-    return None if state.uses(left.rows) else left
+    return settled(accepted(state, state.looked, APART if place is None else FAR_APART))
 
 
 def paired(state: State) -> State | None:
-    """Return the state with two effects more that are proven together, None where there are none.
+    """Return the state with two effects more that are proven together, where a random twist would explain more.
 
     Where several causes are missing each of them may explain too little by itself.
     """
     looked = state.looked
+    if unrecorded(state, looked) is None:
+        return None
     for candidate, one in _refitted(state, looked, 0.0):
-        second = one.looked
-        null = _beyond_chance(one, second, second.best)
-        both = [] if null is None else _added(one, [second.best])
-        if null is not None and both and candidate.gain + second.best.gain > SHARE * looked.excess:
-            found = _proven(state, looked, both, null, FAR_APART)
+        best = one.looked.best
+        null = _beyond_chance(one, one.looked, best)
+        if null is not None and candidate.gain + best.gain > SHARE * looked.excess:
+            found = _proven(state, looked, _added(one, [best]), null, FAR_APART)
             if found is not None:
-                return suspected(sorted_out(replace(found, heed=True)))
+                return settled(found)
     return None
+
+
+def set_aside(state: State) -> State | None:
+    """Return the state with an unrecorded cause set aside, None where none is as likely."""
+    place = unrecorded(state, state.looked)
+    if place is None:
+        return None
+    state.say(f"setting aside a random twist at {place.site} {place.axis}")
+    return _with_twist(state, place)
+
+
+def without_far_rows(state: State) -> State | None:
+    """Return the state without rows that stayed because an effect might explain them, though none does."""
+    left = sorted_out(replace(state, heed=False)) if state.heed else state
+    return None if state.uses(left.rows) else left
+
+
+def settled(state: State | None) -> State | None:
+    """Return a state with something new after what follows from it: rows may come back, a random twist may go.
+
+    What was set aside stays under suspicion: it is withdrawn as soon as it is no longer likelier than every cause that
+    has a name; else it is as large as it is now, and where it is likeliest now.
+    """
+    if state is None:
+        return None
+    state = sorted_out(replace(state, heed=True))
+    if state.random is None:
+        return state
+    bare = with_random(state, None)
+    place = unrecorded(bare, bare.looked)
+    if place is None:
+        state.say("withdrawing the random twist that was set aside")
+        return bare
+    return _with_twist(bare, place)
 
 
 def unrecorded(state: State, looked: Round) -> RandomTwist | None:
@@ -99,22 +107,6 @@ def unrecorded(state: State, looked: Round) -> RandomTwist | None:
 def _with_twist(state: State, place: RandomTwist) -> State:
     groups = state.context.column(POSE).astype(int)
     return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(state.looked.places)))
-
-
-def suspected(state: State) -> State:
-    """Return a state with one more effect without the random twist that was set aside, where that is withdrawn.
-
-    It is as soon as it is no longer likelier than every cause that has a name; else it is as large as it is now, and
-    where it is likeliest now.
-    """
-    if state.random is None:
-        return state
-    bare = with_random(state, None)
-    place = unrecorded(bare, bare.looked)
-    if place is None:
-        state.say("withdrawing the random twist that was set aside")
-        return bare
-    return _with_twist(bare, place)
 
 
 def accepted(state: State, looked: Round, apart: float = APART) -> State | None:

@@ -16,10 +16,11 @@ from armflex.estimate.held_out import held_out, pose_folds
 from armflex.measured.measurements import Measurements
 from armflex.storage.whole_file import remove
 from armflex.trace.afterwards import conclude, so_far
-from armflex.trace.checkpoint import Progress, identity, read_checkpoint, restored, write_checkpoint
+from armflex.trace.checkpoint import Kept, Progress, identity, read_checkpoint, restored, write_checkpoint
 from armflex.trace.exchange import exchanged
+from armflex.trace.families import with_families
 from armflex.trace.findings import Trace
-from armflex.trace.grow import grown, paired, set_aside, suspected, unrecorded
+from armflex.trace.grow import grown, paired, set_aside, settled, without_far_rows
 from armflex.trace.projection import project
 from armflex.trace.state import State, begin
 from armflex.trace.telling import Doing, Report, Teller, tell_steps
@@ -27,9 +28,6 @@ from armflex.trace.unrecorded import localise
 
 MOST_EFFECTS = 12
 """Effects at which a search ends, though more may be missing."""
-
-MOST_ROUNDS = 100
-"""Steps at which it ends, should second thoughts go round in circles."""
 
 
 def trace(
@@ -61,8 +59,10 @@ def trace(
     elif checkpoint and not checkpoint.exists():  # that of another search stays until there is something to keep
         write_checkpoint(checkpoint, about, found)
     _tell_figures(teller, found.state)
-    while not found.ended and len(found.state.effects) < MOST_EFFECTS and len(found.rounds) < MOST_ROUNDS:
+    while not found.ended and found.state.alone < MOST_EFFECTS:
         known, passed = found.state, _round(found.state)
+        if passed and any(_alike(passed[-1], one) for one in found.rounds):  # second thoughts would go round in circles
+            passed = ()
         found = replace(found, ended=not passed)
         for state in passed:
             found = found.after(state)
@@ -82,7 +82,7 @@ def trace(
                     account(passing)
     traced = conclude(found.state, places)
     if not found.ended:
-        traced = replace(traced, stopped_at=len(found.state.effects))
+        traced = replace(traced, stopped_at=found.state.alone)
     if account is not None:
         account(traced)
     if checkpoint:
@@ -99,15 +99,27 @@ def _tell_figures(teller: Teller, state: State) -> None:
 
 
 def _round(state: State) -> tuple[State, ...]:
-    """Return the states from one to the next, none where nothing is left to be done.
+    """Return the states from one to the next, none where nothing is left to be done."""
+    for step in (_related, grown, exchanged, paired, set_aside, _among_all, without_far_rows):
+        after = step(state)
+        if after:
+            return after if isinstance(after, tuple) else (after,)
+    return ()
 
-    One more effect is found; else others take the place of some that were; else two more are found together where a
-    random twist would explain more than either; else, at last, that is set aside.
-    """
-    after = grown(state)
-    if after is None:
-        passed = exchanged(state)
-        if passed:
-            return *passed, suspected(passed[-1])
-        after = (paired(state) if unrecorded(state, state.looked) else None) or set_aside(state)
-    return () if after is None else (after,)
+
+def _alike(state: State, kept: Kept) -> bool:
+    """Return whether a state has the effects that one before it had."""
+    names = [[block.effect.name for block in one.effects] for one in (state, kept)]
+    alike = (state.random is None, state.heed) == (kept.random is None, kept.heed)
+    return names[0] == names[1] and alike and len(kept.left_out) == len(state.asked) - len(state.rows)
+
+
+def _related(state: State) -> State | None:
+    """Return the state with what all drives have in common where it explains more than any effect would by itself."""
+    state.say(f"searching what {len(state.rows)} rows still show")
+    return settled(with_families(state, state.looked.best))
+
+
+def _among_all(state: State) -> State | None:
+    """Return the state with what all drives have in common though no drive's shows by itself."""
+    return settled(with_families(state, None))

@@ -110,6 +110,19 @@ class State:
         return without_direction([block.effect for block in self.effects], self.measurements)[self.asked]
 
     @property
+    def alone(self) -> int:
+        """Number of effects that were added by themselves, not with a family."""
+        return sum(len(unit) == 1 for unit in self.units)
+
+    @property
+    def units(self) -> tuple[tuple[int, ...], ...]:
+        """Places of the effects that came together: one, or all members of a family."""
+        kin = [None if step is None or step.kin is None else step.kin.number for step in self.steps]
+        numbers = dict.fromkeys(number for number in kin if number is not None)
+        together = [tuple(i for i, one in enumerate(kin) if one == number) for number in numbers]
+        return (*((i,) for i, one in enumerate(kin) if one is None), *together)
+
+    @property
     def sessions(self) -> tuple[str, ...]:
         """Session of every fitted row."""
         return tuple(self.measurements.session[row] for row in self.rows)
@@ -251,7 +264,7 @@ def add(state: State, found: Polished) -> State:
     block = EffectBlock(what, found.free, state.context, ordinal, prior)
     effects = (*state.effects[:place], block, *state.effects[place + 1 :])
     starts[place : place + 1] = [block.start]
-    return refit(replace(state, steps=steps), effects, state.random, _with_starts(state, values, starts))
+    return refit(replace(state, steps=steps), effects, state.random, with_starts(state, values, starts))
 
 
 def _without_terms(effect: Effect) -> tuple[str, Location]:
@@ -278,11 +291,11 @@ def _reordered(state: State, order: Sequence[int]) -> State:
     effects = tuple(
         replace(state.effects[i], effect=state.fitted[i], ordinal=first + place) for place, i in enumerate(order)
     )
-    starts = _with_starts(state, state.fit.values, [block.start for block in effects])
+    starts = with_starts(state, state.fit.values, [block.start for block in effects])
     return refit(replace(state, steps=tuple(state.steps[i] for i in order)), effects, state.random, starts)
 
 
-def _with_starts(state: State, values: Array, starts: Sequence[Array]) -> Array:
+def with_starts(state: State, values: Array, starts: Sequence[Array]) -> Array:
     """Return the values of declared blocks and of the random twist, and between them where the effects start."""
     declared = sum(len(block.labels) for block in state.blocks)
     random = values[state.fit.places(state.random)] if state.random else np.zeros(0)

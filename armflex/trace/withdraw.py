@@ -1,15 +1,18 @@
 """Never worse: effects are withdrawn until held-out poses are predicted no worse than by the calibrated arm.
 
 For every fold of the poses what was chosen is chosen again without it: for one effect after the other the law and its
-place, among those that competed when it was added, and from the beginning the values inside the law that are not
-linear. All else is refitted in the linear problem about the final fit. Only how many effects there are, and what
-competed at last, was decided with every reading in sight.
+place, among those that competed when it was added, from the beginning the values inside the law that are not linear,
+and whether it is added at all. All else is refitted in the linear problem about the final fit. Only what competed at
+last, and which families there are, was decided with every reading in sight. How often the other poses alone lead to
+the same law at the same place is how often a name survives resampling; a name that another clearly outlives gives way.
 """
 
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -23,11 +26,15 @@ from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
 from armflex.linear_gaussian import most_probable
 from armflex.trace.candidates import Candidate, bank, candidate_regressors, grid, sift
+from armflex.trace.exchange import SAME, in_place
 from armflex.trace.polish import polish
 from armflex.trace.projection import projected, ridge_for
 from armflex.trace.search import searched
 from armflex.trace.state import State, context_at, sorted_out, with_random, without
 from armflex.trace.unrecorded import PoseBlock
+
+SURVIVES = 0.5
+"""Share of the folds below which a name is doubted."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +46,15 @@ class Compared:
             that either comes near.
         linear_before, linear_after: Values inside laws as they are, all else fitted without the poses; over the rows
             that the fits use.
+        names: For every effect what was chosen in its stead without each fold of the poses: law, site and axis, or ''
+            for nothing; empty for members of families, which are not chosen again.
     """
 
     before: float
     after: float
     linear_before: float
     linear_after: float
+    names: tuple[tuple[str, ...], ...] = ()
 
     @property
     def worse(self) -> bool:
@@ -60,17 +70,19 @@ class Withdrawn:
         effect: With the values that it had; None where it was a random twist.
         random: The random twist.
         compared: The errors with it.
+        family: Whether the effect is the first of a family.
     """
 
     effect: Effect | None
     random: PoseBlock | None
     compared: Compared
+    family: bool = False
 
     @property
     def title(self) -> str:
         """What it is in words."""
         if self.effect is not None:
-            return self.effect.title
+            return f"{self.effect.law.name.replace('_', ' ')} at every drive" if self.family else self.effect.title
         assert self.random is not None
         return f"random twist at {self.random.site} ({self.random.axis})"
 
@@ -83,20 +95,50 @@ class Withdrawn:
         return found.linear_before, found.linear_after
 
 
-def never_worse(state: State) -> tuple[State, tuple[Withdrawn, ...], Compared | None]:
-    """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares."""
+Kept = tuple[State, tuple[Withdrawn, ...], Compared | None]
+
+
+def never_worse(state: State) -> Kept:
+    """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares.
+
+    A name that fewer than half of the folds lead to goes too, or gives way to one that they do, where poses held out
+    are then predicted as well.
+    """
     withdrawn: list[Withdrawn] = []
     while state.effects or state.random:
         state.say("predicting held-out poses, with what is chosen and fitted without them")
         found = compared(state)
         if not found.worse:
+            trials = [partial(_outlived, state, found)]
+            trials += [partial(without, state, index) for index in _doubtful(state, found)]
+            for trial in trials:
+                with contextlib.suppress(ArmflexError):
+                    after = trial()
+                    again = None if after is None or not after.effects else compared(after)
+                    if after is not None and again is not None and again.after <= found.after and not again.worse:
+                        state.say("going on without a name that other poses do not lead to")
+                        return _joined(withdrawn, never_worse(after))
             return state, tuple(withdrawn), found
-        index, rest = _best_without(state)
-        effect = state.fitted[index] if index < len(state.effects) else None
-        withdrawn.append(Withdrawn(effect, state.random if effect is None else None, found))
+        unit, rest = _best_without(state)
+        effect = state.fitted[unit[0]] if unit else None
+        withdrawn.append(Withdrawn(effect, state.random if effect is None else None, found, len(unit) > 1))
         state.say(f"withdrawing {withdrawn[-1].title}: held-out poses are predicted worse with it")
         state = rest if rest.effects or rest.random else _bare(rest)
     return state, tuple(withdrawn), None
+
+
+def _joined(withdrawn: list[Withdrawn], rest: Kept) -> Kept:
+    return rest[0], (*withdrawn, *rest[1]), rest[2]
+
+
+def _doubtful(state: State, found: Compared) -> list[int]:
+    """Return the places of effects that fewer than half of the folds lead to, the least often found first."""
+    shares = [
+        (names.count(effect.name) / len(names), index)
+        for index, (effect, names) in enumerate(zip(state.fitted, found.names, strict=True))
+        if names
+    ]
+    return [index for share, index in sorted(shares) if share < SURVIVES]
 
 
 def compared(state: State) -> Compared:
@@ -111,13 +153,14 @@ def compared(state: State) -> Compared:
     judged, used = near(before.view, after.view), np.isin(rows, state.rows)
     plain = before.regressors, before.prior, before.residual + before.regressors @ before.values
     left: tuple[list[Array], list[Array]] = ([], [])
+    names: list[list[str]] = [[] for _ in state.effects]
     for number in range(int(folds.max()) + 1):
         state.tell("without some poses", number, int(folds.max()) + 1)
         learned, asked = used & (folds != number), judged & (folds == number)
-        for errors, fit, problem in (
-            (left[0], before, plain),
-            (left[1], after, _chosen_again(after, state, learned)),
-        ):
+        again, best = _chosen_again(after, state, learned)
+        for own, one in zip(names, best, strict=True):
+            own.extend([] if one is None else [one])
+        for errors, fit, problem in ((left[0], before, plain), (left[1], after, again)):
             regressors, prior, data = problem
             mask = np.repeat(learned, len(data) // len(learned))
             error = data - regressors @ most_probable(regressors[mask], prior**-2.0, data[mask])
@@ -127,7 +170,7 @@ def compared(state: State) -> Compared:
     refitted = [float(np.sqrt((np.concatenate(errors) ** 2).sum(axis=1).mean())) for errors in left]
     groups, both = pose_folds(state.groups), believed(state.calibrated, state.fit)
     linear = [held_out(fit, groups, judged=both).rms for fit in (state.calibrated, state.fit)]
-    return Compared(refitted[0], refitted[1], linear[0], linear[1])
+    return Compared(refitted[0], refitted[1], linear[0], linear[1], tuple(tuple(one) for one in names))
 
 
 def _seen(fit: Fit, state: State, rows: np.ndarray) -> Fit:
@@ -138,11 +181,11 @@ def _seen(fit: Fit, state: State, rows: np.ndarray) -> Fit:
     return replace(fit, view=view, weights=huber_weights(view))
 
 
-def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[Array, Array, Array]:
+def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Array, Array, Array], list[str | None]]:
     """Return columns, prior and readings of the linear problem about a fit, its effects found anew from some rows.
 
     One effect after the other is chosen in the order added, among what competed with it; one that these rows speak
-    against is left out.
+    against is left out. With the name of each: '' where it is left out, None for a member of a family, which stays.
 
     Args:
         fit: The state's, as all rows see it.
@@ -151,14 +194,19 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[Array, A
     """
     masked = replace(fit, weights=np.where(learned, fit.weights, 0.0))
     values, own = fit.values.copy(), [np.zeros(0, dtype=int)]
-    for block in state.effects:
+    alone = {unit[0] for unit in state.units if len(unit) == 1}
+    for block in (state.effects[i] for i in sorted(alone)):
         places = fit.places(block)
         own.append(places)
         values[places[len(block.effect.location.terms) :]] = 0.0  # inner values are none of a linear problem's own
     rest = np.setdiff1d(np.arange(len(values)), np.concatenate(own))
     regressors, prior, data = fit.regressors[:, rest], fit.prior[rest], fit.residual + fit.regressors @ values
     mask, count = np.repeat(learned, len(data) // len(learned)), int(np.isfinite(fit.view.sigma[learned]).sum())
-    for block, step in zip(state.effects, state.steps, strict=True):
+    names: list[str | None] = []
+    for index, (block, step) in enumerate(zip(state.effects, state.steps, strict=True)):
+        if index not in alone:
+            names.append(None)
+            continue
         problem = projected(regressors * mask[:, None], prior**-2.0, data * mask, ridge_for(fit), count)
         hypotheses = [one.candidate for one in step.ranking] if step is not None else []
         places = dict.fromkeys([(one.law, one.location) for one in (block.effect, *hypotheses)])
@@ -167,27 +215,44 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[Array, A
             sift(bank(tried, masked, state.context, state.tell), problem), masked, state.context, len(places)
         )
         best = polish(found.first.candidate, masked, state.context, problem) if found.ranking else None
-        if best is not None and best.gain > 0.0:
+        names.append("")
+        if best is not None and best.evidence > 0.0:
+            names[-1] = best.candidate.name
             ridge = amplitude_prior(best.effect, (), fit.view, state.context)
             regressors = np.hstack([regressors, candidate_regressors(best.candidate, fit, state.context)])
             prior = np.concatenate([prior, ridge])
-    return regressors, prior, data
+    return (regressors, prior, data), names
 
 
-def _best_without(state: State) -> tuple[int, State]:
-    """Return which effect (after the last: the random twist) is best left out, and the state without it."""
-    trials: list[tuple[float, int, State]] = []
+def _outlived(state: State, found: Compared) -> State | None:
+    """Return the state without names that another outlives in most folds, but with that one; None where there is none.
+
+    The other must do as well with all rows as data tell two apart.
+    """
+    after = state
+    for index, names in enumerate(found.names):
+        own, step = state.fitted[index].name, state.steps[index]
+        best, times = Counter(names).most_common(1)[0] if names else ("", 0)
+        if best and best != own and 2 * times > len(names) and step is not None:
+            others = [one for one in step.ranking if one.candidate.name == best]
+            *_, after = (after, *in_place(after, (index,), others, -SAME))
+    return None if after is state else after
+
+
+def _best_without(state: State) -> tuple[tuple[int, ...], State]:
+    """Return which effect or family (none: the random twist) is best left out, and the state without it."""
+    trials: list[tuple[float, tuple[int, ...], State]] = []
     folds, judged = pose_folds(state.groups), believed(state.calibrated, state.fit)
-    for index in range(len(state.effects) + (state.random is not None)):
+    for unit in (*state.units, *(() if state.random is None else ((),))):
         with contextlib.suppress(ArmflexError):
-            trial = without(state, index) if index < len(state.effects) else with_random(state, None)
-            trials.append((held_out(trial.fit, folds, judged=judged).rms, index, trial))
+            trial = without(state, *unit) if unit else with_random(state, None)
+            trials.append((held_out(trial.fit, folds, judged=judged).rms, unit, trial))
     if not trials:
-        return len(state.effects) - 1 if state.effects else 0, _bare(state)
-    _, index, trial = min(trials, key=lambda one: one[:2])
+        return (len(state.effects) - 1,) if state.effects else (), _bare(state)
+    _, unit, trial = min(trials, key=lambda one: one[:2])
     with contextlib.suppress(ArmflexError):
         trial = sorted_out(trial)
-    return index, trial
+    return unit, trial
 
 
 def _bare(state: State) -> State:

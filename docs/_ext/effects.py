@@ -7,8 +7,6 @@ offered to all other laws: the share that one of them explains is how far it wou
 
 from __future__ import annotations
 
-import inspect
-import sys
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,8 +16,9 @@ import numpy as np
 
 import armflex
 from armflex.laws.effects.catalogue import CATALOGUE, NAMED
+from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, EffectLaw, Inner
-from armflex.laws.effects.location import Location
+from armflex.laws.effects.location import BASE, LINK, TOOL, Location, drive_axis
 from armflex.trace.candidates import Candidate, bank, candidates_of, sift
 from armflex.trace.projection import project
 from armflex.trace.state import begin
@@ -56,8 +55,8 @@ class Shown:
     alike: tuple[tuple[str, float], ...]
 
 
-def shown() -> dict[str, Shown]:
-    """Return every law of the catalogue at work."""
+def shown() -> tuple[dict[str, Shown], Records]:
+    """Return every law of the catalogue at work, and what the campaign records."""
     folder = armflex.bundled_robot("tarm_like")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -85,7 +84,7 @@ def shown() -> dict[str, Shown]:
         some = np.flatnonzero((names == name) & (whole > 0.0))
         if len(some):
             found[name] = _at_work(int(some[share[some].argmax()]), made, sifted, projection, fit, context, names)
-    return found
+    return found, context.records
 
 
 def _at_work(index: int, made, sifted, projection, fit, context, names: np.ndarray) -> Shown:
@@ -108,7 +107,7 @@ def _at_work(index: int, made, sifted, projection, fit, context, names: np.ndarr
         law, location = names[other], made.candidates[other].location
         if law != candidate.law.name and law not in best and shares[other] >= ALIKE:
             best[law] = (f"`{law}` at {place(location)}", float(min(shares[other], 1.0)))
-    residual = 1e0 * size * rest @ np.linalg.svd(rest, full_matrices=False)[2][0]
+    residual = size * rest @ np.linalg.svd(rest, full_matrices=False)[2][0]
     column, values = _against(candidate, residual, fit, context)
     return Shown(
         candidate,
@@ -201,15 +200,26 @@ def needs(law: EffectLaw, one: Shown | None) -> str:
     return said
 
 
-def where(law: EffectLaw) -> str:
-    """Return the kinds of sites that a law has."""
-    source = inspect.getsource(sys.modules[f"armflex.laws.effects.{law.name}"])
-    doc = inspect.getdoc(sys.modules[f"armflex.laws.effects.{law.name}"]) or ""
-    del source
-    return doc.split("\n")[0]
+def where(law: EffectLaw, records: Records) -> str:
+    """Return the kinds of places that a law has on the bundled boom, with its axes."""
+    kinds: dict[str, set[str]] = {}
+    drives = {joint.name: drive_axis(joint) for joint in records.robot.moving}
+    for location in law.places(records):
+        site = location.site
+        kind = "a link" if site.startswith(LINK) else {BASE: "the base", TOOL: "the tool"}.get(site, "a joint")
+        axis = location.axis or ""
+        kinds.setdefault(kind, set()).add("drive" if axis and axis == drives.get(location.place) else axis)
+    said = []
+    for kind, axes in kinds.items():
+        axes = axes - {""}
+        text = "" if not axes else " on its drive's axis" if axes == {"drive"} else " on any axis"
+        named = sorted(axes - {"drive"})
+        text = f" ({', '.join(named)})" if axes and "drive" not in axes and len(named) < 6 else text
+        said.append(kind + text)
+    return ", ".join(said)
 
 
-def page(found: dict[str, Shown], folder: Path) -> str:
+def page(found: dict[str, Shown], records: Records, folder: Path) -> str:
     """Return the page; pictures go into a folder beside it."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = []
@@ -225,7 +235,7 @@ def page(found: dict[str, Shown], folder: Path) -> str:
             "",
         ]
         lines += ["| | |", "|---|---|", f"| law | {law.words.formula.replace('|', chr(92) + '|')} |"]
-        lines += [f"| acts as | {law.act.value} |"]
+        lines += [f"| acts as | {law.act.value} |", f"| where | {where(law, records)} |"]
         parameters = [*law.amplitudes, *law.inner]
         lines += [f"| parameters | {'<br>'.join(map(parameter, parameters))} |"]
         lines += [f"| needs | {needs(law, one)} |"]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib
+import inspect
 import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -17,6 +18,8 @@ import effects
 import formats
 import pictures
 from sphinx.application import Sphinx
+from sphinx.ext import napoleon
+from sphinx.ext.napoleon import GoogleDocstring
 
 import armflex
 from armflex.cli.main import COMMANDS
@@ -70,7 +73,7 @@ def commands() -> str:
         context = click.Context(command, info_name=f"armflex {name}")
         usage = command.get_usage(context).removeprefix("Usage: ")
         lines += [f"(armflex-{name})=", f"## `armflex {name}`", "", f"{brief[:1].upper()}{brief[1:]}.", ""]
-        lines += ["```text", " ".join(usage.split()), "```", "", _prose(command.help or ""), ""]
+        lines += ["```text", " ".join(usage.split()), "```", "", _prose(inspect.cleandoc(command.help or "")), ""]
         rows = []
         for one in command.params:
             if isinstance(one, click.Option) and not one.hidden:
@@ -89,7 +92,7 @@ def commands() -> str:
 def _metavar(one: click.Option, context: click.Context) -> str:
     if isinstance(one.type, click.Choice):
         return ", ".join(map(str, one.type.choices))
-    return (one.metavar or one.type.name).upper().replace("|", ", ")
+    return one.metavar or one.type.name.upper()
 
 
 def _cell(text: str) -> str:
@@ -125,7 +128,7 @@ def heads() -> str:
             first, _, rest = text.partition("\n\n")
             title_of = " ".join(first.split()).rstrip(".")
             shown = title_of.replace("[", "\\[")
-            lines += [f"### {shown}", "", f"*armflex/{path.relative_to(PACKAGE).as_posix()}*", "", _prose(rest), ""]
+            lines += [f"### {shown}", "", f"`armflex/{path.relative_to(PACKAGE).as_posix()}`", "", _prose(rest), ""]
     return "\n".join(lines)
 
 
@@ -166,7 +169,8 @@ def conventions() -> str:
 def bench() -> str:
     """Return what `make bench` wrote, under this page's headings."""
     file = DOCS / "results" / "bench.md"
-    return re.sub(r"^# .*\n", "", file.read_text()) if file.exists() else "`make bench` has not been run.\n"
+    text = file.read_text() if file.exists() else "`make bench` has not been run.\n"
+    return re.sub(r"^# .*\n", "", text).replace("\n## ", "\n### ")
 
 
 def study() -> str:
@@ -218,11 +222,37 @@ def make(app: Sphinx | None = None) -> None:
     }.items():
         _write(f"{name}.md", page())
     code = [*PACKAGE.rglob("*.py"), *(DOCS / "_ext").glob("*.py")]
-    _kept("effects.md", code, lambda: effects.page(effects.shown(), MADE / "effects"))
+    _kept("effects.md", code, lambda: effects.page(*effects.shown(), MADE / "effects"))
     _kept("pictures.md", code, lambda: pictures.draw(MADE / "pictures"))
+
+
+class _Docstring(GoogleDocstring):
+    """A docstring in which what a property's first line says before a colon is no type."""
+
+    def __init__(self, docstring, config=None, app=None, what="", *rest) -> None:
+        super().__init__(docstring, config, app, "method" if what == "property" else what, *rest)
+
+
+def _signature(app: Sphinx, what: str, name: str, thing: object, options: object, *said: str | None) -> tuple | None:
+    """Return no signature of a class, whose attributes are listed, and an alias by its name in all others."""
+    if said[0] is None:
+        return None
+    named = tuple(text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in said)
+    return ("", "") if what == "class" else named
+
+
+def _aliases(app: Sphinx, page: str, template: str, context: dict, doctree: object) -> None:
+    """Call an alias by its name in overloads, too."""
+    if page == "api":
+        tag, end = r"(?:</?span[^>]*>|[('])*", r"<span class=\"pre\">\)</span></span>"
+        pattern = rf"TypeAliasForwardRef{tag}(\w+){tag}{end}"
+        context["body"] = re.sub(pattern, r"\1</span>", context["body"])
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Make everything before Sphinx looks for pages."""
+    napoleon.GoogleDocstring = _Docstring
+    app.connect("autodoc-process-signature", _signature)
+    app.connect("html-page-context", _aliases)
     app.connect("config-inited", lambda app, config: make(app), priority=100)
     return {"parallel_read_safe": True}

@@ -27,7 +27,7 @@ def draw(folder: Path) -> str:
     """Draw everything into a folder and return the pictures' names, one a line."""
     folder.mkdir(parents=True, exist_ok=True)
     drawn: dict[str, tuple[Callable[[Axes], None], tuple[float, float]]] = {
-        "sag": (sag, (7.2, 3.6)),
+        "sag": (sag, (7.2, 4.2)),
         "flexure": (flexure, (7.2, 2.6)),
         "loop": (loop, (7.2, 2.7)),
         "verdict": (verdict, (7.2, 2.2)),
@@ -68,21 +68,15 @@ def sag(axes: Axes) -> None:
     along = (rigid[-1] - rigid[0])[:2] / away
     for points, colour, label in ((rigid, RIGID, "rigid"), (flexed, FLEXED, f"flexed, drawn {TIMES:g} times as large")):
         axes.plot(points[:, :2] @ along, points[:, 2], "-o", color=colour, lw=3, ms=5, label=label)
-    tip = flexed[-1]
-    at, top = tip[:2] @ along, tip[2]
-    axes.annotate("", (at, top - 1.0), (at, top), arrowprops={"arrowstyle": "-|>", "color": LOAD, "lw": 2})
-    axes.text(at + 0.12, top - 0.7, "600 kg", color=LOAD, va="center")
+    at, top = flexed[-1][:2] @ along, flexed[-1][2]
+    _arrow(axes, (at, top), (at, top - 1.6), LOAD)
+    axes.text(at + 0.2, top - 1.1, "600 kg", color=LOAD, va="center")
     down = float(np.linalg.norm(found.displacement[:3])) * 1e3
-    axes.text(
-        rigid[-1][:2] @ along - 0.2,
-        rigid[-1][2] + 0.35,
-        f"the tip is {down:.0f} mm from the rigid arm's",
-        ha="right",
-        color=GREY,
-    )
-    axes.legend(frameon=False, loc="upper left")
+    text = f"the tip is {down:.0f} mm from the rigid arm's"
+    axes.text(rigid[-1][:2] @ along, rigid[-1][2] + 0.3, text, ha="right", color=GREY)
+    axes.legend(frameon=False, loc="center")
     axes.set_aspect("equal")
-    axes.margins(0.12)
+    axes.set(xlim=(-1.5, at + 1.6), ylim=(top - 1.8, rigid[0][2] + 0.4))
 
 
 def _arrow(axes: Axes, start: tuple, end: tuple, colour: str, text: str = "", at: tuple = (0.0, 0.0)) -> None:
@@ -152,7 +146,7 @@ def loop(axes: Axes) -> None:
 def verdict(axes: Axes) -> None:
     """Draw the three verdicts of a check."""
     axes.set_xlim(0, 12)
-    axes.set_ylim(-0.6, 4.2)
+    axes.set_ylim(-0.9, 4.2)
     axes.plot([8, 8], [-0.3, 3.6], color=GREY, lw=1.5, ls=(0, (4, 3)))
     axes.text(8, 3.85, "tolerance", ha="center", color=GREY)
     cases = (
@@ -192,10 +186,10 @@ def frames(axes: Axes) -> None:
     axes.plot(7.7, 3.75, "o", color=FLEXED, ms=8)
     axes.plot([6.6, 7.7], [3.2, 3.75], color=FLEXED, lw=1)
     axes.text(7.85, 4.2, "target: `tool` in [prior]".replace("`", ""), color=FLEXED, fontsize=9)
-    triad(10.2, 0.9, "instrument")
-    axes.plot([10.2, 7.7], [0.9, 3.75], color=LOAD, lw=1.2, ls=(0, (4, 3)))
+    triad(10.2, 1.3, "instrument")
+    axes.plot([10.2, 7.7], [1.3, 3.75], color=LOAD, lw=1.2, ls=(0, (4, 3)))
     axes.text(9.35, 2.5, "x y z as read", color=LOAD, fontsize=9)
-    axes.annotate("", (9.9, 0.75), (2.4, 0.9), arrowprops={"arrowstyle": "<|-|>", "color": GREY, "lw": 1.2})
+    axes.annotate("", (9.9, 0.95), (2.4, 0.95), arrowprops={"arrowstyle": "<|-|>", "color": GREY, "lw": 1.2})
     axes.text(
         6.0,
         0.45,

@@ -15,7 +15,21 @@ from support.small_arms import ROBOTS
 
 from armflex import Arm, load_arm, predict, total_covariance
 
+PLACED = """payload_rating = 30.0
+tool = { xyz = [0.05, 0.0, 0.1], rpy = [0.0, 0.2, 0.0] }
+mount = { rpy = [0.0, 0.0, 0.4] }
+"""
+STIFF = """
+[flexure.D]
+joint = "roll"
+joint_stiffness = 3e6
+
+[flexure.K]
+joint = "yaw"
+stiffness = [1e9, 2e9, 1e9, 4e7, 4e7, 2e7]
+"""
 WHOLE = ARM.replace("LEARN", 'model = "linear"\nlearn = true') + OF_THE_MODEL
+WHOLE = WHOLE.replace("payload_rating = 30.0\n", PLACED).replace("[measurement]", f"{STIFF}\n[measurement]")
 KNOWN = {
     "temperature": 22.0,
     "temperature_lagged_100s": 21.0,

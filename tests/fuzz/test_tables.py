@@ -69,6 +69,20 @@ def test_a_campaign(text: bytes) -> None:
     judge(lambda: read_measurements(path, whole()), path, predicted)
 
 
+def pulled() -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    header, rows = few()
+    forces = [("0.2", "-300", "", "base"), ("", "", "tool", ""), ("0", "12.5", whole().link_names[2], "link")]
+    more = ("force_fx_kN", "force_mz", "force_frame", "force_axes")
+    return (*header, *more), tuple((*row, *forces[i % 3]) for i, row in enumerate(rows))
+
+
+@cases(100)
+@given(_spoilt(pulled))
+def test_a_campaign_with_forces(text: bytes) -> None:
+    path = written("pulled.csv", text)
+    judge(lambda: read_measurements(path, whole()), path, predicted)
+
+
 @cases(50)
 @given(_spoilt(few))
 def test_rows_to_predict(text: bytes) -> None:

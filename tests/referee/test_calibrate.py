@@ -14,7 +14,17 @@ from support.heavy_campaign import PAYLOADS, declared
 from support.plant import Campaign, Plant
 from support.small_arms import ROBOTS
 
-from armflex import calibrate, draw_arms, ensemble, load_arm, predict, read_measurements, total_covariance
+from armflex import (
+    calibrate,
+    compensate,
+    draw_arms,
+    ensemble,
+    load_arm,
+    predict,
+    read_measurements,
+    read_trajectory,
+    total_covariance,
+)
 from armflex.certainty import Certainty
 from armflex.cli.calibrate_command import as_json
 from armflex.errors import ArmFileError, InputError, UnsupportedError
@@ -202,6 +212,22 @@ def test_sigma_is_infinite_where_it_depends_on_what_nothing_determines(measured,
     there = predict(blind, measured[2])
     assert np.isinf(there.sigma).any() and not np.isnan(there.sigma).any()
     assert "joint_offset J6" in next(flag.text for flag in there.flags if flag.code == "undetermined")
+
+
+def test_compensation_states_how_far_the_machine_may_be_off(measured, found):
+    """What remains is nothing to the arm as fitted; the machine is off by about what is said beside it."""
+    path = read_trajectory(ROBOTS / "heavy_six" / "trajectory.csv", found.arm)
+    made, plant = compensate(found.arm, path), measured[3]
+    rigid = [found.arm.rigid_pose(q).translation for q in path.q]
+    off = []
+    for row, q, meant, name in zip(made.rows, made.trajectory.q, rigid, path.payload, strict=True):
+        body = found.arm.payload(name)
+        tip = plant.settle(q, body.mass, body.com)[-1][:3, 3]
+        off.append((np.linalg.norm(row.after[:3]), np.linalg.norm(tip - meant), row.sigma_m))
+    said, miss, sigma = np.array(off).T
+    assert said.max() < 1e-9 and miss.max() > 1e-4
+    assert 0.1 < np.sqrt(np.mean((miss / sigma) ** 2)) < 2.0
+    assert made.remains_m[1] == sigma.max()
 
 
 def test_the_whole_covariance_of_the_tip_is_of_what_was_fitted_too(measured, found):

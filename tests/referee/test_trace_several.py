@@ -17,7 +17,7 @@ from armflex.rows.rows import POSE
 from armflex.trace.accept import Step, prove
 from armflex.trace.candidates import Candidate, grid
 from armflex.trace.exchange import exchanged
-from armflex.trace.grow import grown, set_aside, suspected, unrecorded
+from armflex.trace.grow import grown, set_aside, settled, unrecorded
 from armflex.trace.polish import polish, unusual
 from armflex.trace.projection import evidence, project
 from armflex.trace.state import State, add, begin, with_random
@@ -61,7 +61,8 @@ def test_what_was_set_aside_is_withdrawn_when_a_cause_appears(missing):
     found = grown(with_twist(missing))
     assert found is not None and found.random is None
     assert [effect.title for effect in found.fitted] == ["backlash at A3 (rz)"]
-    assert suspected(found) is found
+    again = settled(found)
+    assert again is not None and again.random is None
 
 
 def test_what_is_set_aside_is_of_a_size_that_a_machine_has(missing):

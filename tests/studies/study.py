@@ -209,7 +209,7 @@ def _confusion(one: Score) -> str:
 def page(scores: Sequence[Score], asked: str) -> str:
     """Return the tables as Markdown, under the options that they were asked with."""
     parts = {f"`study.py {asked}`": summary(scores), "By kind": table(scores), "What is not exact": confusions(scores)}
-    return "\n".join(f"#### {name}\n\n```text\n{text.strip()}\n```\n" for name, text in parts.items())
+    return "\n".join(f"### {name}\n\n```text\n{text.strip()}\n```\n" for name, text in parts.items())
 
 
 def _brief(effect: Sequence) -> str:

@@ -14,13 +14,14 @@ import pytest
 from scipy.optimize import minimize_scalar
 from support.small_arms import one_joint
 
-from armflex import Arm, InputError, Measurements, Payload, Trajectory, check, predict
+from armflex import Arm, InputError, Measurements, Payload, Trajectory, check, compensate, predict
 from armflex.certainty import Certainty
-from armflex.errors import ExtrapolationError, NotFiniteError, Place
+from armflex.errors import ExtrapolationError, JointLimitError, NotFiniteError, Place
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.laws import AtNode, LinearLaw
 from armflex.laws.joint.linear import LinearFit
+from armflex.mechanics.deflection import length_sigma
 from armflex.robot import Corrections
 from armflex.tasks.check import Point
 from armflex.trajectory import read_trajectory
@@ -396,3 +397,95 @@ def test_a_path_far_outside_its_limits_still_ends(tarm: Arm) -> None:
     rows[:, 0] = (2.0, 12.0)
     report = check(tarm, two_rows(tarm, *rows.tolist()), 0.2)
     assert report.samples < 5000 and not report.ok and "'M1'" in report.path_worst.reason
+
+
+def test_a_path_against_itself_is_the_plain_check(heavy: Arm, heavy_path: Trajectory) -> None:
+    path = some_rows(heavy_path, range(0, 14))
+    plain, against = (check(heavy, path, 0.005, 0.005, against=one) for one in (None, path))
+    assert [point.name for point in plain.via_points] == [point.name for point in against.via_points]
+    for one, other in zip((*plain.rows, plain.path_worst), (*against.rows, against.path_worst), strict=True):
+        assert (one.verdict, one.cause, one.time) == (other.verdict, other.cause, other.time)
+        assert other.displacement_m == pytest.approx(one.displacement_m, rel=1e-12)
+        assert other.rotation_rad == pytest.approx(one.rotation_rad, rel=1e-9)
+        assert other.sigma_m == pytest.approx(one.sigma_m, rel=0.05)  # more than first order
+
+
+def test_a_compensated_path_is_where_it_was_meant(heavy: Arm, heavy_path: Trajectory) -> None:
+    path = some_rows(heavy_path, range(0, 10))
+    found = compensate(heavy, path)
+    report = check(heavy, found.trajectory, 1e-3, against=path)
+    assert max(point.displacement_m for point in report.rows) < 1e-9
+    assert max(point.displacement_m for point in report.segments) == pytest.approx(found.between_m, rel=0.2)
+    for point, row in zip(report.rows, found.rows, strict=True):
+        covariance = heavy.deflection(path.q[0] + row.change, path.payload[0]).covariance  # near by, for the size
+        assert point.sigma_m == pytest.approx(row.sigma_m, rel=1e-6)
+        assert point.sigma_m == pytest.approx(np.sqrt(np.trace(covariance[:3, :3])), rel=0.3)
+    sigma = max(point.sigma_m for point in report.rows)
+    assert check(heavy, found.trajectory, 2.2 * sigma, against=path).ok
+    doubtful = check(heavy, found.trajectory, 1.8 * sigma, against=path)
+    assert not doubtful.ok and doubtful.path_worst.verdict == "uncertain"
+
+
+def test_against_is_the_way_between_two_tips(tarm: Arm, tarm_path: Trajectory) -> None:
+    """Columns in another order, and a rigid arm that is told to be elsewhere: at the rows and halfway between them."""
+    rigid, path = replace(tarm, flexures=()), some_rows(tarm_path, range(0, 5))
+    order = [3, 0, 6, 1, 2, 4, 5]
+    moved = path.q + 0.01 * np.arange(5)[:, None]
+    desired = replace(path, q=moved[:, order], joint_names=tuple(path.joint_names[i] for i in order))
+    report = check(rigid, path, 0.1, against=desired)
+    tips = [[rigid.rigid_pose(q).translation for q in one] for one in (path.q, moved)]
+    expected = np.linalg.norm(np.array(tips[0]) - tips[1], axis=1)
+    np.testing.assert_allclose([point.displacement_m for point in report.rows], expected, rtol=1e-9)
+    assert report.rows[0].displacement_m < 1e-12 and all(point.sigma_m is None for point in report.rows)
+    assert [point.displacement_m for point in report.segments] == pytest.approx(expected[1:], rel=0.01)
+
+
+def test_a_desired_path_of_other_rows_is_refused(heavy: Arm, heavy_path: Trajectory) -> None:
+    path = some_rows(heavy_path, range(0, 12))
+    at = next(i for i, name in enumerate(path.via) if name and i)
+    wrong = {
+        r"desired path has 11 rows, this one has 12 \(`compensate --between` inserts": some_rows(path, range(11)),
+        r"desired path has 12 rows, this one has 11$": None,
+        r"row 3 of the desired path is at 0\.7 s, this one's at 0\.6 s": replace(
+            path, time=np.where(np.arange(12) == 3, 0.7, path.time)
+        ),
+        rf"row {at} of the desired path is via-point '', this one's is '{path.via[at]}'": replace(
+            path, via=tuple("" if i == at else name for i, name in enumerate(path.via))
+        ),
+        "the desired path is of joints a, J2": replace(path, joint_names=("a", *path.joint_names[1:])),
+    }
+    for complaint, desired in wrong.items():
+        given, meant = (path, desired) if desired is not None else (some_rows(path, range(11)), path)
+        with pytest.raises(InputError, match=complaint):
+            check(heavy, given, 0.1, against=meant)
+    far = replace(path, q=np.where(np.arange(12)[:, None] == 4, path.q + 9.0, path.q))
+    with pytest.raises(JointLimitError, match="row 4 of the desired path: joint 'J1'"):
+        check(heavy, path, 0.1, against=far)
+
+
+def test_a_short_vector_s_length_is_as_uncertain_as_normal_deviations_make_it() -> None:
+    """The root mean square of |x + d| - |x|, by drawing d, whether x is short or long."""
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(3, 3)) * [[1.0], [0.4], [0.1]]
+    deviations = rng.normal(size=(200_000, 3)) @ root.T
+    for length in (0.0, 0.3, 1.0, 2.0, 20.0):
+        vector = length * np.array([0.36, 0.48, 0.8])
+        drawn = np.linalg.norm(vector + deviations, axis=1) - length
+        sigma = length_sigma(vector[None], (root @ root.T)[None], short=True)[0]
+        assert sigma == pytest.approx(np.sqrt(np.mean(drawn**2)), rel=0.1 if length else 0.01)
+    long = 300.0 * vector[None], (root @ root.T)[None]
+    assert length_sigma(*long, short=True) == pytest.approx(length_sigma(*long), rel=1e-4)
+
+
+def test_what_nothing_determines_makes_every_verdict_uncertain(heavy: Arm, heavy_path: Trajectory) -> None:
+    path, labels = some_rows(heavy_path, range(0, 4)), tuple(f"joint_offset {name}" for name in heavy.joint_names)
+    known = Certainty(heavy.named(labels), np.diag(np.full(6, 1e-8)), directions=np.eye(6)[:1])
+    blind = replace(heavy, certainty=known)
+    report = check(blind, path, 10.0)
+    assert all(np.isinf(point.sigma_m) and point.verdict == "uncertain" for point in report.rows) and not report.ok
+    assert "undetermined" in [flag.code for flag in report.flags]
+    found = compensate(blind, path)
+    assert np.isinf(found.remains_m[1]) and "undetermined" in [flag.code for flag in found.flags]
+    exact = tuple(replace(one, law=replace(one.law, relative_std=0.0)) for one in heavy.flexures)
+    nobody = compensate(replace(heavy, flexures=exact), path)
+    assert nobody.remains_m[1] is None and "no_uncertainty" in [flag.code for flag in nobody.flags]

@@ -103,10 +103,38 @@ def test_compensate_writes_what_python_finds(
     expected = compensate(arm, read_trajectory(path, arm), match)
     np.testing.assert_allclose(written.q, expected.trajectory.q, rtol=0, atol=1e-12)
     found = strict_json(tmp_path / "c.json")
-    assert set(found) == {"format", "ok", "match", "between_m", "rows", "flags", "base", "tip"}
+    about = {"format", "ok", "match", "between_m", "remains_m", "sigma_m", "rows", "flags", "base", "tip"}
+    assert set(found) == about and found["sigma_m"] == max(one["sigma_m"] for one in found["rows"])
     assert found["format"] == "armflex-compensate-1" and found["ok"] and len(found["rows"]) == 20
-    row = {"time", "via", "reached", "smallest", "reason", "before", "after", "change", "sigma_min"}
+    row = {
+        "time",
+        "via",
+        "reached",
+        "smallest",
+        "reason",
+        "before",
+        "after",
+        "change",
+        "sigma_min",
+        "sigma_m",
+        "sigma_rad",
+    }
     assert all(set(one) == row for one in found["rows"])
+
+
+def test_check_against_says_whether_a_compensated_path_is_where_it_was_meant(armflex: Run, tmp_path: Path) -> None:
+    arm, path = HEAVY / "arm.toml", few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 10)
+    fine(armflex("compensate", arm, path, "-o", "o.csv", "--json", "c.json"))
+    command = ["check", arm, "o.csv", "--tolerance", "1mm", "--against", path, "--json", "k.json"]
+    assert f"against the rigid tip on {path}" in fine(armflex(*command)).stdout
+    found, row = strict_json(tmp_path / "k.json"), strict_json(tmp_path / "c.json")["rows"][0]
+    assert found["ok"] and found["against"] == str(path) and found["path_worst"]["displacement_m"] < 1e-5
+    assert found["via_points"][0]["sigma_m"] == pytest.approx(row["sigma_m"], rel=1e-6)
+    # As it was, the path is off by what the loaded tip sags; and a path of other rows is not this one's.
+    fine(armflex("check", arm, path, "--tolerance", "1mm", "--against", path), 1)
+    few_rows(HEAVY / "trajectory.csv", tmp_path / "short.csv", 9)
+    result = fine(armflex(*command[:-4], "--against", "short.csv", "--json", "n.json"), 2)
+    assert "the desired path has 9 rows, this one has 10" in result.stderr and not (tmp_path / "n.json").exists()
 
 
 def narrowed(folder: Path) -> Path:

@@ -119,7 +119,7 @@ def test_every_key_and_column_has_a_meaning(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_pages_are_in_the_contents() -> None:
-    listed = re.findall(r"^([\w-]+)$", (ROOT / "docs" / "index.md").read_text(), re.M)
+    listed = re.findall(r"^(?:[\w ]+ <)?([\w-]+)>?$", (ROOT / "docs" / "index.md").read_text(), re.M)
     pages = {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index"}
     assert pages <= set(listed), f"docs/index.md does not list {sorted(pages - set(listed))}"
 

@@ -97,6 +97,8 @@ def ranking(found: Found, number: int) -> str:
         key, label = (one.candidate.law.name, one.candidate.location), labelled(one.candidate.effect(one.amplitudes))
         bars.setdefault(label, (one.evidence, AFTER if key == own else MARK if key in same else RULE))
     rows = list(bars.items())[:MOST_RIVALS][::-1]
+    if not rows:  # a member of a family competed with nothing
+        return ""
     place = np.arange(len(rows))
     figure, (panel,) = canvas(8.4, 0.75 + 0.25 * len(rows))
     panel.barh(place, [evidence for _, (evidence, _) in rows], 0.66, color=[colour for _, (_, colour) in rows])
@@ -128,7 +130,7 @@ def posterior(trace: Trace, index: int) -> str:
     for panel in free[len(names) :]:
         panel.set_axis_off()
     if pair:
-        fit, block = trace.state.fit, trace.state.effects[index]
+        fit, block = trace.state.fit, trace.state.effects[found.index]
         start = sum(len(other.labels) for other in fit.blocks[: fit.blocks.index(block)])
         one, other = (start + list(found.std).index(name) for name in names[:2])
         covariance = fit.posterior.covariance

@@ -22,6 +22,10 @@ def headline(trace: Trace) -> str:
     if len(trace.found) > MOST_NAMED:
         several = joined([called(one.effect, number) for one, number in pairs[:MOST_NAMED]])
         return f"The arm lacked {len(trace.found)} effects, first of all {several}."
+    if not trace.found and trace.families:
+        return f"The drives have in common: {joined([one.title for one in trace.families[:MOST_NAMED]])}."
+    if trace.undecided is not None:
+        return "These data cannot decide what is missing."
     if not trace.found and trace.withdrawn:
         return "Nothing that was tried predicts poses not used better than the calibrated arm."
     if trace.found:
@@ -65,6 +69,19 @@ def further(trace: Trace, accurate: Accuracy) -> list[str]:
         for one in trace.found
         if one.witness
     ]
+    for family in trace.families:
+        size = measure(family.kin.std, None, family.unit)
+        said.append(f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, believed together and no named cause.")
+    for one, number in zip(trace.found, trace.numbers, strict=True):
+        if one.survives is not None and one.survives < 1.0:
+            share = f"{one.survives:.0%}"
+            said.append(
+                f"Without a fifth of the poses, {called(one.effect, number)} is chosen again in {share} of trials."
+            )
+    if trace.undecided is not None:
+        said.append(trace.undecided.text)
+    if trace.compared is not None:
+        said.append(f"Of the error on poses not used: {trace.said_of_held_out}")
     said += [
         f"Withdrawn: {one.title}. With it poses not used are predicted to {change(*reversed(one.errors))} "
         "(the calibrated arm)."

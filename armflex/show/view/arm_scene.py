@@ -5,7 +5,7 @@ The picture has a ghost of the rigid arm, the flexed arm, its flexures, payload,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -19,6 +19,7 @@ from armflex.errors import InputError
 from armflex.laws.effects.remember import settled
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loads import Payload
+from armflex.rows.wrench import Wrench
 from armflex.show.view.meshes import read_mesh
 from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, ShapeKind, scene_points
 from armflex.storage.whole_file import write_whole
@@ -58,6 +59,7 @@ def view(
     magnification: float | None = None,
     meshes: bool = False,
     covariates: Mapping[str, float] | None = None,
+    wrenches: Sequence[Wrench] = (),
     path: str | Path,
 ) -> Path:
     """Write a page of the arm that opens in any browser, without a network, a server or a display.
@@ -71,6 +73,7 @@ def view(
         magnification: Factor on the deflections shown; a round one is chosen, and stated, when not given.
         meshes: Draw the URDF's meshes where they lie beside it.
         covariates: What the arm's effects depend on, at q or the same in every row of the trajectory.
+        wrenches: Loads from outside at q; a trajectory has its own.
         path: The HTML file to write.
 
     Raises:
@@ -78,14 +81,15 @@ def view(
     """
     from armflex.show.view.meshcat_page import render_page  # meshcat is imported only when something is drawn
 
-    if q is not None and trajectory is not None:
-        raise InputError("view takes q or a trajectory, not both")
+    if (q is not None or wrenches) and trajectory is not None:
+        raise InputError("view takes q (and wrenches) or a trajectory, not both")
     if magnification is not None and not 0.0 < magnification <= LARGEST_MAGNIFICATION:
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
     known = covariates or {}
     if trajectory is None:
         here = arm.position() if q is None else arm.checked(q, "q")
-        motion = Motion(np.zeros(1), (arm.deflection(here, payload, covariates=settled(arm, known)),), 0, 1)
+        asked = {"covariates": settled(arm, known), "wrenches": wrenches}
+        motion = Motion(np.zeros(1), (arm.deflection(here, payload, **asked),), 0, 1)
     else:
         trajectory = trajectory.with_constants(arm, known).prepared(arm)
         motion = motion_along(arm, trajectory)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
@@ -14,6 +14,7 @@ from armflex.arm import Arm
 from armflex.conventions import number
 from armflex.errors import InputError
 from armflex.laws.effects.remember import settled
+from armflex.rows.wrench import Wrench
 from armflex.show.view.arm_scene import SCALE, VERDICTS, Motion, arm_scene
 from armflex.show.view.scene_3d import LegendRow, Node, Shape, frame_camera
 from armflex.storage.whole_file import write_whole
@@ -33,6 +34,7 @@ def map_page(
     path: str | Path,
     tolerance: float | None = None,
     covariates: Mapping[str, float] | None = None,
+    wrenches: Sequence[Wrench] = (),
 ) -> Path:
     """Write one HTML page, like `armflex.view`, with a cube in every voxel.
 
@@ -41,7 +43,7 @@ def map_page(
         found: The map.
         path: The file to write.
         tolerance: Colours the cubes by their verdict [m]; by their largest displacement when not given.
-        covariates: What the map was made with.
+        covariates, wrenches: What the map was made with.
 
     Raises:
         InputError: The tolerance is no positive length, or every configuration was refused.
@@ -53,7 +55,7 @@ def map_page(
         raise InputError("every configuration was refused: there is no displacement to show")
     here = found.worst_voxel
     payload, known = found.payloads[found.worst_payload[here]], settled(arm, covariates or {})
-    shown = arm.deflection(found.worst_q[here], payload, covariates=known)
+    shown = arm.deflection(found.worst_q[here], payload, covariates=known, wrenches=wrenches)
     mount = pin.SE3(arm.robot.mount, np.zeros(3))
     centres = found.centres @ mount.rotation.T
     scene = arm_scene(arm, Motion(np.zeros(1), (shown,), 0), magnification=1.0)

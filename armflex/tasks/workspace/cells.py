@@ -215,12 +215,13 @@ def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tu
 
 
 def _sigmas(question: Question, q: Array, payload: str) -> tuple[Array, tuple[Flag, ...]]:
-    """Return (n,) uncertainties under one payload, NaN at the brink of what has an answer."""
+    """Return (n,) uncertainties under one payload, NaN at the brink of what has an answer, or without an end."""
     arm = _kept(question)[0]
     try:
         batch = arm.deflection(q, payload, **question.options)
         known = question.options["covariates"]
-        covariance, flags = tip_covariance(arm, batch.q, (payload,) * len(q), known, batch.covariance)
+        pulled = question.options["wrenches"]
+        covariance, flags = tip_covariance(arm, batch.q, (payload,) * len(q), known, batch.covariance, pulled)
     except tuple(NO_ANSWER.values()):
         if len(q) == 1:
             return np.array([np.nan]), ()
@@ -228,7 +229,8 @@ def _sigmas(question: Question, q: Array, payload: str) -> tuple[Array, tuple[Fl
         return np.concatenate([half for half, _ in halves]), halves[0][1]
     if covariance is None:
         return np.full(len(q), np.nan), flags
-    return length_sigma(batch.displacement[:, :3], covariance[:, :3, :3]), flags
+    found = length_sigma(batch.displacement[:, :3], covariance[:, :3, :3])
+    return np.where(np.isinf(found), np.nan, found), flags
 
 
 INF = float("inf")

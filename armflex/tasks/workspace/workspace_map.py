@@ -21,6 +21,7 @@ from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.laws.effects.remember import settled
 from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import in_order
+from armflex.rows.wrench import Wrench
 from armflex.storage.digest import digest
 from armflex.storage.kept import open_kept
 from armflex.tasks.check import COVERAGE
@@ -149,6 +150,7 @@ def map_workspace(
     voxel: float | None = None,
     seed: int = 0,
     covariates: Mapping[str, float] | None = None,
+    wrenches: Sequence[Wrench] = (),
     method: str = "exact",
     strict: bool = False,
     uncertainty: bool = True,
@@ -170,6 +172,7 @@ def map_workspace(
         voxel: Edge of a voxel [m]; a round one when not given.
         seed: Of the configurations, see `Configurations`.
         covariates: What the arm's effects depend on, the same everywhere.
+        wrenches: Loads from outside at named links, the same everywhere.
         method: See `Arm.deflection`.
         strict: Refuse, and count, loads beyond those that a trained law has seen.
         uncertainty: False leaves out the standard uncertainty of the largest displacement in every voxel.
@@ -194,7 +197,8 @@ def map_workspace(
         raise UnknownNameError("method", method, METHODS)
     edge = _edge(voxel, furthest(arm, lower, upper), rows)
     known = settled(arm, covariates or {})
-    options = {"covariates": known, "method": method, "strict": strict}
+    arm.loaded(None).flags_under(wrenches, accelerated=False)  # raises where a link is not the arm's
+    options = {"covariates": known, "method": method, "strict": strict, "wrenches": tuple(wrenches)}
     arms = (without_declared_uncertainty(arm), *(draw_arms(arm, draws, seed) if draws else ()))
     question = Question(arms, names, edge, options)
     drawn = Configurations(lower, upper, rows, seed, chunk)
@@ -285,7 +289,8 @@ def _manifest(question: Question, drawn: Configurations) -> dict[str, object]:
     draws = [digest(tuple(getattr(one, name) for name in PARTS)) for one in question.arms[1:]]
     settings = {"payloads": list(question.payloads), "voxel": question.voxel}
     settings |= {"seed": drawn.seed, "chunk": drawn.chunk, **question.options, "draws": draws}
-    return {"format": "armflex-map-chunks-4", **parts, **carried, **settings, **software}
+    pulled = {f"force {i}": digest(one) for i, one in enumerate(settings.pop("wrenches"))}
+    return {"format": "armflex-map-chunks-4", **parts, **carried, **pulled, **settings, **software}
 
 
 def _gathered(
@@ -324,4 +329,4 @@ def _uncertainties(
         done += len(rows)
         if progress:
             progress(drawn.rows + done, drawn.rows + len(some))
-    return sigma if np.isfinite(sigma).any() else None, tuple(flags.values())
+    return sigma if np.isfinite(sigma).any() or "undetermined" in flags else None, tuple(flags.values())

@@ -1,0 +1,130 @@
+"""An arm whose stiffness is a fifth wrong, pushed forty times with a known force: the drives' own come out of it.
+
+The machine is plain numpy and shares no code with armflex; its forces act on its bodies as `force_*` columns say.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.campaign_files import write_columns
+from support.plant import Array, Plant, Push, Rows, State, pose
+from support.small_arms import ROBOTS
+
+from armflex import Arm, Measurements, calibrate, load_arm, predict, read_measurements
+from armflex.estimate.calibrate import write_calibrated
+
+JOINTS = tuple(f"J{i}" for i in range(1, 7))
+DECLARED = np.array([2.5e6, 3.3e6, 2.2e6, 5.5e5, 5e5, 3.3e5])  # Nm/rad, about the drives
+FACTORS = np.array([1.2, 0.8, 1.2, 0.8, 1.2, 0.8])  # of the true compliances to the declared ones
+FORCE, NOISE = 1500.0, 2e-5
+
+URDF = ROBOTS / "heavy_six" / "robot.urdf"
+TOOL = (0.1, 0.25, 0.05)  # beside the last axis: pushes turn every drive
+ROBOT = f"""[robot]
+urdf = "{URDF}"
+tip = "tool"
+tool = {{ xyz = {list(TOOL)} }}
+base = "base"
+gravity = [0.0, 0.0, -9.81]
+"""
+REST = """
+[measurement]
+frame = "base"
+[prior]
+compliance = 0.3
+"""
+
+
+@functools.cache
+def machine() -> Plant:
+    """Return the true machine."""
+    plain = "".join(f'[flexure.{name}]\njoint = "{name}"\ncompliance = [0, 0, 0, 0, 0, 0]\n' for name in JOINTS)
+    plant = Plant.read_text(ROBOT + plain)
+    plant.tip = plant.tip @ pose(np.array(TOOL), np.eye(3))
+    for joint, factor, stiffness in zip(plant.joints, FACTORS, DECLARED, strict=True):
+        plant.compliance[joint.name] = np.diag(joint.drive * factor / stiffness)
+    return plant
+
+
+def pushed(folder: Path, seed: int, links: tuple[str, ...], count: int = 40, held: int = 0) -> Path:
+    """Write a campaign of pushes in random poses and directions, at each of some links in turn; '' is the tip.
+
+    The first `held` of them turn with their links.
+    """
+    rng, plant = np.random.default_rng(seed), machine()
+    q = rng.uniform(-1.0, 1.0, (count, 6))
+    force = rng.normal(size=(count, 3))
+    force *= FORCE / np.linalg.norm(force, axis=1)[:, None]
+    bodies = np.array([["link1", "link2", "link3", "link4", "link5", "link6", ""].index(links[i % len(links)])
+                       for i in range(count)])  # fmt: skip
+    turning = np.arange(count) < held
+
+    def push(state: State, into: Push) -> None:
+        for body in np.unique(bodies):
+            frame, own = state.frames[:, body], (bodies == body)[:, None]
+            turned = np.where(turning[:, None], (frame[:, :3, :3] @ force[:, :, None])[:, :, 0], force)
+            into.loads.append((int(body), np.where(own, turned, 0.0), frame[:, :3, 3]))
+
+    rows = Rows.plain(q, np.zeros(count), np.zeros((count, 3)))
+    seen = plant.points(plant.relax(rows, [push])) + rng.normal(0.0, NOISE, (count, 3))
+    columns: dict[str, list] = {f"q_{name}": q[:, i].tolist() for i, name in enumerate(JOINTS)}
+    columns |= {axis: seen[:, i].tolist() for i, axis in enumerate("xyz")} | {"sigma": [NOISE] * count}
+    columns |= {f"force_f{axis}_kN": (1e-3 * force[:, i]).tolist() for i, axis in enumerate("xyz")}
+    columns["force_frame"] = [links[i % len(links)] for i in range(count)]
+    columns["force_axes"] = ["link" if one else "base" for one in turning]
+    path = folder / f"pushes_{seed}.csv"
+    write_columns(path, columns)
+    return path
+
+
+def declared(folder: Path) -> Path:
+    text = "".join(
+        f'[flexure.{name}]\njoint = "{name}"\njoint_stiffness = {value}\n'
+        for name, value in zip(JOINTS, DECLARED, strict=True)
+    )
+    path = folder / "arm.toml"
+    path.write_text(ROBOT + text + REST)
+    return path
+
+
+def factors(arm: Arm) -> Array:
+    """Return what the drives' compliances are of those declared."""
+    drives = [joint.axis for joint in arm.robot.moving]
+    tangents = [flexure.law.tangent(np.zeros(6), None)[3:, 3:] for flexure in arm.flexures]
+    return np.array([a @ c @ a for a, c in zip(drives, tangents, strict=True)]) * DECLARED
+
+
+@pytest.mark.parametrize(("links", "held"), [(("",), 0), (("", "link6", "link4"), 20)])
+def test_forty_pushes_tell_the_stiffness(tmp_path: Path, links: tuple[str, ...], held: int) -> None:
+    arm = load_arm(declared(tmp_path))
+    rows = read_measurements(pushed(tmp_path, 1, links, held=held), arm)
+    found = calibrate(arm, rows)
+    std = np.sqrt(np.diag(found.arm.certainty.covariance))  # of the factors' logarithms
+    assert len(std) == 6 and std.max() < 0.04 * np.sqrt(len(links))  # as many fewer push at the tip
+    assert (np.abs(np.log(factors(found.arm) / FACTORS)) < 3.0 * std).all()
+    again = read_measurements(pushed(tmp_path, 2, links, held=held), arm)
+    before, after = (rms(one, again) for one in (arm, found.arm))
+    assert after < 1.3 * np.sqrt(3.0) * NOISE and before > 10.0 * after
+    # Without the columns the same rows say nothing of what gives.
+    silent = calibrate(arm, replace(rows, wrenches=()))
+    assert np.abs(factors(silent.arm) - FACTORS).max() > 0.1
+
+
+def rms(arm: Arm, rows: Measurements) -> float:
+    """Return how far readings are from what is predicted [m]."""
+    return float(np.sqrt(((predict(arm, rows).position - rows.position) ** 2).sum(axis=1).mean()))
+
+
+def test_a_calibrated_file_keeps_the_stiffness_it_was_given(tmp_path: Path) -> None:
+    path = declared(tmp_path)
+    arm = load_arm(path)
+    rows = read_measurements(pushed(tmp_path, 3, ("",)), arm)
+    found = calibrate(arm, rows)
+    text = write_calibrated(path, found, tmp_path / "calibrated.toml").read_text()
+    assert "joint_stiffness = 2500000.0" in text and "compliance = [" not in text.partition("[calibration]")[0]
+    np.testing.assert_allclose(factors(load_arm(tmp_path / "calibrated.toml")), factors(found.arm), rtol=1e-9)

@@ -1,0 +1,70 @@
+"""Real machines: the public UR5 and WAM, calibrated and traced, and the converters of published layouts."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import public as scoreboard
+import pytest
+from support.public_campaigns import MEASURED, public
+
+from armflex import calibrate, predict, trace
+
+
+def test_the_ur5_is_calibrated_to_a_ninth_of_a_millimetre() -> None:
+    found = calibrate(*public("ur5_tsinghua"))
+    assert found.held_out is not None and 1e3 * found.held_out[1] < 0.115
+
+
+def test_the_wam_is_calibrated_to_two_and_a_half_millimetres() -> None:
+    found = calibrate(*public("wam_tsinghua"))
+    assert found.held_out is not None and 1e3 * found.held_out[1] < 2.4
+
+
+@pytest.mark.slow
+def test_a_traced_ur5_predicts_poses_that_it_has_not_seen() -> None:
+    """The published hybrid network: 0.155 mm, mean of 20 poses; calibrated kinematics alone: 0.103 mm."""
+    arm, measurements = public("ur5_tsinghua")
+    learned = np.arange(0, len(measurements), 3)
+    found = trace(arm, measurements, learned)
+    rest = np.setdiff1d(np.arange(len(measurements)), learned)
+    error = np.linalg.norm(predict(found.arm, measurements).position - measurements.position, axis=1)
+    assert 1e3 * error[rest].mean() < 0.070
+    # What is stated of poses held out is what other poses get.
+    assert found.held_out[1] == pytest.approx(np.sqrt((error[rest] ** 2).mean()), rel=0.1)
+    assert found.families and all(len(one.members) > 1 for one in found.families)
+
+
+def test_the_published_layout_is_read(tmp_path: Path) -> None:
+    """Target and difference in mm, joints in degrees: the campaign that travels with the tests, to rounding."""
+    arm, measurements = public("wam_tsinghua")
+    folder = tmp_path / "published" / "WAM"
+    folder.mkdir(parents=True)
+    rows = list(csv.DictReader((MEASURED / "wam_tsinghua" / "campaign.csv").open()))
+    head = ["step_order", "x_t", "y_t", "z_t", "x_dif", "y_dif", "z_dif", *(f"joint_{i + 1}" for i in range(7))]
+    with (folder / "3D_WAM_uncalibrated_grid_cleaned.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(head)
+        for number, row in enumerate(rows):
+            target = [round(float(row[f"{axis}_mm"])) for axis in "xyz"]
+            difference = [float(row[f"{axis}_mm"]) - one for axis, one in zip("xyz", target, strict=True)]
+            writer.writerow([number, *target, *difference, *(row[f"q_j{i + 1}_deg"] for i in range(7))])
+    scoreboard.from_tsinghua(tmp_path / "published", tmp_path / "converted")
+    ((name, file, table),) = scoreboard.campaigns(tmp_path / "converted")
+    assert name == "wam_tsinghua" and (file.parent / "LICENSE").exists()
+    again = scoreboard.read_measurements(table, arm)
+    np.testing.assert_allclose(again.q, measurements.q, atol=1e-12)
+    np.testing.assert_allclose(again.position, measurements.position, atol=1e-12)
+
+
+def test_parts_of_joint_space_lie_apart() -> None:
+    q = np.random.default_rng(0).normal(size=(200, 6))
+    part = scoreboard.parts_apart(q, 4)
+    assert sorted(np.unique(part)) == [0, 1, 2, 3] and np.bincount(part).min() > 10
+    far = np.linalg.norm(q[:, None] - q, axis=2)
+    np.fill_diagonal(far, np.inf)
+    apart = np.where(part[:, None] != part, far, np.inf).min(axis=1).mean()
+    mixed = np.random.default_rng(1).permutation(part)
+    assert apart > np.where(mixed[:, None] != mixed, far, np.inf).min(axis=1).mean()
