@@ -36,22 +36,22 @@ def grown(state: State) -> State | None:
     return settled(accepted(state, state.looked, APART if place is None else FAR_APART))
 
 
-def paired(state: State) -> State | None:
-    """Return the state with two effects more that are proven together, where a random twist would explain more.
+def paired(state: State) -> tuple[State, ...]:
+    """Return the states with one and two effects more that are proven together, where a random twist explains more.
 
     Where several causes are missing each of them may explain too little by itself.
     """
     looked = state.looked
     if unrecorded(state, looked) is None:
-        return None
+        return ()
     for candidate, one in _refitted(state, looked, 0.0):
         best = one.looked.best
         null = _beyond_chance(one, one.looked, best)
         if null is not None and candidate.gain + best.gain > SHARE * looked.excess:
-            found = _proven(state, looked, _added(one, [best]), null, FAR_APART)
+            found = settled(_proven(state, looked, _added(one, [best]), null, FAR_APART))
             if found is not None:
-                return settled(found)
-    return None
+                return one, found
+    return ()
 
 
 def set_aside(state: State) -> State | None:
