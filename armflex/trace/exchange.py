@@ -218,4 +218,4 @@ def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
 
 
 def _information(trial: State, state: State) -> float:
-    return information(trial, robust_limit(state.fit.view))
+    return information(trial, robust_limit(state.fit.view), below=True)

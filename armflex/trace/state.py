@@ -328,18 +328,19 @@ def refit(
     return replace(state, effects=effects, random=random, fit=fitted, context=context)
 
 
-def information(state: State, limit: float) -> float:
+def information(state: State, limit: float, below: bool = False) -> float:
     """Return n log J + k log n of a state, and what the sizes of its effects count against it: the smaller the better.
 
-    J is what the fit reached, not what its linear problem promises; below n, noise is as stated rather than smaller,
-    and J itself counts. States are compared at one `limit` of lengths beyond which rows count less (`robust_limit`).
+    J is what the fit reached, not what its linear problem promises; not less than n, or where also what is `below`
+    counts, J itself from there: noise is no smaller than stated. States are compared at one `limit` of lengths beyond
+    which rows count less (`robust_limit`).
     """
     count = state.fit.view.count
     searched = sum(candidate_of(effect).parameters for effect in state.fitted)
     sizes = sum(unusual(candidate_of(one), one.acting, state.fit.view, state.context) for one in state.fitted)
-    share = state.fit.cost(limit) / count
-    misfit = float(np.log(share)) if share > 1.0 else share - 1.0
-    return count * (misfit + float(np.log(count))) + searched * float(np.log(count)) + sizes
+    cost = state.fit.cost(limit)
+    misfit = count * float(np.log(max(cost, count))) + (min(cost - count, 0.0) if below else 0.0)
+    return misfit + searched * float(np.log(count)) + sizes
 
 
 def candidate_of(effect: Effect) -> Candidate:
