@@ -55,6 +55,8 @@ if TYPE_CHECKING:
     from armflex.tasks.check import check as check
     from armflex.tasks.compensate import Compensation as Compensation
     from armflex.tasks.compensate import compensate as compensate
+    from armflex.tasks.iso9283 import PosePerformance as PosePerformance
+    from armflex.tasks.iso9283 import iso9283 as iso9283
     from armflex.tasks.predict import Prediction as Prediction
     from armflex.tasks.predict import predict as predict
     from armflex.tasks.workspace import WorkspaceMap as WorkspaceMap
@@ -95,6 +97,7 @@ HOMES = {
     "armflex.show.view.map_page": "map_page",
     "armflex.tasks.check": "CheckReport check",
     "armflex.tasks.compensate": "Compensation compensate",
+    "armflex.tasks.iso9283": "PosePerformance iso9283",
     "armflex.tasks.predict": "Prediction predict",
     "armflex.tasks.workspace": "WorkspaceMap draw_map map_workspace read_map write_map",
     "armflex.trace": "trace",

@@ -45,9 +45,11 @@ from armflex.parameters import (
     of_law,
     of_motions,
     of_offsets,
+    of_sensor,
 )
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
+from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.urdf import Joint
 from armflex.rows.wrench import Wrench, check_rows
@@ -79,6 +81,9 @@ class DeflectionOptions(TypedDict, total=False):
 MAX_PAYLOADS = 64
 """Payloads whose models are kept; objects made in a loop must not fill the memory."""
 
+TURN = 2.0 * np.pi
+"""Position [rad] beyond which one that is outside the limits may be in degrees."""
+
 SLACK = 1e-9
 """How far beyond a limit [rad or m] a joint may stand: rounding is no fault."""
 
@@ -98,6 +103,7 @@ class Arm:
         factors: Logarithms (6,), dimensionless, of what calibration found to be the factors on the axes of a flexure's
             compliance, by flexure; `flexures` have them already.
         instrument: Where the instrument stands that measured this arm, None when it was not calibrated.
+        sensors: Instruments beside that one, by name, as declared and with what calibration found of them.
         effects: What it does beyond its flexures, as measurements showed.
         certainty: How well everything that was fitted is known, None where nothing was, or where nobody says.
         flags: Flags about the arm as declared.
@@ -112,6 +118,7 @@ class Arm:
     corrections: Corrections = field(default_factory=Corrections)
     factors: Mapping[str, Array] = field(default_factory=dict)
     instrument: Instrument | None = None
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
     effects: tuple[Effect, ...] = ()
     certainty: Certainty | None = None
     flags: tuple[Flag, ...] = ()
@@ -182,6 +189,7 @@ class Arm:
         sessions = self.instrument.sessions if self.instrument else ()
         known = [*FRAME, *of_motions(Kind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
         known += of_motions(Kind.GEOMETRY, self.joint_names)
+        known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:
             known += of_compliance(flexure.name)
             if flexure.learned:
@@ -338,9 +346,11 @@ class Arm:
             return array.copy(), ()
         checked = self.checked(array, "q")
         outside = (checked < self.robot.lower - SLACK) | (checked > self.robot.upper + SLACK)
-        joint = self.robot.moving[int(outside.argmax())]
-        value = checked[int(outside.argmax())]
+        beyond = [(self.robot.moving[i], float(checked[i])) for i in np.flatnonzero(outside)]
+        # The first, or the first about which there is more to say.
+        joint, value = next((pair for pair in beyond if _other_unit(*pair)), beyond[0])
         text = f"joint {joint.name!r} at {value:.6g} is outside its limits [{joint.lower:.6g}, {joint.upper:.6g}]"
+        text += _other_unit(joint, value)
         if enforce_limits:
             raise JointLimitError(text)
         return checked, (Flag("outside_limits", text),)
@@ -403,6 +413,16 @@ class Arm:
     @cached_property
     def _named(self) -> dict[str | None, LoadedArm]:
         return {}
+
+
+def _other_unit(joint: Joint, value: float) -> str:
+    """Return the question whether a position beyond a joint's limits is in degrees or mm, '' where it hardly is."""
+    slides = joint.kind == "prismatic"
+    far, factor, unit = (
+        (10.0 * max(joint.upper - joint.lower, 1.0), 1e-3, "mm") if slides else (TURN, TURN / 360, "deg")
+    )
+    meant = abs(value) > far and joint.lower <= factor * value <= joint.upper
+    return f": {unit}? Then say so, {value:.6g}{unit} or a column q_{joint.name}_{unit}" if meant else ""
 
 
 def _not_at_zero(joint: Joint, value: float) -> Flag:

@@ -51,9 +51,22 @@ UNITS: dict[str, dict[str, float]] = {
     "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": np.pi / 180.0},
     "force": {"N": 1.0, "kN": 1e3, "MN": 1e6, "kgf": 9.80665},
     "moment": {"Nm": 1.0, "kNm": 1e3, "Nmm": 1e-3},
+    "acceleration": {"m/s^2": 1.0, "m/s2": 1.0, "mm/s^2": 1e-3, "g": 9.80665, "mg": 9.80665e-3},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
 }
 """Kind of quantity -> unit -> factor to SI."""
+
+SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "m/s^2": ("mm/s^2", 1e3), "1": ("1", 1.0)}
+"""SI unit -> the unit in which people are shown an error, and its factor."""
+
+
+def said_of(error: float, unit: str) -> str:
+    """Return an error in an SI unit as people read it: '0.12 mm'."""
+    name, factor = SHOWN[unit]
+    return f"{factor * error:.3g} {name}"
+
+
+UNITS["inclination"] = UNITS["angle"] | {"mm/m": 1e-3, "arcmin": np.pi / 10800.0, "arcsec": np.pi / 648000.0}
 
 NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 """A plain decimal number; `float()` would also take '1_000', 'nan' and full-width digits.

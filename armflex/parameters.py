@@ -15,6 +15,7 @@ from armflex.conventions import TWIST_NAMES
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.effects.effect import Act, Effect
+from armflex.readings.sensor import Sensor
 from armflex.robot import Robot
 
 
@@ -25,6 +26,7 @@ class Kind(StrEnum):
     SESSION = "session_frame"
     MOUNTING = "mounting"
     TOOL = "tool"
+    SENSOR = "sensor"
     OFFSET = "joint_offset"
     GEOMETRY = "geometry"
     COMPLIANCE = "compliance"
@@ -33,7 +35,7 @@ class Kind(StrEnum):
     UNEXPLAINED = "unexplained"
 
 
-FRAMES = (Kind.INSTRUMENT, Kind.SESSION, Kind.MOUNTING)
+FRAMES = (Kind.INSTRUMENT, Kind.SESSION, Kind.MOUNTING, Kind.SENSOR)
 """Those of one campaign alone: frames that nothing says will be the same in the next."""
 
 SEEN = (*FRAMES, Kind.TOOL)
@@ -106,6 +108,13 @@ TARGET = of_motions(Kind.TOOL, axes=TWIST_NAMES[:3])
 
 MOUNTED = of_motions(Kind.MOUNTING, axes=TWIST_NAMES[3:])
 """How the target is turned on the tool."""
+
+
+def of_sensor(sensor: Sensor, sessions: Iterable[str]) -> tuple[ArmParameter, ...]:
+    """Return what a campaign has to find of a sensor, in every session anew; '' is one that holds for all."""
+    free = [sensor.labels[i] for i in sensor.free.tolist()]
+    groups = (Group(Kind.SENSOR, f"{sensor.name} {session}".strip(), moves=False) for session in sessions)
+    return tuple(ArmParameter(group, name, unit) for group in groups for name, unit in free)
 
 
 def of_offsets(robot: Robot) -> tuple[ArmParameter, ...]:

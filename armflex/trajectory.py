@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, warn
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.remember import check_approaches, check_covariates, derived_direction
+from armflex.measured.data_flags import check_joint_units, unit_flags
 from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_forces
 from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
@@ -314,7 +315,7 @@ def read_trajectory(path: str | Path, arm: Arm, unnamed: Unnamed = UNLOADED) -> 
 
     Raises:
         TableError: A column is missing, misspelt or not numeric; time does not increase; a payload is unknown; a force
-            is given in part, or at no link.
+            is given in part, or at no link; joints are far beyond their limits, as degrees are that should be radians.
     """
     kinds = {"time": "time"} | joint_kinds(arm, "qva") | FORCE_KINDS
     table = unnamed.put(read_table(path, kinds))
@@ -337,6 +338,9 @@ def read_trajectory(path: str | Path, arm: Arm, unnamed: Unnamed = UNLOADED) -> 
         raise TableError(Place(table.path), "has a header but no rows")
     payload = table.texts("payload") if "payload" in table.columns else ("none",) * len(table)
     check_payloads(table, payload, arm)
+    q, places = table.matrix(names["q"]), tuple(Place(table.path, line) for line in table.lines)
+    check_joint_units(q, arm, places)
+    warn(unit_flags(table, arm))
     time = table.numbers("time")
     slow = np.diff(time) >= SHORTEST
     if not slow.all():
@@ -350,13 +354,13 @@ def read_trajectory(path: str | Path, arm: Arm, unnamed: Unnamed = UNLOADED) -> 
     return Trajectory(
         arm.joint_names,
         time,
-        table.matrix(names["q"]),
+        q,
         tuple(name or "none" for name in payload),
         table.texts("via") if "via" in table.columns else ("",) * len(table),
         moved["v"],
         moved["a"],
         covariates=covariates,
-        places=tuple(Place(table.path, line) for line in table.lines),
+        places=places,
         wrenches=read_forces(table, arm),
     )
 

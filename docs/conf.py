@@ -37,6 +37,7 @@ autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
 napoleon_use_ivar = True
+napoleon_numpy_docstring = False
 napoleon_use_rtype = False
 
 html_theme = "furo"
@@ -55,6 +56,7 @@ sphinx_gallery_conf = {
     "ignore_pattern": r"__init__\.py",
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
+    "capture_repr": ("_repr_html_",),
     "min_reported_time": 1e9,
     "show_memory": False,
     "show_signature": False,
@@ -62,7 +64,6 @@ sphinx_gallery_conf = {
     "only_warn_on_example_error": False,
     "abort_on_example_error": True,
     "remove_config_comments": True,
-    "plot_gallery": os.environ.get("ARMFLEX_NOTEBOOKS", "1") != "0",
 }
 
 warnings.filterwarnings("ignore", category=armflex.ArmflexWarning)

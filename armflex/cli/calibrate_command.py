@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, progress, say, show_flags
-from armflex.conventions import RESOLUTION
+from armflex.conventions import RESOLUTION, SHOWN
 from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
 from armflex.estimate.calibrate import write_calibrated
@@ -23,6 +23,8 @@ from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.parameters import Kind
+from armflex.readings import Kind as Reading
+from armflex.readings import Position
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 
 SCATTERED = 1.5
@@ -74,15 +76,22 @@ def command(
 
 def print_calibration(found: Calibration, show_all: bool = False) -> None:
     """Print the error before and after, what was found, and what the data cannot tell."""
-    held_out = found.held_out or (None, None)
+    held_out, (unit, factor) = found.held_out or (None, None), SHOWN[found.fit.view.readings.unit]
     figures = [
         ["declared, instrument placed", found.declared_rms, held_out[0]],
         ["calibrated", found.rms, held_out[1]],
         ["stated noise", found.noise_rms, None],
     ]
-    cells = [[name, *("-" if rms is None else number(rms * 1e3) for rms in pair)] for name, *pair in figures]
-    title = f"3-D position error over {len(found.fit.view.rows)} rows"
-    print_table(title, ["", "RMS mm", "poses held out mm"], cells)
+    cells = [[name, *("-" if rms is None else number(rms * factor) for rms in pair)] for name, *pair in figures]
+    what = "3-D position error" if found.fit.view.readings.of(Position) else "Error"
+    print_table(f"{what} over {len(found.fit.view.rows)} rows", ["", f"RMS {unit}", f"poses held out {unit}"], cells)
+    if len(found.by_kind) > 1 or not found.fit.view.readings.of(Position):
+        rows = []
+        for kind, *sizes in found.by_kind:
+            unit, factor = SHOWN[kind.unit]
+            count = int(np.isfinite(kind.sigma).any(axis=1).sum())
+            rows.append([kind.title, str(count), *(number(size * factor) for size in sizes), unit])
+        print_table("By instrument, RMS", ["", "rows", "declared", "calibrated", "stated noise", "unit"], rows)
     known = [p for p in found.parameters if np.isfinite(p.prior) and p.kind is not Kind.LAW]
     chosen = found.parameters if show_all else sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
     if chosen:
@@ -102,7 +111,9 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
             "missing, which what was fitted may make up for. `armflex trace` looks for it."
         )
     for outlier in found.outliers[:5]:
-        say(f"outlier: {outlier.place}, {number(outlier.error_m * 1e3, 3)} mm off")
+        unit, factor = SHOWN[outlier.unit]
+        by = f" by {outlier.instrument}" if outlier.instrument else ""
+        say(f"outlier: {outlier.place}, {number(outlier.error_m * factor, 3)} {unit} off{by}")
 
 
 def _cells(parameter: Parameter) -> list[str]:
@@ -134,16 +145,31 @@ def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
         say(f"Sampled: R-hat {found.rhat_max:.3f}, {found.ess_min:.0f} effective draws or more.")
 
 
+def _by_kind(sizes: tuple[Reading, float, float, float]) -> dict[str, Any]:
+    kind, declared, calibrated, noise = sizes
+    return {
+        "name": kind.name,
+        "kind": type(kind).__name__.lower(),
+        "unit": kind.unit,
+        "rows": int(np.isfinite(kind.sigma).any(axis=1).sum()),
+        "rms": {"declared": declared, "calibrated": calibrated},
+        "noise_rms": noise,
+    }
+
+
 def as_json(found: Calibration) -> dict[str, Any]:
-    """Return a calibration for programs; RMS in mm like that of trace."""
-    stages = ("declared", "calibrated")
+    """Return a calibration for programs; RMS in mm like that of trace, null where nothing but angles was read."""
+    stages, per = ("declared", "calibrated"), 1e3 if found.fit.view.readings.unit == "m" else None
     return {
         "format": "armflex-calibrate-1",
         "rows": len(found.fit.view.rows),
-        "noise_rms_mm": found.noise_rms * 1e3,
+        "noise_rms_mm": per and found.noise_rms * per,
         "noise_over_stated": found.scatter,
-        "rms_mm": {"declared": found.declared_rms * 1e3, "calibrated": found.rms * 1e3},
-        "held_out_rms_mm": found.held_out and dict(zip(stages, (1e3 * rms for rms in found.held_out), strict=True)),
+        "rms_mm": per and {"declared": found.declared_rms * per, "calibrated": found.rms * per},
+        "held_out_rms_mm": per
+        and found.held_out
+        and dict(zip(stages, (per * rms for rms in found.held_out), strict=True)),
+        **({"instruments": [*map(_by_kind, found.by_kind)]} if found.arm.sensors else {}),
         "parameters": [
             {
                 "name": p.name,
@@ -161,5 +187,10 @@ def as_json(found: Calibration) -> dict[str, Any]:
             {"parameter": p.name, "trades_against": list(p.trades_against)} for p in found.undetermined
         ],
         "flags": [str(flag) for flag in found.flags],
-        "outliers": [{"row": o.row, "place": str(o.place), "error_mm": o.error_m * 1e3} for o in found.outliers],
+        "outliers": [
+            {"row": o.row, "place": str(o.place)}
+            | ({"instrument": o.instrument} if o.instrument else {})
+            | ({"error_mm": o.error_m * 1e3} if o.unit == "m" else {"error": o.error_m, "unit": o.unit})
+            for o in found.outliers
+        ],
     }

@@ -14,6 +14,7 @@ from armflex.cli import options
 from armflex.cli.terminal import complain, say
 from armflex.errors import InputError, listing
 from armflex.export.exported import Exported
+from armflex.measured.forces import UNLOADED, Unnamed
 from armflex.storage.whole_file import write_whole
 
 
@@ -34,7 +35,7 @@ class Format:
     function: str = "export"
 
 
-PATH = ("traj", "compensate", "covariates")
+PATH = ("traj", "compensate", "covariates", "unnamed")
 """Options of the formats of a path."""
 
 FORMATS = {
@@ -43,7 +44,7 @@ FORMATS = {
     "yaml": Format("yaml_files", options=("flavour", "over"), needs=("flavour", "output")),
     "c": Format("c_code", options=("name",)),
     **{
-        name: Format("programs", options=(*PATH, "name"), needs=("traj", "output"), function=name)
+        name: Format("programs", options=(*PATH, "name", "axes"), needs=("traj", "output"), function=name)
         for name in ("urscript", "krl", "rapid")
     },
     "jointtrajectory": Format("programs", options=PATH, needs=("traj", "output"), function="jointtrajectory"),
@@ -62,19 +63,24 @@ FORMATS = {
 @click.option("--traj", metavar="TRAJ.csv", type=options.InputPath, help="The path of a program.")
 @click.option("--compensate", is_flag=True, default=None, help="Write the path on which the loaded tip is where the "
                                                                "rigid one would be.")  # fmt: skip
+@click.option("--axes", metavar="A1=J2,E1=rail", help="urscript, krl, rapid: which joint is which axis of the "
+              "controller, each joint once [default: in their order, sliding ones on external axes].")  # fmt: skip
+@options.loads
 @click.option("--covariates", metavar="temperature=25", help="With --compensate: what the arm's effects depend on.",
               callback=lambda *given: None if given[2] is None else options.parse_covariates(given[2]))  # fmt: skip
-def command(arm: Arm, target: str, output: Path | None, **given: Any) -> None:
+def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **given: Any) -> None:
     """Write the arm for other programs: see --to.
 
     What a format cannot carry is refused by name, or said with what it amounts to in mm.
     """
     wanted, asked = FORMATS[target], {option: value for option, value in given.items() if value is not None}
+    asked |= {} if unnamed == UNLOADED else {"unnamed": unnamed}
     flags = {one.name: one.opts[0] for one in click.get_current_context().command.params}
     for option in asked:
         if option not in wanted.options:
             known = [name for name, other in FORMATS.items() if option in other.options]
-            raise InputError(f"{flags[option]} means nothing to --to {target}; it goes with --to {listing(known)}")
+            flag = flags.get(option, "--payload or --force")
+            raise InputError(f"{flag} means nothing to --to {target}; it goes with --to {listing(known)}")
     for option in wanted.needs:
         if option not in asked and not (option == "output" and output):
             raise InputError(f"--to {target} needs {flags[option]}")

@@ -14,7 +14,7 @@ from typing import Any
 import click
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, warn
 from armflex.cli.terminal import show_flags
 from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
@@ -24,6 +24,12 @@ from armflex.measured.points import read_points
 from armflex.rows.wrench import Wrench
 from armflex.storage.whole_file import is_replaced, write_whole
 from armflex.trajectory import Trajectory, read_trajectory
+
+RADIANS = np.pi * np.pi / 180.0
+"""What is pi, as written, in degrees [rad]."""
+
+NEAR_PI = 5e-3
+"""How near to a twelfth of pi a number is one that was rounded to two digits behind the point, in such parts."""
 
 InputPath = click.Path(path_type=Path)
 
@@ -273,6 +279,10 @@ def parse_positions(text: str, arm: Arm) -> Array:
             raise UnknownNameError("joint", name, arm.joint_names)
         kind, unit = ("length", "m") if kinds[name] == "prismatic" else ("angle", "rad")
         positions[name] = parse_quantity(value if value[-1:].isalpha() else value + unit, kind)
+        parts = positions[name] / RADIANS * 12.0  # of pi, as written
+        if value.endswith("deg") and parts and abs(parts - round(parts)) < NEAR_PI and 0 < abs(round(parts)) <= 24:
+            text = f"--q: {name} at {value} is {round(parts)}/12 of pi as a number: radians? Then leave deg out"
+            warn([Flag("radians", text)])
     return arm.position(**positions)
 
 

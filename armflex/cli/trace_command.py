@@ -240,9 +240,7 @@ def _lines(found: Found) -> Iterator[list[str]]:
 
 def _remarks(found: Trace) -> Iterator[str]:
     if found.compared is not None:
-        yield f"Poses held out: {found.said_of_held_out}"
-    if any(one.survives is not None for one in found.found):
-        yield "Again: how often the same law at the same place is chosen without a fifth of the poses."
+        yield "Poses held out: effects chosen and fitted without them; again: how often they are chosen so."
     if found.families:
         yield (
             "What drives have in common is no named cause: it says of what kind and how large their errors are. "
@@ -313,7 +311,6 @@ def as_json(found: Trace) -> dict[str, Any]:
             "after": found.rms * 1e3,
         },
         "held_out_rms_mm": dict(zip(("calibrated", "after"), (1e3 * rms for rms in found.held_out), strict=True)),
-        "held_out_is_of": found.said_of_held_out if found.compared is not None else "nothing was chosen",
         "effects": [_effect_json(one) for one in found.found],
         "unexplained": left
         and {
@@ -336,6 +333,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         ],
         "held_out_chosen_again_rms_mm": found.compared
         and {"calibrated": found.compared.before * 1e3, "after": found.compared.after * 1e3},
+        "held_out_is_of": found.said_of_held_out if found.compared is not None else "nothing was chosen",
         "families": [_family_json(one) for one in found.families],
         "undecided": found.undecided
         and {

@@ -21,8 +21,19 @@ from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
 from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
-from armflex.parameters import FRAME, MOUNTED, TARGET, ArmParameter, Kind, numbers_of, of_effect, of_motions, of_offsets
-from armflex.readings import Orientation
+from armflex.parameters import (
+    FRAME,
+    MOUNTED,
+    TARGET,
+    ArmParameter,
+    Kind,
+    numbers_of,
+    of_effect,
+    of_motions,
+    of_offsets,
+    of_sensor,
+)
+from armflex.readings import Orientation, Position
 from armflex.setup import Setup
 
 
@@ -61,7 +72,7 @@ def frame_block(setup: Setup) -> Block:
         if level:
             rotation, gravity = view.setup.instrument.pose.rotation, view.setup.arm.robot.gravity
             turned = pin.skew(gravity) @ rotation.T  # base gravity R^T g when R becomes exp(w) R
-            jacobian[:, :, 3:] += view.answer(view.line.gravity @ turned)
+            jacobian[:, :, 3:] += view.by_gravity @ turned
         return jacobian
 
     def moved(setup: Setup, values: Array) -> Setup:
@@ -109,6 +120,38 @@ def mounting_block(setup: Setup) -> Block:
     return RigidBlock(MOUNTED, np.full(3, np.inf), lambda view: view.by_mounting, moved)
 
 
+def sensor_block(setup: Setup, name: str, sessions: tuple[str, ...]) -> Block:
+    """Return the block of what is open of a sensor itself, anew in every session; the one session '' is all of them."""
+    sensor = setup.arm.sensors[name]
+
+    def changes(view: View) -> Array:
+        own, free = view.by_sensor(name), sensor.free
+        masks = [np.array([session in ("", one) for one in view.sessions]) for session in sessions]
+        return np.concatenate([own[:, :, free] * mask[:, None, None] for mask in masks], axis=2)
+
+    def moved(setup: Setup, values: Array) -> Setup:
+        after = setup.arm.sensors[name]
+        for session, step in zip(sessions, values.reshape(len(sessions), -1), strict=True):
+            after = after.moved(session, step)
+        return replace(setup, arm=replace(setup.arm, sensors={**setup.arm.sensors, name: after}))
+
+    # A session that is new begins as declared.
+    return RigidBlock(of_sensor(sensor, sessions), np.tile(sensor.std[sensor.free], len(sessions)), changes, moved)
+
+
+def sensor_start(view: View) -> dict[ArmParameter, float]:
+    """Return where a fit of what is open of the sensors may begin."""
+    found: dict[ArmParameter, float] = {}
+    sessions = tuple(dict.fromkeys(view.sessions))
+    for kind, _ in view.readings.placed:
+        for session in (sessions if len(sessions) > 1 else ("",)) if kind.name else ():
+            rows = np.flatnonzero([session in ("", one) for one in view.sessions])
+            sensor = view.arm.sensors[kind.name]
+            begun = kind.some(rows).start(view.at.some(rows))[sensor.free]
+            found |= dict(zip(of_sensor(sensor, [session]), begun.tolist(), strict=True))
+    return found
+
+
 def offset_block(setup: Setup, std: float = 0.0) -> Block:
     """Return the block of a constant error of every joint's position; loads redistribute with it."""
     joints = setup.arm.joint_names
@@ -117,7 +160,9 @@ def offset_block(setup: Setup, std: float = 0.0) -> Block:
         return _corrected(setup, "joint_offset", dict(zip(joints, values.tolist(), strict=True)))
 
     std_of_each = np.full(len(joints), std)
-    return RigidBlock(of_offsets(setup.arm.robot), std_of_each, lambda view: view.answer(view.line.joints), moved)
+    return RigidBlock(
+        of_offsets(setup.arm.robot), std_of_each, lambda view: view.answer(lambda line: line.joints), moved
+    )
 
 
 def geometry_block(setup: Setup, std: float = 0.0) -> Block:
@@ -125,7 +170,7 @@ def geometry_block(setup: Setup, std: float = 0.0) -> Block:
     joints = setup.arm.joint_names
 
     def changes(view: View) -> Array:
-        return np.concatenate([view.answer(view.line.site(f"link:{joint}")) for joint in joints], axis=2)
+        return np.concatenate([view.answer(lambda line, at=f"link:{joint}": line.site(at)) for joint in joints], axis=2)
 
     def moved(setup: Setup, values: Array) -> Setup:
         return _corrected(setup, "geometry", dict(zip(joints, values.reshape(-1, 6), strict=True)))
@@ -145,15 +190,19 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     """Return the blocks that an arm's [prior] and [measurement] free; `setup` holds the first guess."""
     arm, prior = setup.arm, setup.arm.prior
     blocks: list[Block] = []
-    if arm.measurement.frame == "unknown":
+    tracked = any(kind.framed for kind in measurements.readings.kinds)
+    if arm.measurement.frame == "unknown" and tracked:
         blocks.append(frame_block(setup))
     sessions = tuple(dict.fromkeys(measurements.session))
-    if len(sessions) > 1 and (prior.session_translation or prior.session_rotation):
+    if len(sessions) > 1 and tracked and (prior.session_translation or prior.session_rotation):
         blocks.append(session_block(sessions, prior.session_translation, prior.session_rotation))
-    if prior.tool:
+    if prior.tool and measurements.readings.of(Position):
         blocks.append(target_block(prior.tool))
     if measurements.readings.of(Orientation):
         blocks.append(mounting_block(setup))
+    for name in dict.fromkeys(kind.name for kind in measurements.readings.kinds if kind.name):
+        if len(arm.sensors[name].free):
+            blocks.append(sensor_block(setup, name, sessions if len(sessions) > 1 else ("",)))
     if prior.joint_offset:
         blocks.append(offset_block(setup, prior.joint_offset))
     if prior.geometry:
@@ -199,6 +248,12 @@ def _of_kind(kind: Kind, parameters: list[ArmParameter], setup: Setup, context: 
                 free = tuple(i for i, one in enumerate(own[len(effect.location.terms) :]) if one in parameters)
                 blocks.append(EffectBlock(effect, free, context, ordinal, np.zeros(0), number))
         return blocks
+    if kind is Kind.SENSOR:
+        return [
+            sensor_block(setup, sensor.name, sessions)
+            for sensor in arm.sensors.values()
+            if (sessions := tuple(one for one in sensor.found if set(of_sensor(sensor, [one])) & set(parameters)))
+        ]
     rigid: dict[Kind, Callable[[], Block]] = {
         Kind.INSTRUMENT: lambda: frame_block(setup),
         Kind.SESSION: lambda: session_block(names),

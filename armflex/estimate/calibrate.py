@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import Array
+from armflex.conventions import Array, said_of
 from armflex.errors import ArmflexError, Flag, InputError, Place, UnsupportedError, listing
-from armflex.estimate.block import Block
-from armflex.estimate.blocks import declared_blocks
+from armflex.estimate.block import Block, parameters_of
+from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.enough import check_readings
 from armflex.estimate.fit import Fit, fit
 from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
@@ -23,8 +23,9 @@ from armflex.estimate.law_block import law_block
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions
 from armflex.estimate.posterior import certainty_of
-from armflex.estimate.robust import huber_weights
-from armflex.estimate.view import Progress, View, look, position_rms
+from armflex.estimate.robust import huber_weights, instrument_weights
+from armflex.estimate.suspect_sensors import moved, suspected
+from armflex.estimate.view import Progress, View, look
 from armflex.estimate.weigh import ROUNDS, Weighed
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
@@ -34,7 +35,9 @@ from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
-from armflex.parameters import FRAMES, Kind
+from armflex.parameters import FRAMES
+from armflex.parameters import Kind as ParameterKind
+from armflex.readings import Kind
 from armflex.readings.instrument import Instrument, fit_frame, fit_mounting
 from armflex.setup import Setup
 
@@ -52,12 +55,17 @@ MANY, SOME = 4096, 8
 
 @dataclass(frozen=True)
 class Outlier:
-    """A row that the fit does not believe: its place, its error [m], and what became of it."""
+    """What the fit does not believe of a row: its place, its error [m, or `unit`], and what became of it.
+
+    `instrument` is the sensor that read it, '' the instrument at the tip.
+    """
 
     row: int
     place: Place | None
     error_m: float
     kind: str = "counted less"
+    instrument: str = ""
+    unit: str = "m"
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,17 +93,25 @@ class Calibration:
     @property
     def declared_rms(self) -> float:
         """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
-        return position_rms(self.placed.residual)
+        return self.placed.rms(self.placed.residual)
 
     @property
     def noise_rms(self) -> float:
         """What the stated standard deviations alone would give [m]."""
-        return position_rms(self.placed.sigma)
+        return self.placed.rms(self.placed.sigma)
 
     @property
     def rms(self) -> float:
         """RMS of the 3-D position error after calibration [m]."""
         return self.fit.rms
+
+    @property
+    def by_kind(self) -> tuple[tuple[Kind, float, float, float], ...]:
+        """Every kind of readings with its RMS in its unit: as declared, calibrated, and what the stated noise gives."""
+        view, placed = self.fit.view, self.placed
+        stated = view.readings.by_kind(view.sigma / self.weighed)
+        parts = placed.readings.by_kind(placed.residual), view.readings.by_kind(view.residual), stated
+        return tuple((one[0], one[1], two[1], three[1]) for one, two, three in zip(*parts, strict=True))
 
     @property
     def weighed(self) -> float:
@@ -125,14 +141,16 @@ class Calibration:
     @property
     def outliers(self) -> tuple[Outlier, ...]:
         """Rows with little weight, the worst first."""
-        view = self.fit.view
-        error = np.linalg.norm(view.residual[:, view.positions], axis=1)
-        far = np.flatnonzero(self.fit.weights < OUTLIER)
-        places = self.measurements.places
-        ordered = far[np.argsort(-error[far])]
-        return tuple(
-            Outlier(int(view.rows[i]), places[view.rows[i]] if places else None, float(error[i])) for i in ordered
-        )
+        view, places, found = self.fit.view, self.measurements.places, []
+        weights = instrument_weights(view)
+        for number, group in enumerate(view.readings.groups):
+            own = next(kind for kind, place in view.readings.placed if place.start == group.start)
+            error = np.linalg.norm(view.residual[:, group.start : group.start + own.dimension], axis=1)
+            far = np.flatnonzero(weights[:, number] < OUTLIER)
+            for i in far[np.argsort(-error[far])]:
+                place = places[view.rows[i]] if places else None
+                found.append(Outlier(int(view.rows[i]), place, float(error[i]), instrument=own.name, unit=own.unit))
+        return tuple(found)
 
 
 def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Path:
@@ -187,17 +205,26 @@ def calibrate(
         check_conventions(arm, measurements, used, keep, searched=as_stated)
     declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
+    about = ()
+    if declared.arm.sensors and not anyway:
+        about = suspected(look(declared, measurements, used), placed, tuple(blocks))
     laws = None if keep else law_block(declared, placed.view, seen)
 
     begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS
     if laws is None:
-        found, flags = _fit(declared, blocks, begun, used, rounds, progress), ()
+        found, flags = _fit(declared, blocks, begun, used, rounds, progress, placed), ()
     else:
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
     calibrated = replace(with_posteriors(found.setup.arm, found), **known)
     errors = _held_out(placed, found, measurements)
-    flags = (*derived, *flags, *_worse(errors))
+    flags = (
+        *derived,
+        *about,
+        *flags,
+        *(() if anyway else moved(found, measurements)),
+        *_worse(errors, found.view.readings.unit),
+    )
     return Calibration(calibrated, found, placed.view, measurements, flags, errors)
 
 
@@ -208,6 +235,7 @@ def _fit(
     used: np.ndarray,
     rounds: int,
     progress: Progress | None,
+    begun: Fit | None = None,
 ) -> Fit:
     """Return a fit to readings that scatter as they are weighed.
 
@@ -217,8 +245,12 @@ def _fit(
     if len(used) > MANY:
         some = np.sort(np.random.default_rng(0).choice(used, len(used) // SOME, replace=False))
         with contextlib.suppress(ArmflexError):  # they may be too few
-            first = _fit(declared, blocks, weighed, some, rounds, progress)
+            first = _fit(declared, blocks, weighed, some, rounds, progress, begun)
             start, weighed = first.values, replace(weighed, factor=first.factor)
+    elif begun is not None:
+        known = dict(zip(begun.parameters, begun.values.tolist(), strict=True))
+        known = {one: value for one, value in known.items() if one.group.kind is ParameterKind.SENSOR}
+        start = np.array([known.get(one, 0.0) for one in parameters_of(blocks)])
     found = fit(declared, blocks, weighed.measurements, used, start, progress)
     for _ in range(rounds):
         better = weighed.again(found)
@@ -243,10 +275,14 @@ def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:
 def _placed(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Setup, Fit]:
     """Return the first guess, and the rows with only the instrument's frame fitted."""
     declared = first_guess(arm, measurements, used)
-    frame = [block for block in declared_blocks(declared, measurements) if block.kind is Kind.INSTRUMENT]
-    if frame:
-        return declared, fit(declared, frame, measurements, used)
+    placing = (ParameterKind.INSTRUMENT, ParameterKind.SENSOR)
+    frame = [block for block in declared_blocks(declared, measurements) if block.kind in placing]
     view = look(declared, measurements, used)
+    if frame:
+        begun = sensor_start(view)
+        return declared, fit(
+            declared, frame, measurements, used, np.array([begun.get(one, 0.0) for one in parameters_of(frame)])
+        )
     return declared, Fit(declared, (), np.zeros(0), view, huber_weights(view), ())
 
 
@@ -260,10 +296,10 @@ def _held_out(placed: Fit, found: Fit, measurements: Measurements) -> tuple[floa
     return declared, calibrated
 
 
-def _worse(errors: tuple[float, float] | None) -> Iterator[Flag]:
+def _worse(errors: tuple[float, float] | None, unit: str) -> Iterator[Flag]:
     """Yield the flag about an arm that predicts poses it was not fitted to worse than it did before."""
     if errors is not None and errors[1] > errors[0]:
-        declared, calibrated = (f"{1e3 * error:.3g} mm" for error in errors)
+        declared, calibrated = (said_of(error, unit) for error in errors)
         text = f"poses held out are predicted to {calibrated} RMS, by the arm as declared to {declared}"
         hint = "there are too few poses for what [prior] frees, or it frees too much: use the arm as declared"
         yield Flag("worse_than_declared", f"{text}: {hint}")
@@ -299,11 +335,14 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
     for _ in range(PLACED if arm.measurement.gravity_in == "measurement" else 1):
         tip = respond(setup.arm, some.q, some.payload, known, wrenches=some.wrenches).tip
         points = setup.instrument.in_base(tip)
+        seen = measurements.positioned[rows]
+        if not seen.any():
+            break
         if not checked:
-            check_readings(arm, points, measurements, rows)
+            check_readings(arm, points[seen], measurements, rows[seen])
             checked = True
         if arm.measurement.frame != "base":
-            setup = setup.placed(fit_frame(points, some.position))
+            setup = setup.placed(fit_frame(points[seen], some.position[seen]))
     return replace(setup, instrument=_mounted(setup.instrument, tip, measurements, rows))
 
 

@@ -122,7 +122,7 @@ def effect_jacobian(effect: Effect, free: tuple[int, ...], view: View, context: 
 def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
     """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`, inner ones loosely."""
     jacobian = view.effect_jacobian(effect, context)
-    moved = np.sqrt((jacobian[:, view.positions] ** 2).sum(axis=1).mean(axis=0))
+    moved = np.array([view.rms(one) for one in jacobian.transpose(2, 0, 1)])
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])

@@ -10,7 +10,7 @@ from armflex.errors import IdentifiabilityError
 from armflex.measured.axes import check_axes
 from armflex.measured.measurements import Measurements
 from armflex.readings.instrument import Instrument, fit_frame
-from armflex.readings.position import rigid_motion
+from armflex.readings.kind import rigid_motion
 
 COARSEST = 0.05
 """Standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""

@@ -13,10 +13,11 @@ from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
 from armflex.estimate.block import Block, parameters_of, places_of
 from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_regressors, whitened_residual
-from armflex.estimate.view import Progress, View, look, position_rms
+from armflex.estimate.view import Progress, View, look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import ArmParameter
+from armflex.readings import Position
 from armflex.setup import Setup
 
 SETTLED = 1e-3
@@ -72,7 +73,7 @@ class Fit:
         blocks: What was free.
         values: (P,) deviations from the declared values in the parameters' units, all blocks in order.
         view: The campaign's fitted rows at the solution.
-        weights: (M,) robust weight of each row, dimensionless, 1 for most.
+        weights: (M, d) robust weight of each number, dimensionless, 1 for most.
         history: Objective after each step.
         left: Fall of the cost that was still to be had where the steps ended unsettled, over that which noise as stated
             would make of 1; 0 where they settled.
@@ -141,17 +142,17 @@ class Fit:
 
         A reading that is far off counts as one at the limit (Huber's proposal 2), so that a lost beam is no noise.
         """
-        size = len(self.residual) // len(self.weights)
-        within = self.residual * np.sqrt(np.repeat(self.weights, size))
+        within = self.residual * np.sqrt(self.weights.ravel())
         return float(np.sqrt(within @ within / self.freedom))
 
     @property
     def misfit(self) -> float:
         """Standard deviation of each coordinate [m] beyond the stated one, where readings had to be weighed by it."""
         scatter = self.factor * self.noise
-        if self.factor == 1.0 or scatter <= 1.0:
+        if self.factor == 1.0 or scatter <= 1.0 or self.view.readings.unit != "m":
             return 0.0
-        return position_rms(self.view.sigma) / self.factor * float(np.sqrt((scatter**2 - 1.0) / 3.0))
+        each = Position.dimension if self.view.readings.of(Position) else 1
+        return self.view.rms(self.view.sigma) / self.factor * float(np.sqrt((scatter**2 - 1.0) / each))
 
     @cached_property
     def posterior(self) -> LinearGaussian:
@@ -167,11 +168,14 @@ class Fit:
 
     @property
     def rms(self) -> float:
-        """RMS of the 3-D position error over the fitted rows [m]."""
-        return position_rms(self.view.residual)
+        """RMS of the 3-D position error over the fitted rows [m]; see `View.rms`."""
+        return self.view.rms(self.view.residual)
 
-    def cost(self, limit: float) -> float:
-        """Return -2 log posterior density but for a constant; rows beyond `limit` times the noise count less."""
+    def cost(self, limit: Array | float) -> float:
+        """Return -2 log posterior density but for a constant; rows beyond `limit` times the noise count less.
+
+        `limit` is (G,) of every instrument, or one for all, dimensionless.
+        """
         return objective(self.view, self.values, self.prior, limit)
 
     def places(self, block: Block) -> np.ndarray:
@@ -333,7 +337,7 @@ class _Task:
         """Return the iterate at (P,) values."""
         return _Iterate(values, look(realise(self.declared, self.blocks, values), self.measurements, rows))
 
-    def cost(self, here: _Iterate, limit: float) -> float:
+    def cost(self, here: _Iterate, limit: Array | float) -> float:
         """Return the cost of an iterate."""
         return objective(here.view, here.values, self.prior, limit)
 
@@ -350,7 +354,7 @@ class _Task:
         still = f"still moving: {moving or 'nothing'}"
         return ConvergenceError(f"{text}; {still}; {share:.0%} of what is left is at {far}", history)
 
-    def problem(self, here: _Iterate, limit: float) -> _Problem:
+    def problem(self, here: _Iterate, limit: Array | float) -> _Problem:
         """Return the linear problem about an iterate."""
         weights = huber_weights(here.view, limit)
         regressors, residual = (
@@ -363,7 +367,7 @@ class _Task:
         return _Problem(LinearGaussian.of(regressors, precision), gradient, bend)
 
     def descend(
-        self, here: _Iterate, problem: _Problem, limit: float, trials: int, damping: float
+        self, here: _Iterate, problem: _Problem, limit: Array | float, trials: int, damping: float
     ) -> tuple[_Iterate, float] | None:
         """Return the iterate after a step, damped until the cost falls or is flat, and the next damping; None if never.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
-from armflex.estimate.robust import huber_weights, robust_limit
+from armflex.estimate.robust import robust_limit, row_weights
 from armflex.estimate.view import View
 from armflex.linear_gaussian import LinearGaussian, most_probable
 
@@ -26,8 +26,8 @@ def near(*views: View) -> np.ndarray:
     A row that only an effect explains speaks for it, one that it alone spoils against it, and a beam that every view
     misses about none of them.
     """
-    limit = min(robust_limit(view) for view in views)
-    return np.any([huber_weights(view, limit) > BELIEVED for view in views], axis=0)
+    limit = np.min([robust_limit(view) for view in views], axis=0)
+    return np.any([row_weights(view, limit) > BELIEVED for view in views], axis=0)
 
 
 def believed(*fits: Fit) -> np.ndarray:
@@ -68,7 +68,7 @@ def held_out(
         refitted: For every fold, parameters that may follow the fold's own rows (a session's frame), if any.
         judged: (M,) rows that count, see `believed`; those that this fit believes when not given.
     """
-    data, size, rows = fit.residual + fit.regressors @ fit.values, fit.view.residual.shape[1], _readings_of(fit, folds)
+    data, rows = fit.residual + fit.regressors @ fit.values, _readings_of(fit, folds)
     left, told = np.empty(len(data)), told_by_others(fit, folds)
     scores = _of_others([fit.regressors[own].T @ data[own] for own in rows])
     for number, own in enumerate(rows):
@@ -79,9 +79,15 @@ def held_out(
             follow = regressors[:, some]
             error = error - follow @ most_probable(follow, fit.precision[some], error)
         left[own] = error
-    where = fit.view.positions
-    errors = left.reshape(-1, size)[:, where] / np.sqrt(fit.weights)[:, None] * fit.view.sigma[:, where]
-    return HeldOut((errors**2).sum(axis=1), fit.weights > BELIEVED if judged is None else judged)
+    return HeldOut((errors_of(fit, left) ** 2).sum(axis=1), believed(fit) if judged is None else judged)
+
+
+def errors_of(fit: Fit, whitened: Array) -> Array:
+    """Return (M, n) errors of the foremost numbers [m] from (M d,) whitened and weighted ones; zero where not read."""
+    where = fit.view.foremost
+    sigma = fit.view.sigma[:, where]
+    own = whitened.reshape(fit.weights.shape)[:, where] / np.sqrt(fit.weights[:, where])
+    return own * np.where(np.isfinite(sigma), sigma, 0.0)
 
 
 def told_by_others(fit: Fit, folds: np.ndarray) -> list[LinearGaussian]:

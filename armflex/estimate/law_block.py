@@ -56,8 +56,10 @@ class LawsBlock(Block):
         for place, name in enumerate(self.flexures):
             index = names.index(name)
             free = self._free(place, view.setup.arm.flexures[index].law)
-            jacobian.append(line.laws[:, :, index] @ free.by_values(line.flexure_wrenches[:, index], line.row))
-        return view.answer(np.concatenate(jacobian, axis=2))
+            jacobian.append((index, free.by_values(line.flexure_wrenches[:, index], line.row)))
+        return view.answer(
+            lambda one: np.concatenate([one.laws[:, :, index] @ twist for index, twist in jacobian], axis=2)
+        )
 
     def apply(self, setup: Setup, values: Array) -> Setup:
         return self._with(setup, [law.at(own) for law, own in zip(self.laws, self.split(values), strict=True)])

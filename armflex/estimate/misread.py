@@ -104,6 +104,9 @@ def check_conventions(
             each of them right; or standard deviations that cannot be meant; or nothing that [prior] frees where
             readings are far off.
     """
+    rows = rows[measurements.positioned[rows]]
+    if not len(rows):
+        return
     some = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))] if len(rows) > MOST_ROWS else rows
     found = _misfit(arm, measurements, some, keep, in_general=True)
     likely = [] if found is not None and found.ratio < IMPLAUSIBLE else _likely(arm, measurements, some, keep, found)
@@ -218,15 +221,15 @@ def _misfit(
             turned = not np.allclose(placed.arm.robot.gravity, arm.robot.gravity)
             view = look(placed, measurements, rows, line=None if turned else view.line)
         blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
-        parts = [block.jacobian(view)[:, view.positions] for block in blocks]
+        parts = [block.jacobian(view)[:, view.foremost] for block in blocks]
     except ArmflexError:
         return None
-    residual = view.residual[:, view.positions]
+    residual = view.residual[:, view.foremost]
     jacobian = np.concatenate([np.zeros((*residual.shape, 0)), *parts], axis=2)
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
     if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
         return None
-    reach, stated = float(np.linalg.norm(base, axis=1).max()), view.sigma[:, view.positions]
+    reach, stated = float(np.linalg.norm(base, axis=1).max()), view.sigma[:, view.foremost]
     fine, coarse = np.minimum(stated, COARSE * reach), np.maximum(stated, COARSE * reach)
     fine = np.maximum(fine, FINE * reach)
     ratio, rest = _explained(jacobian / fine[:, :, None], precision, residual / fine)
@@ -238,19 +241,19 @@ def _misfit(
 
 
 def _explained(jacobian: Array, precision: Array, residual: Array) -> tuple[float, Array]:
-    """Return the misfit of (M, 3) whitened residuals, and what is left of them; lost beams count less."""
+    """Return the misfit of (M, n) whitened residuals, and what is left of them; lost beams count less."""
     weights, left = np.ones(len(residual)), residual
     values, flat = np.zeros(len(precision)), jacobian.reshape(residual.size, len(precision))
     for _ in range(ROUNDS):
-        root = np.repeat(np.sqrt(weights), 3)
+        root = np.repeat(np.sqrt(weights), residual.shape[1])
         if len(precision):
             weighted = flat * root[:, None]
             values = LinearGaussian.of(weighted, precision).solve(weighted.T @ (residual.ravel() * root))
         left = residual - jacobian @ values
         length = np.linalg.norm(left, axis=1)
         weights = np.minimum(1.0, 3.0 * max(float(np.median(length)), 1e-9) / np.maximum(length, 1e-300)) ** 2
-    misfit = (weights[:, None] * left**2).sum() / (3.0 * weights.sum())
-    return float(misfit + (precision * values**2).sum() / (3.0 * len(residual))), left
+    misfit = (weights[:, None] * left**2).sum() / (residual.shape[1] * weights.sum())
+    return float(misfit + (precision * values**2).sum() / residual.size), left
 
 
 def _placed_off(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float:

@@ -18,9 +18,8 @@ from armflex.estimate.view import View, look, untold_shifts
 from armflex.laws.effects.context import Context, survey
 from armflex.mechanics.history import known_rows
 from armflex.parameters import FRAMES, Kind, fitted_group
-from armflex.readings import Orientation, Position, unread
+from armflex.readings import Orientation, Position, Readings, unread
 from armflex.readings.instrument import Instrument
-from armflex.readings.position import rigid_motion
 from armflex.rows import Rows
 from armflex.setup import Setup
 
@@ -49,8 +48,8 @@ def certainty_of(fit: Fit) -> Certainty:
     return both.part(sorted(range(len(effects)), key=effects.__getitem__))  # declared parameters first
 
 
-def fitted_variance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...]]:
-    """Return the (N, 3) variance of predicted readings that is due to fitted parameters, and flags about it.
+def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | None, tuple[Flag, ...]]:
+    """Return the (N, d) variance of predicted readings that is due to fitted parameters, and flags about it.
 
     Rows of a session that was not calibrated have the variance of a session's frame added. None where nothing was
     fitted, or where the arm no longer has what was.
@@ -58,12 +57,13 @@ def fitted_variance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...
     Args:
         arm: The arm; see `Arm.certainty`.
         rows: What is to be predicted.
+        readings: Of which kinds, the tip's position first.
     """
     if arm.certainty is None:
         missing = Flag("no_certainty", "the file holds no covariance of the fitted parameters: sigma leaves them out")
         return None, (missing,) if arm.instrument is not None else ()
     setup = Setup(arm, arm.instrument or Instrument())
-    view = look(setup, rows, np.arange(len(rows)), readings=unread(len(rows), Position))
+    view = look(setup, rows, np.arange(len(rows)), readings=readings)
     jacobian = _jacobian(arm.certainty, view, rows)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
@@ -94,7 +94,7 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
         site, axis, size = arm.certainty.unexplained
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
         covariance += along[:, :, None] * along[:, None]
-    covariance[:, view.positions, view.positions] += arm.certainty.misfit**2 * np.eye(3)
+    covariance[:, view.foremost, view.foremost] += arm.certainty.misfit**2 * np.eye(3)
     shifts = untold_shifts(view.setup, rows, tip)
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
     left = arm.certainty.leaves_open(jacobian)
@@ -131,12 +131,21 @@ def without_declared_uncertainty(arm: Arm) -> Arm:
 
 
 def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
-    """Return the (N, 3) variance of what no fit can know: frames of new sessions, a twist without a cause."""
+    """Return the (N, d) variance of what no fit can know: frames of new sessions, a twist without a cause."""
     prior, sessions = arm.prior, view.setup.instrument.sessions
     new = np.array([bool(sessions) and session not in sessions for session in rows.session])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
     assert arm.certainty is not None
-    variance = ((rigid_motion(view.points) * std) ** 2).sum(axis=2) * new[:, None] + arm.certainty.misfit**2
+    variance = ((view.by_frame * std) ** 2).sum(axis=2) * new[:, None]
+    variance[:, view.foremost] += arm.certainty.misfit**2
+    for kind, place in view.readings.placed:
+        if kind.name:
+            # What was found of a sensor in other sessions is not known in a new one.
+            sensor = arm.sensors[kind.name]
+            unknown = np.array(
+                [bool(sensor.found) and not {"", session} & set(sensor.found) for session in rows.session]
+            )
+            variance[:, place] += ((kind.by_own(view.at) * sensor.std) ** 2).sum(axis=2) * unknown[:, None]
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
         variance += (size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]) ** 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -18,9 +18,9 @@ TOGETHER = 2048
 
 
 def whitened_regressors(blocks: Sequence[Block], view: View, weights: Array) -> Array:
-    """Return (M d, P) columns of all blocks, whitened and weighted."""
+    """Return (M d, P) columns of all blocks, whitened and weighted by the (M, d) weights."""
     ends = np.cumsum([0, *(len(block.parameters) for block in blocks)])
-    scale = np.sqrt(weights)[:, None] / view.sigma
+    scale = np.sqrt(weights) / view.sigma
     regressors = np.empty((*view.residual.shape, ends[-1]))
     placed = [(block, slice(*pair)) for block, pair in zip(blocks, pairwise(ends.tolist()), strict=True)]
     pieces = [np.arange(len(scale))[i : i + TOGETHER] for i in range(0, len(scale), TOGETHER)]
@@ -41,33 +41,58 @@ def whitened_regressors(blocks: Sequence[Block], view: View, weights: Array) -> 
 
 def whitened_residual(view: View, weights: Array) -> Array:
     """Return (M d,) residuals, whitened and weighted."""
-    return (np.sqrt(weights)[:, None] * view.whitened).ravel()
+    return (np.sqrt(weights) * view.whitened).ravel()
 
 
-def robust_limit(view: View) -> float:
-    """Return how many times what noise could make a row must be off to count less: 1, more while the model is wrong.
+def robust_limit(view: View) -> Array:
+    """Return how many times what noise makes a reading must be off to count less: 1, more while the model is wrong.
 
-    While it is wrong all residuals are long; what is far is then judged by their median, not by the noise.
+    While it is wrong all residuals are long; what is far is then judged by their median, not by the noise: (G,), one of
+    each instrument's own.
     """
-    expected = _by_size(view, median_length)
-    return max(1.0, float(np.median(np.linalg.norm(view.whitened, axis=1) / expected)))
+    limits = np.ones(len(view.readings.groups))
+    for number, (length, expected, read) in enumerate(_lengths(view, median_length)):
+        limits[number] = max(1.0, float(np.median(length[read] / expected[read]))) if read.any() else 1.0
+    return limits
 
 
-def huber_weights(view: View, limit: float | None = None) -> Array:
-    """Return the (M,) weights of the rows."""
-    length = np.linalg.norm(view.whitened, axis=1)
-    far = (limit or robust_limit(view)) * _by_size(view, outlier_limit)
-    return np.minimum(1.0, far / np.maximum(length, 1e-300))
+def instrument_weights(view: View, limit: Array | float | None = None) -> Array:
+    """Return the (M, G) weights of what each instrument read in a row: a level is no worse for a lost beam."""
+    limits = np.broadcast_to(robust_limit(view) if limit is None else limit, len(view.readings.groups))
+    weights = np.ones((len(view.residual), len(limits)))
+    for number, (length, expected, _) in enumerate(_lengths(view, outlier_limit)):
+        weights[:, number] = np.minimum(1.0, limits[number] * expected / np.maximum(length, 1e-300))
+    return weights
 
 
-def objective(view: View, values: Array, prior: Array, limit: float) -> float:
+def huber_weights(view: View, limit: Array | float | None = None) -> Array:
+    """Return the (M, d) weights of the numbers of the rows: the same for all that an instrument read in one."""
+    weights, found = instrument_weights(view, limit), np.ones(view.residual.shape)
+    for number, place in enumerate(view.readings.groups):
+        found[:, place] = weights[:, [number]]
+    return found
+
+
+def row_weights(view: View, limit: Array | float | None = None) -> Array:
+    """Return the (M,) weights of the rows: each as that of the instrument that is believed most there."""
+    read = np.stack([np.isfinite(view.sigma[:, place]).any(axis=1) for place in view.readings.groups], axis=1)
+    return np.where(read, instrument_weights(view, limit), 0.0).max(axis=1)
+
+
+def objective(view: View, values: Array, prior: Array, limit: Array | float) -> float:
     """Return the Huber cost plus the prior's, both as -2 log density."""
-    length, far = np.linalg.norm(view.whitened, axis=1), limit * _by_size(view, outlier_limit)
-    cost = np.where(length > far, 2.0 * far * length - far**2, length**2).sum()
-    return float(cost + ((values / prior) ** 2).sum())
+    cost, limits = ((values / prior) ** 2).sum(), np.broadcast_to(limit, len(view.readings.groups))
+    for one, (length, expected, _) in zip(limits, _lengths(view, outlier_limit), strict=True):
+        far = one * expected
+        cost += np.where(length > far, 2.0 * far * np.where(length > far, length, 0.0) - far**2, length**2).sum()
+    return float(cost)
 
 
-def _by_size(view: View, length: Callable[[int], float]) -> Array:
-    """Return (M,) lengths by how many numbers a row has: an orientation that was not read is as uncertain as can be."""
-    sizes, place = np.unique(np.isfinite(view.sigma).sum(axis=1), return_inverse=True)
-    return np.array([length(size) for size in sizes.tolist()])[place]
+def _lengths(view: View, length: Callable[[int], float]) -> Iterator[tuple[Array, Array, np.ndarray]]:
+    """Yield of every instrument the (M,) whitened lengths of what it read, what is expected of as many numbers, and
+    where it read: an orientation that was not read is as uncertain as can be.
+    """
+    for place in view.readings.groups:
+        sizes, back = np.unique(np.isfinite(view.sigma[:, place]).sum(axis=1), return_inverse=True)
+        expected = np.array([length(max(size, 1)) for size in sizes.tolist()])[back.ravel()]
+        yield np.linalg.norm(view.whitened[:, place], axis=1), expected, sizes[back.ravel()] > 0

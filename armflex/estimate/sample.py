@@ -78,9 +78,9 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
     noise, prior = max(found.noise, 1.0), found.prior
 
     # Of every law the (n, 6) whitened answer of the readings to its twists, its (M, 6) loads, and itself.
-    weight = np.sqrt(found.weights)[:, None, None] / view.sigma[:, :, None]
+    weight = (np.sqrt(found.weights) / view.sigma)[:, :, None]
     seen = [
-        (weight * view.answer(line.laws[:, :, i]), line.flexure_wrenches[:, i], law)
+        (weight * view.answer(lambda line, i=i: line.laws[:, :, i]), line.flexure_wrenches[:, i], law)
         for i, law in ((names.index(name), law) for name, law in laws.items())
     ]
     others = found.regressors.copy()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,7 +18,7 @@ from armflex.laws.effects.remember import directions
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
-from armflex.readings import Position, Readings
+from armflex.readings import Position, Postures, Readings
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 from armflex.rows.wrench import wrenches_in
@@ -35,37 +35,42 @@ class View:
         setup: The state it was computed at.
         rows: (M,) numbers of the measured rows.
         line: The linearised arm at those rows.
-        points: (M, 3) target in the instrument frame [m], sessions left out.
         readings: What was read in those rows, or is to be: d numbers each.
         residual: (M, d) measured minus predicted, in the units of the readings.
-        seen: (M, d, 6) change of a reading per motion of the tip (origin, base axes) [m, rad].
         sessions: Session of each row.
     """
 
     setup: Setup
     rows: np.ndarray
     line: Response
-    points: Array
     readings: Readings
     residual: Array
-    seen: Array
     sessions: tuple[str, ...]
 
     def some(self, which: np.ndarray) -> View:
         """Return the view of (m,) of its rows, counted from 0, none of them twice."""
         line, readings = self.line.some(which), self.readings.some(which)
-        arrays, sessions = (self.residual[which], self.seen[which]), tuple(self.sessions[i] for i in which)
-        return View(self.setup, self.rows[which], line, self.points[which], readings, *arrays, sessions)
+        sessions = tuple(self.sessions[i] for i in which)
+        return View(self.setup, self.rows[which], line, readings, self.residual[which], sessions)
+
+    @cached_property
+    def at(self) -> Postures:
+        """What the instruments look at."""
+        return postures(self.setup, self.line, self.sessions)
 
     @property
     def sigma(self) -> Array:
-        """(M, d) one standard deviation of each number [m, rad]; infinite where it was not read."""
+        """(M, d) one standard deviation of each number, in its unit; infinite where it was not read."""
         return self.readings.sigma
 
     @property
-    def positions(self) -> slice:
-        """Where the numbers of positions stand among the d of a row."""
-        return self.readings.place(Position)
+    def foremost(self) -> slice:
+        """Where the numbers by which the size of an error is said stand among the d of a row: the tip's position."""
+        return self.readings.foremost
+
+    def rms(self, errors: Array) -> float:
+        """Return the RMS of the 3-D position error [m] of (M, d) errors; without any of the `foremost` ones."""
+        return foremost_rms(self.readings, errors)
 
     @property
     def whitened(self) -> Array:
@@ -80,22 +85,35 @@ class View:
     @property
     def by_frame(self) -> Array:
         """(M, d, 6) changes of the readings per shift and rotation vector of the instrument's frame [m, rad]."""
-        return self.readings.stacked(lambda kind: kind.by_frame(self.points))
+        return self.readings.stacked(lambda kind: kind.by_frame(self.at))
 
     @property
     def by_scale(self) -> Array:
-        """(M, d) changes of the readings [m, rad] per share by which the instrument's distances are too long."""
-        return self.readings.stacked(lambda kind: kind.by_scale(self.setup.instrument, self.points))
+        """(M, d) changes of the readings, in their units, per share by which the instrument's scale is too long."""
+        return self.readings.stacked(lambda kind: kind.by_scale(self.at))
 
     @property
     def by_target(self) -> Array:
         """(M, d, 3) changes of the readings per shift of the target in the tip frame [m]."""
-        return self.readings.stacked(lambda kind: kind.by_target(self.setup.instrument, self.line.tip))
+        return self.readings.stacked(lambda kind: kind.by_target(self.at))
 
     @property
     def by_mounting(self) -> Array:
         """(M, d, 3) changes of the readings per rotation vector of the target on the tool, in tip axes [rad]."""
-        return self.readings.stacked(lambda kind: kind.by_mounting(self.setup.instrument, self.line.tip))
+        return self.readings.stacked(lambda kind: kind.by_mounting(self.at))
+
+    @property
+    def by_gravity(self) -> Array:
+        """(M, d, 3) changes of the readings per gravity in base axes, to which the arm gives [per m/s^2]."""
+        return self.answer(lambda line: line.gravity) + self.readings.stacked(lambda kind: kind.by_gravity(self.at))
+
+    def by_sensor(self, name: str) -> Array:
+        """Return (M, d, K) changes of the readings per nuisance of a sensor, in their units."""
+        found = np.zeros((*self.residual.shape, len(self.arm.sensors[name].std)))
+        for kind, place in self.readings.placed:
+            if kind.name == name:
+                found[:, place] = kind.by_own(self.at)
+        return found
 
     @property
     def arm(self) -> Arm:
@@ -125,20 +143,31 @@ class View:
         if law.act is Act.LOAD:
             return self.to_load(link_of(location.site, self.arm.robot))
         if law.act is Act.GRAVITY:
-            return self.answer(self.line.gravity)
+            return self.by_gravity
         return self.by_frame if law.act is Act.FRAME else self.by_scale[:, :, None]
 
-    def answer(self, motion: Array) -> Array:
-        """Return (M, d, k) changes of the readings for (M, 6, k) motions of the tip [m, rad]."""
-        return self.seen @ motion
+    def answer(self, motion: Callable[[Response], Array]) -> Array:
+        """Return (M, d, k) changes of the readings for what of a response is a (M, 6, k) motion [m, rad]."""
+        found = None
+        for place, link, seen in self.seen:
+            own = seen @ motion(self.line.of(link))
+            found = np.zeros((*self.residual.shape, own.shape[2])) if found is None else found
+            found[:, place] += own
+        return np.zeros((*self.residual.shape, motion(self.line).shape[2])) if found is None else found
+
+    @cached_property
+    def seen(self) -> tuple[tuple[slice, str | None, Array], ...]:
+        """Which numbers see which link, and their (M, n, 6) change with its motion [m, rad]; None is the tip."""
+        return tuple(
+            (place, link, seen) for kind, place in self.readings.placed for link, seen in kind.jacobian(self.at).items()
+        )
 
     def to_twist(self, site: str) -> Array:
         """Return (M, d, 6) changes of the readings per twist added to what a site gives [m, rad]."""
         if site not in self._to_twist:
             place = site_of(site, self.setup.arm.robot)
             known = [i for i, flexure in enumerate(self.setup.arm.modelled) if same_site(flexure.site, place)]
-            motion = self.line.laws[:, :, known[-1]] if known else self.line.site(site)
-            self._to_twist[site] = self.answer(motion)
+            self._to_twist[site] = self.answer(lambda line: line.laws[:, :, known[-1]] if known else line.site(site))
         return self._to_twist[site]
 
     @cached_property
@@ -148,7 +177,8 @@ class View:
     def to_load(self, link: str) -> Array:
         """Return (M, d, 6) changes of the readings per wrench at a link's origin [N, Nm], base axes."""
         if link not in self._to_load:
-            self._to_load[link] = self.answer(self.line.link_loads[:, self.line.link_names.index(link)])
+            index = self.line.link_names.index(link)
+            self._to_load[link] = self.answer(lambda line: line.link_loads[:, index])
         return self._to_load[link]
 
     @cached_property
@@ -181,10 +211,18 @@ def look(
     sessions = tuple(rows.session[row] for row in some)
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))
-    read, instrument = readings.some(some), setup.instrument
-    residual = read.stacked(lambda kind: kind.residual(instrument, line.tip, sessions))
-    seen = read.stacked(lambda kind: kind.jacobian(instrument, line.tip))
-    return View(setup, some, line, instrument.points(line.tip), read, residual, seen, sessions)
+    read, at = readings.some(some), postures(setup, line, sessions)
+    return View(setup, some, line, read, read.stacked(lambda kind: kind.residual(at)), sessions)
+
+
+def postures(setup: Setup, line: Response, sessions: Sequence[str]) -> Postures:
+    """Return what instruments look at, of an arm that is solved in rows of some sessions."""
+
+    def pose(link: str | None) -> Array:
+        return line.tip if link is None else line.links[:, line.link_names.index(link)]
+
+    arm, q = setup.arm, {joint: line.row.q[:, i] for i, joint in enumerate(setup.arm.joint_names)}
+    return Postures(pose, sessions, setup.instrument, arm.sensors, arm.robot.gravity, q)
 
 
 def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
@@ -203,16 +241,17 @@ def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
             approach = rows.approach.copy()
             approach[some, joint] = side
             sides.append(look(setup, replace(rows, approach=approach), some, readings=readings))
-        if sides:  # of the tip's motion, which is small: rotation vectors of what is read may differ by more than it
-            here, there = (one.line.tip for one in sides)
-            turns = [
-                pin.log3(after @ before.T) for before, after in zip(here[:, :3, :3], there[:, :3, :3], strict=True)
-            ]
-            motion = np.concatenate([there[:, :3, 3] - here[:, :3, 3], np.array(turns)], axis=1)
-            shift[some] = 0.25 * ((sides[0].seen + sides[1].seen) @ motion[:, :, None])[:, :, 0]
+        if sides:  # of a link's motion, which is small: rotation vectors of what is read may differ by more than it
+            for (place, link, before), (_, _, after) in zip(sides[0].seen, sides[1].seen, strict=True):
+                here, there = (one.line.of(link).tip for one in sides)
+                turns = [pin.log3(new @ old.T) for new, old in zip(there[:, :3, :3], here[:, :3, :3], strict=True)]
+                motion = np.concatenate([there[:, :3, 3] - here[:, :3, 3], np.array(turns)], axis=1)
+                shift[some, place] += 0.25 * ((before + after) @ motion[:, :, None])[:, :, 0]
     return shifts
 
 
-def position_rms(errors: Array) -> float:
-    """Return the RMS of the 3-D position error [m] of (M, 3) or (M, 6) errors."""
-    return float(np.sqrt((errors[:, :3] ** 2).sum(axis=1).mean()))
+def foremost_rms(readings: Readings, errors: Array) -> float:
+    """Return the RMS of (M, d) errors over the rows read: of the 3-D position [m], else of the foremost ones."""
+    read = np.isfinite(readings.sigma[:, readings.foremost])
+    count = read.sum() / (Position.dimension if readings.of(Position) else 1)
+    return float(np.sqrt((np.where(read, errors[:, readings.foremost], 0.0) ** 2).sum() / max(count, 1)))

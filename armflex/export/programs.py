@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import UNITS, Array, printable
-from armflex.errors import InputError, UnsupportedError, listing, naming
+from armflex.errors import InputError, UnknownNameError, UnsupportedError, listing, naming
 from armflex.export.exported import Exported
 from armflex.export.rigid import require_six_turning
-from armflex.tasks.compensate import compensate
+from armflex.measured.forces import UNLOADED, Unnamed
+from armflex.tasks.compensate import compensate as compensated
 from armflex.trajectory import Trajectory, read_trajectory
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
@@ -35,111 +39,156 @@ ZONE = (1.0, 1.5, 1.5, 0.15, 1.5, 0.15)
 these [deg], as in z10 = [FALSE, 10, 15, 15, 1.5, 15, 1.5]."""
 
 
-def urscript(
+@dataclass(frozen=True)
+class Language:
+    """How a controller's language writes a path of joint moves.
+
+    Attributes:
+        called: Its name in messages.
+        robot, external: Its axes: of the arm, which turn, and beside it, which turn or slide.
+        comment: What a comment begins with.
+        opening, closing: Lines around the moves, with `{name}` for the program's and `{axes}` where these are listed.
+        move: A line from every axis' position by name, the time that the way takes [s], None for the first, and the
+            blend [m].
+        radians: Whether turning axes are in rad, else in deg; sliding ones are in mm.
+        lost: What it cannot hold, as it is said, from the program's name, how many ways have times and rows blends.
+    """
+
+    called: str
+    robot: tuple[str, ...]
+    external: tuple[str, ...]
+    comment: str
+    opening: tuple[str, ...]
+    closing: tuple[str, ...]
+    move: Callable[[Mapping[str, str], float | None, float], str]
+    radians: bool = False
+    lost: Callable[[str, int, int], tuple[str, ...]] = lambda name, times, blends: ()
+
+
+def _urscript_move(at: Mapping[str, str], time: float | None, blend: float) -> str:
+    timed = "" if time is None else f", t={_decimal(time, 6)}"
+    return f"  movej([{', '.join(at.values())}]{timed}" + (f", r={_decimal(blend, 6)})" if blend else ")")
+
+
+def _krl_move(at: Mapping[str, str], time: float | None, blend: float) -> str:
+    return f"PTP {{E6AXIS: {', '.join(f'{axis} {value}' for axis, value in at.items() if value)}}}"
+
+
+def _krl_lost(name: str, times: int, blends: int) -> tuple[str, ...]:
+    told = (f"KRL wants the file to be named as the program is: {name}.src.",)
+    lost = [f"{times} times between rows"] * bool(times) + [f"{blends} blends"] * bool(blends)
+    if not lost:
+        return told
+    text = f"KRL's PTP takes percents of its own maxima: {' and '.join(lost)} of the path are not in the program."
+    return (*told, text)
+
+
+def _rapid_move(at: Mapping[str, str], time: float | None, blend: float) -> str:
+    robot = ",".join(at[axis] or "0" for axis in RAPID_AXES)
+    external = ",".join(at[axis] or UNCONNECTED for axis in RAPID_EXTERNAL)
+    speed = "v100" if time is None else f"v100\\T:={_decimal(time, 6)}"
+    zone = f"[FALSE,{','.join(_decimal(1e3 * blend * share, 6) for share in ZONE)}]" if blend else "fine"
+    return f"    MoveAbsJ [[{robot}],[{external}]]\\NoEOffs,{speed},{zone},tool0;"
+
+
+RAPID_AXES, RAPID_EXTERNAL = tuple(f"rax_{i}" for i in range(1, 7)), tuple(f"eax_{letter}" for letter in "abcdef")
+
+LANGUAGES = {
+    # movej with six joint positions in rad, times and blends where the path has them.
+    "urscript": Language(
+        "URScript",
+        tuple(f"{i}" for i in range(6)),
+        (),
+        "  #",
+        ("def {name}():", "{axes}"),
+        ("end",),
+        _urscript_move,
+        True,
+    ),
+    # PTP knows neither times nor distances of a blend. The file must have the program's name.
+    "krl": Language(
+        "KRL",
+        tuple(f"A{i}" for i in range(1, 7)),
+        tuple(f"E{i}" for i in range(1, 7)),
+        ";",
+        ("DEF {name}()", "{axes}", "; speeds are those of the controller: PTP takes no times", "BAS(#INITMOV,0)"),
+        ("END",),
+        _krl_move,
+        lost=_krl_lost,
+    ),
+    # A robot's axis that the arm has not is at 0, an external one unconnected. The way to the first row has no time:
+    # there, and nowhere else, 100 mm/s hold.
+    "rapid": Language(
+        "RAPID",
+        RAPID_AXES,
+        RAPID_EXTERNAL,
+        "  !",
+        ("MODULE {name}_module", "{axes}", "  PROC {name}()"),
+        ("  ENDPROC", "ENDMODULE"),
+        _rapid_move,
+    ),
+}
+
+
+def program(
+    language: Language,
     arm: Arm,
     traj: Path,
-    compensate: bool = False,
-    covariates: Mapping[str, float] | None = None,
     name: str = "armflex_path",
+    axes: str = "",
+    **asked: Any,
 ) -> Exported:
-    """Return a path as URScript: movej with six joint positions in rad, times and blends where the path has them.
+    """Return a path as a program of joint moves.
 
     Args:
+        language: Of the controller.
         arm: The arm.
         traj: A trajectory.csv; a column `blend` [m], or blend_mm and the like, says how far from a row the tool may
             begin to turn towards the next.
-        compensate: Whether the path is to be one on which the loaded tip is where the rigid one would have been.
-        covariates: What the arm's effects depend on and no column gives.
         name: Of the program.
+        axes: Which joint is which axis, as in 'A1=J2,A2=J1,E1=rail', every joint once; turning ones in order on the
+            arm's axes and sliding ones on external ones where it is empty.
+        asked: As of `path_of`.
 
     Raises:
         TableError, JointLimitError: The path cannot be read, or leaves the joints' limits.
         UnreachableError: It cannot be compensated.
         UnsupportedError: The arm has not what the controller has; said by name, with how many.
-        InputError: The name is none of the language.
+        InputError: The name is none of the language, or `axes` are not all joints' and all the language's.
     """
-    path, told = _path(arm, traj, compensate, covariates)
-    _check_name(name)
-    require_six_turning(arm, "URScript's movej")
-    lines = [f"def {name}():"]
-    lines += [f"  # joint {i} of movej [rad]: {_comment(joint)}" for i, joint in enumerate(arm.joint_names)]
-    for i, (q, time, blend) in enumerate(zip(path.q, _durations(path), _blends(path), strict=True)):
-        values = ", ".join(_decimal(value, 12) for value in q)
-        extra = ("" if time is None else f", t={_decimal(time, 6)}") + (f", r={_decimal(blend, 6)}" if blend else "")
-        lines.append(f"  movej([{values}]{extra}){_via(path, i, '#')}")
-    return Exported("\n".join([*lines, "end", ""]), told)
+    path, told = path_of(arm, traj, **asked)
+    if not NAME.fullmatch(name) or name.lower() in WORDS.split():
+        expected = "expected a letter, then up to 23 letters, digits and _, no word of a language"
+        raise InputError(f"--name {name!r}: {expected}")
+    slides = [joint.kind == "prismatic" for joint in arm.robot.moving]
+    units = [("mm", 1e3) if one else ("rad", 1.0) if language.radians else ("deg", 180.0 / np.pi) for one in slides]
+    placed = _axes(arm, language, axes)
+    comments = [f"{language.comment} {_described(language, axis)} [{units[i][0]}]: {_comment(arm.joint_names[i])}"
+                for axis, i in placed.items()]  # fmt: skip
+    lines: list[str] = []
+    for line in language.opening:
+        lines += comments if line == "{axes}" else [line.format(name=name)]
+    blends = _blends(path)
+    for i, (q, blend) in enumerate(zip(path.q, blends, strict=True)):
+        at = dict.fromkeys((*language.robot, *language.external), "")
+        at |= {axis: _decimal(q[j] * units[j][1], 12 if language.radians else 9) for axis, j in placed.items()}
+        time = float(path.time[i] - path.time[i - 1]) if i else None
+        mark = language.comment.strip()
+        lines.append(language.move(at, time, blend) + _via(path, i, mark))
+    lost = language.lost(name, len(path) - 1, sum(map(bool, blends)))
+    return Exported("\n".join([*lines, *language.closing, ""]), (*told, *lost))
 
 
-def krl(
-    arm: Arm,
-    traj: Path,
-    compensate: bool = False,
-    covariates: Mapping[str, float] | None = None,
-    name: str = "armflex_path",
-) -> Exported:
-    """Return a path as KRL: PTP with turning joints as A1.. in deg, and sliding ones as external axes E1.. in mm.
-
-    PTP knows neither times nor distances of a blend, so neither is written, which is said. The file must have the
-    program's name. Arguments and errors are those of `urscript`.
-    """
-    path, told = _path(arm, traj, compensate, covariates)
-    _check_name(name)
-    axes = _axes(arm, "KRL", [f"A{i}" for i in range(1, 7)], [f"E{i}" for i in range(1, 7)])
-    lines = [f"DEF {name}()"]
-    lines += [f"; {axis} [{unit}]: {_comment(arm.joint_names[i])}" for axis, i, unit, _ in axes]
-    lines += ["; speeds are those of the controller: PTP takes no times", "BAS(#INITMOV,0)"]
-    for i, q in enumerate(path.q):
-        values = ", ".join(f"{axis} {_decimal(q[place] * factor, 9)}" for axis, place, _, factor in axes)
-        lines.append(f"PTP {{E6AXIS: {values}}}{_via(path, i, ';')}")
-    told += (f"KRL wants the file to be named as the program is: {name}.src.",)
-    lost = [f"{len(path) - 1} times between rows"] if len(path) > 1 else []
-    lost += [f"{count} blends"] if (count := sum(map(bool, _blends(path)))) else []
-    if lost:
-        told += (
-            f"KRL's PTP takes percents of its own maxima: {' and '.join(lost)} of the path are not in the program.",
-        )
-    return Exported("\n".join([*lines, "END", ""]), told)
+urscript, krl, rapid = (partial(program, language) for language in LANGUAGES.values())
 
 
-def rapid(
-    arm: Arm,
-    traj: Path,
-    compensate: bool = False,
-    covariates: Mapping[str, float] | None = None,
-    name: str = "armflex_path",
-) -> Exported:
-    """Return a path as RAPID: MoveAbsJ with turning joints in deg and sliding ones as external axes a to f in mm.
-
-    A robot's axis that the arm has not is at 0, an external one unconnected. The way to the first row has no time:
-    there, and nowhere else, 100 mm/s hold. Arguments and errors are those of `urscript`.
-    """
-    path, told = _path(arm, traj, compensate, covariates)
-    _check_name(name)
-    robot, external = [f"rax_{i}" for i in range(1, 7)], [f"eax_{letter}" for letter in "abcdef"]
-    axes = _axes(arm, "RAPID", robot, external)
-    lines = [f"MODULE {name}_module"]
-    lines += [f"  ! {axis} [{unit}]: {_comment(arm.joint_names[i])}" for axis, i, unit, _ in axes]
-    lines += [f"  PROC {name}()"]
-    for i, (q, time, blend) in enumerate(zip(path.q, _durations(path), _blends(path), strict=True)):
-        given = {axis: _decimal(q[place] * factor, 9) for axis, place, _, factor in axes}
-        turning = ",".join(given.get(axis, "0") for axis in robot)
-        sliding = ",".join(given.get(axis, UNCONNECTED) for axis in external)
-        speed = "v100" if time is None else f"v100\\T:={_decimal(time, 6)}"
-        radii = ",".join(_decimal(1e3 * blend * share, 6) for share in ZONE) if blend else ""
-        zone = f"[FALSE,{radii}]" if blend else "fine"
-        lines.append(f"    MoveAbsJ [[{turning}],[{sliding}]]\\NoEOffs,{speed},{zone},tool0;{_via(path, i, '!')}")
-    return Exported("\n".join([*lines, "  ENDPROC", "ENDMODULE", ""]), told)
-
-
-def jointtrajectory(
-    arm: Arm, traj: Path, compensate: bool = False, covariates: Mapping[str, float] | None = None
-) -> Exported:
+def jointtrajectory(arm: Arm, traj: Path, **asked: Any) -> Exported:
     """Return a path as YAML of a ROS 2 trajectory_msgs/JointTrajectory: rad and m, times from the first row on.
 
     Velocities and accelerations are there where the path has them; the message has no place for blends, which is said.
-    Arguments and errors are those of `urscript`.
+    Arguments and errors are those of `path_of`.
     """
-    path, told = _path(arm, traj, compensate, covariates)
+    path, told = path_of(arm, traj, **asked)
     names = ", ".join(json.dumps(joint, ensure_ascii=False) for joint in arm.joint_names)
     lines = ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: [{names}]", "points:"]
     motion = (("positions", path.q), ("velocities", path.v), ("accelerations", path.a))
@@ -154,19 +203,36 @@ def jointtrajectory(
     return Exported("\n".join([*lines, ""]), told)
 
 
-def _path(
-    arm: Arm, file: Path, compensated: bool, covariates: Mapping[str, float] | None
+def path_of(
+    arm: Arm,
+    traj: Path,
+    compensate: bool = False,
+    covariates: Mapping[str, float] | None = None,
+    unnamed: Unnamed = UNLOADED,
 ) -> tuple[Trajectory, tuple[str, ...]]:
-    """Return the path to be written, in the arm's order of joints, and what is to be said of it."""
-    path = read_trajectory(file, arm)
+    """Return the path to be written, in the arm's order of joints, and what is to be said of it.
+
+    Args:
+        arm: The arm.
+        traj: A trajectory.csv.
+        compensate: Whether the path is to be one on which the loaded tip is where the rigid one would have been.
+        covariates: What the arm's effects depend on and no column gives.
+        unnamed: What loads rows that name no payload, or no force.
+
+    Raises:
+        InputError: Covariates or loads are given, and nothing is compensated.
+        TableError, JointLimitError, UnreachableError: As `program`.
+    """
+    path = read_trajectory(traj, arm, unnamed)
     for q, place in zip(path.q, path.places, strict=True):
         with naming(place):
             arm.check_position(q)
-    if not compensated:
-        if covariates:
-            raise InputError("--covariates go with --compensate: without it nothing depends on them")
+    if not compensate:
+        if covariates or unnamed != UNLOADED:
+            given = "--covariates" if covariates else "--payload and --force"
+            raise InputError(f"{given} go with --compensate: without it nothing depends on them")
         return path, ("The path is written as it is; --compensate has the loaded tip where the rigid one would be.",)
-    found = compensate(arm, path, covariates=covariates)
+    found = compensated(arm, path, covariates=covariates)
     before, (after, sigma) = max(np.linalg.norm(row.before[:3]) for row in found.rows), found.remains_m
     known = "" if sigma is None else f" ± {sigma * 1e3:.2g}"
     text = f"Compensated: of {before * 1e3:.3g} mm at most {after * 1e3:.2g}{known} mm remain in the rows"
@@ -174,29 +240,43 @@ def _path(
     return found.trajectory, (f"{text}, {between * 1e3:.2g} mm halfway between.", *map(str, found.flags))
 
 
-def _check_name(name: str) -> None:
-    if not NAME.fullmatch(name) or name.lower() in WORDS.split():
-        raise InputError(
-            f"--name {name!r}: expected a letter, then up to 23 letters, digits and _, no word of a language"
-        )
+def _described(language: Language, axis: str) -> str:
+    return f"joint {axis} of movej" if language.called == "URScript" else axis
 
 
-def _axes(arm: Arm, language: str, turning: list[str], sliding: list[str]) -> list[tuple[str, int, str, float]]:
-    """Return axis, place in q, unit and factor to it of every joint: turning ones in order, then sliding ones."""
-    found = []
-    for axes, kind, unit, factor in ((turning, "turning", "deg", 180.0 / np.pi), (sliding, "sliding", "mm", 1e3)):
-        own = [i for i, joint in enumerate(arm.robot.moving) if (joint.kind == "prismatic") == (kind == "sliding")]
-        if len(own) > len(axes):
-            beyond = listing(arm.joint_names[i] for i in own[len(axes) :])
-            has = f"{language} has {len(axes)} axes {axes[0]} to {axes[-1]} for {kind} joints, this arm has {len(own)}"
-            raise UnsupportedError(f"{has}: no place for {beyond}")
-        found += [(axis, i, unit, factor) for axis, i in zip(axes, own, strict=False)]
-    return found
-
-
-def _durations(path: Trajectory) -> list[float | None]:
-    """Return the time that the way to each row takes [s], None for the first."""
-    return [None, *np.diff(path.time).tolist()]
+def _axes(arm: Arm, language: Language, text: str) -> dict[str, int]:
+    """Return the place in q of every axis that has a joint, the arm's first."""
+    slides, every = [joint.kind == "prismatic" for joint in arm.robot.moving], (*language.robot, *language.external)
+    if not language.external:
+        require_six_turning(arm, "URScript's movej")
+    found: dict[str, int] = {}
+    if text:
+        for part in text.split(","):
+            axis, equals, joint = (piece.strip() for piece in part.partition("="))
+            if not equals:
+                raise InputError(f"--axes: {part.strip()!r} is not of the form AXIS=JOINT")
+            for name, known, what in ((axis, every, f"axis of {language.called}"), (joint, arm.joint_names, "joint")):
+                if name not in known:
+                    raise UnknownNameError(what, name, known)
+            place = arm.joint_names.index(joint)
+            if axis in found or place in found.values():
+                raise InputError(f"--axes: {axis if axis in found else joint!r} is given twice")
+            if axis in language.robot and slides[place]:
+                raise InputError(f"--axes: {joint!r} slides, axes {every[0]} to {language.robot[-1]} turn")
+            found[axis] = place
+        left = [name for i, name in enumerate(arm.joint_names) if i not in found.values()]
+        if left:
+            raise InputError(f"--axes: no axis for {listing(left)}; every joint needs one")
+    else:
+        for axes, kind, sliding in ((language.robot, "turning", False), (language.external, "sliding", True)):
+            own = [i for i, one in enumerate(slides) if one == sliding]
+            if len(own) > len(axes):
+                beyond = listing(arm.joint_names[i] for i in own[len(axes) :])
+                has = f"{language.called} has {len(axes)} axes {axes[0]} to {axes[-1]} for {kind} joints"
+                more = "; --axes puts turning ones on external axes" if language.external and not sliding else ""
+                raise UnsupportedError(f"{has}, this arm has {len(own)}: no place for {beyond}{more}")
+            found |= dict(zip(axes, own, strict=False))
+    return {axis: found[axis] for axis in every if axis in found}
 
 
 def _blends(path: Trajectory) -> list[float]:

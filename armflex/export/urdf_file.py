@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pinocchio as pin
 from lxml import etree
 
 from armflex.arm import Arm
 from armflex.conventions import Array
+from armflex.errors import UnsupportedError
 from armflex.export.exported import Exported
 from armflex.export.rigid import left_out, with_constants
 from armflex.measured.measurements import read_measurements
 from armflex.robot.reader import parse_xml
+from armflex.robot.urdf import MOVING, Urdf
 
 
 def export(arm: Arm, over: Path | None = None) -> Exported:
@@ -31,9 +34,9 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     """
     whole = with_constants(arm)
     corrections, rows = whole.corrections, None if over is None else read_measurements(over, arm, inputs_only=True)
-    root = parse_xml(arm.robot.urdf.path)
+    root = _as_xml(arm.robot.urdf) if arm.robot.urdf.translated else parse_xml(arm.robot.urdf.path)
     joints = {(element.get("name") or "").strip(): element for element in root.findall("joint")}
-    if whole.robot.tool_joint is not None:
+    if whole.robot.tool_joint is not None and whole.robot.tool_joint not in joints:
         joint = whole.robot.urdf.joints[whole.robot.tool_joint]
         etree.SubElement(root, "link", {"name": joint.child})
         joints[joint.name] = etree.SubElement(root, "joint", {"name": joint.name, "type": "fixed"})
@@ -66,6 +69,8 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         told += (
             f"The tool is a link of the file, {whole.robot.tip!r}: an arm.toml of it names that tip, and no tool.",
         )
+    if any(link.between for link in whole.robot.urdf.links.values()):
+        told += ("Links without mass stand between joints of one body: an arm.toml of it has allow_massless = true.",)
     meshes = [mesh.get("filename") or "" for mesh in root.iter("mesh")]
     beside = [name for name in meshes if "://" not in name and not Path(name).is_absolute()]
     if beside:
@@ -74,6 +79,34 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         )
     text = etree.tostring(root.getroottree(), encoding="utf-8", xml_declaration=True).decode()
     return Exported(text + "\n", told, numbers)
+
+
+def _as_xml(urdf: Urdf) -> etree._Element:
+    """Return a robot of another format as a URDF."""
+    root = etree.Element("robot", {"name": urdf.name})
+    for link in urdf.links.values():
+        element = etree.SubElement(root, "link", {"name": link.name})
+        if link.inertial is not None:
+            body, turned, axes = etree.SubElement(element, "inertial"), link.inertial.turned, "xyz"
+            etree.SubElement(body, "origin", {"xyz": _spaced(link.inertial.origin)})
+            etree.SubElement(body, "mass", {"value": repr(link.inertial.mass)})
+            pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+            etree.SubElement(body, "inertia", {f"i{axes[i]}{axes[j]}": repr(float(turned[i, j])) for i, j in pairs})
+    for joint in urdf.joints.values():
+        kind = joint.kind if joint.kind in (*MOVING, "fixed") else "fixed"
+        if kind == "prismatic" and not np.isfinite([joint.lower, joint.upper]).all():
+            raise UnsupportedError(f"joint {joint.name!r} slides without limits, which no URDF can say")
+        element = etree.SubElement(root, "joint", {"name": joint.name, "type": kind})
+        place = {"xyz": _spaced(joint.origin), "rpy": _spaced(pin.rpy.matrixToRpy(joint.rotation))}
+        etree.SubElement(element, "origin", place)
+        for end, link in (("parent", joint.parent), ("child", joint.child)):
+            etree.SubElement(element, end, {"link": link})
+        if kind in MOVING:
+            etree.SubElement(element, "axis", {"xyz": _spaced(joint.axis)})
+            known = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort, "velocity": joint.velocity}
+            finite = {name: repr(float(value)) for name, value in known.items() if np.isfinite(value)}
+            etree.SubElement(element, "limit", {"effort": "0", "velocity": "0"} | finite)
+    return root
 
 
 def _child(element: etree._Element, tag: str) -> etree._Element:

@@ -32,6 +32,7 @@ from armflex.errors import (
 from armflex.files.calibration_table import Campaign, calibration_table, read_calibration, with_certainty
 from armflex.files.certainty_table import with_covariance
 from armflex.files.effect_file import read_effect
+from armflex.files.sensor_table import read_sensors
 from armflex.laws import read_law
 from armflex.laws.declared import model_of
 from armflex.laws.effects.location import drive_axis, drive_of
@@ -48,6 +49,9 @@ from armflex.robot.urdf import MAX_LINKS, MOVING, Joint
 from armflex.setup import Setup
 from armflex.storage.whole_file import remove, write_whole
 
+ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
+"""Suffixes of files that hold a robot and no arm."""
+
 FROM_PYTHON = Path("make_arm")
 """Stands for the file in messages about an arm that has none."""
 
@@ -62,7 +66,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
     """Read an arm.toml and the URDF it names.
 
     Args:
-        path: The arm.toml; a URDF is taken as an arm without flexures.
+        path: The arm.toml; a URDF, xacro, MJCF or SDF is taken as an arm without flexures.
         preset: Name of a [preset.NAME] table whose flexures replace or join the declared ones.
         tip: Link whose motion is reported, for a bare URDF with several ends; an arm.toml names its own.
         strict: Refuse unknown URDF tags on the chain, and motion with impossible inertias, instead of flagging them.
@@ -73,7 +77,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
         UnknownNameError: There is no such preset.
     """
     path = Path(path)
-    is_urdf = path.suffix.lower() == ".urdf"
+    is_urdf = path.suffix.lower() in ROBOTS
     if not is_urdf and tip is not None:
         raise InputError(f"{path} names its own tip, to which its payloads are fixed; tip is for a bare URDF")
     if is_urdf and preset is not None:
@@ -154,6 +158,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
         table.finish()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
+    sensors = read_sensors(root.subs("instrument"), robot)
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
     flags = [*robot.flags, *flags, *_questions(flexures, robot)]
@@ -163,7 +168,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     if measurement.gravity_in == "measurement" and not calibrated:
         text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
         flags.append(Flag("gravity_in", f"gravity {text}"))
-    arm = Arm(robot, flexures, payloads, rating, measurement, prior, flags=tuple(flags))
+    arm = Arm(robot, flexures, payloads, rating, measurement, prior, sensors=sensors, flags=tuple(flags))
     if not calibrated:
         return _with_effects(arm, effects)
     table = root.sub("calibration")

@@ -74,6 +74,11 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         "compliance": {name: values.tolist() for name, values in arm.factors.items()},
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
     }
+    found = {name: one.found for name, one in arm.sensors.items() if one.found}
+    if found:
+        table["sensors"] = {
+            name: {session: values.tolist() for session, values in own.items()} for name, own in found.items()
+        }
     laws = {one.name: law_table(one.learned) for one in arm.flexures if one.learned}
     return table | ({"law": laws} if laws else {}) | certainty_table(arm.certainty)
 
@@ -92,7 +97,12 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         for name in part.table:
             if name not in names:
                 raise part.fail(name, f"the arm has no {name!r}{did_you_mean(name, names)}")
-    instrument = _read_instrument(table)
+    instrument, sensors = _read_instrument(table), dict(arm.sensors)
+    for name, own in table.subs("sensors").items():
+        if name not in sensors:
+            raise own.fail("", f"the arm has no instrument {name!r}{did_you_mean(name, sensors)}")
+        size = len(sensors[name].declared)
+        sensors[name] = replace(sensors[name], found={one: own.numbers(one, (size,)) for one in own.table})
     corrections = Corrections(
         {name: offset.number(name) for name in offset.table},
         {name: geometry.numbers(name, (6,)) for name in geometry.table},
@@ -119,6 +129,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         corrections=corrections,
         factors=factors,
         instrument=instrument,
+        sensors=sensors,
         flags=(*arm.flags, *flags),
     )
 

@@ -30,14 +30,19 @@ THOUSANDFOLD = (200.0, 5000.0)
 FURTHEST = 200.0
 """Distance [m] that no instrument reads on an arm."""
 
+MOVED = 0.3
+"""Travel, as written, beyond which a joint of a table is one that moves: 0.3 rad is much, 0.3 deg is little."""
+
 TURNS = 4.0 * np.pi
 """How far beyond its limits [rad] a joint position is in degrees rather than out of its range."""
 
 
-def check_one_unit(position: Array, rows: np.ndarray, places: Sequence[Place]) -> None:
+def check_one_unit(
+    lengths: Array, rows: np.ndarray, places: Sequence[Place], columns: Sequence[str] = ("x", "y", "z")
+) -> None:
     """Raise `TableError` naming the rows, of those numbered, that were written in mm among rows in m or vice versa."""
-    seen = position[rows]
-    for name, values in (("x y z", seen), *((axis, seen[:, [i]]) for i, axis in enumerate("xyz"))):
+    seen = lengths[rows]
+    for name, values in ((" ".join(columns), seen), *((axis, seen[:, [i]]) for i, axis in enumerate(columns))):
         odd = _other_unit(values)
         if len(odd):
             found = [places[i] for i in rows[odd].tolist()]
@@ -80,6 +85,25 @@ def check_joint_units(q: Array, arm: Arm, places: Sequence[Place]) -> None:
             hint = f"{other}? Then name the column q_{joint.name}_{other}"
             text = f"q_{joint.name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
             raise TableError(places[far[0]], text)
+
+
+def unit_flags(table: Table, arm: Arm) -> tuple[Flag, ...]:
+    """Return the flag about columns in degrees whose numbers are those of radians: that is asked, not known.
+
+    They are where no turning joint would leave a few degrees about zero, while radians would fill some of its limits.
+    """
+    names = [f"q_{joint.name}" for joint in arm.robot.moving if joint.kind != "prismatic"]
+    if not names or any(name not in table.columns or table.columns[name].unit != "deg" for name in names):
+        return ()
+    written = np.degrees(table.matrix(names))
+    limits = [(joint.lower, joint.upper) for joint in arm.robot.moving if joint.kind != "prismatic"]
+    lower, upper = np.array(limits).T
+    inside = ((written >= lower) & (written <= upper)).all() and np.abs(written).max(initial=0.0) <= 2.0 * np.pi
+    if not inside or np.count_nonzero(np.ptp(written, axis=0) > MOVED) < min(2, len(names)):
+        return ()
+    most = f"{np.abs(written).max():.3g}"
+    text = f"no joint is beyond {most} deg, and as radians all are within their limits: radians? Then take _deg from"
+    return (Flag("radians", f"{Place(table.path, 1)}: {text} the headers of {names[0]} .. {names[-1]}"),)
 
 
 def in_other_units(q: Array, arm: Arm) -> np.ndarray:

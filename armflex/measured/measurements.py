@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, warn
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
 from armflex.measured.data_flags import (
@@ -25,6 +25,7 @@ from armflex.measured.data_flags import (
     force_flags,
     in_other_units,
     table_flags,
+    unit_flags,
 )
 from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, read_forces
 from armflex.measured.points import PointExport, read_points, with_points
@@ -101,6 +102,12 @@ class Measurements(Rows):
         return self._positions.sigma
 
     @property
+    def positioned(self) -> np.ndarray:
+        """(N,) where a position was read."""
+        position = self.readings.of(Position)
+        return self.measured & (np.isfinite(position.sigma).all(axis=1) if position else False)
+
+    @property
     def rotation(self) -> Array | None:
         """(N, 3) measured rotation vector [rad]; zero where not measured, None where no row has one."""
         turned = self.readings.of(Orientation)
@@ -130,7 +137,7 @@ LOOSE: dict[type[Kind], tuple[str, str]] = {Position: ("position", "sigma"), Ori
 
 def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> Readings:
     """Return the readings of `count` rows with those replaced that are given by themselves, None for no such kind."""
-    kinds: list[Kind] = [kind for kind in readings.kinds if type(kind) not in LOOSE]
+    kinds: list[Kind] = [kind for kind in readings.kinds if type(kind) not in LOOSE or kind.name]
     for i, (kind, names) in enumerate(LOOSE.items()):
         before = readings.of(kind)
         known = {} if before is None else dict(zip(names, (before.values, before.sigma), strict=True))
@@ -165,7 +172,7 @@ def read_measurements(
             given in part; some rows are in another unit; a payload or link is unknown; points do not match the rows.
     """
     export = points if isinstance(points, PointExport) or points is None else read_points(points)
-    table = unnamed.put(read_table(path, KINDS | joint_kinds(arm, "q")))
+    table = unnamed.put(read_table(path, column_kinds(arm)))
     known, flags = _known_columns(table, arm, inputs_only, export), ()
     if export:
         table, flags = with_points(table, export)
@@ -174,8 +181,12 @@ def read_measurements(
     sha256, frame = hashlib.sha256(table.path.read_bytes()).hexdigest(), ""
     found = replace(found, covariates=covariates)
     check_joint_units(found.q, arm, found.places)
-    check_one_unit(found.position, np.flatnonzero(found.measured), found.places)
-    flags += (*table_flags(table, found), *force_flags(found, arm))
+    for kind in found.readings.kinds:
+        if kind.unit == "m":
+            read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & found.measured)
+            check_one_unit(kind.values, read, found.places, kind.columns(kind.name) if kind.name else POSITION)
+    flags += (*table_flags(table, found), *_sensor_flags(table, found, arm), *force_flags(found, arm))
+    flags += () if found.measured.any() else unit_flags(table, arm)  # else readings tell, when the arm is fitted
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
         base = arm.robot.base
@@ -195,7 +206,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     Raises:
         TableError: As `read_measurements`, of the first such rows.
     """
-    path, kinds = Path(path), KINDS | joint_kinds(arm, "q")
+    path, kinds = Path(path), column_kinds(arm)
     if not path.is_file():
         yield read_measurements(path, arm, inputs_only=True, unnamed=unnamed).levelled()
         return
@@ -203,13 +214,16 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     far_places: list[Place] = []
     places: list[Place] = []
     seen: dict[str, _Seen] = {}
+    asked: list[tuple[Flag, ...]] = []
     for table in map(unnamed.put, read_pieces(path, kinds, most)):
         known, found = _known_columns(table, arm, True, None), _measurements(table, arm)
+        asked.append(unit_flags(table, arm))
         for name in (name for name in table.columns if name not in known):
             seen.setdefault(name, _Seen()).add(table, name)
-        odd, there = np.flatnonzero(in_other_units(found.q, arm).any(axis=1)), np.flatnonzero(found.measured)
+        odd, there = np.flatnonzero(in_other_units(found.q, arm).any(axis=1)), np.flatnonzero(found.positioned)
         far.append(found.q[odd])
-        positions.append(found.position[there])
+        if found.readings.of(Position):
+            positions.append(found.position[there])
         far_places += [found.places[row] for row in odd]
         places += [found.places[row] for row in there]
     for name, column in seen.items():
@@ -217,6 +231,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
             raise TableError(column.nan[0], f"column {name!r} is {column.nan[1]!r}, not a finite number")
     check_joint_units(np.vstack(far), arm, far_places)
     check_one_unit(np.vstack(positions), np.arange(len(places)), places)
+    warn(asked[0] if all(asked) and not places else ())
     before: tuple[Array, Array] | None = None
     first = 0
     for table in map(unnamed.put, read_pieces(path, kinds, most)):
@@ -258,9 +273,18 @@ class _Seen:
 
 def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExport | None) -> list[str]:
     """Return the columns that have a meaning, after checking that all needed are there and none is misspelt."""
-    known = [*KINDS, *joint_kinds(arm, "q"), *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
-    joints = [f"q_{joint}" for joint in arm.joint_names]
-    table.require([*joints, *(() if inputs_only or points else POSITION)])
+    known = [*column_kinds(arm), *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
+    joints, sensed = [f"q_{joint}" for joint in arm.joint_names], set(table.columns) & set(_sensor_kinds(arm))
+    table.require([*joints, *(() if inputs_only or points or sensed else POSITION)])
+    stems = {name.rstrip("0123456789"): name for name in arm.sensors}
+    for name, column in table.columns.items():
+        base = name.removeprefix("sigma_")
+        own = next(
+            (part for part in (base, *base.rsplit("_", 2)[:1], base.rpartition("_")[0]) if _stem(part) in stems), ""
+        )
+        if name not in known and (own or (name != base and arm.sensors)):
+            text = f"column {column.header!r}: the arm file declares no [instrument.{own or base}]"
+            raise TableError(Place(table.path, 1), f"{text}{did_you_mean(own or base, arm.sensors)}")
     meant = [*known, *(("point",) if points else ())]
     lowered = [word.lower() for word in meant]
     for name in table.columns:
@@ -280,6 +304,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
     q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
     measured, position = _vectors(table, POSITION)
     turned, rotation = _vectors(table, ROTATION)
+    sensed = _sensed(table, arm)
     alone = turned & ~measured
     if alone.any():
         problem = "has rx ry rz but no x y z: an orientation alone is not used"
@@ -289,6 +314,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
         cells = table.texts(column) if column in table.columns else ("",) * len(table)
         return tuple(cell or (str(i) if default is None else default) for i, cell in enumerate(cells, first))
 
+    alike = not sensed or POSITION[0] in table.columns
     payload = named("payload", "none")
     check_payloads(table, payload, arm)
     # Recorded directions; where a joint has none, that of its last change of position.
@@ -312,10 +338,11 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
         time=table.numbers("time") if "time" in table.columns else np.arange(first, first + len(table), dtype=float),
         q=q,
         approach=approach,
-        measured=measured,
-        position=position,
+        measured=measured | Readings(len(table), sensed).read,
+        readings=Readings(len(table), sensed),
+        position=position if alike else None,
         rotation=rotation if turned.any() else None,
-        sigma=sigma,
+        sigma=(np.where(measured[:, None], sigma, np.inf) if sensed else sigma) if alike else None,
         sigma_r=_deviations(table, ("sigma_r",), turned, "they", "rad", np.inf)[:, 0] if turned.any() else None,
         hold=table.numbers("hold") if "hold" in table.columns else None,
         places=tuple(Place(table.path, line) for line in table.lines),
@@ -324,10 +351,62 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
     )
 
 
-def _vectors(table: Table, names: tuple[str, str, str]) -> tuple[np.ndarray, Array]:
-    """Return which rows have all three numbers of columns that may be left out, and these with zeros elsewhere."""
+def _sensor_kinds(arm: Arm) -> dict[str, str]:
+    """Return the kind of quantity of each column of the arm's sensors, and of their standard deviations."""
+    found = {}
+    for name, sensor in arm.sensors.items():
+        found |= dict.fromkeys((*sensor.kind.columns(name), f"sigma_{name}"), sensor.kind.quantity)
+    return found
+
+
+def column_kinds(arm: Arm) -> dict[str, str]:
+    """Return the kind of quantity of each column of a campaign that may carry a unit."""
+    return KINDS | joint_kinds(arm, "q") | _sensor_kinds(arm)
+
+
+def _stem(name: str) -> str:
+    """Return a sensor's name without the number that tells it from its like; '' where it has none."""
+    stem = name.rstrip("0123456789")
+    return stem if stem != name else ""
+
+
+def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
+    """Return what the sensors read, of those that a column is of."""
+    found: list[Kind] = []
+    for name, sensor in arm.sensors.items():
+        columns = sensor.kind.columns(name)
+        if not any(column in table.columns for column in columns):
+            if f"sigma_{name}" in table.columns:
+                raise TableError(Place(table.path, 1), f"has sigma_{name}, but no {listing(columns)}")
+            continue
+        read, values = _vectors(table, columns)
+        sigma = np.full((len(table), 1), sensor.sigma)
+        if f"sigma_{name}" in table.columns:
+            sigma = _deviations(table, (f"sigma_{name}",), read, name, sensor.kind.unit, np.inf)
+        found.append(sensor.kind(values, np.where(read[:, None], np.broadcast_to(sigma, values.shape), np.inf), name))
+    return tuple(found)
+
+
+def _sensor_flags(table: Table, found: Measurements, arm: Arm) -> Iterator[Flag]:
+    """Yield flags about instruments that nothing was read of, and about columns that look like one's."""
+    read = {kind.name for kind in found.readings.kinds}
+    for name, sensor in arm.sensors.items():
+        if name not in read:
+            columns = listing(sensor.kind.columns(name))
+            yield Flag("instrument_unread", f"[instrument.{name}] is declared, and no column reads it ({columns})")
+    for name in found.covariates:
+        base, _, axis = name.rpartition("_")
+        if axis == "x" and base and f"{base}_y" in found.covariates:
+            text = (
+                f"columns {name} and {base}_y are covariates: if an instrument reads them, declare [instrument.{base}]"
+            )
+            yield Flag("instrument_undeclared", text)
+
+
+def _vectors(table: Table, names: tuple[str, ...]) -> tuple[np.ndarray, Array]:
+    """Return which rows have all n numbers of columns that may be left out, and these with zeros elsewhere."""
     if not any(name in table.columns for name in names):
-        return np.zeros(len(table), dtype=bool), np.zeros((len(table), 3))
+        return np.zeros(len(table), dtype=bool), np.zeros((len(table), len(names)))
     table.require(names)
     given = np.array([[bool(cell) for cell in table.texts(name)] for name in names]).T
     there = np.all(given, axis=1)

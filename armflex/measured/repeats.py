@@ -75,11 +75,14 @@ def repeats(measurements: Measurements, tolerance: float = REPEATED) -> Repeats 
         measurements: The campaign; rows share a pose when their joint positions do, whatever its name.
         tolerance: How near joint positions must be [rad or m].
     """
+    rows = np.flatnonzero(measurements.positioned)
+    if not len(rows):
+        return None
     place = same_positions(measurements.q, tolerance).tolist()
     held = numbered(zip(place, measurements.load_number.tolist(), strict=True))
     once = numbered(zip(held.tolist(), measurements.session, strict=True))
     sides = (tuple(row) for row in measurements.approach.tolist())
-    rows, position, sigma = np.flatnonzero(measurements.measured), measurements.position, measurements.sigma
+    position, sigma = measurements.position, measurements.sigma
     same_session = _scatter(position, once, rows, sigma)
     if same_session is None:
         return None

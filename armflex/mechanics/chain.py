@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -24,7 +24,8 @@ class Chain:
     Attributes:
         elements: (m + 1, 20) of each element: rotation (9) row by row and origin (3) [m] in the one before, axis (3),
             mass [kg] and centre (3) [m] of what is fixed to it. The last row is the tip's frame, with gravity [m/s^2]
-            for an axis. Column 19 is of flexures by number: the mass outboard [kg].
+            for an axis and, for a mass, the number of the element that it is fixed to. Column 19 is of flexures by
+            number: the mass outboard [kg].
         kinds: (4, m) kind; number of the joint in q or of the flexure; numbers of the flexures from base to tip;
             element of each flexure by number. The last two are filled up with -1.
         flexures: How many there are.
@@ -43,6 +44,12 @@ class Chain:
     def order(self) -> np.ndarray:
         """(n,) numbers of the flexures from base to tip."""
         return self.kinds[2, : self.flexures]
+
+    def ending_with(self, frames: Frames, name: str) -> Chain:
+        """Return the same arm whose motion is asked at another of its frames; where it rests is asked of `self`."""
+        elements, place = self.elements.copy(), frames.names.index(name)
+        elements[-1, :12], elements[-1, 15] = frames.numbers[place], frames.places[0, place]
+        return replace(self, elements=elements)
 
     def flexures_inboard(self, element: int) -> int:
         """Return how many flexures move an element."""
@@ -67,6 +74,7 @@ def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Chain:
         elements[k, :19] = *placement.rotation.ravel(), *placement.translation, *axis, body.mass, *body.lever
     tip = model.frames[flex.tip].placement
     elements[-1, :15] = *tip.rotation.ravel(), *tip.translation, *model.gravity.linear
+    elements[-1, 15] = model.njoints - 1
     for number, k in enumerate(flexure_joints):
         kinds[3, number], elements[number, 19] = k, sum(body.mass for body in model.inertias.tolist()[k:])
     kinds[2, : len(numbers)] = np.argsort(np.asarray(flexure_joints, dtype=int))

@@ -753,8 +753,10 @@ def sensitivities(elements, kinds, links, wrenches, changes, q, twists, complian
         for i in range(size):
             matrix[i, i] += 1.0
         _rigid_field(here.tip, here.field[0])
+        right[:] = 0.0
         for i in range(n):
-            _along(here.by_twist[i], here.field[0], right, 6 * i, 0)
+            if kinds[3, i] <= elements[-1, 15]:
+                _along(here.by_twist[i], here.field[0], right, 6 * i, 0)
         _eliminate(matrix, right)
         for i in range(n):
             for b in range(6):
@@ -785,17 +787,17 @@ def responses(
     n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches, ())
     here, m, wanted = _flexed_room(arm), kinds.shape[1], len(joints) + len(sites) + len(motions) + len(gravity)
     turn, origin, base, own, local = np.empty((3, 3)), np.empty(3), np.empty((6, WIDTH)), np.eye(6), np.empty((6, 6))
-    none = np.zeros((n, 6, 6))
+    unmoved, none = np.zeros((n, 6, 6)), np.zeros((6, WIDTH))
     for row in range(len(q)):
         _flex(arm, here, q[row], twists[row], row)
         if wanted:
-            _motions(arm, here, twists[row], none)
+            _motions(arm, here, twists[row], unmoved)
             _virtual(here, arm, by_load[row])
             _pair(arm, here, changes, row)
             _rigid_field(here.tip, base)
         for k in range(1, m if len(joints) else 1):
             if kinds[0, k] & 3 == TURNS or kinds[0, k] & 3 == SLIDES:
-                _along_joint(arm, here, base, k, own, joints[row])
+                _along_joint(arm, here, base if k <= elements[-1, 15] else none, k, own, joints[row])
         for f in range(len(places[0])):
             _frame_pose(here, places[0, f], frames[f], turn, origin)
             if len(poses):
@@ -803,7 +805,8 @@ def responses(
                 poses[row, f, :3, :3], poses[row, f, :3, 3], poses[row, f, 3, 3] = turn, origin, 1.0
             _action(turn, origin, own)
             if len(sites) and f < sites.shape[2]:
-                _along(own, here.field[places[1, f]] + base, local, 0, 0)
+                rigid = base if places[1, f] <= elements[-1, 15] else none
+                _along(own, here.field[places[1, f]] + rigid, local, 0, 0)
                 for r in range(6):
                     for a in range(6):
                         sites[row, r, f, a] = local[a, r]
@@ -909,10 +912,11 @@ def _flex(arm, here, q, twists, row):
             before, at = turn[k].copy(), origin[k].copy()
             _compose(before, at, local, shift, turn[k], origin[k])
         _fix(here, k, elements[k])
+    end = int(elements[m, 15])
     for i in range(3):
-        here.tip[i] = origin[m - 1, i]
+        here.tip[i] = origin[end, i]
         for j in range(3):
-            here.tip[i] += turn[m - 1, i, j] * elements[m, 9 + j]
+            here.tip[i] += turn[end, i, j] * elements[m, 9 + j]
     gx, gy, gz = elements[m, 12], elements[m, 13], elements[m, 14]
     for k in range(m - 1, -1, -1):
         mass, x, y, z = here.body[k, 0], here.body[k, 1], here.body[k, 2], here.body[k, 3]

@@ -14,7 +14,7 @@ Only B and C are kept of each row, some kilobytes; see `kernel` for how everythi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +26,7 @@ from armflex.mechanics.equilibrium import MAX_ROTATION, check_small, find_equili
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Structure
 from armflex.mechanics.loads import Payload
-from armflex.mechanics.many_rows import Pushed, Pushes, RowSolver, Solution, by_payload, flexed
+from armflex.mechanics.many_rows import Pushed, Pushes, RowSolver, Solution, by_payload, flexed, kernel
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_threads
 from armflex.rows.wrench import Wrench, check_rows
@@ -68,6 +68,7 @@ class Response:
         laws: (N, 6, n, 6) motion of the tip per change of a flexure's twist law.
         link_names: Links at and beyond the base.
         sites: Names of the sites in order: 'base', 'link:A2' (before A2's motion), 'A2' (after it), ..., 'tool'.
+        end: The link whose origin is meant wherever a motion is of the tip, None where it is the tip; see `of`.
     """
 
     row: Row
@@ -77,6 +78,30 @@ class Response:
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
     _parts: tuple[_Part, ...]
+    end: str | None = None
+
+    def of(self, link: str | None) -> Response:
+        """Return the same rows with the motions of another link's origin in place of the tip's; None is the tip."""
+        if link == self.end:
+            return self
+        if link not in self._ends:
+            laws = np.empty_like(self.laws)
+            for part in self._parts:
+                rows, loaded, count = part.rows, part.loaded, self.laws.shape[2]
+                q = np.ascontiguousarray(self.row.q[rows])
+                twists = np.ascontiguousarray(self.flexure_twists[rows].reshape(len(rows), count, 6))
+                chain = loaded.sited_chain
+                chain = chain if link is None else chain.ending_with(loaded.link_frames, link)
+                own, proven = np.empty((len(rows), *laws.shape[1:])), np.ones(len(rows), dtype=bool)
+                numbers = (*chain.numbers, *part.pushed, q, twists, part.tangents)
+                kernel().sensitivities(*numbers, proven, own, np.empty(len(rows)))
+                laws[rows] = own
+            self._ends[link] = replace(self, laws=laws, end=link)
+        return self._ends[link]
+
+    @cached_property
+    def _ends(self) -> dict[str | None, Response]:
+        return {}
 
     def some(self, rows: np.ndarray) -> Response:
         """Return the response in (M,) rows, none of them twice."""
@@ -85,11 +110,16 @@ class Response:
         every = [whole.among(number) for whole in self._parts]
         parts = tuple(part for part in every if len(part.rows)) or (every[0],)
         arrays = self.flexure_wrenches[rows], self.flexure_twists[rows], self.laws[rows]
-        return Response(self.row.some(rows), *arrays, self.link_names, self.sites, parts)
+        found = Response(self.row.some(rows), *arrays, self.link_names, self.sites, parts, self.end)
+        for link, one in self._ends.items():
+            found._ends[link] = replace(found, laws=one.laws[rows], end=link)
+        return found
 
     @cached_property
     def tip(self) -> Array:
         """(N, 4, 4) tip pose in the base."""
+        if self.end is not None:
+            return self.links[:, self.link_names.index(self.end)]
         return self._asked("poses", lambda loaded: loaded.tip_frame)[:, 0]
 
     @cached_property
@@ -143,6 +173,8 @@ class Response:
         found, twists = None, self.flexure_twists.reshape(len(self.row.q), self.laws.shape[2], 6)
         for part in self._parts:
             rows, chain = part.rows, part.loaded.sited_chain
+            if self.end is not None:
+                chain = chain.ending_with(part.loaded.link_frames, self.end)
             by_load = _per_load(self.laws[rows], part.tangents) if what in RESPONSES else None
             own = flexed(chain, frames(part.loaded), what, self.row.q[rows], twists[rows], part.pushed, by_load)
             found = np.empty((len(self.row.q), *own.shape[1:])) if found is None else found

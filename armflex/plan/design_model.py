@@ -99,7 +99,7 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     if after is None:
         return Before(Setup(arm, arm.instrument or Instrument()))
     found = calibrate(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
-    fitted, weights = found.fit, np.zeros(len(after))
+    fitted, weights = found.fit, np.zeros((len(after), found.fit.view.readings.size))
     weights[fitted.view.rows] = fitted.weights
     view = look(fitted.setup, after, np.arange(len(after)))
     told = Told(after, view, context_of(view, after), weights, fitted)
@@ -174,7 +174,7 @@ def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
 def answers(blocks: Sequence[Block], view: View, context: Context) -> Array:
     """Return (M, d, P) whitened changes of the readings of some rows per parameter of blocks made for others."""
     here = [block.of_rows(context) for block in blocks]
-    return whitened_regressors(here, view, np.ones(len(view.rows))).reshape(*view.residual.shape, -1)
+    return whitened_regressors(here, view, np.ones(view.residual.shape)).reshape(*view.residual.shape, -1)
 
 
 def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock]) -> Model:
@@ -206,7 +206,7 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
     told = LinearGaussian(np.eye(len(scale)))
     if known is not None:
         jacobian = answers(blocks, known.view, known.context) * scale / before.noise
-        told = told.with_rows(jacobian * np.sqrt(known.weights)[:, None, None])
+        told = told.with_rows(jacobian * np.sqrt(known.weights)[:, :, None])
     return Model(tuple(blocks), scale, told, scale)
 
 

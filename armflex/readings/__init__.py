@@ -3,8 +3,27 @@
 Nothing outside this room knows how many numbers a reading has, or what of the arm it sees.
 """
 
+from armflex.readings.acceleration import Acceleration as Acceleration
+from armflex.readings.distance import Distance as Distance
+from armflex.readings.encoder import Encoder as Encoder
+from armflex.readings.encoder import SlideEncoder as SlideEncoder
+from armflex.readings.inclination import Inclination as Inclination
 from armflex.readings.kind import Kind as Kind
 from armflex.readings.orientation import Orientation as Orientation
 from armflex.readings.position import Position as Position
+from armflex.readings.postures import Postures as Postures
 from armflex.readings.readings import Readings as Readings
 from armflex.readings.readings import unread as unread
+from armflex.readings.relative import RelativePosition as RelativePosition
+from armflex.readings.sensor import Sensor as Sensor
+
+SENSOR_KINDS: dict[str, type[Kind]] = {
+    "position": Position,
+    "orientation": Orientation,
+    "distance": Distance,
+    "relative_position": RelativePosition,
+    "inclination": Inclination,
+    "acceleration": Acceleration,
+    "encoder": Encoder,
+}
+"""What [instrument.NAME] may be, as its `kind` says."""

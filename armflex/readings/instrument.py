@@ -34,25 +34,31 @@ class Instrument:
         """Return the (N, 3) target in the base frame [m] for (N, 4, 4) tip poses."""
         return tip[:, :3, 3] + tip[:, :3, :3] @ self.target
 
-    def points(self, tip: Array) -> Array:
-        """Return the (N, 3) target in the instrument frame [m], sessions left out, for (N, 4, 4) tip poses."""
-        return (1.0 + self.scale) * (self.in_base(tip) @ self.pose.rotation.T + self.pose.translation)
+    def seen(self, points: Array) -> Array:
+        """Return (N, 3) points of the base in the instrument frame [m], sessions left out."""
+        return (1.0 + self.scale) * (points @ self.pose.rotation.T + self.pose.translation)
 
-    def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
-        """Return the (N, 3) positions that the instrument would read [m]."""
-        points = self.points(tip)
+    def in_session(self, points: Array, sessions: Sequence[str]) -> Array:
+        """Return (N, 3) points of the instrument frame as each session has it [m]."""
         shift = self.session_shifts(sessions)
         return points + shift[:, :3] + np.cross(shift[:, 3:], points)
 
-    def axes(self, tip: Array) -> Array:
-        """Return the (N, 3, 3) axes of the tip in the instrument frame, dimensionless, sessions left out."""
-        return self.pose.rotation @ tip[:, :3, :3]
+    def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
+        """Return the (N, 3) positions of the target that the instrument would read [m], for (N, 4, 4) tip poses."""
+        return self.in_session(self.seen(self.in_base(tip)), sessions)
 
     def rotations(self, tip: Array, sessions: Sequence[str]) -> Array:
         """Return the (N, 3, 3) orientations of the target that the instrument would read, dimensionless."""
+        return self.session_turns(sessions) @ self.axes(tip) @ pin.exp3(self.mounting)
+
+    def axes(self, poses: Array) -> Array:
+        """Return the (N, 3, 3) axes of (N, 4, 4) poses in the instrument frame, dimensionless, sessions left out."""
+        return self.pose.rotation @ poses[:, :3, :3]
+
+    def session_turns(self, sessions: Sequence[str]) -> Array:
+        """Return the (N, 3, 3) rotations of each row's session, dimensionless."""
         turned = {name: pin.exp3(self.sessions.get(name, np.zeros(6))[3:]) for name in set(sessions)}
-        turns = np.array([turned[name] for name in sessions]).reshape(-1, 3, 3)
-        return turns @ self.axes(tip) @ pin.exp3(self.mounting)
+        return np.array([turned[name] for name in sessions]).reshape(-1, 3, 3)
 
     def session_shifts(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 6) shift of each row's session [m, rad]."""

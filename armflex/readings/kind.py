@@ -3,33 +3,36 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, TypeVar
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.conventions import Array
-from armflex.readings.instrument import Instrument
+from armflex.readings.postures import Postures
+from armflex.readings.sensor import Nuisance
 
 Own = TypeVar("Own", bound="Kind")
 
 
 @dataclass(frozen=True, eq=False)
 class Kind(ABC):
-    """The readings of one kind in N rows, d numbers each.
+    """The readings of one kind by one instrument in N rows, d numbers each.
 
-    Poses of the tip are (N, 4, 4) in the base, motions of the tip are of its origin in base axes, linear [m] before
-    angular [rad]; what is read is in the frame of the instrument.
+    Motions of a link are of its origin in base axes, linear [m] before angular [rad].
 
     Attributes:
         values: (N, d) what was read, in `unit`; zero where nothing was.
-        sigma: (N, d) one standard deviation of each number; infinite where a row has no reading of this kind.
+        sigma: (N, d) one standard deviation of each number, in `unit`; infinite where a row has no such reading.
+        name: Of the sensor that read it; '' is the instrument that looks at the tip.
     """
 
     values: Array
     sigma: Array
+    name: str = ""
 
     dimension: ClassVar[int]
     """d."""
@@ -37,14 +40,37 @@ class Kind(ABC):
     unit: ClassVar[str]
     """SI unit of its numbers."""
 
+    quantity: ClassVar[str]
+    """Kind of quantity whose units a column's header may give; see `armflex.conventions.UNITS`."""
+
+    channels: ClassVar[tuple[str, ...]]
+    """What each number's column is called after the sensor's name; '' where there is only one."""
+
+    framed: ClassVar[bool] = False
+    """Whether it is read in the frame of the instrument that looks at the tip."""
+
+    nuisances: ClassVar[tuple[Nuisance, ...]] = ()
+    """What of a sensor of this kind may have to be found."""
+
     @classmethod
-    def unread(cls: type[Own], count: int, sigma: ArrayLike = 1.0) -> Own:
-        """Return readings that are still to be taken in `count` rows, with their standard deviation, one or (d,)."""
+    def unread(cls: type[Own], count: int, sigma: ArrayLike = 1.0, name: str = "") -> Own:
+        """Return readings still to be taken in `count` rows; their standard deviation is one or (d,), in its unit."""
         shape = (count, cls.dimension)
-        return cls(np.zeros(shape), np.broadcast_to(np.asarray(sigma, dtype=float), shape))
+        return cls(np.zeros(shape), np.broadcast_to(np.asarray(sigma, dtype=float), shape), name)
+
+    @classmethod
+    def columns(cls, name: str) -> tuple[str, ...]:
+        """Return what the columns of a sensor of this kind are called."""
+        return tuple(f"{name}_{channel}" if channel else name for channel in cls.channels)
+
+    @property
+    def title(self) -> str:
+        """What people are shown: 'wire1 (distance)'."""
+        words = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in type(self).__name__).strip()
+        return f"{self.name} ({words})" if self.name else words
 
     def some(self: Own, rows: np.ndarray) -> Own:
-        """Return the readings of some rows."""
+        """Return the readings of (M,) rows."""
         return replace(self, values=self.values[rows], sigma=self.sigma[rows])
 
     def scaled(self: Own, factor: float) -> Own:
@@ -52,29 +78,74 @@ class Kind(ABC):
         return replace(self, sigma=factor * self.sigma)
 
     @abstractmethod
-    def residual(self, instrument: Instrument, tip: Array, sessions: Sequence[str]) -> Array:
-        """Return (N, d) what was read minus what the instrument would read of the tip, zero where nothing was."""
+    def predicted(self, at: Postures) -> Array:
+        """Return the (N, d) numbers that the instrument would read, in `unit`."""
+
+    def residual(self, at: Postures) -> Array:
+        """Return (N, d) what was read minus what would be read, in `unit`; zero where nothing was."""
+        return np.where(np.isfinite(self.sigma), self.values - self.predicted(at), 0.0)
 
     @abstractmethod
-    def jacobian(self, instrument: Instrument, tip: Array) -> Array:
-        """Return (N, d, 6) change of a reading per motion of the tip."""
+    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
+        """Return by link the (N, d, 6) change of a reading per motion [m, rad] of each it sees; None is the tip."""
 
-    @abstractmethod
-    def by_frame(self, points: Array) -> Array:
-        """Return (N, d, 6) change per shift [m] and rotation vector [rad] of the instrument's frame about its origin.
+    def by_gravity(self, at: Postures) -> Array:
+        """Return (N, d, 3) change per gravity in the base [m/s^2], the arm held where it is."""
+        return np.zeros((*self.values.shape, 3))
 
-        Args:
-            points: (N, 3) target in the instrument frame [m].
-        """
+    def by_frame(self, at: Postures) -> Array:
+        """Return (N, d, 6) change per shift [m] and rotation vector [rad] of the instrument's frame."""
+        return np.zeros((*self.values.shape, 6))
 
-    @abstractmethod
-    def by_scale(self, instrument: Instrument, points: Array) -> Array:
-        """Return (N, d) change per share by which the instrument's distances are too long; `points` as above."""
+    def by_scale(self, at: Postures) -> Array:
+        """Return (N, d) change, in `unit`, per share by which the instrument's distances are too long."""
+        return np.zeros(self.values.shape)
 
-    @abstractmethod
-    def by_target(self, instrument: Instrument, tip: Array) -> Array:
-        """Return (N, d, 3) change per shift [m] of the target in the tip frame."""
+    def by_target(self, at: Postures) -> Array:
+        """Return (N, d, 3) change per shift [m] of the instrument's target in the tip frame."""
+        return np.zeros((*self.values.shape, 3))
 
-    @abstractmethod
-    def by_mounting(self, instrument: Instrument, tip: Array) -> Array:
-        """Return (N, d, 3) change per rotation vector [rad] of the target on the tool, in tip axes."""
+    def by_mounting(self, at: Postures) -> Array:
+        """Return (N, d, 3) change per rotation vector [rad] of the instrument's target on the tool, in tip axes."""
+        return np.zeros((*self.values.shape, 3))
+
+    def by_own(self, at: Postures) -> Array:
+        """Return (N, d, K) change per nuisance of the sensor, all of them in order and their units."""
+        return np.zeros((*self.values.shape, 0))
+
+    def start(self, at: Postures) -> Array:
+        """Return (K,) deviations of the nuisances, in their units, from which a fit may begin."""
+        return np.zeros(sum(len(one.axes) for one in self.nuisances))
+
+    def implausible(self, at: Postures) -> str | None:
+        """Return what readings look like that are all read and far from what is predicted; None is nothing known."""
+        return None
+
+
+def point_of(at: Postures, link: str | None, own: Array) -> tuple[Array, Array]:
+    """Return the (N, 3) place in the base [m] of (N, 3) points of a link, and its (N, 3, 6) change with its motion."""
+    pose = at.pose(link)
+    lever = np.einsum("nij,nj->ni", pose[:, :3, :3], own)
+    return pose[:, :3, 3] + lever, rigid_motion(lever)
+
+
+def mounted(at: Postures, link: str | None, vectors: Array) -> tuple[Array, Array]:
+    """Return the (N, 3, 3) axes in the base of what is turned by (N, 3) rotation vectors [rad] on a link, and what
+    small rotations in those axes come of changes of the vectors, (N, 3, 3).
+    """
+    unique, back = np.unique(vectors, axis=0, return_inverse=True)
+    turns = np.array([pin.exp3(vector) for vector in unique]).reshape(-1, 3, 3)
+    changes = np.array([pin.Jexp3(vector) for vector in unique]).reshape(-1, 3, 3)
+    return at.pose(link)[:, :3, :3] @ turns[back.ravel()], changes[back.ravel()]
+
+
+def rigid_motion(points: Array) -> Array:
+    """Return the (N, 3, 6) change of (N, 3) points per shift [m] and rotation vector [rad] about the origin."""
+    return np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -skew(points)], axis=2)
+
+
+def skew(vectors: Array) -> Array:
+    """Return the (N, 3, 3) matrices whose product with another vector is the cross product with (N, 3) vectors."""
+    x, y, z = vectors.T
+    zero = np.zeros(len(vectors))
+    return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)

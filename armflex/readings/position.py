@@ -1,15 +1,16 @@
-"""The position of a target at the tip, as a laser tracker reads it."""
+"""The position of a target, as a laser tracker reads it: the one at the tip, or another anywhere on the arm."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.readings.instrument import Instrument
-from armflex.readings.kind import Kind
+from armflex.readings.kind import Kind, point_of, rigid_motion
+from armflex.readings.postures import Postures
+from armflex.readings.sensor import POINT
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,37 +18,40 @@ class Position(Kind):
     """(N, 3) coordinates of the target in the instrument frame [m]."""
 
     dimension = 3
-    unit = "m"
+    unit, quantity = "m", "length"
+    channels = ("x", "y", "z")
+    framed = True
+    nuisances = (POINT,)
 
-    def residual(self, instrument: Instrument, tip: Array, sessions: Sequence[str]) -> Array:
-        """Return the (N, 3) difference of coordinates [m]."""
-        return self.values - instrument.readings(tip, sessions)
+    def _target(self, at: Postures) -> tuple[str | None, Array]:
+        """Return the link that it is on, and its (N, 3) place there [m]."""
+        if self.name:
+            return at.sensors[self.name].link, at.of(self.name, "point")
+        return None, np.broadcast_to(at.instrument.target, self.values.shape)
 
-    def jacobian(self, instrument: Instrument, tip: Array) -> Array:
-        """Return (N, 3, 6): the target moves with the tip, and by its lever as the tip turns."""
-        lever = tip[:, :3, :3] @ instrument.target
-        return instrument.pose.rotation @ rigid_motion(lever)
+    def _points(self, at: Postures) -> Array:
+        return at.instrument.seen(point_of(at, *self._target(at))[0])
 
-    def by_frame(self, points: Array) -> Array:
+    def predicted(self, at: Postures) -> Array:
+        return at.instrument.in_session(self._points(at), at.sessions)
+
+    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
+        """Return (N, 3, 6): the target moves with its link, and by its lever as the link turns."""
+        link, own = self._target(at)
+        return {link: at.instrument.pose.rotation @ point_of(at, link, own)[1]}
+
+    def by_frame(self, at: Postures) -> Array:
         """Return (N, 3, 6): the points move as one body."""
-        return rigid_motion(points)
+        return rigid_motion(self._points(at))
 
-    def by_scale(self, instrument: Instrument, points: Array) -> Array:
+    def by_scale(self, at: Postures) -> Array:
         """Return (N, 3) the points by the scale that they have now."""
-        return points / (1.0 + instrument.scale)
+        return self._points(at) / (1.0 + at.instrument.scale)
 
-    def by_target(self, instrument: Instrument, tip: Array) -> Array:
-        """Return (N, 3, 3) the tip's axes as the instrument sees them."""
-        return instrument.axes(tip)
+    def by_target(self, at: Postures) -> Array:
+        """Return (N, 3, 3) the tip's axes as the instrument sees them, nothing of another target."""
+        return np.zeros((len(self.values), 3, 3)) if self.name else at.instrument.axes(at.pose(None))
 
-    def by_mounting(self, instrument: Instrument, tip: Array) -> Array:
-        """Return nothing: a point that is turned stays where it is."""
-        return np.zeros((len(tip), 3, 3))
-
-
-def rigid_motion(points: Array) -> Array:
-    """Return the (N, 3, 6) change of (N, 3) points per shift [m] and rotation vector [rad] about the origin."""
-    x, y, z = points.T
-    zero = np.zeros(len(points))
-    crossed = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-    return np.concatenate([np.broadcast_to(np.eye(3), crossed.shape), -crossed], axis=2)
+    def by_own(self, at: Postures) -> Array:
+        """Return (N, 3, 3) the link's axes as the instrument sees them."""
+        return at.instrument.axes(at.pose(self._target(at)[0]))

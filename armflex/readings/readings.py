@@ -23,7 +23,8 @@ class Readings:
 
     Attributes:
         count: N.
-        kinds: Its kinds, N rows each.
+        kinds: Its kinds, N rows each: those of the instrument at the tip, position first, then sensors, those that
+            read lengths before others.
     """
 
     count: int
@@ -44,20 +45,56 @@ class Readings:
         parts = [answer(kind) for kind in self.kinds]
         return np.concatenate(parts, axis=1) if parts else np.zeros((self.count, 0))
 
-    @property
+    @cached_property
     def slices(self) -> tuple[slice, ...]:
         """Where the numbers of every kind stand among the d of a row."""
         ends = np.cumsum([0, *(kind.dimension for kind in self.kinds)]).tolist()
         return tuple(slice(start, end) for start, end in pairwise(ends))
 
-    def place(self, kind: type[Kind]) -> slice:
-        """Return where the numbers of a kind stand among the d of a row, an empty slice where there are none."""
-        found = (place for one, place in zip(self.kinds, self.slices, strict=True) if isinstance(one, kind))
-        return next(found, slice(0, 0))
+    @property
+    def foremost(self) -> slice:
+        """Where the numbers stand by which the size of an error is said: positions of the tip, where they were read.
 
-    def of(self, kind: type[One]) -> One | None:
-        """Return the readings of a kind, None where there are none."""
-        return next((one for one in self.kinds if isinstance(one, kind)), None)
+        Without them it is all numbers of one unit: lengths, or else angles.
+        """
+        if not self.kinds or self.kinds[0].name == "":
+            return slice(0, self.kinds[0].dimension if self.kinds else 0)
+        return slice(0, sum(kind.dimension for kind in self.kinds if kind.unit == self.kinds[0].unit))
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the foremost numbers."""
+        return self.kinds[0].unit if self.kinds else "m"
+
+    def by_kind(self, errors: Array) -> tuple[tuple[Kind, float], ...]:
+        """Return every kind with the RMS of what it read of (N, d) errors, the length of all its numbers together."""
+        found = []
+        for kind, place in self.placed:
+            read = np.isfinite(kind.sigma)
+            squares = (np.where(read, errors[:, place], 0.0) ** 2).sum()
+            found.append((kind, float(np.sqrt(squares / max(read.any(axis=1).sum(), 1)))))
+        return tuple(found)
+
+    @cached_property
+    def groups(self) -> tuple[slice, ...]:
+        """Where the numbers stand that were read together: by the instrument at the tip, and by every sensor."""
+        places = dict.fromkeys(kind.name for kind in self.kinds)
+        ends = {name: [place for kind, place in self.placed if kind.name == name] for name in places}
+        return tuple(slice(own[0].start, own[-1].stop) for own in ends.values())
+
+    @property
+    def placed(self) -> tuple[tuple[Kind, slice], ...]:
+        """Every kind, and where its numbers stand among the d of a row."""
+        return tuple(zip(self.kinds, self.slices, strict=True))
+
+    def of(self, kind: type[One], name: str = "") -> One | None:
+        """Return the readings of a kind by an instrument, that at the tip when not given; None where there are none."""
+        return next((one for one in self.kinds if isinstance(one, kind) and one.name == name), None)
+
+    @property
+    def read(self) -> np.ndarray:
+        """(N,) where anything was read."""
+        return np.any(np.isfinite(self.sigma), axis=1) if self.kinds else np.zeros(self.count, dtype=bool)
 
     def some(self, rows: np.ndarray) -> Readings:
         """Return the readings of some rows, by their (M,) numbers."""

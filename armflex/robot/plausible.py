@@ -89,7 +89,7 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
         link, (masses[joint.child], inertia) = urdf.links[joint.child], _body(urdf, joint.child)
         if masses[link.name] and (link.inertial is None or (inertia != link.inertial.inertia).any()):
             flags += _check_inertia(f"{link.name} and what is fixed to it", inertia, link.place)
-        elif not masses[link.name]:
+        elif not (masses[link.name] or link.between):
             text = f"link {link.name!r} moves with joint {joint.name!r} but has no <inertial>, so no weight"
             ends = urdf.children[link.name]
             # Where two axes of one joint cross there is but a place: nothing of it could weigh.

@@ -55,8 +55,8 @@ WEIGHING = ("inertial", "mass", "inertia", "origin")
 Matters = Literal["chain", "carried", "moved"]
 
 
-def parse_xml(path: Path) -> etree._Element:
-    """Return the root element of an XML file.
+def parse_xml(path: Path, text: bytes | None = None) -> etree._Element:
+    """Return the root element of an XML file, or of a text that was made from it.
 
     Raises:
         UrdfError: The file is missing, empty, larger than `MAX_BYTES`, not UTF-8, truncated, deeper than
@@ -64,9 +64,9 @@ def parse_xml(path: Path) -> etree._Element:
             explode).
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise UrdfError(Place(path), f"is {path.stat().st_size} bytes, more than the {MAX_BYTES} allowed")
-        data = path.read_bytes()
+        if (size := path.stat().st_size if text is None else len(text)) > MAX_BYTES:
+            raise UrdfError(Place(path), f"is {size} bytes, more than the {MAX_BYTES} allowed")
+        data = path.read_bytes() if text is None else text
         if not data.strip():
             raise UrdfError(Place(path), "is empty")
         if "\0" in data.decode("utf-8"):
@@ -113,13 +113,13 @@ class Fault:
 class Reader:
     """Typed access to one file's elements; collects flags and words every error with file and line."""
 
-    def __init__(self, path: Path, strict: bool) -> None:
-        self.path, self.strict = path, strict
+    def __init__(self, path: Path, strict: bool, lines: bool = True) -> None:
+        self.path, self.strict, self._lines = path, strict, lines
         self.flags: list[Flag] = []
         self.faults: list[Fault] = []
 
     def place(self, element: etree._Element) -> Place:
-        return Place(self.path, element.sourceline or 0)
+        return Place(self.path, (element.sourceline or 0) if self._lines else 0)
 
     def fail(self, element: etree._Element, problem: str) -> UrdfError:
         return UrdfError(self.place(element), problem)

@@ -12,8 +12,9 @@ import pinocchio as pin
 
 from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
 from armflex.errors import Flag, JointLimitError, UnknownNameError, UrdfError, did_you_mean
+from armflex.robot.formats import read_robot
 from armflex.robot.plausible import check_faults, check_masses, check_motion, scope_of
-from armflex.robot.urdf import MOVING, Joint, Link, Urdf, check_tree, find_chain, read_urdf
+from armflex.robot.urdf import MOVING, Joint, Link, Urdf, check_tree, find_chain
 
 TCP = "tcp"
 """Link that a tool ends in, which no file has; numbered where one does."""
@@ -107,10 +108,10 @@ def load_robot(
     tool: pin.SE3 | None = None,
     mount: Array | None = None,
 ) -> Robot:
-    """Read and validate a URDF; nothing reaches Pinocchio before it has passed.
+    """Read and validate a robot; nothing reaches Pinocchio before it has passed.
 
     Args:
-        urdf: Path of the file; meshes are never opened.
+        urdf: Path of a URDF, or of xacro, MJCF or SDF, see `armflex.robot.formats`; meshes are never opened.
         tip: Link whose motion is reported; the only leaf when not given.
         base: Link in whose frame results are meant; the root when not given. What lies above it is left out.
         gravity: (3,) in base axes [m/s^2]; standard gravity along -z when not given.
@@ -127,7 +128,7 @@ def load_robot(
         UnknownNameError: `tip`, `base` or a locked joint does not exist.
         JointLimitError: A joint is locked outside its limits.
     """
-    document = read_urdf(Path(urdf), strict)
+    document = read_robot(Path(urdf), strict)
     root = check_tree(document)
     base = base or root
     if base not in document.links:

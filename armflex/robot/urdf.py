@@ -63,13 +63,17 @@ class Visual:
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body by name; `inertial` is None where the file gives none, or none that can be read."""
+    """A rigid body by name; `inertial` is None where the file gives none, or none that can be read.
+
+    One that only stands `between` two joints of a body is in no file: nothing of it could weigh.
+    """
 
     name: str
     inertial: Inertial | None
     visuals: tuple[Visual, ...]
     place: Place
     faults: tuple[Fault, ...] = ()
+    between: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,13 +107,14 @@ class Joint:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF as data; `flags` are the flags met while reading."""
+    """A URDF as data; `flags` are the flags met while reading, `translated` whether its file is in another format."""
 
     name: str
     path: Path
     links: dict[str, Link]
     joints: dict[str, Joint]
     flags: tuple[Flag, ...] = field(default=())
+    translated: bool = False
 
     @cached_property
     def children(self) -> dict[str, list[Joint]]:
@@ -136,15 +141,16 @@ class Urdf:
 Named = TypeVar("Named", Link, Joint)
 
 
-def read_urdf(path: Path, strict: bool = True) -> Urdf:
-    """Read a URDF into links and joints.
+def read_urdf(path: Path, strict: bool = True, made: etree._Element | None = None, translated: bool = False) -> Urdf:
+    """Read a URDF into links and joints; `translated` where the root `made` from the file has other lines.
 
     Raises:
         UrdfError: Not well-formed, over a cap, unknown or misplaced tags in the root (a flag when not `strict`),
             duplicate or missing names. What is wrong inside a link or joint is among its `faults`: whether it is an
             error depends on the chain that is asked about.
     """
-    root, reader = parse_xml(path), Reader(path, strict)
+    root: etree._Element = parse_xml(path) if made is None else made
+    reader = Reader(path, strict, lines=not translated)
     if root.tag != "robot":
         raise reader.fail(root, f"root element is <{root.tag}>, expected <robot>")
     elements = reader.children(root)
@@ -156,7 +162,7 @@ def read_urdf(path: Path, strict: bool = True) -> Urdf:
     materials = _materials(reader, root)
     links = [_link(reader, element, materials) for element in elements if element.tag == "link"]
     joints = [_joint(reader, element) for element in elements if element.tag == "joint"]
-    return Urdf(root.get("name") or path.stem, path, _by_name(links), _by_name(joints), tuple(reader.flags))
+    return Urdf(root.get("name") or path.stem, path, _by_name(links), _by_name(joints), tuple(reader.flags), translated)
 
 
 def _by_name(items: list[Named]) -> dict[str, Named]:

@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
-from armflex.estimate.view import untold_shifts
+from armflex.estimate.view import look, untold_shifts
 from armflex.laws.effects.remember import (
     check_approaches,
     check_covariates,
@@ -29,7 +28,7 @@ from armflex.measured.measurements import Measurements, read_measurements, strea
 from armflex.measured.table import writing_table
 from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
-from armflex.readings import Position, unread
+from armflex.readings import Kind, Orientation, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
 from armflex.rows.wrench import wrenches_in
 from armflex.setup import Setup
@@ -49,6 +48,8 @@ class Prediction:
         position: (N, 3) the target as it would be read [m].
         rotation: (N, 3) rotation vector of the target's orientation, as it would be read [rad]; the tip's own where
             no orientations were calibrated.
+        sensors: What every other instrument of the arm would read, each with its (N, d) standard uncertainty in its own
+            unit; None as `sigma`.
         sigma: (N, 3) standard uncertainty of the position from the laws and from fitted parameters [m], None where
             neither has one; what the instrument's noise adds is not in it. Infinite, and flagged, where it depends on
             what neither a campaign nor a prior determined.
@@ -62,6 +63,7 @@ class Prediction:
     sigma: Array | None
     displacement: Array
     flags: tuple[Flag, ...]
+    sensors: tuple[tuple[Kind, Array | None], ...] = ()
 
 
 def predict(
@@ -98,7 +100,15 @@ def predict(
     position, rotation, displacement = (np.concatenate(part) for part in parts)
     stds = [one.sigma for one in found if one.sigma is not None]  # of all pieces, or of none
     sigma = np.concatenate(stds) if stds else None
-    return Prediction(_with_constants(arm, rows, covariates or {}), position, rotation, sigma, displacement, met.flags)
+    sensors = []
+    for number in range(len(arm.sensors)):
+        own = [one.sensors[number] for one in found]
+        kind, values = own[0][0], np.concatenate([one.values for one, _ in own])
+        stds = [std for _, std in own if std is not None]
+        std = np.concatenate(stds) if stds else None
+        sensors.append((replace(kind, values=values, sigma=np.concatenate([one.sigma for one, _ in own])), std))
+    asked = _with_constants(arm, rows, covariates or {})
+    return Prediction(asked, position, rotation, sigma, displacement, met.flags, tuple(sensors))
 
 
 def predict_file(
@@ -175,19 +185,31 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
                 pulled = wrenches_in(rows.wrenches, int(i))
                 certain.deflection(rows.q[i], rows.payload[i], covariates=given, wrenches=pulled)
         raise
-    fitted, about = fitted_variance(arm, rows)
-    untold = (untold_shifts(Setup(arm, instrument), rows, unread(len(rows), Position)) ** 2).sum(axis=0)
+    # The tip's position comes first; see `Readings`.
+    wanted = [Position.unread(len(rows))]
+    wanted += [one.kind.unread(len(rows), one.sigma, name) for name, one in arm.sensors.items()]
+    readings = Readings(len(rows), tuple(wanted))
+    fitted, about = fitted_variance(arm, rows, readings)
+    untold = (untold_shifts(Setup(arm, instrument), rows, readings) ** 2).sum(axis=0)
     # What directions leave open is told beside what a law or a fit has: alone it would be taken for all of it.
     variance = None if fitted is None and found.covariance is None else untold
     if variance is not None and fitted is not None:
         variance = fitted + variance
     if variance is not None and found.covariance is not None:
-        seen = Position.unread(len(rows)).jacobian(instrument, found.pose)
-        variance = variance + np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
-    position = instrument.readings(found.pose, rows.session)
-    rotation = np.array([pin.log3(turn) for turn in instrument.rotations(found.pose, rows.session)])
+        at = Postures(lambda _: found.pose, rows.session, instrument)
+        seen = wanted[0].jacobian(at)[None]
+        tip = readings.foremost
+        variance[:, tip] += np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
+    at, sensors = Postures(lambda _: found.pose, rows.session, instrument), []
+    position, rotation = (kind.predicted(at) for kind in (wanted[0], Orientation.unread(len(rows))))
     sigma = None if variance is None else np.sqrt(variance)
-    return Prediction(rows, position, rotation, sigma, found.displacement, ()), found, about
+    if arm.sensors:
+        view = look(Setup(arm, instrument), rows, every, readings=readings)
+        for kind, place in view.readings.placed[1:]:
+            own = replace(kind, values=kind.predicted(view.at))
+            sensors.append((own, None if sigma is None else sigma[:, place]))
+    sigma = None if sigma is None else sigma[:, readings.foremost]
+    return Prediction(rows, position, rotation, sigma, found.displacement, (), tuple(sensors)), found, about
 
 
 def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]) -> Measurements:
@@ -271,4 +293,8 @@ def _columns(prediction: Prediction) -> dict[str, list]:
     columns |= {f"pose_r{axis}": prediction.rotation[:, i].tolist() for i, axis in enumerate("xyz")}
     blank = [""] * len(rows)
     columns |= {f"sigma_{axis}": blank if sigma is None else sigma[:, i].tolist() for i, axis in enumerate("xyz")}
+    for kind, std in prediction.sensors:
+        names = kind.columns(kind.name)
+        columns |= {name: kind.values[:, i].tolist() for i, name in enumerate(names)}
+        columns |= {f"sigma_{name}": blank if std is None else std[:, i].tolist() for i, name in enumerate(names)}
     return columns | {name: prediction.displacement[:, i].tolist() for i, name in enumerate(TWIST_NAMES)}

@@ -13,7 +13,7 @@ from armflex.conventions import TWIST_NAMES
 from armflex.estimate.held_out import believed, held_out, pose_folds
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.posterior import certainty_of
-from armflex.estimate.view import look, position_rms
+from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
 from armflex.measured.repeats import repeats
 from armflex.parameters import ArmParameter
@@ -75,7 +75,7 @@ def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
     together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
     if left is None and len(together):  # rows left out although their neighbours are far off, too
         view = look(state.fit.setup, state.measurements, together)
-        errors = view.residual[:, view.positions]
+        errors = view.residual[:, view.foremost]
         left = Unexplained(None, None, None, None, float(np.sqrt((errors**2).sum() / len(state.asked))))
     state.say("looking what could not be told, and what to measure next")
     undecided = None if state.effects or left is not None or withdrawn else _undecided(state, looked)
@@ -129,7 +129,7 @@ def _undecided(state: State, looked: Round) -> Undecided | None:
     chance = max(float(null_maximum(sifted, state.groups).max()) for sifted in looked.sifted)
     if best >= chance + MARGIN:
         return None  # what was found was refused for other reasons than chance
-    poses, stated = int(state.groups.max()) + 1, position_rms(fit.view.sigma)
+    poses, stated = int(state.groups.max()) + 1, fit.view.rms(fit.view.sigma)
     return Undecided(fit.rms, stated, poses, best, chance)
 
 
@@ -192,10 +192,11 @@ def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
 
 def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
     """Return for every law the range over its places of the tip motion (RMS) that would just have been accepted."""
-    bank, fit, where = looked.sifted[0].bank, state.fit, state.fit.view.positions
+    bank, fit, where = looked.sifted[0].bank, state.fit, state.fit.view.foremost
     noise = max(1.0, looked.projection.objective / looked.projection.count)
     # (G,) RMS of the 3-D motion of the target per unit of each group's first amplitude [m].
-    raw, scale = np.zeros(len(bank.candidates)), fit.view.sigma[:, where] / np.sqrt(fit.weights)[:, None]
+    sigma, raw = fit.view.sigma[:, where], np.zeros(len(bank.candidates))
+    scale = np.where(np.isfinite(sigma), sigma, 0.0) / np.sqrt(fit.weights[:, where])
     for part in bank.parts:
         first = np.isin(part.places, bank.starts[:-1])
         regressors = part.regressors[:, first].reshape(*fit.view.sigma.shape, -1)[:, where] * scale[:, :, None]
@@ -234,12 +235,11 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
     """
     if state.random is not None:
         random = state.random
-        rms = position_rms(predictable_residual(state) - state.fit.view.residual)
+        rms = state.fit.view.rms(predictable_residual(state) - state.fit.view.residual)
         return Unexplained(random.site, random.axis, random.std, random.units[0], rms, random.alike)
     place = places[0]
     if place.ratio >= NOTICED:
-        lever = state.fit.view.to_twist(place.site)[:, :3, TWIST_NAMES.index(place.axis)]
-        rms = place.std * float(np.sqrt((lever**2).sum(axis=1).mean()))
+        rms = place.std * state.fit.view.rms(state.fit.view.to_twist(place.site)[:, :, TWIST_NAMES.index(place.axis)])
         return Unexplained(place.site, place.axis, place.std, place.unit, rms, as_likely(places))
     # Without a place, where it is larger than what repeats show, by an F test.
     known = repeats(state.measurements)
@@ -247,7 +247,9 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
         return None
     scatter, fit = known.same_session, state.fit
     noise = float((scatter.sigma**2).mean())
-    squares = fit.view.residual[fit.weights >= 1.0, fit.view.positions] ** 2  # tails make a mean of squares anything
+    squares = (
+        fit.view.residual[:, fit.view.foremost][(fit.weights >= 1.0)[:, fit.view.foremost]] ** 2
+    )  # tails make a mean of squares anything
     freedom = max(squares.size - (fit.view.count - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
     if left < LARGER * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > UNLIKELY:

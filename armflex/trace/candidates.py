@@ -231,7 +231,7 @@ def whiten(regressors: Array, fit: Fit) -> Array:
 
 def _scale(fit: Fit) -> Array:
     """Return the (M, d) factors that whiten and weight readings."""
-    return np.sqrt(fit.weights)[:, None] / fit.view.sigma
+    return np.sqrt(fit.weights) / fit.view.sigma
 
 
 def grid(law: EffectLaw, location: Location, context: Context) -> Iterator[Values]:

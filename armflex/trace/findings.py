@@ -16,7 +16,7 @@ from armflex.estimate.fit import Fit, realise
 from armflex.estimate.held_out import believed
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.posterior import certainty_of
-from armflex.estimate.view import look, position_rms
+from armflex.estimate.view import View, foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
@@ -234,22 +234,22 @@ class Trace:
     def declared_rms(self) -> float:
         """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
         placed = self.calibration.placed
-        return position_rms(placed.residual[np.isin(placed.rows, self.rows)])
+        return _rms_of(placed, placed.residual, np.isin(placed.rows, self.rows))
 
     @property
     def calibrated_rms(self) -> float:
         """The same after calibration [m]."""
-        return position_rms(self.before.view.residual[self.believed])
+        return _rms_of(self.before.view, self.before.view.residual, self.believed)
 
     @property
     def rms(self) -> float:
         """The same with everything that can be predicted [m]."""
-        return position_rms(self.residual[self.believed])
+        return _rms_of(self.state.fit.view, self.residual, self.believed)
 
     @property
     def noise_rms(self) -> float:
         """What the stated standard deviations alone would give [m]."""
-        return position_rms(self.state.fit.view.sigma[self.believed])
+        return _rms_of(self.state.fit.view, self.state.fit.view.sigma, self.believed)
 
     @cached_property
     def outliers(self) -> tuple[Outlier, ...]:
@@ -268,7 +268,7 @@ class Trace:
         left = np.where(untold, "direction unknown", np.where(alone, "lost beam", "unexplained"))
         kinds = np.where(used, "counted less", left).tolist()
         view = look(state.fit.setup, state.measurements, rows)
-        errors = np.linalg.norm(view.residual[:, view.positions], axis=1)
+        errors = np.linalg.norm(view.residual[:, view.foremost], axis=1)
         return tuple(
             Outlier(int(rows[i]), places[rows[i]] if places else None, float(errors[i]), kinds[i])
             for i in np.argsort(-errors)
@@ -319,6 +319,11 @@ class Trace:
     def residual(self) -> Array:
         """(M, d) measured minus predicted; what is random is not predicted [m, rad]."""
         return predictable_residual(self.state)
+
+
+def _rms_of(view: View, errors: Array, some: np.ndarray) -> float:
+    """Return the RMS of (M, d) errors over the rows of a (M,) mask; see `View.rms`."""
+    return foremost_rms(view.readings.some(np.flatnonzero(some)), errors[some])
 
 
 def predictable_residual(state: State) -> Array:

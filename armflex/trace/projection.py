@@ -75,7 +75,8 @@ def project(fit: Fit) -> Projection:
 
 def ridge_for(fit: Fit) -> float:
     """Return the `ridge` of a fit's projections."""
-    return float((fit.view.sigma[:, :3] ** 2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
+    sigma = fit.view.sigma[:, fit.view.foremost]
+    return float((sigma[np.isfinite(sigma)] ** 2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
 
 
 def projected(regressors: Array, precision: Array, data: Array, ridge: float, count: int) -> Projection:

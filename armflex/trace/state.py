@@ -13,7 +13,7 @@ from armflex.estimate.block import Block
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
-from armflex.estimate.robust import huber_weights
+from armflex.estimate.robust import row_weights
 from armflex.estimate.view import View, look
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context, survey
@@ -208,7 +208,7 @@ def lost_beams(view: View, sessions: Sequence[str], poses: np.ndarray, heed: boo
         poses: (M,) number of every row's pose.
         heed: Whether what is far in company stays, as long as some effect may still explain it.
     """
-    weights = huber_weights(view)
+    weights = row_weights(view)
     far = weights < FAR
     lost = weights < LOST
     if heed:
@@ -328,7 +328,7 @@ def refit(
     return replace(state, effects=effects, random=random, fit=fitted, context=context)
 
 
-def information(state: State, limit: float, below: bool = False) -> float:
+def information(state: State, limit: Array | float, below: bool = False) -> float:
     """Return n log J + k log n of a state, and what the sizes of its effects count against it: the smaller the better.
 
     J is what the fit reached, not what its linear problem promises; not less than n, or where also what is `below`

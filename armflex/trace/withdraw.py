@@ -20,7 +20,7 @@ from armflex.conventions import Array
 from armflex.errors import ArmflexError
 from armflex.estimate.effect_block import amplitude_prior
 from armflex.estimate.fit import THOROUGH, Fit
-from armflex.estimate.held_out import believed, held_out, near, pose_folds
+from armflex.estimate.held_out import believed, errors_of, held_out, near, pose_folds
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
@@ -164,9 +164,7 @@ def compared(state: State) -> Compared:
             regressors, prior, data = problem
             mask = np.repeat(learned, len(data) // len(learned))
             error = data - regressors @ most_probable(regressors[mask], prior**-2.0, data[mask])
-            where = fit.view.positions
-            metres = error.reshape(len(learned), -1)[:, where] / np.sqrt(fit.weights)[:, None]
-            errors.append((metres * fit.view.sigma[:, where])[asked])
+            errors.append(errors_of(fit, error)[asked])
     refitted = [float(np.sqrt((np.concatenate(errors) ** 2).sum(axis=1).mean())) for errors in left]
     groups, both = pose_folds(state.groups), believed(state.calibrated, state.fit)
     linear = [held_out(fit, groups, judged=both).rms for fit in (state.calibrated, state.fit)]
@@ -192,7 +190,7 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
         state: The state.
         learned: (M,) rows to learn from.
     """
-    masked = replace(fit, weights=np.where(learned, fit.weights, 0.0))
+    masked = replace(fit, weights=np.where(learned[:, None], fit.weights, 0.0))
     values, own = fit.values.copy(), [np.zeros(0, dtype=int)]
     alone = {unit[0] for unit in state.units if len(unit) == 1}
     for block in (state.effects[i] for i in sorted(alone)):

@@ -20,7 +20,6 @@ from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.view import look, untold_shifts
 from armflex.laws.effects.remember import derived_directions
 from armflex.parameters import FRAME, ArmParameter, Group, Kind, of_law
-from armflex.readings import Position
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup
 from armflex.track.estimate import Seen
@@ -227,7 +226,7 @@ class Sight:
         view = look(self.setup, row, np.arange(1))
         jacobian = np.concatenate([block.jacobian(view) for block in self.blocks], axis=2)[0]
         noise = np.diag(view.sigma[0] ** 2)
-        noise[view.positions, view.positions] += self.beside**2 * np.eye(Position.dimension)
+        np.einsum("dd->d", noise)[view.foremost] += self.beside**2
         if self.unexplained is not None:
             site, axis, size = self.unexplained
             along = size * view.to_twist(site)[0, :, TWIST_NAMES.index(axis)]

@@ -10,14 +10,15 @@ import hashlib
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import click
 import effects
 import formats
 import pictures
+from pygments.lexers.shell import BashLexer
 from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
 from sphinx.ext import napoleon
 from sphinx.ext.napoleon import GoogleDocstring
 
@@ -195,13 +196,12 @@ def _write(name: str, text: str) -> None:
         file.write_text(text)
 
 
-def _kept(name: str, sources: Iterable[Path], make: Callable[[], str]) -> None:
-    """Write what takes seconds, unless it was made from the same sources before."""
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()
+def _is_new(name: str, digest: str) -> bool:
+    """Return whether something was made from other sources, or not yet; remember that it is made now."""
     mark = MADE / f"{name}.sha256"
-    if not (mark.exists() and mark.read_text() == digest and (MADE / name).exists()):
-        _write(name, make())
-        mark.write_text(digest)
+    before = mark.read_text() if mark.exists() else ""
+    mark.write_text(digest)
+    return before != digest
 
 
 def make(app: Sphinx | None = None) -> None:
@@ -222,8 +222,26 @@ def make(app: Sphinx | None = None) -> None:
     }.items():
         _write(f"{name}.md", page())
     code = [*PACKAGE.rglob("*.py"), *(DOCS / "_ext").glob("*.py")]
-    _kept("effects.md", code, lambda: effects.page(*effects.shown(), MADE / "effects"))
-    _kept("pictures.md", code, lambda: pictures.draw(MADE / "pictures"))
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(code))).hexdigest()
+    if _is_new("effects", digest):
+        _write("effects.md", effects.page(*effects.shown(), MADE / "effects"))
+    if _is_new("pictures", digest):
+        pictures.draw(MADE / "pictures")
+    if _is_new("notebooks", digest):  # they are run again
+        for mark in (MADE / "notebooks").glob("*.md5"):
+            mark.unlink()
+
+
+def fetches_nothing(app: Sphinx, failure: Exception | None) -> None:
+    """Raise where a page would fetch a script, a style, a font or a picture from elsewhere."""
+    wanted = re.compile(
+        r'<(?:script|img|link[^>]*rel="(?:stylesheet|preload|icon)")[^>]*(?:src|href)="(?:https?:)?//[^"]*"'
+    )
+    style = re.compile(r"(?:@import|url\()\s*[\"']?(?:https?:)?//")
+    for pattern, files in ((wanted, "*.html"), (style, "*.css")):
+        for file in sorted(Path(app.outdir).rglob(files)) if not failure else ():
+            if found := pattern.search(file.read_text(encoding="utf-8")):
+                raise ExtensionError(f"{file.name} fetches {found[0]}")
 
 
 class _Docstring(GoogleDocstring):
@@ -252,7 +270,9 @@ def _aliases(app: Sphinx, page: str, template: str, context: dict, doctree: obje
 def setup(app: Sphinx) -> dict[str, bool]:
     """Make everything before Sphinx looks for pages."""
     napoleon.GoogleDocstring = _Docstring
+    app.add_lexer("console", BashLexer)  # that of Pygments takes a command without a prompt for output
     app.connect("autodoc-process-signature", _signature)
     app.connect("html-page-context", _aliases)
+    app.connect("build-finished", fetches_nothing)
     app.connect("config-inited", lambda app, config: make(app), priority=100)
     return {"parallel_read_safe": True}

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 from seeds import ARM, URDF
+from support.robot_files import MJCF, SDF
 from support.small_arms import ROBOTS
 
 from armflex import Arm, load_arm
@@ -79,3 +80,23 @@ def test_a_spoilt_urdf_of_an_arm(text: bytes) -> None:
 def test_a_spoilt_bare_urdf(text: bytes) -> None:
     path = written("bare.urdf", text)
     judge(lambda: load_arm(path), path, bent)
+
+
+@cases(80)
+@given(st.one_of(mutated_xml(MJCF), mutated_bytes(MJCF.encode())))
+def test_a_spoilt_mjcf(text: bytes) -> None:
+    path = written("crane.xml", text)
+    judge(lambda: load_arm(path, tip="hook"), path, hung, names=("hook", "crane"))
+
+
+@cases(80)
+@given(st.one_of(mutated_xml(SDF), mutated_bytes(SDF.encode())))
+def test_a_spoilt_sdf(text: bytes) -> None:
+    path = written("arm.sdf", text)
+    judge(lambda: load_arm(path), path, hung)
+
+
+def hung(arm: Arm) -> Mapping[str, Any]:
+    """Return where the rigid arm is and what hangs on its joints."""
+    found = arm.deflection(arm.robot.home)
+    return {"pose": found.pose.homogeneous, "loads": found.joint_loads}

@@ -382,8 +382,9 @@ def test_a_step_that_no_path_takes_is_refused_at_once(tarm: Arm, tmp_path: Path)
     rest = ",0" * (len(tarm.joint_names) - 1)
     header = "time," + ",".join(f"q_{name}" for name in tarm.joint_names)
     file = tmp_path / "t.csv"
-    file.write_text(f"{header}\n0,1{rest}\n1,2{rest}\n2,1e3{rest}\n3,2{rest}\n")
+    file.write_text(f"{header}\n0,1{rest}\n1,2{rest}\n2,3{rest}\n3,2{rest}\n")
     path, began = read_trajectory(file, tarm), process_time()
+    path.q[2, 0] = 1e3  # which a file's reader would take for millimetres
     words = r"joint 'M1' goes from 2 to 1000 m in one step, more than 102\.4 m; limits \[0, 6\] m"
     with pytest.raises(InputError, match=rf"^{re.escape(str(file))}:4: row 2 at 2 s: {words}"):
         check(tarm, path, 0.1)

@@ -7,11 +7,8 @@ it takes its time, `<!-- not run: WHY -->`.
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
-import shutil
-import sys
 import tomllib
 import warnings
 from pathlib import Path
@@ -122,21 +119,3 @@ def test_pages_are_in_the_contents() -> None:
     listed = re.findall(r"^(?:[\w ]+ <)?([\w-]+)>?$", (ROOT / "docs" / "index.md").read_text(), re.M)
     pages = {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index"}
     assert pages <= set(listed), f"docs/index.md does not list {sorted(pages - set(listed))}"
-
-
-@pytest.mark.slow
-def test_pages_are_built_without_a_warning(tmp_path: Path) -> None:
-    """All but the notebooks, which `make docs` runs."""
-    pytest.importorskip("sphinx", reason="the extra `docs` is not installed; `make docs` builds the pages")
-    import subprocess
-
-    command = [sys.executable, "-m", "sphinx", "-W", "-q", str(ROOT / "docs"), str(tmp_path)]
-    settings = {**os.environ, "ARMFLEX_NOTEBOOKS": "0"}
-    done = subprocess.run(command, capture_output=True, text=True, env=settings, cwd=ROOT)
-    assert done.returncode == 0, done.stderr
-    pages = "".join(page.read_text() for page in tmp_path.rglob("*.html"))
-    fetched = re.findall(
-        r'(?:<script[^>]*src|<link[^>]*rel="stylesheet"[^>]*href|<img[^>]*src)="(https?:[^"]*)"', pages
-    )
-    assert fetched == []
-    shutil.rmtree(tmp_path)

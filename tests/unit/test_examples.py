@@ -105,3 +105,15 @@ def test_c_in_the_controller(tmp_path):
         pytest.skip("there is no C compiler")
     apart, left = found
     assert apart < 1e-9 and left < 1e-9
+
+
+def test_milling(tmp_path):
+    """In a plant of MuJoCo: what the data sheet leaves of a millimetre is gone after forty pushes."""
+    drawn, sheet, measured = run("14_milling", str(tmp_path))
+    assert drawn > 4e-3 and sheet > 0.9e-3 and measured < 0.1e-3
+
+
+def test_universal_robot(tmp_path):
+    before, after = run("15_universal_robot", str(tmp_path))
+    assert before > 1e-3 and after < 1e-9
+    assert (tmp_path / "drill.script").read_text().startswith("def drill():")

@@ -17,7 +17,7 @@ from support.command_line import fine, run_here
 from support.exported import krl_moves, rapid_moves, urscript_moves
 from support.small_arms import ROBOTS, arm_of, joint, link
 
-from armflex import Arm, Trajectory, compensate, read_trajectory
+from armflex import Arm, Trajectory, Wrench, compensate, read_trajectory
 from armflex.errors import InputError, JointLimitError, TableError, UnreachableError, UnsupportedError
 from armflex.export import programs
 
@@ -232,3 +232,72 @@ def test_commands(language: str, tmp_path: Path) -> None:
     assert "written as it is" in re.sub(r"\s+", " ", done.stdout)
     assert json.loads((tmp_path / "p.json").read_text())["to"] == language
     assert len(positions_of(language, (tmp_path / "p.txt").read_text(), bundled("heavy_six"))) == 66
+
+
+def test_joints_go_on_the_axes_that_are_named(tmp_path: Path) -> None:
+    """A turning joint on an external axis, and two that change places: in its own unit each."""
+    arm = bundled("tarm_like")
+    path = read_trajectory(ROBOTS / "tarm_like" / "trajectory.csv", arm)
+    axes = "E1=A3, E2=M1, A1=A2, A2=A1, A3=A4, A4=A5, A5=A6"
+    out = [f"E{i}" for i in (1, 2)] + [f"A{i}" for i in range(1, 6)]
+    order = [arm.joint_names.index(name) for name in ("A3", "M1", "A2", "A1", "A4", "A5", "A6")]
+    factor = np.array([1e3 if arm.robot.moving[i].kind == "prismatic" else 180.0 / np.pi for i in order])
+    moves = krl_moves(programs.krl(arm, ROBOTS / "tarm_like" / "trajectory.csv", axes=axes).text)
+    found = np.array([[move[axis] for axis in out] for move in moves])
+    np.testing.assert_allclose(found, path.q[:, order] * factor, atol=2e-9)
+    rapid = programs.rapid(arm, ROBOTS / "tarm_like" / "trajectory.csv", axes=axes.replace("E1", "eax_b")
+                           .replace("E2", "eax_a").replace(" A", " rax_"))  # fmt: skip
+    turning, sliding, _, _ = rapid_moves(rapid.text)[3]
+    np.testing.assert_allclose(turning[:5], np.degrees(path.q[3, order[2:]]), atol=2e-9)
+    np.testing.assert_allclose(sliding[:2], [1e3 * path.q[3, order[1]], np.degrees(path.q[3, order[0]])], atol=2e-9)
+    swapped = "0=J2,1=J1,2=J3,3=J4,4=J5,5=J6"
+    heavy = ROBOTS / "heavy_six" / "trajectory.csv"
+    plain, other = (urscript_moves(programs.urscript(bundled("heavy_six"), heavy, axes=a).text) for a in ("", swapped))
+    assert [q[:2] for q, _, _ in plain] == [q[1::-1] for q, _, _ in other]
+
+
+@pytest.mark.parametrize(
+    ("axes", "complaint"),
+    [
+        ("A1=J1", "--axes: no axis for J2, J3, J4, J5, J6; every joint needs one"),
+        ("A1=J1,A1=J2", "--axes: 'A1' is given twice"),
+        ("A1=J1,A2=J1", "--axes: 'J1' is given twice"),
+        ("A7=J1", "no axis of KRL named 'A7', did you mean"),
+        ("A1=K1", "no joint named 'K1', did you mean 'J1'?"),
+        ("A1", "--axes: 'A1' is not of the form AXIS=JOINT"),
+    ],
+)
+def test_axes_that_cannot_be(axes: str, complaint: str, tmp_path: Path) -> None:
+    heavy = ROBOTS / "heavy_six"
+    command = ("export", heavy / "arm.toml", "--to", "krl", "--traj", heavy / "trajectory.csv", "-o", "p.src")
+    result = fine(run_here(tmp_path, *command, "--axes", axes), 2)
+    assert complaint in result.stderr and not list(tmp_path.iterdir())
+
+
+def test_a_sliding_joint_on_a_turning_axis_is_refused() -> None:
+    axes = "A1=M1,A2=A1,A3=A2,A4=A3,A5=A4,A6=A5,E1=A6"
+    with pytest.raises(InputError, match="'M1' slides, axes A1 to A6 turn"):
+        programs.krl(bundled("tarm_like"), ROBOTS / "tarm_like" / "trajectory.csv", axes=axes)
+
+
+def test_loads_of_the_path_are_compensated(tmp_path: Path) -> None:
+    """Those of the columns, and those of the command for rows that name none; else they mean nothing."""
+    arm, q = bundled("heavy_six"), np.array([[0.1, 0.3, -0.2, 0.1, 0.5, 0.0]] * 2)
+    plain, pushed = path_file(tmp_path, NAMES, q), tmp_path / "pushed.csv"
+    pushed.write_text(plain.read_text())
+    text = plain.read_text().splitlines()
+    loads = ("payload,force_fz_kN", "p100,-0.8", "p100,-0.8")
+    pushed.write_text("\n".join(",".join(pair) for pair in zip(text, loads, strict=True)) + "\n")
+    command = ["export", ROBOTS / "heavy_six" / "arm.toml", "--to", "urscript", "-o", "p.script"]
+    written = []
+    for file, options in ((pushed, []), (plain, ["--payload", "p100", "--force", "fz=-800N"])):
+        fine(run_here(tmp_path, *command, "--traj", file, "--compensate", *options))
+        written.append((tmp_path / "p.script").read_text())
+    assert written[0] == written[1]
+    driven, _, _ = urscript_moves(written[0])[0]
+    load = Wrench(arm.robot.tip, [0.0, 0.0, -800.0], [0.0, 0.0, 0.0])
+    tip = arm.deflection(np.array(driven), "p100", wrenches=[load]).pose.translation
+    np.testing.assert_allclose(tip, arm.rigid_pose(q[0]).translation, atol=1e-9)
+    for more, complaint in (([], "go with --compensate"), (["--compensate", "--to", "c"], "--to c")):
+        options = [*command[:-1], "n.script", "--traj", plain, "--payload", "p100", *more]
+        assert complaint in fine(run_here(tmp_path, *options), 2).stderr and not (tmp_path / "n.script").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,47 @@ import pytest
 from support.public_campaigns import MEASURED, public
 
 from armflex import calibrate, predict, trace
+from armflex.cli.calibrate_command import as_json
+from armflex.cli.trace_command import print_trace
+from armflex.errors import ConvergenceError
+from armflex.estimate.calibrate import Calibration
+from armflex.estimate.fit import Effort, fit
 
 
-def test_the_ur5_is_calibrated_to_a_ninth_of_a_millimetre() -> None:
-    found = calibrate(*public("ur5_tsinghua"))
-    assert found.held_out is not None and 1e3 * found.held_out[1] < 0.115
+@pytest.fixture(scope="module")
+def ur5() -> Calibration:
+    return calibrate(*public("ur5_tsinghua"))
+
+
+def test_the_ur5_is_calibrated_to_a_ninth_of_a_millimetre(ur5: Calibration) -> None:
+    assert ur5.held_out is not None and 1e3 * ur5.held_out[1] < 0.115
+
+
+def test_what_only_a_combination_tells_is_marked(ur5: Calibration) -> None:
+    """Axes 2, 3 and 4 are parallel: shifts along them add up, and each by itself is told by its prior alone."""
+    found, axes = {one.name: one for one in ur5.parameters}, ("shoulder_lift", "elbow", "wrist_1")
+    along = [found[f"geometry {joint}_joint dy"] for joint in axes]
+    assert all(one.determined and one.combined for one in along)
+    assert all({other.name for other in along} - {one.name} <= set(one.trades_against) for one in along)
+    assert found["geometry elbow_joint dz"].determined and not found["geometry elbow_joint dz"].combined
+    assert {one["name"] for one in as_json(ur5)["parameters"] if one["only_combined_with"]} >= {a.name for a in along}
+
+
+def test_a_fit_that_does_not_settle_names_what_resists(ur5: Calibration) -> None:
+    short = Effort(2, 4, 0.0, content=False)
+    with pytest.raises(ConvergenceError, match=r"still moving: geometry .* left is at .*campaign.csv:\d+"):
+        fit(ur5.fit.declared, ur5.fit.blocks, ur5.measurements, effort=short)
+
+
+def test_poses_too_few_to_tell_an_effect_from_chance_are_said_to_be(capsys: pytest.CaptureFixture) -> None:
+    arm, measurements = public("ur5_tsinghua")
+    stiff = replace(arm, prior=replace(arm.prior, joint_offset=1e-5, geometry=0.0))
+    found = trace(stiff, measurements.some(np.arange(0, len(measurements), 125)))
+    assert not found.found and found.undecided is not None
+    assert found.undecided.poses == 8 and found.undecided.rms > 3.0 * found.undecided.stated
+    print_trace(found)
+    said = capsys.readouterr().out
+    assert "cannot decide what is missing: 0.688 mm RMS" in said and "Nothing is missing" not in said
 
 
 def test_the_wam_is_calibrated_to_two_and_a_half_millimetres() -> None:

@@ -142,3 +142,46 @@ def test_a_dead_force_is_a_weight(tmp_path):
     force = Wrench("tool", 30.0 * arm.robot.gravity, [0.0, 0.0, 0.0])
     pushed, carried = arm.deflection(q, wrenches=[force]), arm.deflection(q, body)
     np.testing.assert_allclose(pushed.displacement, carried.displacement, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["heavy_six", "crooked"])
+def test_any_link_is_asked_as_the_tip_is(tmp_path, name):
+    """Of every link: its motion by joints, gravity and a wrench elsewhere against differences of its pose."""
+    law = [LinearLaw(random_compliance(i, 2.0)) for i in range(3)]
+    where = {"foot": (None, law[0]), "roll": ("roll", law[1]), "end": ("slide", law[2], True)}
+    arm = corrected(bundled(name) if name == "heavy_six" else crooked(tmp_path, where))
+    q, load, step = positions(arm, 2), [Payload(15.0, [0.2, 0.1, 0.0])] * 2, 1e-5
+
+    def poses(joints: np.ndarray = q, asked: Arm = arm) -> np.ndarray:
+        return respond(asked, joints, load).links
+
+    def assert_differs(after: np.ndarray, before: np.ndarray, expected: np.ndarray) -> None:
+        moved = (after[:, :3, 3] - before[:, :3, 3]) / (2.0 * step)
+        turned = [
+            pin.log3(new @ old.T) / (2.0 * step) for new, old in zip(after[:, :3, :3], before[:, :3, :3], strict=True)
+        ]
+        np.testing.assert_allclose(np.hstack([moved, turned]), expected, atol=2e-6 * max(1.0, np.abs(expected).max()))
+
+    found = respond(arm, q, load)
+    assert_close(found.of(arm.robot.tip).laws, found.laws)
+    robots = [
+        replace(arm.robot, gravity=arm.robot.gravity + sign * step * np.array([0.3, 1.0, 0.2])) for sign in (-1, 1)
+    ]
+    below, above = (poses(asked=replace(arm, robot=robot)) for robot in robots)
+    joints = [(poses(q - step * unit), poses(q + step * unit)) for unit in np.eye(len(arm.joint_names))]
+    for place, link in enumerate(found.link_names):
+        own = found.of(link)
+        np.testing.assert_array_equal(own.tip, found.links[:, place])
+        assert_differs(above[:, place], below[:, place], own.gravity @ [0.3, 1.0, 0.2])
+        for number, (before, after) in enumerate(joints):
+            assert_differs(after[:, place], before[:, place], own.joints[:, :, number])
+        for some in ([1, 0], [1]):
+            np.testing.assert_array_equal(found.some(np.array(some)).of(link).laws, own.laws[some])
+        for number, joint in enumerate(arm.robot.moving):
+            first = 0 if joint.kind == "prismatic" else 3
+            along = own.site(f"link:{joint.name}")[:, :, first : first + 3] @ joint.axis
+            assert_close(along, own.joints[:, :, number], 1e-9)
+        # What a wrench at one link does to another is what one there does to the first (Maxwell 1864), where twists
+        # are small: a law between a wrench in flexed axes and exponential coordinates has no potential.
+        tip = found.link_names.index(arm.robot.tip)
+        assert_close(own.link_loads[:, tip], np.swapaxes(found.link_loads[:, place], 1, 2), 0.05)

@@ -1,9 +1,9 @@
-"""A trace as one self-contained HTML page: no server, no network, nothing beside it."""
+"""A trace, or a campaign's pose characteristics, as one self-contained HTML page: no server, no network."""
 
 from __future__ import annotations
 
 import os
-from importlib import resources
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,29 +11,48 @@ from armflex.conventions import printable
 from armflex.storage.whole_file import write_whole
 
 if TYPE_CHECKING:
+    from armflex.tasks.iso9283 import PosePerformance
     from armflex.trace.findings import Trace
 
-__all__ = ["render_report", "write_report"]
+__all__ = ["render_iso9283", "render_report", "write_report"]
 
 
-def write_report(trace: Trace, path: str | os.PathLike[str]) -> Path:
-    """Write the page of a traced arm and return its path; the same trace gives the same page, byte for byte.
+def write_report(result: Trace | PosePerformance, path: str | os.PathLike[str]) -> Path:
+    """Write the page of a traced arm, or of what `iso9283` returned, and return its path.
+
+    The same result gives the same page, byte for byte.
 
     Args:
-        trace: What tracing found.
+        result: What is reported.
         path: The page; it appears whole or not at all.
 
     Raises:
         FileError: The page cannot be written.
     """
-    return write_whole(Path(path), render_report(trace).encode())
+    from armflex.tasks.iso9283 import PosePerformance
+
+    text = render_iso9283(result) if isinstance(result, PosePerformance) else render_report(result)
+    return write_whole(Path(path), text.encode())
 
 
 def render_report(trace: Trace) -> str:
     """Return the page of a traced arm as HTML text; everything that is not a figure is escaped."""
-    from jinja2 import Environment, StrictUndefined
-
     from armflex.show.report.account import account
+
+    return _rendered("page.html", lambda: account(trace))
+
+
+def render_iso9283(found: PosePerformance) -> str:
+    """Return the page of a campaign's pose characteristics as HTML text; everything that is not a figure is escaped."""
+    from armflex.show.report.performance import account
+
+    return _rendered("iso9283.html", lambda: account(found))
+
+
+def _rendered(template: str, account: Callable[[], object]) -> str:
+    """Return a page of what `account` tells, its figures drawn in the page's style."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
     from armflex.show.report.svg import drawing
 
     def shown(value: object) -> object:
@@ -41,9 +60,13 @@ def render_report(trace: Trace) -> str:
         return printable(value, keep="\t\n\r") if type(value) is str else value
 
     with drawing():
-        found = account(trace)
-    text = (resources.files(__name__) / "page.html").read_text(encoding="utf-8")
+        page = account()
     environment = Environment(
-        trim_blocks=True, lstrip_blocks=True, autoescape=True, undefined=StrictUndefined, finalize=shown
+        loader=PackageLoader(__name__, ""),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=shown,
     )
-    return environment.from_string(text).render(page=found).lstrip()
+    return environment.get_template(template).render(page=page).lstrip()

@@ -31,7 +31,7 @@ def workspace(trace: Trace) -> str:
     kept, tip = trace.believed, fit.view.line.tip
     points = (tip[:, :3, 3] + tip[:, :3, :3] @ fit.setup.instrument.target)[kept]
     before, after = (
-        (residual[:, one.view.positions] @ one.setup.instrument.pose.rotation)[kept]
+        (residual[:, one.view.foremost] @ one.setup.instrument.pose.rotation)[kept]
         for one, residual in ((trace.before, trace.before.view.residual), (fit, trace.residual))
     )
     span = max(float(np.ptp(points, axis=0).max()), 1e-3)

@@ -77,7 +77,7 @@ def suspicion(trace: Trace, index: int) -> Suspicion:
     effect, fit = trace.found[index].effect, trace.state.fit
     motion = motion_of(trace, effect)
     direction, x, x_label = _seen(trace, effect, motion)
-    unit, where = direction.unit, fit.view.positions
+    unit, where = direction.unit, fit.view.foremost
     sigma = fit.view.sigma[:, where]
     information = np.maximum((unit**2 / sigma**2).sum(axis=1), 1e-300)
     after = trace.residual[:, where]
@@ -92,7 +92,7 @@ def suspicion(trace: Trace, index: int) -> Suspicion:
 def motion_of(trace: Trace, effect: Effect) -> Array:
     """Return the (M, 3) change of the readings by an effect [m]."""
     view, context = trace.state.fit.view, trace.state.context
-    return view.effect_jacobian(effect, context)[:, view.positions] @ effect.acting
+    return view.effect_jacobian(effect, context)[:, view.foremost] @ effect.acting
 
 
 def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array, str]:
@@ -111,7 +111,7 @@ def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array
         return Direction(unit, size, "residual along it", "m"), 1e3 * size, "motion that the effect predicts [mm]"
     x, x_label = _suspect(trace, effect, axis)
     view = trace.state.fit.view
-    unit, value = view.to_twist(effect.location.site)[:, view.positions] @ axis, twist @ axis
+    unit, value = view.to_twist(effect.location.site)[:, view.foremost] @ axis, twist @ axis
     if np.any(axis[:3]) and np.any(axis[3:]):
         return _usual(unit, value), x, x_label
     gain, per = _gain(trace, effect)

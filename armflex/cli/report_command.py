@@ -1,0 +1,98 @@
+"""armflex report: a campaign as a page, after a standard."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from armflex.arm import Arm
+from armflex.cli import options
+from armflex.cli.terminal import number, print_table, say
+from armflex.errors import InputError
+from armflex.measured.measurements import read_measurements
+from armflex.measured.points import PointExport
+from armflex.tasks.iso9283 import Characteristic, PosePerformance, iso9283
+
+
+@click.command(cls=options.Command)
+@options.points
+@options.arm
+@click.argument("measurements_path", metavar="MEAS.csv", type=options.InputPath)
+@click.option("--iso9283", "standard", is_flag=True, help="Pose accuracy, repeatability, directions and drift.")
+@click.option("--block", type=options.Quantity("time"), help="Time of one block of cycles, such as 10min: for drift.")
+@click.option("-o", "--output", type=options.OutputPath(), help="Page to write.")
+def command(
+    arm: Arm,
+    measurements_path: Path,
+    standard: bool,
+    block: float | None,
+    output: Path | None,
+    points: PointExport | None,
+) -> None:
+    """Pose characteristics of a campaign with repeats, as ISO 9283 defines them.
+
+    AP is from where the controller believes the tip; of a calibrated arm also from where its model has it.
+    """
+    if not standard:
+        raise InputError("which report? --iso9283 is known; of a trace it is written by `armflex trace --report`")
+    measurements = read_measurements(measurements_path, arm, points=points)
+    found = iso9283(arm, measurements, block)
+    columns = ["pose", "payload", "cycles", "AP mm", "\u00b1", "x", "y", "z", "RP mm", "\u00b1", "RP of noise"]
+    modelled = any(one.predicted is not None for one in found.poses)
+    rows = []
+    for one in found.poses:
+        about, again = one.accuracy, one.repeatability
+        cells = [_mm(about.value), _mm(about.std), *(_mm(value) for value in one.offset.tolist())]
+        cells += [_mm(again.value), _mm(again.std), _mm(again.instrument)]
+        rows.append([one.pose, one.payload, one.cycles, *cells, *([_mm(one.predicted)] if modelled else [])])
+    print_table("ISO 9283 pose characteristics", columns + ["AP with this model"] * modelled, rows)
+    for name, several in (("vAP", found.directions), ("dAP", found.drifts)):
+        for one in several:
+            again = "" if one.repeatability is None else f", dRP {_mm(one.repeatability)} mm"
+            say(f"{one.pose}: {name} {_mm(one.accuracy)} mm{again} ({one.number} {one.of}).")
+    say("", *found.remarks)
+    options.conclude(as_json(found), measurements.flags, arm)
+    if output is not None:
+        from armflex.show.report import write_report  # draws
+
+        write_report(found, output)
+        say(f"Written to {output}.")
+
+
+def _mm(value: float | None) -> str:
+    return "-" if value is None else number(1e3 * value, 3)
+
+
+def as_json(found: PosePerformance) -> dict[str, Any]:
+    """Return pose characteristics for programs, SI."""
+
+    def figure(one: Characteristic) -> dict[str, float | None]:
+        return {"value": one.value, "std": one.std, "instrument": one.instrument}
+
+    poses = [
+        {
+            "pose": one.pose,
+            "payload": one.payload,
+            "session": one.session,
+            "direction": one.direction and list(one.direction),
+            "cycles": one.cycles,
+            "rows": one.rows.tolist(),
+            "ap_m": figure(one.accuracy),
+            "ap_xyz_m": one.offset.tolist(),
+            "rp_m": figure(one.repeatability),
+            "ap_abc_rad": None if one.rotation is None else one.rotation.tolist(),
+            "rp_abc_rad": None if one.rotation_repeatability is None else one.rotation_repeatability.tolist(),
+            "ap_with_model_m": one.predicted,
+        }
+        for one in found.poses
+    ]
+    named = ("pose", "payload", "session", "number")
+    directions = [{n: getattr(one, n) for n in named} | {"vap_m": one.accuracy} for one in found.directions]
+    drifts = [
+        {n: getattr(one, n) for n in named} | {"dap_m": one.accuracy, "drp_m": one.repeatability, "shift_m": one.shift}
+        for one in found.drifts
+    ]
+    return {"standard": "ISO 9283:1998", "poses": poses, "directions": directions, "drifts": drifts,
+            "remarks": list(found.remarks)}  # fmt: skip

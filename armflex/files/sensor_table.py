@@ -1,0 +1,88 @@
+"""[instrument.NAME] in an arm.toml: an instrument beside the one at the tip."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.conventions import SMALLEST_STD
+from armflex.declaration import Declaration
+from armflex.errors import did_you_mean, listing
+from armflex.readings import SENSOR_KINDS, SlideEncoder
+from armflex.readings.sensor import Sensor, Shaft
+from armflex.robot import Robot
+
+FURTHEST = 50.0
+"""Distance from the base [m], beyond the arm's reach, that no anchor of a wire has."""
+
+SEEN_FROM = {"distance": "anchor_link", "relative_position": "seen_from"}
+"""Key of the link that the other end is on."""
+
+LONGEST = {"m": 10.0, "rad": 3.2, "m/s^2": 100.0, "1": 0.5}
+"""A standard deviation beyond which a number is in another unit."""
+
+
+def read_sensors(tables: dict[str, Declaration], robot: Robot) -> dict[str, Sensor]:
+    """Return the instruments of an arm file by name, in the order in which their readings stand in a row.
+
+    Raises:
+        ArmFileError: A kind, a link or a joint is not known, or a number is none of its kind.
+    """
+    found = [_read(name, table, robot) for name, table in tables.items()]
+    units = list(LONGEST)
+    return {sensor.name: sensor for sensor in sorted(found, key=lambda one: units.index(one.kind.unit))}
+
+
+def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
+    what = table.choice("kind", tuple(SENSOR_KINDS))
+    kind, shaft = SENSOR_KINDS[what], None
+
+    def link(key: str) -> str:
+        value, known = table.text(key), robot.urdf.below(robot.base)
+        if value not in known:
+            hint = did_you_mean(value, known)
+            raise table.fail(key, f"the arm has no link {value!r}{hint} (links: {listing(known)})")
+        return value
+
+    if what == "encoder":
+        joints = {joint.name: joint for joint in robot.moving}
+        joint = table.choice("joint", tuple(joints))
+        declared = joints[joint]
+        straight = declared.kind == "prismatic"
+        kind = SlideEncoder if straight else kind
+        origin = np.eye(4)
+        origin[:3, :3], origin[:3, 3] = declared.rotation, declared.origin
+        shaft, on = Shaft(joint, declared.parent, straight, np.asarray(declared.axis), origin), declared.child
+    else:
+        on = link("link")
+    seen_from = None
+    if what in SEEN_FROM and (what == "relative_position" or table.has(SEEN_FROM[what])):
+        seen_from = link(SEEN_FROM[what])
+        if seen_from == on:
+            raise table.fail(SEEN_FROM[what], f"{on!r} is the link itself: nothing moves between the two")
+    sign = 1.0
+    if what == "acceleration":
+        sign = {"gravity": 1.0, "specific_force": -1.0}[table.choice("reads", ("gravity", "specific_force"), "gravity")]
+    declared, std = [], []
+    for one in kind.nuisances:
+        if one.name == "anchor" and what == "distance":
+            value = table.numbers("anchor", (3,))
+            if np.linalg.norm(value) > robot.reach + FURTHEST:
+                away = f"{np.linalg.norm(value):.3g} m from the base, and the arm reaches {robot.reach:.3g} m"
+                raise table.fail("anchor", f"is {away}: millimetres?")
+        elif len(one.axes) == 1:
+            value = np.array([table.number(one.name, 0.0)])
+        else:
+            value = table.numbers(one.name, (len(one.axes),)) if table.has(one.name) else np.zeros(len(one.axes))
+        key = f"{one.name}_std"
+        size = table.std(key, 0.0)
+        if 0.0 < size < SMALLEST_STD or size > LONGEST[one.unit]:
+            raise table.fail(
+                key, f"expected a standard deviation [{one.unit}] up to {LONGEST[one.unit]:g}, got {size:g}"
+            )
+        declared.append(value)
+        std.append(np.full(len(one.axes), size))
+    sigma = table.std("sigma")
+    if not SMALLEST_STD <= sigma <= LONGEST[kind.unit]:
+        raise table.fail("sigma", f"expected one standard deviation of a reading [{kind.unit}], got {sigma:g}")
+    table.finish()
+    return Sensor(name, kind, on, sigma, np.concatenate(declared), np.concatenate(std), {}, seen_from, sign, shaft)

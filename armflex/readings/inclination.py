@@ -1,0 +1,74 @@
+"""The inclination of a link, as a two-axis level on it reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.readings.kind import Kind, mounted, skew
+from armflex.readings.postures import Postures
+from armflex.readings.sensor import MOUNTING, Nuisance
+
+
+@dataclass(frozen=True, eq=False)
+class Inclination(Kind):
+    """(N, 2) angles of the link's x and y axes to the horizontal, positive where they point up [rad]."""
+
+    dimension = 2
+    unit, quantity = "rad", "inclination"
+    channels = ("x", "y")
+    nuisances = (MOUNTING, Nuisance("bias", ("x", "y"), "rad"))
+
+    def _tilts(self, at: Postures) -> tuple[Array, Array, Array, Array]:
+        """Return (N, 2) sines and cosines, (N, 3, 3) axes of the level in the base, and how they change by mounting."""
+        axes, changes = mounted(at, at.sensors[self.name].link, at.of(self.name, "mounting"))
+        sine = np.clip(np.einsum("nik,i->nk", axes, self._up(at))[:, :2], -1.0, 1.0)
+        return sine, np.maximum(np.sqrt(1.0 - sine**2), 1e-6), axes, changes
+
+    def _up(self, at: Postures) -> Array:
+        return -at.gravity / max(float(np.linalg.norm(at.gravity)), 1e-300)
+
+    def predicted(self, at: Postures) -> Array:
+        return np.arcsin(self._tilts(at)[0]) + at.of(self.name, "bias")
+
+    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
+        """Return (N, 2, 6): a turn about what is across axis and vertical tilts the axis."""
+        _, cosine, axes, _ = self._tilts(at)
+        turned = np.cross(axes.swapaxes(1, 2)[:, :2], self._up(at)) / cosine[:, :, None]
+        return {at.sensors[self.name].link: np.concatenate([np.zeros_like(turned), turned], axis=2)}
+
+    def by_gravity(self, at: Postures) -> Array:
+        sine, cosine, axes, _ = self._tilts(at)
+        up, size = self._up(at), max(float(np.linalg.norm(at.gravity)), 1e-300)
+        across = axes.swapaxes(1, 2)[:, :2] - sine[:, :, None] * up
+        return -across / cosine[:, :, None] / size
+
+    def by_own(self, at: Postures) -> Array:
+        _, cosine, axes, changes = self._tilts(at)
+        up = axes.swapaxes(1, 2) @ self._up(at)  # the vertical in the level's axes
+        mounting = (skew(up) @ changes)[:, :2] / cosine[:, :, None]
+        return np.concatenate([mounting, np.broadcast_to(np.eye(2), (len(up), 2, 2))], axis=2)
+
+    def implausible(self, at: Postures) -> str | None:
+        read, predicted = self.values, self.predicted(at)
+        left = _scatter(read - predicted)
+        for unit, factor in (("degrees", np.pi / 180.0), ("mm/m", 1e-3)):
+            best = _scatter(factor * read - predicted)
+            if 5.0 * best < left:
+                return f"angles fit {left / best:.0f} times better in {unit} (write the unit into the header)"
+        ways = {"x and y swapped": read[:, ::-1], "x reversed": read * [-1, 1], "y reversed": read * [1, -1]}
+        ways |= {"both reversed": -read, "x and y swapped, x reversed": read[:, ::-1] * [-1, 1]}
+        ways |= {
+            "x and y swapped, y reversed": read[:, ::-1] * [1, -1],
+            "x and y swapped, both reversed": -read[:, ::-1],
+        }
+        said, best = min(((name, _scatter(way - predicted)) for name, way in ways.items()), key=lambda pair: pair[1])
+        return f"angles fit {left / best:.0f} times better with {said}" if 5.0 * best < left else None
+
+
+def _scatter(errors: Array) -> float:
+    """Return the typical distance of (M, d) errors from their middle, which a bias leaves as it is."""
+    return max(float(np.median(np.linalg.norm(errors - np.median(errors, axis=0), axis=1))), 1e-12)

@@ -1,0 +1,42 @@
+"""What instruments look at: an arm as it stands in some rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from armflex.conventions import STANDARD_GRAVITY, Array
+from armflex.readings.instrument import Instrument
+from armflex.readings.sensor import Sensor
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """An arm in N rows, and what looks at it.
+
+    Attributes:
+        pose: Gives the (N, 4, 4) pose of a link in the base [m] by its name; None is the tip.
+        sessions: Of the rows.
+        instrument: What looks at the tip from outside.
+        sensors: What else there is, by name.
+        gravity: (3,) in the base [m/s^2].
+        q: (N,) controller's position of every joint [rad or m].
+    """
+
+    pose: Callable[[str | None], Array]
+    sessions: Sequence[str]
+    instrument: Instrument
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
+    q: Mapping[str, Array] = field(default_factory=dict)
+
+    def some(self, rows: np.ndarray) -> Postures:
+        """Return the arm in (M,) of the rows."""
+        q, sessions = {joint: values[rows] for joint, values in self.q.items()}, [self.sessions[i] for i in rows]
+        return replace(self, pose=lambda link: self.pose(link)[rows], sessions=sessions, q=q)
+
+    def of(self, name: str, nuisance: str) -> Array:
+        """Return the (N, n) values of a sensor's nuisance in the rows, in its unit."""
+        return self.sensors[name].of(nuisance, self.sessions)

@@ -1,0 +1,118 @@
+"""An instrument beside the tracker, as [instrument.NAME] declares it: its place, what of it is open, what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.conventions import Array
+
+if TYPE_CHECKING:
+    from armflex.readings.kind import Kind
+
+AXES = ("x", "y", "z")
+TURNS = ("rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """Numbers of an instrument itself that a campaign may have to find, freed by `NAME_std` in its declaration.
+
+    Attributes:
+        name: What they are: 'anchor', 'bias'.
+        axes: One word each, '' for the only one.
+        unit: SI unit of each.
+    """
+
+    name: str
+    axes: tuple[str, ...]
+    unit: str
+
+
+ANCHOR, POINT = Nuisance("anchor", AXES, "m"), Nuisance("point", AXES, "m")
+MOUNTING, SCALE = Nuisance("mounting", TURNS, "rad"), Nuisance("scale", ("",), "1")
+
+
+@dataclass(frozen=True)
+class Shaft:
+    """The joint that an encoder reads: between the link inboard of it and its own.
+
+    Attributes:
+        joint: Its name.
+        inboard: The link that it turns or slides on.
+        straight: Whether it slides.
+        axis: (3,) unit vector in its own axes.
+        origin: (4, 4) its frame at zero in the inboard link [m].
+    """
+
+    joint: str
+    inboard: str
+    straight: bool
+    axis: Array
+    origin: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """One of them.
+
+    Attributes:
+        name: By which columns call it.
+        kind: What it reads.
+        link: Where on the arm.
+        sigma: One standard deviation of a reading, in the kind's unit.
+        declared: (K,) value of every nuisance of its kind, in their order and units.
+        std: (K,) prior standard deviations about them, in their units; 0 keeps one as declared.
+        found: (K,) deviations from what is declared, in their units, by session; '' is every one that has none.
+        seen_from: The link that it stands on or looks from; None is the base.
+        sign: -1 for an accelerometer that reads what holds it up, not gravity.
+        shaft: Of an encoder.
+    """
+
+    name: str
+    kind: type[Kind]
+    link: str
+    sigma: float
+    declared: Array
+    std: Array
+    found: Mapping[str, Array] = field(default_factory=dict)
+    seen_from: str | None = None
+    sign: float = 1.0
+    shaft: Shaft | None = None
+
+    @property
+    def free(self) -> np.ndarray:
+        """(k,) places among the K numbers of those that a campaign has to find."""
+        return np.flatnonzero(self.std)
+
+    @property
+    def movable(self) -> np.ndarray:
+        """(k,) places among the K numbers of those that change where a sensor is set up otherwise."""
+        fixed = ("point", "scale")
+        names = [one.name for one in self.kind.nuisances for _ in one.axes]
+        return np.flatnonzero([name not in fixed for name in names])
+
+    @property
+    def labels(self) -> tuple[tuple[str, str], ...]:
+        """Name and unit of each of the K numbers: 'anchor x'."""
+        return tuple((f"{one.name} {axis}".strip(), one.unit) for one in self.kind.nuisances for axis in one.axes)
+
+    def of(self, name: str, sessions: Sequence[str]) -> Array:
+        """Return the (N, n) values of a nuisance in rows of N sessions, in its unit."""
+        place, start = slice(0, 0), 0
+        for one in self.kind.nuisances:
+            if one.name == name:
+                place = slice(start, start + len(one.axes))
+            start += len(one.axes)
+        default = self.found.get("", np.zeros(len(self.declared)))
+        known = {session: self.found.get(session, default)[place] for session in dict.fromkeys(sessions)}
+        return self.declared[place] + np.array([known[session] for session in sessions]).reshape(len(sessions), -1)
+
+    def moved(self, session: str, step: Array) -> Sensor:
+        """Return the sensor with (k,) steps of what is free, in its units, added to what was found in a session."""
+        found = self.found.get(session, self.found.get("", np.zeros(len(self.declared)))).copy()
+        found[self.free] += step
+        return replace(self, found={**self.found, session: found})

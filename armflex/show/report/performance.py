@@ -1,0 +1,119 @@
+"""What the page of pose characteristics shows: texts, tables of them, and figures as SVG."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from armflex.show.report.numbers import measure, millimetres
+from armflex.show.report.svg import AFTER, BEFORE, MUTED, canvas, cut, grid, inline
+from armflex.tasks.iso9283 import AttainedPose, Characteristic, PosePerformance
+from armflex.version import __version__
+
+MOST_BARS = 40
+"""Poses that the figure has room for; of more the worst are drawn, and it says so."""
+
+
+def account(found: PosePerformance) -> SimpleNamespace:
+    """Return what the template shows."""
+    arm, measurements, poses = found.arm, found.measurements, found.poses
+    least = max(poses, key=lambda one: one.accuracy.value)
+    loosest = max(poses, key=lambda one: one.repeatability.value)
+    modelled = [one.predicted for one in poses if one.predicted is not None]
+    cards = [
+        ("Pose accuracy AP", _said(least.accuracy), f"worst of {len(poses)}, {least.pose}"),
+        ("Pose repeatability RP", _said(loosest.repeatability), f"worst of {len(poses)}, {loosest.pose}"),
+    ]
+    if modelled:
+        note = "distance of barycentres from where the calibrated model has them, worst"
+        cards.append(("AP with this model", millimetres(max(modelled)), note))
+    for name, several in (("Direction vAP", found.directions), ("Drift dAP", found.drifts)):
+        if several:
+            worst = max(several, key=lambda one: one.accuracy)
+            cards.append((name, millimetres(worst.accuracy), f"worst of {len(several)}, {worst.pose}"))
+    accuracy, repeated = (millimetres(one.value) for one in (least.accuracy, loosest.repeatability))
+    drawn = sorted(poses, key=lambda one: -one.accuracy.value)[:MOST_BARS]
+    more = f" The {MOST_BARS} least accurate of {len(poses)} are drawn." if len(poses) > MOST_BARS else ""
+    return SimpleNamespace(
+        title=f"{arm.robot.urdf.name}: pose characteristics after ISO 9283:1998",
+        headline=f"Pose accuracy {accuracy}, pose repeatability {repeated}, each of the worst pose.",
+        lead=[text for text in (found.remarks[0] if "instrument" in found.remarks[0] else "", more.strip()) if text],
+        cards=tuple(cards),
+        head=["pose", "payload", "session", "cycles", "AP", "of it noise", "x", "y", "z", "RP", "of noise"]
+        + ["with model"] * bool(modelled),
+        poses=tuple(_row(one, bool(modelled)) for one in poses),
+        rotations=tuple(
+            (one.pose, *(measure(angle, None, "rad") for angle in (*one.rotation, *one.rotation_repeatability)))
+            for one in poses
+            if one.rotation is not None and one.rotation_repeatability is not None
+        ),
+        bars=_bars(drawn),
+        worst=_scatter(loosest),
+        worst_caption=f"Attained positions of {loosest.pose}, least repeatable, about their barycentre; circle: RP.",
+        variations=tuple(
+            (
+                one.pose,
+                one.of,
+                str(one.number),
+                ("vAP " if one.of == "directions" else "dAP ") + millimetres(one.accuracy),
+                "" if one.repeatability is None else f"dRP {millimetres(one.repeatability)}",
+                millimetres(one.shift),
+            )
+            for one in (*found.directions, *found.drifts)
+        ),
+        remarks=found.remarks,
+        campaign=(
+            ("Arm", f"{arm.robot.urdf.name}, {arm.robot.base} to {arm.robot.tip}"),
+            ("Campaign", measurements.places[0].file.name if measurements.places else ""),
+            ("SHA-256 of the campaign", measurements.sha256),
+            ("Cycles used", f"{sum(one.cycles for one in poses)} of {len(measurements)} rows driven"),
+            ("Made with", f"armflex {__version__}"),
+        ),
+        flags=[flag.text for flag in (*arm.flags, *measurements.flags)],
+    )
+
+
+def _said(one: Characteristic) -> str:
+    return millimetres(one.value, one.std)
+
+
+def _row(one: AttainedPose, modelled: bool) -> tuple[str, ...]:
+    """Return a row of the table, lengths in mm; an asterisk where directions are mixed."""
+
+    def plain(*lengths: float | None) -> tuple[str, ...]:
+        return tuple(millimetres(length).removesuffix(" mm") for length in lengths)
+
+    named = (one.pose + " *" * (one.direction is None), one.payload, one.session, str(one.cycles))
+    about, again = (_said(figure).removesuffix(" mm") for figure in (one.accuracy, one.repeatability))
+    own, model = plain(one.accuracy.instrument, *one.offset.tolist()), plain(one.predicted) if modelled else ()
+    return (*named, about, *own, again, *plain(one.repeatability.instrument), *model)
+
+
+def _bars(poses: list[AttainedPose]) -> str:
+    """Return AP above and RP below, pose by pose."""
+    figure, axes = canvas(10.0, 4.4, 2, 1, sharex=True)
+    place = np.arange(len(poses))
+    for panel, name, colour in zip(axes, ("accuracy", "repeatability"), (BEFORE, AFTER), strict=True):
+        values = [getattr(one, name) for one in poses]
+        panel.bar(place, [1e3 * one.value for one in values], width=0.7, color=colour)
+        std = [1e3 * (one.std or 0.0) for one in values]
+        panel.errorbar(place, [1e3 * one.value for one in values], std, fmt="none", ecolor=MUTED, linewidth=1.0)
+        panel.bar(place, [1e3 * (one.instrument or 0.0) for one in values], width=0.7, color=MUTED, alpha=0.6)
+        grid(panel, "y")
+        panel.set(ylabel="mm", title="AP" if name == "accuracy" else "RP")
+    axes[-1].set_xticks(place, [cut(one.pose, 10) for one in poses], rotation=90 if len(poses) > 12 else 0)
+    return inline(figure, "pose accuracy and repeatability")
+
+
+def _scatter(one: AttainedPose) -> str:
+    """Return the attained positions of a pose about their barycentre, from three sides."""
+    figure, axes = canvas(10.0, 3.4, 1, 3)
+    apart, radius = 1e3 * (one.attained - one.attained.mean(axis=0)), 1e3 * one.repeatability.value
+    angle = np.linspace(0.0, 2.0 * np.pi, 90)
+    for panel, (i, j) in zip(axes, ((0, 1), (0, 2), (1, 2)), strict=True):
+        panel.plot(radius * np.cos(angle), radius * np.sin(angle), color=MUTED, linewidth=1.0)
+        panel.scatter(apart[:, i], apart[:, j], s=14, color=AFTER, linewidths=0)
+        panel.set(xlabel=f"{'xyz'[i]} [mm]", ylabel=f"{'xyz'[j]} [mm]", aspect="equal")
+        grid(panel)
+    return inline(figure, f"attained positions of {one.pose}")

@@ -1,0 +1,367 @@
+"""Pose accuracy and repeatability of a campaign with repeats, as ISO 9283:1998 defines them.
+
+Attained positions of one commanded pose, payload and direction of approach have a barycentre. Pose accuracy AP is how
+far that is from the commanded position, pose repeatability RP the radius about it that holds nearly all: the mean
+distance and three of its standard deviations. Multi-directional variation vAP is the largest distance between
+barycentres of one pose approached from different directions, drift dAP and dRP the largest change of AP and RP from the
+first block of cycles to a later one. Rotations are taken component by component of their rotation vectors from the
+commanded orientation, in base axes, which for small angles are the standard's a, b and c.
+
+Uncertainties follow JCGM 100: that of AP from the scatter of the barycentre along the deviation, that of RP by the
+jackknife, because it is no mean. What the instrument has in them is told apart by its stated noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import InputError, listing
+from armflex.measured.measurements import Measurements
+from armflex.measured.repeats import REPEATED, repeats
+from armflex.mechanics.many_rows import rigid_tips
+from armflex.readings.instrument import Instrument, fit_frame
+from armflex.rows.poses import numbered, same_positions
+from armflex.tasks.predict import predict
+
+CYCLES, POSES = 30, 5
+"""Cycles of each pose, and poses, that the standard asks for."""
+
+DRAWS = 1000
+"""Campaigns drawn to tell what an instrument shows of a robot without error."""
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """A figure of the standard.
+
+    Attributes:
+        value: [m] or [rad].
+        std: Its standard uncertainty, the instrument's noise included; None where too few cycles tell.
+        instrument: Of `std`, for an accuracy, what the stated noise of the instrument makes; for a repeatability what
+            the instrument would show of a robot that repeats without error.
+    """
+
+    value: float
+    std: float | None
+    instrument: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class AttainedPose:
+    """What the standard says of one commanded pose under one payload, in one session, from one direction.
+
+    Attributes:
+        pose, payload, session: As the campaign names them; the pose by its first row.
+        direction: (nq,) sign of each joint's last motion; None where no direction was repeated, and all are mixed.
+        rows: Numbers of the campaign's rows.
+        commanded: (3,) where the controller believes the target [m], base axes: rigid, without payload.
+        attained: (n, 3) where it was [m], base axes.
+        offset: (3,) barycentre less commanded position [m]: AP_x, AP_y, AP_z.
+        accuracy: AP_P [m].
+        repeatability: RP_l [m].
+        rotation: (3,) mean of the rotation vectors from commanded to attained orientation [rad]: AP_a, AP_b, AP_c;
+            None where orientations were not read.
+        rotation_repeatability: (3,) three standard deviations of them [rad]: RP_a, RP_b, RP_c.
+        predicted: Distance of the barycentre from where the arm's own model has it [m]: what AP_P becomes where the
+            controller compensates by that model. None of an arm that was not calibrated.
+    """
+
+    pose: str
+    payload: str
+    session: str
+    direction: tuple[int, ...] | None
+    rows: np.ndarray
+    commanded: Array
+    attained: Array
+    offset: Array
+    accuracy: Characteristic
+    repeatability: Characteristic
+    rotation: Array | None
+    rotation_repeatability: Array | None
+    predicted: float | None
+
+    @property
+    def cycles(self) -> int:
+        """How often it was attained."""
+        return len(self.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """How far barycentres of one pose are apart.
+
+    Attributes:
+        pose, payload, session: As of `AttainedPose`.
+        of: What they differ by.
+        number: How many directions, or blocks in time, there are.
+        accuracy: vAP_P, or the drift dAP_P [m].
+        repeatability: The drift dRP_l [m]; None of directions.
+        shift: Largest distance between the first block's barycentre and a later one's [m]: what a drift across the
+            deviation changes, dAP_P does not show; of directions it is vAP_P.
+    """
+
+    pose: str
+    payload: str
+    session: str
+    of: Literal["directions", "blocks"]
+    number: int
+    accuracy: float
+    repeatability: float | None
+    shift: float
+
+
+@dataclass(frozen=True, eq=False)
+class PosePerformance:
+    """ISO 9283 pose characteristics of a campaign.
+
+    Attributes:
+        arm, measurements: What they are of.
+        poses: One for each pose, payload, session and direction that was repeated.
+        directions: vAP of each pose that was repeated from several directions.
+        drifts: dAP and dRP of each pose with several blocks of cycles.
+        remarks: What the standard asks for and the campaign does not give, one sentence each.
+    """
+
+    arm: Arm
+    measurements: Measurements
+    poses: tuple[AttainedPose, ...]
+    directions: tuple[Variation, ...]
+    drifts: tuple[Variation, ...]
+    remarks: tuple[str, ...]
+
+
+def pose_accuracy(commanded: Array, attained: Array, sigma: Array) -> Characteristic:
+    """Return AP_P = |mean of attained - commanded| (ISO 9283:1998, 7.2.1) of (3,) and (n, 3) positions [m].
+
+    Args:
+        commanded: (3,) [m].
+        attained: (n, 3) [m].
+        sigma: (n, 3) standard deviations of the readings [m], same axes.
+    """
+    offset, n = attained.mean(axis=0) - commanded, len(attained)
+    value = float(np.linalg.norm(offset))
+    # Along the deviation; where there is none any direction is as good, and the widest is taken.
+    share = offset / value if value > 0.0 else None
+    read = np.sqrt((sigma**2).sum(axis=0)) / n
+    instrument = float(read.max() if share is None else np.sqrt(((read * share) ** 2).sum()))
+    if n < 2:
+        return Characteristic(value, None, instrument)
+    scatter = np.cov(attained.T) / n
+    std = np.sqrt(np.linalg.eigvalsh(scatter)[-1] if share is None else share @ scatter @ share)
+    return Characteristic(value, float(std), instrument)
+
+
+def pose_repeatability(attained: Array, sigma: Array) -> Characteristic:
+    """Return RP_l = mean distance from the barycentre + 3 standard deviations of it (7.2.2) of (n, 3) positions [m].
+
+    Args:
+        attained: (n, 3) [m], two or more.
+        sigma: (n, 3) standard deviations of the readings [m].
+    """
+    n = len(attained)
+    std = None
+    if n > 2:  # one left out each time; Efron and Tibshirani 1993, eq. (11.5)
+        left = _repeatability(np.array([np.delete(attained, i, axis=0) for i in range(n)]))
+        std = float(np.sqrt((n - 1) * ((left - left.mean()) ** 2).mean()))
+    return Characteristic(float(_repeatability(attained)), std, instrument_repeatability((sigma**2).mean(axis=0), n))
+
+
+def instrument_repeatability(variance: Array, cycles: int) -> float:
+    """Return the RP_l [m] that readings with (3,) variances [m^2] show, in the mean, of a robot without error.
+
+    By Monte Carlo (JCGM 101): of few cycles it is far from its limit of many, 3.616 standard deviations of an axis
+    where all are alike. Draws are the same each time, and tell it to 0.5 %.
+    """
+    size = np.sqrt(np.asarray(variance, dtype=float))
+    clouds = size * np.random.default_rng(0).standard_normal((DRAWS, cycles, 3))
+    return float(_repeatability(clouds).mean())
+
+
+def _repeatability(attained: Array) -> Array:
+    """Return the (...) repeatability of (..., n, 3) positions."""
+    distance = np.linalg.norm(attained - attained.mean(axis=-2, keepdims=True), axis=-1)
+    return distance.mean(axis=-1) + 3.0 * distance.std(axis=-1, ddof=1)
+
+
+def iso9283(arm: Arm, measurements: Measurements, block: float | None = None) -> PosePerformance:
+    """Return the pose characteristics that the repeats of a campaign give.
+
+    The commanded pose is where the controller believes the tip: the arm's rigid kinematics as declared, without what
+    was fitted. Readings are brought into the base by the arm's instrument where it is known (calibrated, or
+    `frame = "base"`), else by the best rigid fit to commanded positions, which takes from AP what a frame can and is
+    remarked on. All readings count, outliers as well.
+
+    Args:
+        arm: The arm, calibrated or not.
+        measurements: Rows share a commanded pose when their joint positions, payload and session do.
+        block: Cycles nearer in time than this to the first of a block are one block [s], for drift; no drift without.
+
+    Raises:
+        InputError: No pose was measured twice within a session, or `block` is not positive.
+        ArmflexError: As `predict`, of a calibrated arm.
+    """
+    if block is not None and not block > 0.0:
+        raise InputError(f"block = {block:g} s: expected a positive time, that of the cycles of one block")
+    rows = np.flatnonzero(measurements.measured)
+    keys = zip(same_positions(measurements.q, REPEATED)[rows].tolist(), (measurements.payload[i] for i in rows),
+               (measurements.session[i] for i in rows), strict=True)  # fmt: skip
+    labels = numbered(keys)
+    sets = [own for own in (rows[labels == i] for i in range(labels.max(initial=-1) + 1)) if len(own) > 1]
+    if not sets:
+        raise InputError("no pose was measured twice under one payload in one session: ISO 9283 needs repeats")
+    used = np.concatenate(sets)
+    commanded, attained, turned, placed = _in_base(arm, measurements, used)
+    model = None
+    if arm.certainty is not None:
+        found = predict(arm, measurements)
+        instrument = arm.instrument or Instrument()
+        left = (measurements.position - found.position) @ instrument.pose.rotation / (1.0 + instrument.scale)
+        model = left[used]
+    number = {int(row): i for i, row in enumerate(used)}
+    sigma = _along_base(arm, measurements, used)
+
+    def attained_pose(own: np.ndarray, direction: tuple[int, ...] | None) -> AttainedPose:
+        at = np.array([number[int(row)] for row in own])
+        target, points, first = commanded[at[0]], attained[at], int(own[0])
+        angles = None if turned is None or np.isnan(turned[at]).any() else turned[at]
+        return AttainedPose(
+            measurements.pose[first],
+            measurements.payload[first],
+            measurements.session[first],
+            direction,
+            own,
+            target,
+            points,
+            points.mean(axis=0) - target,
+            pose_accuracy(target, points, sigma[at]),
+            pose_repeatability(points, sigma[at]),
+            None if angles is None else angles.mean(axis=0),
+            None if angles is None else 3.0 * angles.std(axis=0, ddof=1),
+            None if model is None else float(np.linalg.norm(model[at].mean(axis=0))),
+        )
+
+    poses: list[AttainedPose] = []
+    directions: list[Variation] = []
+    drifts: list[Variation] = []
+    for own in sets:
+        sides: dict[tuple[int, ...], list[int]] = {}
+        for row in own.tolist():
+            sides.setdefault(tuple(measurements.approach[row].astype(int).tolist()), []).append(row)
+        several = [attained_pose(np.array(some), side) for side, some in sides.items() if len(some) > 1]
+        poses += several or [attained_pose(own, None)]
+        if len(several) > 1:
+            apart = _apart([one.attained.mean(axis=0) for one in several])
+            name = (several[0].pose, several[0].payload, several[0].session)
+            directions.append(Variation(*name, "directions", len(several), apart, None, apart))
+        for one in several if block is not None else ():
+            drifts += _drift(one, measurements.time, float(block or 0.0), sigma[[number[int(row)] for row in one.rows]])
+    remarks = tuple(_remarks(measurements, poses, directions, drifts, block, placed))
+    return PosePerformance(arm, measurements, tuple(poses), tuple(directions), tuple(drifts), remarks)
+
+
+def _in_base(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Array, Array, Array | None, bool]:
+    """Return (M, 3) commanded and attained positions [m] and rotations from one to the other [rad] in base axes, and
+    whether the instrument had to be placed by these readings.
+    """
+    rigid = arm.loaded(None)
+    tips = rigid_tips(rigid.nominal or rigid.chain, measurements.q[used])
+    sessions = [measurements.session[row] for row in used]
+    instrument, placed = arm.instrument or Instrument(), False
+    if arm.instrument is None and arm.measurement.frame != "base":
+        instrument = replace(instrument, pose=fit_frame(instrument.in_base(tips), measurements.position[used]))
+        placed = True
+    target, turn = instrument.in_base(tips), instrument.pose.rotation
+    apart = (measurements.position[used] - instrument.readings(tips, sessions)) / (1.0 + instrument.scale)
+    turned = None
+    if measurements.rotation is not None and measurements.sigma_r is not None:
+        expected = instrument.rotations(tips, sessions)
+        turned = np.full((len(used), 3), np.nan)
+        for i, row in enumerate(used):
+            if np.isfinite(measurements.sigma_r[row]):
+                turned[i] = turn.T @ pin.log3(pin.exp3(measurements.rotation[row]) @ expected[i].T)
+    return target, target + apart @ turn, turned, placed
+
+
+def _along_base(arm: Arm, measurements: Measurements, used: np.ndarray) -> Array:
+    """Return (M, 3) stated standard deviations of the readings along base axes [m]."""
+    turn = (arm.instrument or Instrument()).pose.rotation
+    return np.sqrt(measurements.sigma[used] ** 2 @ turn**2)
+
+
+def _apart(points: Sequence[Array]) -> float:
+    return max(float(np.linalg.norm(one - other)) for one, other in combinations(points, 2))
+
+
+def _drift(one: AttainedPose, time: Array, block: float, sigma: Array) -> list[Variation]:
+    """Return dAP and dRP of a pose, nothing where its cycles are one block."""
+    order = np.argsort(time[one.rows], kind="stable")
+    blocks: list[list[int]] = []
+    for i in order.tolist():
+        if not blocks or time[one.rows[i]] - time[one.rows[blocks[-1][0]]] >= block:
+            blocks.append([])
+        blocks[-1].append(i)
+    some = [np.array(own) for own in blocks if len(own) > 1]
+    if len(some) < 2:
+        return []
+    accuracy = [pose_accuracy(one.commanded, one.attained[own], sigma[own]).value for own in some]
+    spread = [float(_repeatability(one.attained[own])) for own in some]
+    middle = [one.attained[own].mean(axis=0) for own in some]
+    changed, wider = (max(abs(value - values[0]) for value in values[1:]) for values in (accuracy, spread))
+    shift = max(float(np.linalg.norm(point - middle[0])) for point in middle[1:])
+    return [Variation(one.pose, one.payload, one.session, "blocks", len(some), changed, wider, shift)]
+
+
+def _remarks(
+    measurements: Measurements,
+    poses: Sequence[AttainedPose],
+    directions: Sequence[Variation],
+    drifts: Sequence[Variation],
+    block: float | None,
+    placed: bool,
+) -> Iterator[str]:
+    """Yield what the standard asks for and these cycles do not give."""
+    if placed:
+        yield (
+            "The instrument's place is not known: it was fitted to these poses, which takes from AP what a frame can. "
+            "Calibrate the arm first, or measure in its base frame."
+        )
+    cycles, places = [one.cycles for one in poses], {one.pose for one in poses}
+    if min(cycles) < CYCLES:
+        least, most = min(cycles), max(cycles)
+        yield f"{least if least == most else f'{least} to {most}'} cycles of a pose, the standard asks for {CYCLES}."
+    if len(places) < POSES:
+        yield f"{len(places)} poses, the standard asks for {POSES}, in the largest cube of the working space."
+    if all(one.payload == "none" for one in poses):
+        yield "Measured without payload: the standard asks for all of the rated load, and for a tenth of it besides."
+    mixed = [one.pose for one in poses if one.direction is None]
+    if mixed:
+        yield f"From no direction attained twice, so all directions are one: {listing(mixed)}."
+    if not directions:
+        yield "No pose was repeated from two directions: vAP cannot be given (the standard: three, 30 cycles each)."
+    derived = [name for name in measurements.derived if name.startswith("approach_")]
+    if derived and any(one.direction is not None for one in poses):
+        yield "Directions are told by the row before: the file has no columns approach_*."
+    if block is None:
+        yield "Drift is not given: it needs the time that a block of cycles takes (--block)."
+    elif not drifts:
+        yield f"No pose has cycles in two blocks of {block:g} s: drift cannot be given."
+    if any(one.rotation is None for one in poses):
+        yield "Orientations were not read in every cycle: AP and RP of a, b and c are not given for all."
+    found = repeats(measurements)
+    if found is not None and found.same_session.lost:
+        lost = [
+            str(measurements.places[row]) if measurements.places else f"row {row}" for row in found.same_session.lost
+        ]
+        yield f"Further from their fellows than noise goes, and counted all the same: {listing(lost, 5)}."
+    yield (
+        "A campaign at rest does not tell distance accuracy by pairs, stabilisation time, overshoot, exchangeability, "
+        "compliance under the standard's forces, and anything of paths and velocities."
+    )
