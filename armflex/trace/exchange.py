@@ -199,7 +199,8 @@ def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
     another pair.
     """
     worth, hypotheses = hypotheses_of(state, *indices)
-    if len(indices) > 1:
+    first, *others = indices
+    if others:
         passed = in_place(state, indices, [one for one in hypotheses if one.evidence > PART * worth], -np.inf)
         now = _information(state, state)
         if passed and _information(passed[-1], state) >= now:
@@ -208,7 +209,7 @@ def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
             passed = (*passed, more) if more is not None and better else ()
         return passed
     best: tuple[State, ...] = ()
-    own = plainness(candidate_of(state.fitted[indices[0]]))
+    own = plainness(candidate_of(state.fitted[first]))
     for one in [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]:
         kind = plainness(one.candidate)
         passed = in_place(state, indices, [one], -TIE if kind < own else TIE if kind == own else PREFERRED)
