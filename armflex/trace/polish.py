@@ -129,7 +129,8 @@ def polish(candidate: Candidate, fit: Fit, context: Context, projection: Project
 def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Context) -> float:
     """Return the evidence that the size of (k,) acting amplitudes counts against a candidate.
 
-    That of a Cauchy density: nothing where machines have as much, more the larger it is, and never past all evidence.
+    That of the tails of a Cauchy density: nothing where machines have as much, more the larger it is, and never past
+    all evidence.
     """
     law, location = candidate.law, candidate.location
     sizes = amplitudes / np.array([law.amplitudes[i].usual for i in location.terms])
@@ -139,7 +140,7 @@ def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Contex
         usual = np.repeat((USUAL_SHIFT, USUAL_TURN) if law.act is Act.TWIST else (force, force), 3)
         whole = np.einsum("mka,k->ma", law.features(location, candidate.inner, view, context), amplitudes)
         much = max(much, float(((whole / usual) ** 2).sum(axis=1).mean()))
-    return 2.0 * float(np.log1p(much))
+    return 2.0 * float(np.log(max(much, 1.0)))
 
 
 def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context, present: bool = False) -> bool:
