@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from armflex.measured.repeats import repeats as repeats
     from armflex.mechanics.deflection import Deflection as Deflection
     from armflex.mechanics.deflection import DeflectionBatch as DeflectionBatch
-    from armflex.mechanics.loads import Payload as Payload
+    from armflex.mechanics.loaded import Payload as Payload
     from armflex.plan.drive import write_plan as write_plan
     from armflex.plan.picture import draw_plan as draw_plan
     from armflex.plan.planning import plan as plan
@@ -86,7 +86,7 @@ HOMES = {
     "armflex.measured.points": "PointExport read_points",
     "armflex.measured.repeats": "Repeats repeats",
     "armflex.mechanics.deflection": "Deflection DeflectionBatch",
-    "armflex.mechanics.loads": "Payload",
+    "armflex.mechanics.loaded": "Payload",
     "armflex.plan.drive": "write_plan",
     "armflex.plan.picture": "draw_plan",
     "armflex.plan.planning": "plan",
@@ -128,8 +128,8 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return everything that the package has, imported or not."""
-    return sorted({*globals(), *EXPORTS})
+    """Return the names that are the package's own, imported or not, and nothing else."""
+    return sorted(__all__)
 
 
 sys.modules[__name__].__class__ = _Package

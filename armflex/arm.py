@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from html import escape
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
 import numpy as np
@@ -28,8 +29,7 @@ from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
 from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.loaded import LoadedArm, Names
-from armflex.mechanics.loads import NO_PAYLOAD, Payload
+from armflex.mechanics.loaded import NO_PAYLOAD, LoadedArm, Names, Payload
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.query import Prepared
 from armflex.parameters import (
@@ -79,7 +79,7 @@ class DeflectionOptions(TypedDict, total=False):
 
 
 MAX_PAYLOADS = 64
-"""Payloads whose models are kept; objects made in a loop must not fill the memory."""
+"""Payloads and names of them whose models are kept; objects made in a loop must not fill the memory."""
 
 TURN = 2.0 * np.pi
 """Position [rad] beyond which one that is outside the limits may be in degrees."""
@@ -140,6 +140,16 @@ class Arm:
         joints, places = len(self.joint_names), len(self.flexures)
         ends = f"{self.robot.base} to {self.robot.tip}"
         return f"<Arm {self.robot.urdf.name!r}: {joints} joints, {places} flexures, {ends}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (one.name, one.joint or "base", type(one.law).__name__, "yes" if one.law.uncertain else "no")
+            for one in self.flexures
+        ]
+        table = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+        head = "<tr><th>flexure</th><th>joint</th><th>law</th><th>uncertain</th></tr>"
+        found = "".join(f"<li>{escape(effect.title)}</li>" for effect in self.effects)
+        return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}{table}</table><ul>{found}</ul>"
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -308,7 +318,8 @@ class Arm:
         else:
             checked, flags = self.check_position(positions, enforce_limits)
         loaded = self.loaded(payload)  # pyright: ignore[reportArgumentType] - refused there
-        check_rows(wrenches, None)
+        if wrenches:
+            check_rows(wrenches, None)
         if v is not None or a is not None:
             v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
         found = deflect(loaded, LoadCase(checked, v, a, tuple(wrenches), known), flags, method, allow_large)
@@ -391,7 +402,7 @@ class Arm:
 
     def loaded(self, payload: str | Payload | None) -> LoadedArm:
         """Return the arm with a payload, whose models are kept; raises what `payload` does."""
-        known = self._named.get(payload) if payload is None or isinstance(payload, str) else None
+        known = self._carried.get(payload) if payload is None or isinstance(payload, str) else None
         if known is not None:
             return known
         body = self.payload(payload)
@@ -400,18 +411,13 @@ class Arm:
         if known is None:
             if len(self._carried) >= MAX_PAYLOADS:
                 self._carried.clear()
-                self._named.clear()
             known = self._carried[key] = LoadedArm(self, body)
         if payload is None or isinstance(payload, str):
-            self._named[payload] = known
+            self._carried[payload] = known
         return known
 
     @cached_property
-    def _carried(self) -> dict[tuple, LoadedArm]:
-        return {}
-
-    @cached_property
-    def _named(self) -> dict[str | None, LoadedArm]:
+    def _carried(self) -> dict[tuple | str | None, LoadedArm]:
         return {}
 
 

@@ -6,6 +6,7 @@ import difflib
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -34,12 +35,12 @@ Keys = tuple[str | int, ...]
 """Way from a file's root to a value: names of tables and keys, places in arrays of tables."""
 
 
+@dataclass(eq=False)
 class Source:
     """A TOML file's text. `tomllib` keeps no line numbers, so they are found here, once an error needs one."""
 
-    def __init__(self, path: Path, text: str) -> None:
-        self.path = path
-        self.text = text
+    path: Path
+    text: str
 
     def place(self, keys: Keys) -> Place:
         """Return the line of a value or of the nearest table around it; the file when there is none."""
@@ -101,14 +102,14 @@ def _opened(names: list[str], is_array: bool, counts: dict[Keys, int]) -> Keys:
     return keys
 
 
+@dataclass(eq=False)
 class Declaration:
     """A table such as [flexure.A4]; every access marks its key as known."""
 
-    def __init__(self, table: dict[str, Any], keys: Keys, source: Source) -> None:
-        self.table = table
-        self.keys = keys
-        self.source = source
-        self.known: set[str] = set()
+    table: dict[str, Any]
+    keys: Keys
+    source: Source
+    known: set[str] = field(default_factory=set)
 
     @property
     def path(self) -> Path:

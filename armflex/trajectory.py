@@ -20,6 +20,7 @@ from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTab
 from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.many_rows import rigid_tips
+from armflex.result import Result
 from armflex.rows.rows import APPROACH, last_motion
 from armflex.rows.wrench import Wrench, wrenches_in
 
@@ -71,8 +72,8 @@ class Points(NamedTuple):
         return {"v": self.v, "a": self.a, "covariates": known, "wrenches": self.wrenches}
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, repr=False, eq=False)
+class Trajectory(Result):
     """A path through joint space; between rows it is straight.
 
     Attributes:
@@ -88,6 +89,9 @@ class Trajectory:
         target: (N, nq) joint positions that put the rigid tip where the flexed one is to be [rad or m], None where
             those are q.
     """
+
+    TOLD = ("joint_names", "time", "q", "payload", "via", "v", "a", "covariates")
+    ROWS = "table"
 
     joint_names: tuple[str, ...]
     time: Array
@@ -113,6 +117,20 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def __repr__(self) -> str:
+        """One line: a path is too much to print."""
+        named = sum(map(bool, self.via))
+        return f"<Trajectory: {len(self)} rows, {named} via-points, {self.time[0]:g} to {self.time[-1]:g} s>"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """The columns of a trajectory.csv, (N,) each."""
+        columns: dict[str, Any] = {"time": self.time}
+        for prefix, values in (("q", self.q), ("v", self.v), ("a", self.a)):
+            if values is not None:
+                columns |= {f"{prefix}_{name}": values[:, i] for i, name in enumerate(self.joint_names)}
+        return columns | {"payload": self.payload, "via": self.via, **self.covariates}
 
     def between(self, segments: np.ndarray, fractions: Array) -> Points:
         """Return points at (M,) fractions, dimensionless, of the way from (M,) rows to the next, payloads as there."""

@@ -31,6 +31,7 @@ from armflex.laws.joint.linear import LinearLaw, softness
 from armflex.laws.law import Law
 from armflex.laws.law_file import TrainedLaw
 from armflex.measured.joint_data import JointData
+from armflex.result import Result
 from armflex.sampling.diagnostics import Diagnostics, shortcomings
 from armflex.version import __version__
 
@@ -58,8 +59,8 @@ ASYMMETRY = 3.0
 """Standard deviations that two entries of a compliance may differ by."""
 
 
-@dataclass(frozen=True)
-class TrainResult:
+@dataclass(frozen=True, repr=False)
+class TrainResult(Result):
     """A trained law and how far to trust it.
 
     Attributes:
@@ -77,6 +78,9 @@ class TrainResult:
         seconds: How long each model that was compared took, and the choice anew in every fold; of "auto" alone.
     """
 
+    TOLD = ("rows", "units", "train_rms", "held_out_rms", "held_out", "coverage_95", "parameters", "compared", "flags")
+    ROWS = "table"
+
     trained: TrainedLaw
     rows: int
     units: tuple[str, ...]
@@ -89,6 +93,11 @@ class TrainResult:
     compared: tuple[tuple[str, Array], ...]
     flags: tuple[Flag, ...]
     seconds: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """Held-out error of every model that was compared, by column of the file, in the file's unit."""
+        return [{"model": name, "held_out_rms": errors} for name, errors in self.compared]
 
 
 def train(

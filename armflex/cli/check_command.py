@@ -28,7 +28,8 @@ from armflex.trajectory import read_trajectory
 @click.option("--against", "desired_path", metavar="DESIRED.csv", type=options.InputPath,
               help="Hold the flexed tip against where the rigid arm has it on this path, not on TRAJ: is a compensated "
                    "path where it was meant to be?")  # fmt: skip
-@click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
+@click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True,
+              help="How the equilibrium is found.")  # fmt: skip
 @options.loads
 @options.force_table
 @options.covariates

@@ -53,7 +53,9 @@ FORMATS = {
 
 @click.command(cls=options.Command)
 @options.arm
-@click.option("--to", "target", type=options.Choice(list(FORMATS)), required=True, help="The format to write.")
+@click.option("--to", "target", type=options.Choice(list(FORMATS)), required=True,
+              help="sheet: what is typed into a controller; yaml: calibrations for ROS; c: C99 without dependencies; "
+                   "the last four: the path of --traj.")  # fmt: skip
 @click.option("-o", "--output", type=options.OutputPath(), help="File to write.")
 @click.option("--name", help="c: what every name in the file begins with [default: arm]; urscript, krl, rapid: name "
                              "of the program [default: armflex_path].")  # fmt: skip

@@ -18,7 +18,7 @@ import click
 COMMANDS = {
     "deflect": "loads, local deflections and the tip's displacement at one configuration",
     "predict": "the tip's position for every row of a table",
-    "check": "hold a trajectory's displacement against a tolerance",
+    "check": "is a loaded path within tolerance, or a compensated one where it was meant to be",
     "compensate": "joint positions that put the deflected tip where the rigid arm would be",
     "calibrate": "fit what [prior] frees to a measured campaign",
     "trace": "calibrate, and trace what is left to an effect that the arm lacks",
@@ -26,7 +26,7 @@ COMMANDS = {
     "plan": "the poses, payloads and approach directions to measure next",
     "train": "learn a joint deformation model from loads and deflections",
     "map": "worst displacement, uncertainty and margin over the whole workspace",
-    "export": "write the arm for other programs: C for a controller",
+    "export": "for others: URDF, a sheet for the controller, C, programs in URScript, KRL and RAPID",
     "view": "write a page of the arm that opens in a browser",
     "demo": "all of it on the bundled TARM-like arm",
 }
@@ -67,7 +67,12 @@ class Commands(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Begin with `armflex demo`, or with an arm.toml of your own: `armflex deflect --help` says what it is. "
+    "Measured it? `calibrate`, then `trace`. A path? `check`, `compensate`, `check --against`, `export`.",
+)
 @click.version_option(package_name="armflex")
 def armflex() -> None:
     """Manipulators that sag: joint compliance, end-effector deflection, path checks and compensation."""

@@ -82,8 +82,20 @@ class OutputPath(click.Path):
         return path
 
 
+FILES = {
+    "ARM": "An arm.toml: URDF, where it gives, payloads; or a URDF alone, which does not give.",
+    "TRAJ.csv": "A path: time, q_<joint>; optional payload, via (a name where it counts), v_<joint>, a_<joint>, "
+    "force_fx .. force_mz with force_frame and force_axes, and what effects depend on.",
+    "ROWS.csv": "What is to be predicted: q_<joint>; optional payload, session, time, approach_<joint>, force_*.",
+    "MEAS.csv": "What was measured: q_<joint>, x y z, sigma; optional pose, session, payload, time, force_*, and "
+    "whatever else was recorded.",
+    "JOINT.csv": "A joint on a bench: loads fx fy fz [mx my mz] and deflections dx dy dz [rx ry rz].",
+}
+"""What the arguments of commands are. Units are SI, or a suffix of a column says another: q_A1_deg, x_mm."""
+
+
 class Command(click.Command):
-    """A command that writes its result to `--json`, see `write_json`.
+    """A command that writes its result to `--json`, see `write_json`; its help says what the files are.
 
     It writes over none of its inputs, nor one of its outputs over another, which is checked before it begins.
     """
@@ -92,6 +104,13 @@ class Command(click.Command):
         super().__init__(*given, **named)
         text = "Write the result for programs to FILE."
         self.params.append(click.Option(["--json", "json_path"], type=OutputPath(), help=text))
+
+    def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write what the files are that the command reads."""
+        known = [(one.metavar, FILES[one.metavar]) for one in self.params if one.metavar in FILES]
+        if known:
+            with formatter.section("Files, in SI unless a column says its unit: q_A1_deg, x_mm, force_fz_kN"):
+                formatter.write_dl(known)
 
     def invoke(self, context: click.Context) -> Any:
         """Run the command.
@@ -290,7 +309,7 @@ def loads(function: Callable) -> Callable:
     """Add `--payload` and `--force` for rows that name none: the command gets them as `unnamed`, arm first."""
 
     @click.option("--force", "force_text", metavar="fx=0,fz=-500N", help=f"Load from outside {UNNAMED}; {FORCE_HELP}.")
-    @click.option("--payload", default="none", show_default=True, help=f"Payload of ARM {UNNAMED}.")
+    @click.option("--payload", default="none", show_default=True, metavar="NAME", help=f"Payload of ARM {UNNAMED}.")
     @functools.wraps(function)
     def with_loads(arm: Arm, payload: str, force_text: str | None, **rest: Any) -> Any:
         arm.payload(payload)  # raises where there is none of that name

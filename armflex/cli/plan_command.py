@@ -17,6 +17,7 @@ from armflex.files.arm_file import load_arm
 from armflex.measured.measurements import read_measurements
 from armflex.parameters import Kind
 from armflex.plan.drive import write_plan
+from armflex.plan.instruments import Mounted, declaration
 from armflex.plan.planning import plan
 from armflex.plotting import check_ending
 from armflex.trajectory import read_trajectory
@@ -41,6 +42,12 @@ MOST_LINES = 10
     metavar="E1,E2",
     help="Tell two effects apart, each LAW:SITE[:AXIS[:PARTNER]] as trace's JSON and [[effect]] have them: "
     "backlash:A2:ry,encoder_offset:A2",
+)
+@click.option(
+    "--instruments",
+    metavar="wire,level",
+    help="What is read: names that ARM declares, or wire, level, accelerometer, encoder, target, whose best place is "
+    "chosen, and tracker.",
 )
 @click.option("--payload", "payloads", metavar="A,B", help="What may be carried; all payloads where it is left out.")
 @click.option(
@@ -73,6 +80,7 @@ def command(
     after_path: Path | None,
     along_path: Path | None,
     between: str | None,
+    instruments: str | None,
     payloads: str | None,
     covariates: tuple[str, ...],
     picture: Path | None,
@@ -94,6 +102,7 @@ def command(
         "between": None if between is None else tuple(part.strip() for part in between.split(",")),
         "payloads": None if payloads is None else [name.strip() for name in payloads.split(",")],
         "covariates": _levels(covariates),
+        "instruments": None if instruments is None else [name.strip() for name in instruments.split(",")],
     }
     if between is not None and (len(asked["between"]) != 2 or not all(asked["between"])):
         raise InputError(f"--between: {between!r} is not of the form E1,E2, such as backlash:A2,friction_windup:A2")
@@ -128,13 +137,20 @@ def print_plan(found: Plan) -> None:
     count, stops = len(found.worth), len(found.rows)
     before, after = (found.figure(value) for value in found.reached[[0, -1]])
     run_ups = f", and {stops - count} stops to come from the right side" if stops > count else ""
-    say(f"{count} rows to read{run_ups}; noise {number(float(found.reach.sigma.max()) * 1e3, 2)} mm")
+    by = "" if "" in found.reach.read else f" by {', '.join(found.reach.read)}"
+    noise = "" if by else f"; noise {number(float(found.reach.sigma.max()) * 1e3, 2)} mm"
+    say(f"{count} rows to read{run_ups}{by}{noise}")
     if found.random_rows is None:
         reached = found.figure(found.random.mean(axis=0)[-1])
         at_random = f"{found.random.shape[1] - 1} poses at random reach {reached}"
     else:
         at_random = f"as much as {found.random_rows} poses at random"
     say(f"{found.goal.title}: now {before}, after the rows {after}; {at_random}")
+    for mount in found.mounts:
+        others = ", ".join(f"{name} {value:.3g}" for name, value in mount.others[:3])
+        text = f"{mount.sensor.name}: rows at random reach {mount.reached:.3g} with it, {mount.without:.3g} without"
+        say(text + (f" (elsewhere: {others})" if others else ""))
+        say(*declaration(mount.sensor).splitlines())
     left = sum(found.offered.dropped.values())
     if left:
         reasons = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in found.offered.dropped.items())
@@ -164,6 +180,17 @@ def _parameters(found: Plan) -> list[dict[str, Any]]:
         for one, before, after in values
         if before > 0.0
     ]
+
+
+def _mount(mount: Mounted) -> dict[str, Any]:
+    return {
+        "name": mount.sensor.name,
+        "link": mount.sensor.link,
+        "declare": declaration(mount.sensor),
+        "reached": mount.reached,
+        "without": mount.without,
+        "elsewhere": dict(mount.others),
+    }
 
 
 def as_json(found: Plan) -> dict[str, Any]:
@@ -211,5 +238,6 @@ def as_json(found: Plan) -> dict[str, Any]:
         ],
         "advice": list(found.advice),
         "left_out": dict(found.offered.dropped),
+        **({"instruments": [*map(_mount, found.mounts)]} if found.mounts else {}),
         "motion": {"ordered": found.way[0], "as_chosen": found.way[1]},
     }

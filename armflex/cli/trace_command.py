@@ -24,6 +24,7 @@ from armflex.laws.effects.remember import derived_directions
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.parameters import numbered
+from armflex.readings import Position
 from armflex.show.report import write_report
 from armflex.trace import trace
 from armflex.trace.findings import write_traced
@@ -204,7 +205,9 @@ def print_trace(found: Trace) -> None:
         ["stated noise", found.noise_rms, None],
     ]
     rows = [[name, *("-" if rms is None else number(rms * 1e3, 3) for rms in pair)] for name, *pair in figures]
-    title = f"RMS of the 3-D position error over {len(found.rows)} rows"
+    readings = found.state.measurements.readings
+    what = "3-D position error" if readings.of(Position) else f"error ({readings.kinds[0].title} and its like)"
+    title = f"RMS of the {what} over {len(found.rows)} rows"
     print_table(title, ["", "all rows mm", "poses held out mm"], rows)
     if found.found:
         columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", "held out mm", "again"]

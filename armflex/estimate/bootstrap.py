@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import compress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
 from armflex.parallel import in_order
 from armflex.parameters import Kind
+from armflex.result import Result
 from armflex.storage.array_file import Layout
 from armflex.storage.digest import digest
 from armflex.storage.kept import Form, open_kept
@@ -44,8 +46,8 @@ FORM: Form[Fitted] = Form(
 """A finished fit as a file."""
 
 
-@dataclass(frozen=True, eq=False)
-class Bootstrap:
+@dataclass(frozen=True, repr=False, eq=False)
+class Bootstrap(Result):
     """Fits to resampled campaigns.
 
     Attributes:
@@ -54,8 +56,16 @@ class Bootstrap:
         values: (n, P) what each of n fits found, in the parameters' units.
     """
 
+    TOLD = ("names", "std")
+    ROWS = "table"
+
     names: tuple[str, ...]
     values: Array
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Name and standard deviation of every parameter, by column."""
+        return {"name": self.names, "std": self.std}
 
     @property
     def std(self) -> Array:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,7 @@ from armflex.parameters import FRAMES
 from armflex.parameters import Kind as ParameterKind
 from armflex.readings import Kind
 from armflex.readings.instrument import Instrument, fit_frame, fit_mounting
+from armflex.result import Result
 from armflex.setup import Setup
 
 OUTLIER = 0.5
@@ -68,8 +70,8 @@ class Outlier:
     unit: str = "m"
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
+@dataclass(frozen=True, repr=False, eq=False)
+class Calibration(Result):
     """A calibrated arm and an account of it.
 
     Attributes:
@@ -83,12 +85,21 @@ class Calibration:
             calibrated one [m]; None where there are too few poses.
     """
 
+    TOLD = ("declared_rms", "rms", "noise_rms", "held_out", "weighed", "scatter", "fitted", "flags")
+    ROWS = "fitted"
+
     arm: Arm
     fit: Fit
     placed: View
     measurements: Measurements
     flags: tuple[Flag, ...] = ()
     held_out: tuple[float, float] | None = None
+
+    @property
+    def fitted(self) -> list[dict[str, Any]]:
+        """What was fitted, a row each: deviation from the declared value, standard uncertainty, prior."""
+        named = ("name", "value", "std", "unit", "prior", "determined")
+        return [{name: getattr(one, name) for name in named} for one in self.parameters]
 
     @property
     def declared_rms(self) -> float:

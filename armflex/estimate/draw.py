@@ -16,7 +16,7 @@ from armflex.estimate.blocks import blocks_of
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.linear_gaussian import root_of_covariance
 from armflex.mechanics.deflection import check_positions
-from armflex.mechanics.loads import Payload
+from armflex.mechanics.loaded import Payload
 from armflex.mechanics.many_rows import draw_laws
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup

@@ -15,7 +15,7 @@ from armflex.errors import Flag
 from armflex.estimate.posterior import displacement_covariance, without_declared_uncertainty
 from armflex.laws.effects.remember import remembers
 from armflex.mechanics.deflection import Deflection, DeflectionBatch
-from armflex.mechanics.loads import Payload
+from armflex.mechanics.loaded import Payload
 from armflex.rows import Rows
 from armflex.rows.wrench import Wrench, wrenches_in
 

@@ -17,10 +17,11 @@ from armflex.errors import NO_ANSWER, MissingCovariateError, Place, UnsupportedE
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.location import drive_of, resolve, site_of
+from armflex.laws.effects.location import resolve, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
-from armflex.robot.urdf import MOVING
+from armflex.robot.urdf import MOVING, drive_of
+from armflex.rows.wrench import Wrench, wrenches_in
 
 POSES = 128
 """Configurations within the limits over which it is told what a file leaves out."""
@@ -165,7 +166,7 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
         aside = [effect for effect in arm.effects if needs_columns(arm, effect)]
         whole = replace(arm, effects=tuple(effect for effect in arm.effects if effect not in aside))
         drawn = configurations(arm)
-        groups = [(name, drawn, {}) for name in dict.fromkeys(("none", *arm.payloads))]
+        groups = [(name, drawn, {}, ()) for name in dict.fromkeys(("none", *arm.payloads))]
         where = f"{POSES} configurations within the joints' limits"
     else:
         whole, groups = arm, []
@@ -173,9 +174,10 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
             known = known_rows(arm, over)
         for name in dict.fromkeys(over.payload):
             mine = np.array([payload == name for payload in over.payload])
-            groups.append((name, over.q[mine], {key: values[mine] for key, values in known.items()}))
+            pulled = wrenches_in(over.wrenches, np.flatnonzero(mine))
+            groups.append((name, over.q[mine], {key: values[mine] for key, values in known.items()}, pulled))
         where = f"the {len(over)} rows given"
-    found = [_lost(whole, name, q, known) for name, q, known in groups]
+    found = [_lost(whole, *group) for group in groups]
     at_work = [effect.title for effect in whole.effects if not effect.law.changes_model]
     lines = [f"What this file leaves out (compliance, effects, loads) moves the tip, over {where}, by"]
     for one in found:
@@ -192,11 +194,11 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
     return (*lines, *unknown), numbers
 
 
-def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Lost:
-    """Return how far the arm with a payload is from its rigid self in (N, nq) rows with their (N,) columns."""
+def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array], pulled: tuple[Wrench, ...]) -> Lost:
+    """Return how far the arm is from its rigid self in (N, nq) rows of a payload with their (N,) columns and forces."""
     rigid = tips(arm, joint_frames(arm, zeros=True), q)[:, :3, 3]
-    tip = _answers(arm, payload, q, known)
-    plain = _answers(replace(arm, effects=()), payload, q, known) if arm.effects else tip
+    tip = _answers(arm, payload, q, known, pulled)
+    plain = _answers(replace(arm, effects=()), payload, q, known, pulled) if arm.effects else tip
     answered = np.isfinite(tip).all(axis=1)
     away = np.linalg.norm(tip - rigid, axis=1)[answered]
     share = np.linalg.norm(tip - plain, axis=1)[answered & np.isfinite(plain).all(axis=1)]
@@ -206,16 +208,17 @@ def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Lost:
     )
 
 
-def _answers(arm: Arm, payload: str, q: Array, known: dict[str, Array]) -> Array:
+def _answers(arm: Arm, payload: str, q: Array, known: dict[str, Array], pulled: tuple[Wrench, ...]) -> Array:
     """Return the (N, 3) place of the tip, NaN in rows that have no answer."""
     loaded: dict[str, Any] = {"payload": payload, "enforce_limits": False}
     try:
         rows: ManyRows = q
-        return arm.deflection(rows, covariates=known, **loaded).pose[:, :3, 3]
+        return arm.deflection(rows, covariates=known, wrenches=pulled, **loaded).pose[:, :3, 3]
     except tuple(NO_ANSWER.values()):
         found = np.full((len(q), 3), np.nan)
     for i in range(len(q)):
         with suppress(*NO_ANSWER.values()):
             given = {name: values[i] for name, values in known.items()}
-            found[i] = arm.deflection(q[i], covariates=given, **loaded).pose.translation
+            own = wrenches_in(pulled, i)
+            found[i] = arm.deflection(q[i], covariates=given, wrenches=own, **loaded).pose.translation
     return found

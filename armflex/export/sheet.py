@@ -37,11 +37,11 @@ from armflex.export.rigid import (
 )
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act
-from armflex.laws.effects.location import drive_of
 from armflex.measured.measurements import read_measurements
 from armflex.parameters import Kind, fitted_group
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
+from armflex.robot.urdf import drive_of
 from armflex.setup import Setup
 
 NEARLY_PARALLEL = 0.1

@@ -35,17 +35,17 @@ from armflex.files.effect_file import read_effect
 from armflex.files.sensor_table import read_sensors
 from armflex.laws import read_law
 from armflex.laws.declared import model_of
-from armflex.laws.effects.location import drive_axis, drive_of
+from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.linear import softness
 from armflex.laws.law import anywhere
 from armflex.laws.learned import read_learning
-from armflex.mechanics.loads import Payload
+from armflex.mechanics.loaded import Payload
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
 from armflex.robot.reader import rotation_of
-from armflex.robot.urdf import MAX_LINKS, MOVING, Joint
+from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
 from armflex.setup import Setup
 from armflex.storage.whole_file import remove, write_whole
 

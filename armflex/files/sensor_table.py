@@ -8,7 +8,7 @@ from armflex.conventions import SMALLEST_STD
 from armflex.declaration import Declaration
 from armflex.errors import did_you_mean, listing
 from armflex.readings import SENSOR_KINDS, SlideEncoder
-from armflex.readings.sensor import Sensor, Shaft
+from armflex.readings.sensor import LONGEST, Sensor, Shaft
 from armflex.robot import Robot
 
 FURTHEST = 50.0
@@ -16,9 +16,6 @@ FURTHEST = 50.0
 
 SEEN_FROM = {"distance": "anchor_link", "relative_position": "seen_from"}
 """Key of the link that the other end is on."""
-
-LONGEST = {"m": 10.0, "rad": 3.2, "m/s^2": 100.0, "1": 0.5}
-"""A standard deviation beyond which a number is in another unit."""
 
 
 def read_sensors(tables: dict[str, Declaration], robot: Robot) -> dict[str, Sensor]:

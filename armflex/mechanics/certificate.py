@@ -31,7 +31,7 @@ from armflex.conventions import Array
 from armflex.laws import Law
 from armflex.laws.law import Ranges, block_norms
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.loads import Load
+from armflex.mechanics.pinocchio_model import Load
 
 SHARE = 0.9
 """Of the bound 1 that is used, so that rounding is no part of the proof."""
@@ -175,11 +175,17 @@ def bound_stability(
     weights = [gravity * mass[i:].sum() for i in joints]
     moments = [gravity * float(mass[i:] @ (along[i:] - along[i] + own[i:])) for i in joints]
     with np.errstate(over="ignore", invalid="ignore"):
-        whole, (parts, compliance_bound) = (
-            _changes(places, np.array(weights), np.array(moments)),
-            _steepest(stack, ranges),
-        )
-        reference = _reference(compliance_bound, whole)
+        whole = _changes(places, np.array(weights), np.array(moments))
+        parts, compliance_bound = _steepest(stack, ranges)
+        # Laws without a bound are taken for as soft as the softest of the others: it is a norm that is chosen, no more.
+        softest = compliance_bound.max(axis=0, initial=1e-12)
+        given = np.maximum(compliance_bound, 1e-3 * softest)
+        given[~compliance_bound.any(axis=(1, 2))] = softest
+        # Shifts and turns in which the bound is near its least: the eigenvector of what bounds C G E.
+        reference = np.ones((len(places), 2))
+        for _ in range(30):
+            reference = np.einsum("ipq,iqjr,jr->ip", given, whole, reference)
+            reference = np.maximum(reference / reference.max(initial=1e-300), 1e-12)
 
         @cache
         def per_load(link: str) -> Array:
@@ -216,16 +222,3 @@ def _changes(places: np.ndarray, weight: Array, moment: Array) -> Array:
     # exp6's derivative turns by no more than it is turned, and shifts what is turned by half the flexure's own shift.
     total[..., 1] += 0.5 * BALL * total[..., 0]
     return total
-
-
-def _reference(known: Array, changes: Array) -> Array:
-    """Return (n, 2) shifts and turns in which the bound is near its least: the eigenvector of what bounds C G E."""
-    # Laws without a bound are taken for as soft as the softest of the others: it is a norm that is chosen, no more.
-    softest = known.max(axis=0, initial=1e-12)
-    given = np.maximum(known, 1e-3 * softest)
-    given[~known.any(axis=(1, 2))] = softest
-    shape = np.ones(changes.shape[:2])
-    for _ in range(30):
-        shape = np.einsum("ipq,iqjr,jr->ip", given, changes, shape)
-        shape = np.maximum(shape / shape.max(initial=1e-300), 1e-12)
-    return shape

@@ -9,19 +9,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.conventions import LARGEST_POSITION, Array, real_array
+from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, WRENCH_NAMES, Array, real_array
 from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
 from armflex.laws import Row
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, tangent_of
-from armflex.mechanics.laws import LawStack, RowLaws
-from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Structure
-from armflex.mechanics.loads import Payload
+from armflex.mechanics.laws import RowLaws
+from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
 from armflex.mechanics.many_rows import (
     AT_ONCE,
     NO_CHANGES,
@@ -37,6 +36,8 @@ from armflex.mechanics.many_rows import (
 )
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 from armflex.parallel import in_order
+from armflex.result import Result
+from armflex.robot.urdf import drive_of
 from armflex.rows.wrench import check_rows
 
 PIECE = 16384
@@ -65,8 +66,21 @@ class Asked(NamedTuple):
 Length = TypeVar("Length", float, Array)
 
 
-class _Result(Generic[Length]):
-    """What follows alike for one configuration and for N; `...` is nothing for one."""
+class _Result(Result, Generic[Length]):
+    """What follows alike for one configuration and for N; `...` is nothing for one.
+
+    Attributes:
+        arm, case: The arm, where its joints are, and what acts.
+        displacement: (..., 6) flexed minus rigid, base axes [m, rad].
+        contributions: (..., n_flexures, 6) first-order share of each flexure in it [m, rad].
+        corrected: (..., 6) share of what calibration corrected [m, rad].
+        covariance: (..., 6, 6) of the displacement [m, rad and mixed], None where no law carries one.
+        drive_loads: (..., nq) load on every drive along or about its axis [N, Nm].
+        wrenches, twists: (..., n_flexures, 6) load on [N, Nm] and deflection of [m, rad] every flexure, local axes.
+    """
+
+    TOLD = ("q", "displacement", "covariance", "contributions", "wrenches", "twists")
+    ROWS = "table"
 
     arm: Structure
     case: LoadCase
@@ -75,6 +89,8 @@ class _Result(Generic[Length]):
     corrected: Array
     covariance: Array | None
     drive_loads: Array
+    wrenches: Array
+    twists: Array
 
     @property
     def q(self) -> Array:
@@ -85,6 +101,17 @@ class _Result(Generic[Length]):
     def names(self) -> Names:
         """Joints, flexures, base and tip."""
         return self.arm.names
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Load [N, Nm] and deflection [m, rad] of every flexure by column; of many rows q and displacement of each."""
+        if self.q.ndim > 1:
+            q = {f"q_{name}": values for name, values in zip(self.names.joints, self.q.T, strict=True)}
+            return q | dict(zip(TWIST_NAMES, self.displacement.T, strict=True))
+        columns = dict(zip(WRENCH_NAMES, self.wrenches.T, strict=True)) | dict(
+            zip(TWIST_NAMES, self.twists.T, strict=True)
+        )
+        return {"flexure": self.names.flexures, **columns}
 
     @property
     def drive_shares(self) -> Array:
@@ -136,12 +163,6 @@ def length_sigma(vectors: Array, covariance: Array, short: bool = False) -> Arra
         variance = total - 2.0 * length * longer
     variance = np.where(length > 0.0, np.maximum(variance, 0.0), total)
     return np.where(endless, np.inf, np.sqrt(variance))
-
-
-def _drive_axes(arm: Structure) -> Array:
-    """Return the (nq, 6) axes of the joints among the coordinates of a wrench: along which each drive is loaded."""
-    pairs = ([joint.axis, np.zeros(3)][:: 1 if joint.kind == "prismatic" else -1] for joint in arm.robot.moving)
-    return np.array([np.concatenate(pair) for pair in pairs]).reshape(-1, 6)
 
 
 @dataclass(frozen=True, init=False, repr=False, eq=False)
@@ -239,7 +260,8 @@ class Deflection(_Result[float]):
     @property
     def drive_loads(self) -> Array:
         """(nq,) load on every drive about or along its joint's axis [Nm or N]."""
-        return np.einsum("ja,ja->j", self.joint_loads, _drive_axes(self.arm))
+        pairs = zip(self.arm.robot.moving, self.joint_loads, strict=True)
+        return np.array([drive_of(joint) @ load for joint, load in pairs])
 
     @property
     def overload(self) -> tuple[Flag, ...]:
@@ -271,8 +293,8 @@ class Deflection(_Result[float]):
         """(6, nq) change of the tip (origin, rotation; base axes) [m, rad] per joint, flexures following loads."""
         flex, wrenches, row = self._mechanics.flex, self.wrenches.ravel(), self._row
         turned = self._mechanics.stiffness(self._configuration, self.solved.case)[:, flex.v_index]
-        given = self._stack.tangent(wrenches, row) @ turned[flex.flexure_v]
-        following = self._stack.change_with_position(wrenches, row) - given
+        given = self.arm.stack.tangent(wrenches, row) @ turned[flex.flexure_v]
+        following = self.arm.stack.change_with_position(wrenches, row) - given
         return self.joint_jacobian + self.flexure_jacobian @ np.linalg.solve(self.tangent, following)
 
     @cached_property
@@ -293,7 +315,7 @@ class Deflection(_Result[float]):
     def compliance(self) -> Array:
         """(6, 6) displacement of the tip per wrench at the tip origin, base axes, about the solution [m/N, ...]."""
         tip = self._mechanics.tip_jacobian(self._configuration)[:, self._mechanics.flex.flexure_v]
-        given = self._stack.tangent(self.wrenches.ravel(), self._row) @ tip.T
+        given = self.arm.stack.tangent(self.wrenches.ravel(), self._row) @ tip.T
         return self.flexure_jacobian @ np.linalg.solve(self.tangent, given)
 
     @cached_property
@@ -302,7 +324,7 @@ class Deflection(_Result[float]):
 
         It is of the laws alone: what a calibration or a trace fitted is left out; see `armflex.total_covariance`.
         """
-        laws = self._stack.covariance(self.wrenches.ravel(), self._row)
+        laws = self.arm.stack.covariance(self.wrenches.ravel(), self._row)
         if laws is None:
             return None
         gain = np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T
@@ -311,10 +333,6 @@ class Deflection(_Result[float]):
     @property
     def _mechanics(self) -> Mechanics:
         return self.solved.loaded.mechanics
-
-    @property
-    def _stack(self) -> LawStack:
-        return self.arm.stack
 
     @cached_property
     def _configuration(self) -> Array:
@@ -343,7 +361,7 @@ class Deflection(_Result[float]):
     @cached_property
     def unseen(self) -> tuple[Flag, ...]:
         """Flags about loads beyond those that a trained law has seen."""
-        return self._stack.flags(self.wrenches.ravel(), self._row) if self._stack.trained else ()
+        return self.arm.stack.flags(self.wrenches.ravel(), self._row) if self.arm.stack.trained else ()
 
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
         """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm."""
@@ -459,7 +477,8 @@ class DeflectionBatch(_Result[Array]):
     @cached_property
     def drive_loads(self) -> Array:
         """(N, nq) load on every drive about or along its joint's axis [Nm or N]."""
-        moving, found, axes = self.arm.robot.moving, np.empty_like(self.q), _drive_axes(self.arm)
+        moving, found = self.arm.robot.moving, np.empty_like(self.q)
+        axes = np.array([drive_of(joint) for joint in moving])
         for loaded, rows in self._compiled:
             pushes = Pushes(loaded, self.case.some(rows).wrenches, sited=True)
             at = (self.q[rows], self.twists[rows])

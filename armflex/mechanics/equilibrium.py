@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armflex.conventions import Array
+from armflex.conventions import LARGEST, Array
 from armflex.errors import (
     ConvergenceError,
     InputError,
@@ -104,8 +104,12 @@ def find_equilibrium(
     if laws.changing:
         laws.know(loaded.row(case.q, case.covariates))
     rigid, load, law = mechanics.rigid_configuration(case.q), mechanics.load(case), laws.motion
-    # To look for what runs away takes as long as a quarter of a step; the weight on laws that are not curved does not.
-    tame, found = load is mechanics.weight and laws.tame and not laws.curved, None
+    # To look for what runs away takes as long as a quarter of a step. Laws that are not curved do not under the weight,
+    # nor under loads of a size that a quantity may have.
+    weight, found = load is mechanics.weight, None
+    tame = laws.tame and not laws.curved and not case.moves
+    for one in () if weight else (*case.wrenches, *mechanics.pulls):
+        tame = tame and max(one.sizes) < LARGEST
     if method == "first_order":
         torque = load(rigid)
         found = Equilibrium(loaded, case, rigid, law(torque), torque, method, ())
@@ -124,7 +128,7 @@ def find_equilibrium(
     if method != "first_order":
         bound = loaded.stability_bound
         if within and bound is not None and found.motion.dot(found.motion) < SMALL:
-            known = tame and bound.proven
+            known = weight and tame and bound.proven
             if known or _proven(bound, found, load):
                 return found
         found = _checked(found, load)

@@ -61,17 +61,13 @@ in_order = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 class Arm(NamedTuple):
-    """Numbers of an arm with a payload, and the dead wrenches on its links; see `Chain` and `Pushes`.
-
-    `acting` is as long as there are wrenches: a tuple for none, so that the compiler leaves the loops over them out.
-    """
+    """Numbers of an arm with a payload, and the dead wrenches on its links; see `Chain` and `Pushes`."""
 
     elements: Array
     kinds: Array
     flexures: int
     links: np.ndarray
     wrenches: Array
-    acting: Array | tuple[()]
 
 
 class Laws(NamedTuple):
@@ -117,18 +113,35 @@ def room_for(flexures: int, links: int, lanes: int, rooms: int = 1) -> Array:
     return np.empty((rooms, 12 * flexures + 8 + links, 6, lanes))
 
 
+def packed(*arrays: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return arrays of one type behind one another in one, and views of it that are shaped as they are."""
+    whole, starts = np.concatenate([one.ravel() for one in arrays]), np.cumsum([0, *(one.size for one in arrays)])
+    return whole, [whole[i : i + one.size].reshape(one.shape) for i, one in zip(starts, arrays, strict=False)]
+
+
 @jit
-def solve_one(
-    elements, kinds, links, wrenches, acting, compliance, offset, neurons, starts, hardening, bounds, room, hidden,
-    exact, q, twists, displacement,
-):  # fmt: skip
-    """Fill the (6,) displacement and the (n, 6) twists at (nq,) positions; return whether it converged."""
+def solve_one(numbers, counts, exact, q, twists, displacement):
+    """Fill the (6,) displacement and the (n, 6) twists at (nq,) positions; return whether it converged.
+
+    An array costs as long to be handed over as a joint to be placed, so those that stay are `packed`: in `numbers`
+    elements, wrenches, compliance, offset, neurons, hardening, (2, nq) bounds of q, a room and as much memory as there
+    are neurons; in `counts` those of elements, links and neurons, then kinds, links and starts. See `Arm` and `Laws`.
+    """
+    n, m, many, neurons = len(twists), counts[0], counts[1], counts[2]
+    a, b = 20 * (m + 1), 9 * many
+    c, d, e, f = a + b, a + b + 36 * n, a + b + 42 * n, a + b + 42 * n + 13 * neurons
+    bounds = numbers[f + 42 * n :]
     for j in range(len(q)):
-        if not bounds[0, j] <= q[j] <= bounds[1, j]:
+        if not bounds[j] <= q[j] <= bounds[len(q) + j]:
             return False
-    arm = Arm(elements, kinds, len(twists), links, wrenches, acting)
-    laws = Laws(compliance, offset, neurons, starts, hardening)
-    here = _divided(room, hidden, len(twists))
+    k, g = 3 + 4 * m, 3 + 4 * m + 2 * many
+    chain, kinds, links = numbers[:a].reshape((m + 1, 20)), counts[3:k].reshape((4, m)), counts[k:g].reshape((many, 2))
+    arm = Arm(chain, kinds, n, links, numbers[a:c].reshape((1, many, 9)))
+    compliance, offset = numbers[c:d].reshape((1, n, 6, 6)), numbers[d:e].reshape((1, n, 6))
+    hardening = numbers[f : f + 42 * n].reshape((n, 7, 6))
+    laws = Laws(compliance, offset, numbers[e:f].reshape((neurons, 13)), counts[g:], hardening)
+    memory, rows = bounds[2 * len(q) :], 12 * n + 8 + many
+    here = _divided(memory[: 6 * rows].reshape((rows, 6, 1)), memory[6 * rows :], n)
     _place(arm, here, q.reshape(1, -1), 0, ONE)
     _weigh(arm, here, False, 0, ONE)
     _solve(arm, laws, here, 0, exact, ONE)
@@ -142,7 +155,7 @@ def solve_one(
 
 @jit
 def solve_many(
-    elements, kinds, links, wrenches, acting, compliance, offset, neurons, starts, hardening, rooms, ready, q, exact,
+    elements, kinds, links, wrenches, compliance, offset, neurons, starts, hardening, rooms, ready, q, exact,
     displacement, loads, twists, converged,
 ):  # fmt: skip
     """Fill (N, 6) displacements, (N, n, 6) loads and twists, and (N,) whether they are solutions, at (N, nq) q.
@@ -152,7 +165,7 @@ def solve_many(
     `ready`: the rigid arm need not be placed again, and the arm comes to rest from where it rested.
     """
     lanes, hidden, n = np.arange(LANES), np.empty(len(neurons) * LANES), twists.shape[1]
-    arm = Arm(elements, kinds, n, links, wrenches, acting)
+    arm = Arm(elements, kinds, n, links, wrenches)
     laws = Laws(compliance, offset, neurons, starts, hardening)
     for first in range(0, len(q), len(lanes)):
         here = _divided(rooms[min(first // len(lanes), len(rooms) - 1)], hidden, n)
@@ -419,7 +432,7 @@ def _place(arm, room, q, first, lanes):
                 for c in range(len(lanes)):
                     moment[carrier, i, c] += mass * tip[0, i, c]
             _shift(moment, carrier, here, mass * elements[k, 16], mass * elements[k, 17], mass * elements[k, 18], lanes)
-        for j in range(len(arm.acting)):
+        for j in range(len(arm.links)):
             if arm.links[j, 0] == k:
                 for i in range(3):
                     for c in range(len(lanes)):
@@ -555,7 +568,7 @@ def _weigh(arm, room, flexed, first, lanes):
         if flexed:
             _lean(room.pull, 0, room, k, lanes)
         _load(arm.elements[k, 19], room, k, lanes)
-    for j in range(len(arm.acting)):
+    for j in range(len(arm.links)):
         _push(arm, room, j, flexed, first, lanes)
 
 
@@ -734,7 +747,7 @@ def sensitivities(elements, kinds, links, wrenches, changes, q, twists, complian
         by_law: To be filled.
         distance: (N,) to be filled with the Frobenius norm of C G E, see the head of this module.
     """
-    n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches, ())
+    n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches)
     here, size = _flexed_room(arm), 6 * n
     matrix, right = np.empty((size, size)), np.empty((size, 6))
     for row in range(len(q)):
@@ -784,7 +797,7 @@ def responses(
         motions: (N, l, 6, 6) change of the tip per wrench at the origin of each of the last l frames, base axes.
         gravity: (N, 6, 3) change of the tip per change of gravity.
     """
-    n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches, ())
+    n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches)
     here, m, wanted = _flexed_room(arm), kinds.shape[1], len(joints) + len(sites) + len(motions) + len(gravity)
     turn, origin, base, own, local = np.empty((3, 3)), np.empty(3), np.empty((6, WIDTH)), np.eye(6), np.empty((6, 6))
     unmoved, none = np.zeros((n, 6, 6)), np.zeros((6, WIDTH))
@@ -792,14 +805,18 @@ def responses(
         _flex(arm, here, q[row], twists[row], row)
         if wanted:
             _motions(arm, here, twists[row], unmoved)
-            _virtual(here, arm, by_load[row])
+            for i in range(n):
+                k = kinds[3, i]
+                _action(here.turn[k], here.origin[k], own)
+                _times(own, by_load[row][:, i].T, here.step[i])
             _pair(arm, here, changes, row)
             _rigid_field(here.tip, base)
         for k in range(1, m if len(joints) else 1):
             if kinds[0, k] & 3 == TURNS or kinds[0, k] & 3 == SLIDES:
                 _along_joint(arm, here, base if k <= elements[-1, 15] else none, k, own, joints[row])
         for f in range(len(places[0])):
-            _frame_pose(here, places[0, f], frames[f], turn, origin)
+            k = places[0, f]
+            _compose(here.turn[k], here.origin[k], frames[f], turn, origin)
             if len(poses):
                 poses[row, f] = 0.0
                 poses[row, f, :3, :3], poses[row, f, :3, 3], poses[row, f, 3, 3] = turn, origin, 1.0
@@ -817,7 +834,7 @@ def responses(
                         loads[row, f, a] += own[c, a] * here.load[places[1, f], c]
             link = f - len(places[0]) + motions.shape[1]
             if len(motions) and link >= 0:
-                _point_motion(here.motion[places[0, f]], origin, motions[row, link])
+                _point_motion(here.motion[k], origin, motions[row, link].T)
         if len(gravity):
             _shifted_mass(here, gravity[row])
 
@@ -825,12 +842,12 @@ def responses(
 @jit
 def rigid_tips(elements, kinds, q, poses):
     """Fill the (N, 4, 4) poses of the rigid arm's tip at (N, nq) joint positions."""
-    arm = Arm(elements, kinds, 0, np.empty((0, 2), dtype=np.int64), np.empty((1, 0, 9)), ())
+    arm = Arm(elements, kinds, 0, np.empty((0, 2), dtype=np.int64), np.empty((1, 0, 9)))
     here, m = _flexed_room(arm), kinds.shape[1]
     none, turn = np.empty((0, 6)), np.empty((3, 3))
     for row in range(len(q)):
         _flex(arm, here, q[row], none, row)
-        _frame_pose(here, m - 1, elements[m, :12], turn, here.tip)
+        _compose(here.turn[m - 1], here.origin[m - 1], elements[m], turn, here.tip)
         poses[row] = 0.0
         poses[row, :3, :3], poses[row, :3, 3], poses[row, 3, 3] = turn, here.tip, 1.0
 
@@ -886,37 +903,28 @@ def _flexed_room(arm):
 def _flex(arm, here, q, twists, row):
     """Place the flexed arm, and find the loads on all that is outboard of each element."""
     elements, kinds, m = arm.elements, arm.kinds, arm.kinds.shape[1]
-    turn, origin, local, shift = here.turn, here.origin, np.empty((3, 3)), np.empty(3)
-    for k in range(m):
-        kind, own = kinds[0, k], kinds[1, k]
-        if k == 0:
-            turn[0], origin[0] = np.eye(3), 0.0
-            _fix(here, 0, elements[0])
+    turn, origin, local, moved = here.turn, here.origin, np.empty(12), np.empty(6)
+    turn[0], origin[0] = np.eye(3), 0.0
+    for k in range(1, m):
+        kind, own = kinds[0, k] & 3, kinds[1, k]
+        _compose(turn[k - 1], origin[k - 1], elements[k], turn[k], origin[k])
+        if kind == RIGID or (kind == FLEXURE and len(twists) == 0):
             continue
         for i in range(3):
-            shift[i] = elements[k, 9 + i]
+            along = 0.0 if kind == FLEXURE else elements[k, 12 + i] * q[own]
+            moved[i], moved[3 + i] = (along, 0.0) if kind == SLIDES else (0.0, along)
+        _exponential(twists[own] if kind == FLEXURE else moved, local)
+        before, at = turn[k].copy(), origin[k].copy()
+        _compose(before, at, local, turn[k], origin[k])
+    for k in range(m):
+        mass = here.body[k, 0] = elements[k, 15]
+        for i in range(3):
+            at = origin[k, i]
             for j in range(3):
-                local[i, j] = elements[k, 3 * i + j]
-        _compose(turn[k - 1], origin[k - 1], local, shift, turn[k], origin[k])
-        if kind & 3 == FLEXURE and len(twists):
-            _exponential(twists[own], local, shift)
-        elif kind & 3 == TURNS:
-            for i in range(3):
-                here.load[k, i], here.load[k, 3 + i] = 0.0, elements[k, 12 + i] * q[own]
-            _exponential(here.load[k], local, shift)
-        elif kind & 3 == SLIDES:
-            for i in range(3):
-                here.load[k, i], here.load[k, 3 + i] = elements[k, 12 + i] * q[own], 0.0
-            _exponential(here.load[k], local, shift)
-        if kind & 3 != RIGID and (kind & 3 != FLEXURE or len(twists)):
-            before, at = turn[k].copy(), origin[k].copy()
-            _compose(before, at, local, shift, turn[k], origin[k])
-        _fix(here, k, elements[k])
-    end = int(elements[m, 15])
-    for i in range(3):
-        here.tip[i] = origin[end, i]
-        for j in range(3):
-            here.tip[i] += turn[end, i, j] * elements[m, 9 + j]
+                at += turn[k, i, j] * elements[k, 16 + j]
+            here.body[k, 1 + i] = mass * at
+    before, end = np.empty((3, 3)), int(elements[m, 15])
+    _compose(turn[end], origin[end], elements[m], before, here.tip)
     gx, gy, gz = elements[m, 12], elements[m, 13], elements[m, 14]
     for k in range(m - 1, -1, -1):
         mass, x, y, z = here.body[k, 0], here.body[k, 1], here.body[k, 2], here.body[k, 3]
@@ -941,60 +949,37 @@ def _flex(arm, here, q, twists, row):
 
 
 @called
-def _compose(turn, origin, local, shift, into, at):
-    """Fill the product of two poses."""
+def _compose(turn, origin, frame, into, at):
+    """Fill the product of a pose and a frame's: its rotation row by row, and its origin."""
     for i in range(3):
-        at[i] = origin[i] + turn[i, 0] * shift[0] + turn[i, 1] * shift[1] + turn[i, 2] * shift[2]
+        at[i] = origin[i] + turn[i, 0] * frame[9] + turn[i, 1] * frame[10] + turn[i, 2] * frame[11]
         for j in range(3):
-            into[i, j] = turn[i, 0] * local[0, j] + turn[i, 1] * local[1, j] + turn[i, 2] * local[2, j]
+            into[i, j] = turn[i, 0] * frame[j] + turn[i, 1] * frame[3 + j] + turn[i, 2] * frame[6 + j]
 
 
 @called
-def _exponential(twist, turn, shift):
-    """Fill the pose exp6 of a twist."""
+def _exponential(twist, frame):
+    """Fill the frame that exp6 of a twist is: its rotation row by row, and its origin."""
     x, y, z = twist[3], twist[4], twist[5]
     s = x * x + y * y + z * z
     if s < 0.02:
-        second, third = (
-            0.5 - s * (1 / 24 - s * (1 / 720 - s / 40320)),
-            1 / 6 - s * (1 / 120 - s * (1 / 5040 - s / 362880)),
-        )
+        second = 0.5 - s * (1 / 24 - s * (1 / 720 - s / 40320))
+        third = 1 / 6 - s * (1 / 120 - s * (1 / 5040 - s / 362880))
     else:
         angle = math.sqrt(s)
         second, third = 2.0 * math.sin(0.5 * angle) ** 2 / s, (angle - math.sin(angle)) / (s * angle)
     first = 1.0 - third * s
     vx, vy, vz = twist[0], twist[1], twist[2]
     ox, oy, oz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
-    shift[0] = vx + second * ox + third * (y * oz - z * oy)
-    shift[1] = vy + second * oy + third * (z * ox - x * oz)
-    shift[2] = vz + second * oz + third * (x * oy - y * ox)
-    turn[0, 0], turn[0, 1], turn[0, 2] = (
-        1.0 - second * (y * y + z * z),
-        second * x * y - first * z,
-        second * x * z + first * y,
-    )
-    turn[1, 0], turn[1, 1], turn[1, 2] = (
-        second * x * y + first * z,
-        1.0 - second * (x * x + z * z),
-        second * y * z - first * x,
-    )
-    turn[2, 0], turn[2, 1], turn[2, 2] = (
-        second * x * z - first * y,
-        second * y * z + first * x,
-        1.0 - second * (x * x + y * y),
-    )
-
-
-@called
-def _fix(here, k, element):
-    """Fill mass and first moment about the base of what is fixed to element k."""
-    mass = element[15]
-    here.body[k, 0] = mass
-    for i in range(3):
-        at = here.origin[k, i]
-        for j in range(3):
-            at += here.turn[k, i, j] * element[16 + j]
-        here.body[k, 1 + i] = mass * at
+    frame[9] = vx + second * ox + third * (y * oz - z * oy)
+    frame[10] = vy + second * oy + third * (z * ox - x * oz)
+    frame[11] = vz + second * oz + third * (x * oy - y * ox)
+    u, v, w = second * x, second * y, second * z
+    xx, yy, zz, xy, xz, yz = u * x, v * y, w * z, u * y, u * z, v * z
+    x, y, z = first * x, first * y, first * z
+    frame[0], frame[1], frame[2] = 1.0 - yy - zz, xy - z, xz + y
+    frame[3], frame[4], frame[5] = xy + z, 1.0 - xx - zz, yz - x
+    frame[6], frame[7], frame[8] = xz - y, yz + x, 1.0 - xx - yy
 
 
 @called
@@ -1005,13 +990,8 @@ def _motions(arm, here, twists, compliance):
         k = arm.kinds[3, i]
         _action(here.turn[k], here.origin[k], own)
         _right_jacobian(twists[i], derivative)
-        for a in range(6):
-            for b in range(6):
-                moved = given = 0.0
-                for c in range(6):
-                    moved += own[a, c] * derivative[c, b]
-                    given += own[a, c] * compliance[i, b, c]
-                here.by_twist[i, a, b], here.by_load[i, a, b] = moved, given
+        _times(own, derivative, here.by_twist[i])
+        _times(own, compliance[i].T, here.by_load[i])
 
 
 @called
@@ -1052,31 +1032,11 @@ def _right_jacobian(twist, found):
             found[a, b] = 1.0 if a == b else 0.0
             power[a, b] = found[a, b]
     for factor in (one, two, three, four):
-        for a in range(6):
-            for b in range(6):
-                value = 0.0
-                for c in range(6):
-                    value += ad[a, c] * power[c, b]
-                next_power[a, b] = value
+        _times(ad, power, next_power)
         for a in range(6):
             for b in range(6):
                 power[a, b] = next_power[a, b]
                 found[a, b] += factor * power[a, b]
-
-
-@called
-def _virtual(here, arm, by_load):
-    """Fill `step` with the virtual motions that pair with the changes of the flexures' loads."""
-    own = np.empty((6, 6))
-    for i in range(arm.flexures):
-        k = arm.kinds[3, i]
-        _action(here.turn[k], here.origin[k], own)
-        for a in range(6):
-            for r in range(6):
-                value = 0.0
-                for c in range(6):
-                    value += own[a, c] * by_load[r, i, c]
-                here.step[i, a, r] = value
 
 
 @called
@@ -1137,7 +1097,7 @@ def _push_back(arm, here, changes, row):
     """From `motion`, fill `pushed` and `field`."""
     m, elements, motion, field = arm.kinds.shape[1], arm.elements, here.motion, here.field
     gx, gy, gz = elements[m, 12], elements[m, 13], elements[m, 14]
-    push, shift = np.zeros((6, WIDTH)), np.empty((6, WIDTH))
+    push, still = np.zeros((6, WIDTH)), np.zeros((6, WIDTH))
     for k in range(m - 1, -1, -1):
         own, mass, x, y, z = motion[k], here.body[k, 0], here.body[k, 1], here.body[k, 2], here.body[k, 3]
         if mass > 0.0:
@@ -1150,23 +1110,14 @@ def _push_back(arm, here, changes, row):
                 push[5, r] -= gx * sy - gy * sx
         for j in range(len(arm.links)):
             if arm.links[j, 0] == k:
-                _pair_link(arm, here, j, own, changes, row, shift, push)
+                _pair_link(arm, here, j, own, changes, row, push)
         for a in range(6):
             for r in range(WIDTH):
                 here.pushed[k, a, r] = push[a, r]
-        load, to, before = here.load[k], field[k], motion[k - 1] if k else field[k]
+        load, to, before = here.load[k], field[k], motion[k - 1] if k else still
         fx, fy, fz, mx, my, mz = load[0], load[1], load[2], load[3], load[4], load[5]
         for r in range(WIDTH):
-            vx, vy, vz, wx, wy, wz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            if k:
-                vx, vy, vz, wx, wy, wz = (
-                    before[0, r],
-                    before[1, r],
-                    before[2, r],
-                    before[3, r],
-                    before[4, r],
-                    before[5, r],
-                )
+            vx, vy, vz, wx, wy, wz = before[0, r], before[1, r], before[2, r], before[3, r], before[4, r], before[5, r]
             to[0, r] = push[0, r] + fy * wz - fz * wy
             to[1, r] = push[1, r] + fz * wx - fx * wz
             to[2, r] = push[2, r] + fx * wy - fy * wx
@@ -1176,34 +1127,25 @@ def _push_back(arm, here, changes, row):
 
 
 @called
-def _pair_link(arm, here, j, own, changes, row, shift, push):
+def _pair_link(arm, here, j, own, changes, row, push):
     """Add what a loaded link gives to the (6, W) push: its dead wrench, and how that changes with its motion."""
     wrench, point = arm.wrenches[min(row, len(arm.wrenches) - 1), j], here.points[j]
     x, y, z = point[0], point[1], point[2]
+    motion, given = np.empty((6, WIDTH)), np.empty((6, WIDTH))
+    _point_motion(own, point, motion)
     for r in range(WIDTH):
-        wx, wy, wz = own[3, r], own[4, r], own[5, r]
-        sx, sy, sz = own[0, r] + wy * z - wz * y, own[1, r] + wz * x - wx * z, own[2, r] + wx * y - wy * x
+        sx, sy, sz, wx, wy, wz = motion[0, r], motion[1, r], motion[2, r], motion[3, r], motion[4, r], motion[5, r]
         push[3, r] -= wrench[4] * sz - wrench[5] * sy + wrench[7] * wz - wrench[8] * wy
         push[4, r] -= wrench[5] * sx - wrench[3] * sz + wrench[8] * wx - wrench[6] * wz
         push[5, r] -= wrench[3] * sy - wrench[4] * sx + wrench[6] * wy - wrench[7] * wx
-        shift[0, r], shift[1, r], shift[2, r], shift[3, r], shift[4, r], shift[5, r] = sx, sy, sz, wx, wy, wz
     if len(changes):
-        change = changes[min(row, len(changes) - 1), j]
-        for r in range(WIDTH):
+        _along(changes[min(row, len(changes) - 1), j], motion, given, 0, 0)
+        for r in range(6):
             for a in range(6):
-                value = 0.0
-                for b in range(6):
-                    value += change[b, a] * shift[b, r]
-                push[a, r] += value
-                if a == 0:
-                    push[4, r] += z * value
-                    push[5, r] -= y * value
-                elif a == 1:
-                    push[3, r] -= z * value
-                    push[5, r] += x * value
-                elif a == 2:
-                    push[3, r] += y * value
-                    push[4, r] -= x * value
+                push[a, r] += given[a, r]
+            push[3, r] += y * given[2, r] - z * given[1, r]
+            push[4, r] += z * given[0, r] - x * given[2, r]
+            push[5, r] += x * given[1, r] - y * given[0, r]
 
 
 @called
@@ -1220,13 +1162,8 @@ def _along(own, field, found, first, at):
 @called
 def _rigid_field(tip, field):
     """Fill the (6, W) motion of the tip per spatial twist of all that is inboard of it: (axis of the twist, tip's)."""
-    x, y, z = tip[0], tip[1], tip[2]
     field[:] = 0.0
-    for i in range(6):
-        field[i, i] = 1.0
-    field[4, 0], field[5, 0] = z, -y
-    field[3, 1], field[5, 1] = -z, x
-    field[3, 2], field[4, 2] = y, -x
+    _action(np.eye(3), -tip, field[:, :6].T)
 
 
 @called
@@ -1243,25 +1180,15 @@ def _along_joint(arm, here, base, k, own, joints):
 
 
 @called
-def _frame_pose(here, element, frame, turn, origin):
-    """Fill the pose of a frame that is fixed to an element."""
-    before, at = here.turn[element], here.origin[element]
-    for i in range(3):
-        origin[i] = at[i] + before[i, 0] * frame[9] + before[i, 1] * frame[10] + before[i, 2] * frame[11]
-        for j in range(3):
-            turn[i, j] = before[i, 0] * frame[j] + before[i, 1] * frame[3 + j] + before[i, 2] * frame[6 + j]
-
-
-@called
 def _point_motion(own, point, found):
-    """Fill the (tip, 6) motion of a point and its axes by a (6, W) virtual spatial motion."""
+    """Fill the (6, W) motion of a point and its axes by a virtual spatial motion."""
     x, y, z = point[0], point[1], point[2]
-    for r in range(6):
+    for r in range(found.shape[1]):
         wx, wy, wz = own[3, r], own[4, r], own[5, r]
-        found[r, 0] = own[0, r] + wy * z - wz * y
-        found[r, 1] = own[1, r] + wz * x - wx * z
-        found[r, 2] = own[2, r] + wx * y - wy * x
-        found[r, 3], found[r, 4], found[r, 5] = wx, wy, wz
+        found[0, r] = own[0, r] + wy * z - wz * y
+        found[1, r] = own[1, r] + wz * x - wx * z
+        found[2, r] = own[2, r] + wx * y - wy * x
+        found[3, r], found[4, r], found[5, r] = wx, wy, wz
 
 
 @called
@@ -1285,7 +1212,7 @@ def compile_everything() -> None:
     laws += (np.zeros((0, 7, 6)),)
     q, twists, changes, tip = np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6)), np.zeros((0, 6))
     by_law, poses, nobody = np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 4, 4)), np.zeros(0, dtype=bool)
-    solve_many(*arm, (), *laws, room_for(0, 0, LANES), False, q, True, tip, twists, twists, nobody)
+    solve_many(*arm, *laws, room_for(0, 0, LANES), False, q, True, tip, twists, twists, nobody)
     sensitivities(*arm, changes, q, twists, laws[0], nobody, by_law, np.zeros(0))
     frames = (np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)), poses)
     responses(

@@ -240,7 +240,10 @@ class PlacedLaws:
         np.put_along_axis(gains[:, :-1].T, own, neurons[:, 7:], axis=1)
         gains[places, -1] = offset[0]
         self._networks = _networks(units, neurons[:, 6].copy(), gains) if len(neurons) else None
-        self.motion = self._usual = _sum(_product(matrix), self._networks)
+        diagonal, linear = np.diag(matrix).copy(), matrix.dot if matrix.any() else None
+        if linear and np.count_nonzero(matrix) == np.count_nonzero(diagonal):  # as usual, and a third of the time
+            linear = partial(np.multiply, diagonal)
+        self.motion = self._usual = _sum(linear, self._networks)
         self._stack, self._size, self._same, self._matrix = stack, size, matrix, matrix.copy()
         self._places = [slice(int(here[0]), int(here[5]) + 1) for here in places]
         self._softer: list[slice] = []
@@ -308,13 +311,3 @@ def _sum(linear: Motion | None, networks: Motion | None) -> Motion:
         return linear(torque) + networks(torque)
 
     return both
-
-
-def _product(matrix: Array) -> Motion | None:
-    """Return the product with a matrix, None with zero; diagonal ones are the usual and take a third of the time."""
-    if not matrix.any():
-        return None
-    diagonal = np.diag(matrix).copy()
-    if np.count_nonzero(matrix) == np.count_nonzero(diagonal):
-        return partial(np.multiply, diagonal)
-    return matrix.dot

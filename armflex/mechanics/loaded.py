@@ -1,4 +1,4 @@
-"""What mechanics knows of an arm, and the arm with one payload: its models, and the proof that it stays."""
+"""What mechanics knows of an arm, what it may carry, and both together: their models, and the proof that it stays."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.conventions import Array
-from armflex.errors import Flag, PayloadError, UnknownNameError
+from armflex.conventions import Array, finite_array
+from armflex.errors import Flag, InputError, PayloadError, UnknownNameError
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.loads import Load, Payload
-from armflex.mechanics.pinocchio_model import Mechanics
+from armflex.mechanics.pinocchio_model import Load, Mechanics
 from armflex.robot import Corrections, FlexModel, Robot, Site, build_model
 from armflex.rows.wrench import Wrench
 
@@ -31,6 +30,62 @@ FORCE_BAND = 10.0
 
 SAG_BAND = 0.1
 """Displacements beyond this fraction of the reach are flagged."""
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A body fixed to the tip.
+
+    Attributes:
+        mass: [kg], 0 or more.
+        com: (3,) centre of mass in the tip frame [m].
+        inertia: (6,) ixx iyy izz ixy ixz iyz about the centre of mass [kg m^2]; only motion needs it.
+
+    Raises:
+        PayloadError: Negative, not finite, or an inertia that no body has.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass", float(_vector(self.mass, "payload mass")))
+        if self.mass < 0.0:
+            raise PayloadError(f"payload mass is {self.mass}, expected 0 kg or more")
+        object.__setattr__(self, "com", _vector(self.com, "payload com", 3))
+        if self.inertia is not None:
+            object.__setattr__(self, "inertia", _vector(self.inertia, "payload inertia", 6))
+            moments = np.linalg.eigvalsh(self.inertia_matrix)
+            if moments[0] < -1e-9 * moments[2] or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-6) + 1e-12:
+                raise PayloadError(f"payload inertia has principal moments {moments.tolist()}, which no body has")
+
+    @property
+    def inertia_matrix(self) -> Array:
+        """(3, 3) inertia about the centre of mass [kg m^2], zero when none is given."""
+        if self.inertia is None:
+            return np.zeros((3, 3))
+        xx, yy, zz, xy, xz, yz = self.inertia
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    @property
+    def body(self) -> pin.Inertia | None:
+        """The same as Pinocchio holds it, None where nothing is carried."""
+        if not self.mass:
+            return None
+        inertia = self.inertia_matrix  # what rounding left of a moment of zero may be below it
+        np.fill_diagonal(inertia, np.diag(inertia).clip(0.0))
+        return pin.Inertia(self.mass, self.com, inertia)
+
+
+def _vector(values: ArrayLike, name: str, *shape: int) -> Array:
+    try:
+        return finite_array(values, name, shape)
+    except InputError as error:
+        raise PayloadError(str(error)) from None
+
+
+NO_PAYLOAD = Payload(0.0, np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -128,19 +183,12 @@ class LoadedArm:
     @cached_property
     def rigid(self) -> FlexModel:
         """The model without flexures, where the controller knows it to be."""
-        return build_model(self.arm.robot, (), self._body)
+        return build_model(self.arm.robot, (), self.payload.body)
 
     @cached_property
     def flex(self) -> FlexModel:
         """The model with flexures, corrected."""
-        return self._model()
-
-    @property
-    def _body(self) -> pin.Inertia | None:
-        return self.payload.body if self.payload.mass else None
-
-    def _model(self, *extra: Site) -> FlexModel:
-        return build_model(self.arm.robot, (*self.arm.sites, *extra), self._body, self.arm.corrections)
+        return build_model(self.arm.robot, self.arm.sites, self.payload.body, self.arm.corrections)
 
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
@@ -220,7 +268,8 @@ class LoadedArm:
     @cached_property
     def _with_tool(self) -> FlexModel:
         """The flexible model in which what is at the tool is a body of its own."""
-        return self._model(Site(TOOL, self.arm.robot.chain[-1].name))
+        sites = (*self.arm.sites, Site(TOOL, self.arm.robot.chain[-1].name))
+        return build_model(self.arm.robot, sites, self.payload.body, self.arm.corrections)
 
     @cached_property
     def sited_chain(self) -> Chain:

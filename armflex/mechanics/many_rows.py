@@ -21,8 +21,8 @@ from armflex.laws import Row
 from armflex.mechanics.certificate import StabilityBound
 from armflex.mechanics.chain import Chain, Frames
 from armflex.mechanics.laws import LawStack, RowLaws
-from armflex.mechanics.loaded import LoadedArm, Structure
-from armflex.mechanics.loads import Load, Payload
+from armflex.mechanics.loaded import LoadedArm, Payload, Structure
+from armflex.mechanics.pinocchio_model import Load
 
 AT_ONCE = 8192
 """Rows that are asked about together: their arrays stay near the processor, and memory does not grow with N."""
@@ -75,7 +75,6 @@ class Pushes:
 
     Attributes:
         links: (L, 2) element of a chain that each link is fixed to, and how many flexures move it.
-        acting: Their numbers, in an array; a tuple of none for none. See `kernel.Arm`.
         turning: Numbers of the loads that depend on their links' poses.
     """
 
@@ -87,7 +86,6 @@ class Pushes:
         elements = own.places[0]
         inboard = [self._chain.flexures_inboard(int(element)) for element in elements]
         self.links = np.array([elements, inboard], dtype=np.int64).reshape(2, -1).T.copy()
-        self.acting = np.arange(len(loads)) if loads else ()
         self.turning = [j for j, load in enumerate(loads) if not load.dead]
         dead = {j: load.at(np.eye(4)) for j, load in enumerate(loads) if load.dead}
         each = max((len(load) for load in dead.values() if load.ndim == 2), default=1)
@@ -236,8 +234,7 @@ class RowSolver:
         self, q: Array, laws: RowLaws, pushed: Array, rooms: Array, ready: bool, exact: bool, into: Solution
     ) -> np.ndarray:
         fine = np.empty(len(q), dtype=bool)
-        pushes = (self.pushes.links, pushed, self.pushes.acting)
-        known = (*self._chain.numbers, *pushes, *laws.numbers, rooms, ready, q, exact)
+        known = (*self._chain.numbers, self.pushes.links, pushed, *laws.numbers, rooms, ready, q, exact)
         kernel().solve_many(*known, *into, fine)
         return fine
 

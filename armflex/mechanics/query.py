@@ -15,9 +15,8 @@ from armflex.mechanics.deflection import deflect
 from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.loads import Load
 from armflex.mechanics.many_rows import ROUNDS, SETTLED, RowSolver, kernel, turned
-from armflex.mechanics.pinocchio_model import LoadCase
+from armflex.mechanics.pinocchio_model import Load, LoadCase
 from armflex.robot import build_model
 from armflex.rows.wrench import Wrench, check_rows
 
@@ -118,41 +117,42 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
     arm, stack, n, compiled = loaded.arm, loaded.arm.stack, len(loaded.arm.sites), kernel()
     bounds, shape = np.array(arm.bounds), (len(arm.joint_names),)
     solver, middle = RowSolver(loaded, exact, wrenches), bounds.mean(axis=0)
-    laws, pushes, bound = RowLaws(stack), solver.pushes, solver.bound
-    room, hidden = compiled.room_for(n, len(pushes.links), lanes=1)[0], np.empty(len(laws.neurons))
-    head, tail = (*loaded.chain.numbers, pushes.links), (pushes.acting, *laws.numbers, bounds, room, hidden)
-    solve, known = compiled.solve_one, (*head, pushes.wrenches(middle[None]), *tail, exact)
-    proven = not exact or (bound is not None and bound.proven)
+    laws, pushes, bound, chain = RowLaws(stack), solver.pushes, solver.bound, loaded.chain.numbers
+    room, dead = compiled.room_for(n, len(pushes.links), lanes=1)[0], not pushes.turning
+    own = (laws.compliance, laws.offset, laws.neurons, laws.hardening)
+    kept = (chain[0], pushes.wrenches(middle[None]), *own, bounds, room, laws.neurons[:, 0])
+    numbers, (_, pushed, laws.compliance, laws.offset, *_, room, _) = compiled.packed(*kept)
+    sizes = np.array([chain[1].shape[1], len(pushes.links), len(laws.neurons)])
+    counts, _ = compiled.packed(sizes, chain[1], pushes.links, laws.starts)
+    loads, offset, compliance = room[6 * n : 7 * n, :, 0], laws.offset[0], laws.compliance[0]
+    proven, solve, empty, size = not exact or (bound is not None and bound.proven), compiled.solve_one, np.empty, (n, 6)
 
     def plainly(q: Array, covariates: dict[str, float]) -> Answer | None:
         if q.shape != shape or q.dtype != FLOAT or covariates:
             return None
-        here, twists, displacement = q.copy(), np.empty((n, 6)), np.empty(6)
-        return (here, twists, displacement) if solve(*known, here, twists, displacement) else None
-
-    loads, offset, compliance = room[6 * n : 7 * n, :, 0], laws.offset[0], laws.compliance[0]
-    dead, fixed = not pushes.turning, pushes.wrenches(middle[None])
+        here, twists, displacement = q.copy(), empty(size), empty(6)
+        return (here, twists, displacement) if solve(numbers, counts, exact, here, twists, displacement) else None
 
     def in_rounds(q: Array, covariates: dict[str, float]) -> Answer | None:
         """See `rows`; the loads on the flexures are those that the kernel left."""
         if q.shape != shape or q.dtype != FLOAT:
             return None
-        here, twists, displacement = q.copy(), np.empty((n, 6)), np.empty(6)
+        here, twists, displacement = q.copy(), empty(size), empty(6)
         row = loaded.row(here, {name: covariate_array(value, name, 0) for name, value in covariates.items()})
         laws.know(row)
-        pushed = fixed if dead else pushes.wrenches(here[None])
         if dead and not laws.curved:
-            fine = solve(*head, pushed, *tail, exact, here, twists, displacement)
+            fine = solve(numbers, counts, exact, here, twists, displacement)
         else:
-            fine = settle(row, pushed, here, twists, displacement)
+            fine = settle(row, here, twists, displacement)
         return (here, twists, displacement) if fine and (proven or stays(row, here, twists)) else None
 
-    def settle(row: Row, pushed: Array, here: Array, twists: Array, displacement: Array) -> bool:
+    def settle(row: Row, here: Array, twists: Array, displacement: Array) -> bool:
         """Renew what the curved laws give and the turning loads until both are what they were taken for.
 
         One configuration needs a round or two more without the laws' tangents, which are as dear as those rounds.
         """
-        if not solve(*head, pushed, *tail, False, here, twists, displacement):
+        pushed[:] = pushes.wrenches(here[None])
+        if not solve(numbers, counts, False, here, twists, displacement):
             return False
         affine, moved, turning = offset.copy(), np.inf, np.inf
         for _ in range(ROUNDS):
@@ -164,11 +164,12 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
                 moved = np.abs(offset - given).max(initial=0.0)
                 if moved <= SETTLED and turning <= SETTLED:
                     return True
-            if not solve(*head, pushed, *tail, exact, here, twists, displacement):
+            if not solve(numbers, counts, exact, here, twists, displacement):
                 return False
             if not exact:
                 return True
-            before, pushed = pushed, pushes.wrenches(here[None], twists[None])
+            before = pushed.copy()
+            pushed[:] = pushes.wrenches(here[None], twists[None])
             turning = turned(before, pushed)[0]
         return False
 
@@ -178,12 +179,12 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
             return True
         for i, law in laws.curved:
             compliance[i] += law.tangent(loads[i].copy(), row)
-        at, distance = (here[None], twists[None]), np.empty(1)
-        given = (*head, pushes.wrenches(*at), pushes.changes(*at), *at, laws.tangents(loads[None]))
-        compiled.sensitivities(*given, np.zeros(1, dtype=bool), np.empty((1, 6, n, 6)), distance)
+        at, distance = (here[None], twists[None]), empty(1)
+        given = (*chain, *pushes.at(*at), *at, laws.tangents(loads[None]))
+        compiled.sensitivities(*given, np.zeros(1, dtype=bool), empty((1, 6, n, 6)), distance)
         return bool(distance[0] < 1.0)
 
-    solve(*known, middle, np.empty((n, 6)), np.empty(6))  # compiled now, not in the loop
+    solve(numbers, counts, exact, middle, empty(size), empty(6))  # compiled now, not in the loop
     quick = plainly if proven and not stack.asked and not pushes.turning else in_rounds
     return quick if loaded.nominal is None else _from_nominal(loaded, quick)
 

@@ -24,8 +24,7 @@ from armflex.laws import Row
 from armflex.mechanics.chain import Frames
 from armflex.mechanics.equilibrium import MAX_ROTATION, check_small, find_equilibrium
 from armflex.mechanics.laws import RowLaws
-from armflex.mechanics.loaded import LoadedArm, Structure
-from armflex.mechanics.loads import Payload
+from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.many_rows import Pushed, Pushes, RowSolver, Solution, by_payload, flexed, kernel
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_threads

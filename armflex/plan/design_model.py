@@ -14,7 +14,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
 from armflex.estimate.block import Block, parameters_of, places_of
-from armflex.estimate.blocks import blocks_of, declared_blocks, frame_block
+from armflex.estimate.blocks import blocks_of, declared_blocks, frame_block, sensor_block
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior, effect_jacobian
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
@@ -28,6 +28,7 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ArmParameter, Group, Kind, numbers_of
 from armflex.plan.offer import Offer
+from armflex.readings import Readings
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup
 
@@ -193,7 +194,9 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
     if known is None:
         rows = Measurements.of(offer.rows, offer.view.readings)
     else:
-        rows = replace(known.campaign, session=(*known.campaign.session, offer.rows.session[0]))
+        kinds = {(type(one), one.name): one for one in (*offer.view.readings.kinds, *known.campaign.readings.kinds)}
+        both = Readings(len(known.campaign), tuple(kinds.values()))  # of which only the kinds are looked at
+        rows = replace(known.campaign, session=(*known.campaign.session, offer.rows.session[0]), readings=both)
     blocks = [*declared_blocks(setup, rows), *_law_blocks(laws)]
     asked = {candidate.ordinal for candidate in candidates}
     for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
@@ -252,7 +255,11 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
     frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
     kept = blocks_of(known.parameters, setup, context=offer.context)
     assert kept is not None  # some of what is there as a whole
-    fresh = [*_law_blocks(new), *candidates]
+    sensors = [
+        (name, one) for name, one in arm.sensors.items() if name in {kind.name for kind in offer.view.readings.kinds}
+    ]
+    unknown = [sensor_block(setup, name, ("",)) for name, one in sensors if len(one.free) and not one.found]
+    fresh = [*unknown, *_law_blocks(new), *candidates]
     blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(known.covariance)), _finite(frames)
     scale = np.concatenate([wide, std, _finite(fresh)])
     normal, inside = np.eye(len(scale)), slice(len(wide), len(wide) + len(std))

@@ -141,6 +141,10 @@ def write_plan(found: Plan, path: str | Path) -> Path:
     for joint in reach.approached:
         columns[f"approach_{joint}"] = rows.approach[:, rows.joint_names.index(joint)].astype(int).tolist()
     columns |= {name: _levels(rows)[name].tolist() for name in reach.levels}
+    for name, sensor in reach.arm.sensors.items():
+        columns |= {column: [""] * len(rows) for column in sensor.kind.columns(name) if name in reach.read}
+    if "" not in reach.read:
+        return write_table(path, columns)
     columns |= {axis: [""] * len(rows) for axis in "xyz"}
     same = (reach.sigma == reach.sigma[0]).all()
     sigma = (

@@ -16,7 +16,7 @@ from armflex.estimate.posterior import context_of
 from armflex.estimate.view import View, look
 from armflex.laws.effects.context import Context
 from armflex.mechanics.history import known_rows
-from armflex.readings import Position, unread
+from armflex.readings import Kind, Position, Readings
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 from armflex.setup import Setup
@@ -44,6 +44,7 @@ class Reach:
         session: The session in which the rows will be measured.
         sigma: (3,) standard deviation of a position read [m].
         floor: Lowest height of the tip in the base frame [m].
+        read: Names of the instruments that are read; '' is the one at the tip.
     """
 
     arm: Arm
@@ -55,6 +56,13 @@ class Reach:
     session: str
     sigma: Array
     floor: float = -np.inf
+    read: tuple[str, ...] = ("",)
+
+    def unread(self, count: int) -> Readings:
+        """Return what is to be read in `count` rows."""
+        kinds: list[Kind] = [Position.unread(count, self.sigma)] if "" in self.read else []
+        sensors = [one for name, one in self.arm.sensors.items() if name in self.read]
+        return Readings(count, (*kinds, *(one.kind.unread(count, one.sigma, one.name) for one in sensors)))
 
     @property
     def choices(self) -> list[Sequence]:
@@ -111,9 +119,11 @@ class Offer:
     context: Context
     dropped: Counter[str]
 
-    def with_sigma(self, sigma: Array) -> Offer:
-        """Return the same rows read with another (3,) standard deviation [m]."""
-        return replace(self, view=replace(self.view, readings=unread(len(self.rows), Position, sigma=sigma)))
+    def read_by(self, reach: Reach, setup: Setup) -> Offer:
+        """Return the same rows read by other instruments, or with other standard deviations; the arm is the same."""
+        readings, every = reach.unread(len(self.rows)), np.arange(len(self.rows))
+        view = look(setup, self.rows, every, readings=readings, line=self.view.line)
+        return replace(self, view=replace(view, readings=readings.within_range(view.at)))
 
     def seen_by(self, setup: Setup) -> Offer:
         """Return the same rows as another arm or instrument has them."""
@@ -148,7 +158,7 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
     """Return those of (N, b) rows that the arm can hold above the floor; raise `InputError` where there are none."""
     rows = reach.rows(box)
     held, dropped = _held(setup.arm, rows)
-    rows, readings = rows.some(held), unread(len(held), Position, sigma=reach.sigma)
+    rows, readings = rows.some(held), reach.unread(len(held))
     view = look(setup, rows, np.arange(len(held)), readings=readings)
     height = view.line.tip[:, 2, 3]
     high = np.flatnonzero(height >= reach.floor)
@@ -159,6 +169,7 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
     if len(high) < len(held):
         held, rows = held[high], rows.some(high)
         view = look(setup, rows, np.arange(len(held)), readings=readings.some(high))
+    view = replace(view, readings=view.readings.within_range(view.at))
     return Offer(box[held], rows, view, context_of(view, rows), +dropped)
 
 

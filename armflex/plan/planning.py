@@ -22,9 +22,11 @@ from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exch
 from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.drive import driven
 from armflex.plan.hypotheses import Hypothesis, candidate_of, hypothesis_of, named_effect, refitted, spelled
-from armflex.plan.offer import Reach, around, rows_at, spread_evenly
+from armflex.plan.instruments import TRACKER, Mounted, choose, offered
+from armflex.plan.offer import Offer, Reach, around, rows_at, spread_evenly
 from armflex.plan.result import TOLD, UNKNOWN, Plan, blind_spots
 from armflex.readings import Position, unread
+from armflex.readings.sensor import LONGEST, Sensor
 from armflex.rows.rows import APPROACH
 from armflex.trajectory import Trajectory
 
@@ -38,6 +40,9 @@ READING = 2e-4
 
 OFFERED = 1024
 """Rows among which the first choice is made, a power of two."""
+
+CHOOSING, FEWEST = 256, 40
+"""Rows among which places of instruments are compared, a power of two, and how many are read there at least."""
 
 ROUNDS, WIDTH, NARROWER, NEAR = 5, 0.3, 0.6, 20
 """How often rows near the chosen ones are tried, how near [share of the range] at first, how much nearer each time, and
@@ -66,6 +71,7 @@ def plan(
     floor: float = -np.inf,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    instruments: Sequence[str] | None = None,
 ) -> Plan:
     """Return the rows to measure next, in the order to drive them, and what they are expected to tell.
 
@@ -85,6 +91,8 @@ def plan(
         floor: Lowest height of the tip in the base frame [m].
         seed: Of the rows that are offered.
         progress: Called with (steps done, steps in all).
+        instruments: What is read in the rows: names that the arm file declares, or 'wire', 'level', 'accelerometer',
+            'encoder', 'target', whose best place is then chosen, and 'tracker'; that alone when not given.
 
     Raises:
         InputError: Nothing is free, no row is possible, a number is out of its range, or no values are given of what an
@@ -102,6 +110,9 @@ def plan(
     reach, flags = _reach_of(before, effects, payloads, settable, sigma, floor)
     path_flags = () if along is None else along.derived_directions(before.setup.arm)
     flags = (*before.flags, *path_flags, *flags)
+    mounts: tuple[Mounted, ...] = ()
+    if instruments is not None:
+        before, reach, mounts = _mounted(before, reach, effects, instruments, rows, along, seed)
     offer = spread_evenly(reach, before.setup, OFFERED, seed)
     if len(offer.rows) < rows:
         raise InputError(f"{rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")
@@ -112,7 +123,7 @@ def plan(
     if explained < before.noise:  # one of them is what makes readings scatter
         before = replace(before, noise=explained)
         reach = replace(reach, sigma=_sigma_of(before, sigma))
-        offer = offer.with_sigma(reach.sigma)
+        offer = offer.read_by(reach, before.setup)
     model = model_of(before, offer, candidates)
     if before.noise > SCATTER:
         text = f"readings scatter {before.noise:.2g} times as much as stated: something is missing, trace it first"
@@ -157,9 +168,10 @@ def plan(
         random=np.array([path(goal, known, every[some]) for some in draws]),
         everything=goal.value(known.with_rows(every)),
         hypotheses=hypotheses,
-        blind=blind_spots(model, every, float(reach.sigma.max())),
+        blind=blind_spots(model, every, _tip_rows(before, model, offer)),
         offered=offer,
-        uncertainty=_uncertainties(model, reach, every, told, seed),
+        uncertainty=_uncertainties(model, _tip_rows(before, model, offer), every, told, seed),
+        mounts=mounts,
         way=way,
         flags=flags,
     )
@@ -260,7 +272,9 @@ def _sigma_of(before: Before, sigma: float | None) -> Array:
         return np.full(3, sigma)
     if before.campaign is None:
         return np.full(3, READING)
-    return before.noise * np.median(before.campaign.sigma[before.campaign.measured], axis=0)
+    if not before.campaign.positioned.any():
+        return np.full(3, READING)
+    return before.noise * np.median(before.campaign.sigma[before.campaign.positioned], axis=0)
 
 
 def _goal(
@@ -289,12 +303,59 @@ def _goal(
     return IOptimal(np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some))
 
 
-def _uncertainties(model: Model, reach: Reach, every: Array, rows: Array, seed: int) -> dict[str, Array]:
+def _mounted(
+    before: Before,
+    reach: Reach,
+    effects: Sequence[Effect],
+    words: Sequence[str],
+    rows: int,
+    along: Trajectory | None,
+    seed: int,
+) -> tuple[Before, Reach, tuple[Mounted, ...]]:
+    """Return arm and reach with the wanted instruments where they tell most in rows at random, and what each buys.
+
+    Raises:
+        InputError: No such instrument.
+    """
+    wanted = offered(before.setup.arm, words)
+
+    def having(sensors: Sequence[Sensor]) -> tuple[Before, Reach]:
+        units = list(LONGEST)
+        every = {**reach.arm.sensors, **{one.name: one for one in sensors}}
+        ordered = dict(sorted(every.items(), key=lambda pair: units.index(pair[1].kind.unit)))
+        arm = replace(reach.arm, sensors=ordered)
+        setup = replace(before.setup, arm=replace(before.setup.arm, sensors=ordered))
+        read = (*([""] if TRACKER in words else []), *(one.name for one in sensors))
+        return before.seen_by(setup), replace(reach, arm=arm, read=read)
+
+    known, everywhere = having([one for options in wanted.values() for one in options])
+    offer = spread_evenly(everywhere, known.setup, CHOOSING, seed)
+    known, offer = learning(known, offer)
+    candidates = [candidate_of(effect, everywhere.arm, offer) for effect in effects]
+    model = model_of(known, offer, candidates)
+    hypotheses = [hypothesis_of(one, refitted(one, known), offer) for one in candidates]
+    every = model.rows(offer)
+    goal = _goal(known, model, every, hypotheses, along)
+    some = np.random.default_rng(seed).choice(len(every), min(max(rows, FEWEST), len(every)), False)
+    places = {kind.name: place for kind, place in offer.view.readings.placed}
+    found = choose(wanted, places, goal, model, every[some])
+    return *having([one.sensor for one in found]), found
+
+
+def _tip_rows(before: Before, model: Model, offer: Offer) -> Array:
+    """Return (N, 3, P) changes of the tip's position in the offered rows [m] per parameter, in units of its scale."""
+    every = np.arange(len(offer.rows))
+    readings = unread(len(every), Position)
+    view = look(before.setup, offer.rows, every, readings=readings, line=offer.view.line)
+    return answers(model.blocks, view, offer.context) * model.scale
+
+
+def _uncertainties(model: Model, tip: Array, every: Array, rows: Array, seed: int) -> dict[str, Array]:
     """Return what to draw by its title: (N,) standard deviations of what would be read in 3-D [m].
 
     How the next session moves the instrument is no part of it: that is not of the arm.
     """
-    shown = every * np.array([one.group.kind is not Kind.SESSION for one in model.parameters]) * reach.sigma[:, None]
+    shown = tip * np.array([one.group.kind is not Kind.SESSION for one in model.parameters])
     states = {
         "known now": model.known,
         f"after {len(rows)} readings at random": model.known.with_rows(

@@ -18,6 +18,7 @@ from armflex.parameters import FRAMES, numbered
 from armflex.plan.design import Goal, IOptimal, TOptimal, instead
 from armflex.plan.design_model import CandidateBlock, Model
 from armflex.plan.hypotheses import Hypothesis
+from armflex.plan.instruments import Mounted
 from armflex.plan.offer import Offer, Reach
 from armflex.rows import Rows
 
@@ -52,15 +53,16 @@ class Blind:
     instead: str
 
 
-def blind_spots(model: Model, rows: Array, sigma: float) -> tuple[Blind, ...]:
-    """Return the parameters that stay as uncertain as [prior] has them though all of (N, 3, P) rows were measured.
+def blind_spots(model: Model, rows: Array, tip: Array) -> tuple[Blind, ...]:
+    """Return the parameters that stay as uncertain as [prior] has them though all of (N, d, P) rows were measured.
 
-    Only those of the arm: neither where the instrument stands nor what is in question.
+    Only those of the arm: neither where the instrument stands nor what is in question. `tip` is the (N, 3, P) change
+    of the tip's position [m] in those rows.
     """
     seen = np.tensordot(rows, rows, axes=([0, 1], [0, 1]))
     whole = model.known.with_rows(rows)
     left = model.std(whole) > UNDETERMINED * model.prior
-    most = np.sqrt((rows**2).sum(axis=1)).max(axis=0)
+    most = np.sqrt((tip**2).sum(axis=1)).max(axis=0)
     found = []
     for block in model.blocks:
         if block.kind in FRAMES or isinstance(block, CandidateBlock):
@@ -71,7 +73,7 @@ def blind_spots(model: Model, rows: Array, sigma: float) -> tuple[Blind, ...]:
             partners = () if faint else partners_of(seen, whole, place, model.names)
             unloaded = faint and block.kind in COMPLIANCE.stands_for
             how = UNLOADED if unloaded else (law.instead if law is not None else "") or ON_THE_LINK
-            found.append(Blind(model.names[place], float(most[place] * sigma), partners, how))
+            found.append(Blind(model.names[place], float(most[place]), partners, how))
     return tuple(found)
 
 
@@ -96,6 +98,7 @@ class Plan:
             while nothing is known of where the instrument stands, after as many rows at random; and after the plan.
         way: Motion of all joints together, in ranges, and what it would be in the order in which rows were chosen.
         flags: Flags.
+        mounts: Instruments whose places were chosen.
     """
 
     rows: Rows
@@ -113,6 +116,7 @@ class Plan:
     uncertainty: Mapping[str, Array]
     way: tuple[float, float]
     flags: tuple[Flag, ...]
+    mounts: tuple[Mounted, ...] = ()
 
     def __repr__(self) -> str:
         """One line: how much is to be read, and what it will give."""
@@ -151,7 +155,8 @@ class Plan:
             names += f", and {more} more" if more > 0 else ""
             most = max(one.moves for one in alike) * 1e3
             weight = f"under weight alone each moves the tip by {most:.1g} mm at most; where it matters"
-            told.append(f"No tip reading tells {names}; {weight if how == UNLOADED else 'instead'}, {how}.")
+            read = "No tip reading" if "" in self.reach.read else "None of these readings"
+            told.append(f"{read} tells {names}; {weight if how == UNLOADED else 'instead'}, {how}.")
         return tuple(told)
 
 
@@ -166,7 +171,8 @@ def _between(plan: Plan) -> tuple[str, ...]:
     pair, apart = " from ".join(titles), float(plan.goal.shown(plan.reached[-1]))
     told: tuple[str, ...] = ()
     if plan.goal.shown(plan.everything) < TOLD:
-        return (f"No tip reading tells {pair}; instead, {instead(one, other)}.",)
+        read = "No tip reading" if "" in plan.reach.read else "None of these readings"
+        return (f"{read} tells {pair}; instead, {instead(one, other)}.",)
     if isinstance(plan.goal, TOptimal) and len(plan.goal.truths) == 1:
         places = np.flatnonzero(plan.goal.truths[0].own)
         true = int(places[0] not in plan.model.place(plan.hypotheses[0].candidate))

@@ -12,6 +12,9 @@ from armflex.readings.kind import Kind, mounted, skew
 from armflex.readings.postures import Postures
 from armflex.readings.sensor import MOUNTING, Nuisance
 
+STEEPEST = 0.77
+"""Sine of the inclination to which levels are made, 50 degrees."""
+
 
 @dataclass(frozen=True, eq=False)
 class Inclination(Kind):
@@ -51,6 +54,9 @@ class Inclination(Kind):
         up = axes.swapaxes(1, 2) @ self._up(at)  # the vertical in the level's axes
         mounting = (skew(up) @ changes)[:, :2] / cosine[:, :, None]
         return np.concatenate([mounting, np.broadcast_to(np.eye(2), (len(up), 2, 2))], axis=2)
+
+    def readable(self, at: Postures) -> np.ndarray:
+        return np.all(np.abs(self._tilts(at)[0]) < STEEPEST, axis=1)
 
     def implausible(self, at: Postures) -> str | None:
         read, predicted = self.values, self.predicted(at)

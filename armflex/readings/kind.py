@@ -113,6 +113,10 @@ class Kind(ABC):
         """Return (N, d, K) change per nuisance of the sensor, all of them in order and their units."""
         return np.zeros((*self.values.shape, 0))
 
+    def readable(self, at: Postures) -> np.ndarray:
+        """Return (N,) where the instrument is within its range."""
+        return np.ones(len(self.values), dtype=bool)
+
     def start(self, at: Postures) -> Array:
         """Return (K,) deviations of the nuisances, in their units, from which a fit may begin."""
         return np.zeros(sum(len(one.axes) for one in self.nuisances))

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array
 from armflex.readings.kind import Kind
+from armflex.readings.postures import Postures
 
 One = TypeVar("One", bound=Kind)
 
@@ -95,6 +96,14 @@ class Readings:
     def read(self) -> np.ndarray:
         """(N,) where anything was read."""
         return np.any(np.isfinite(self.sigma), axis=1) if self.kinds else np.zeros(self.count, dtype=bool)
+
+    def within_range(self, at: Postures) -> Readings:
+        """Return readings still to be taken without those that are beyond the range of their instrument."""
+        kinds = [
+            replace(one, sigma=np.where(one.readable(at)[:, None], one.sigma, np.inf)) if one.name else one
+            for one in self.kinds
+        ]
+        return replace(self, kinds=tuple(kinds))
 
     def some(self, rows: np.ndarray) -> Readings:
         """Return the readings of some rows, by their (M,) numbers."""

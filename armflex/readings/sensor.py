@@ -13,6 +13,9 @@ from armflex.conventions import Array
 if TYPE_CHECKING:
     from armflex.readings.kind import Kind
 
+LONGEST = {"m": 10.0, "rad": 3.2, "m/s^2": 100.0, "1": 0.5}
+"""By unit a standard deviation beyond which a number is in another one; sensors stand in the order of these."""
+
 AXES = ("x", "y", "z")
 TURNS = ("rx", "ry", "rz")
 

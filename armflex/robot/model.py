@@ -56,7 +56,13 @@ class Corrections:
     def body(self, link: str, inertial: Inertial | None) -> pin.Inertia | None:
         """Return the true body of a link, None for one without mass."""
         extra = self.bodies.get(link, np.zeros(4))
-        nominal = pin.Inertia.Zero() if inertial is None else _inertia(inertial)
+        nominal = pin.Inertia.Zero()
+        if inertial is not None:
+            # Pinocchio wants exact symmetry and no negative diagonal: rounding would break both, and
+            # `Robot.check_motion` refuses what is negative by more.
+            turned = inertial.turned
+            np.fill_diagonal(turned, np.diag(turned).clip(0.0))
+            nominal = pin.Inertia(inertial.mass, inertial.origin, turned)
         mass = nominal.mass + float(extra[0])
         if mass <= 0.0:
             return None
@@ -172,14 +178,6 @@ def build_model(
 
 def _flexure_name(site: Site) -> str:
     return f"flexure:{site.name}"  # a prefix, because a flexure may have its joint's name
-
-
-def _inertia(inertial: Inertial) -> pin.Inertia:
-    # Pinocchio wants exact symmetry and no negative diagonal: rounding would break both, and `Robot.check_motion`
-    # refuses what is negative by more.
-    turned = inertial.turned
-    np.fill_diagonal(turned, np.diag(turned).clip(0.0))
-    return pin.Inertia(inertial.mass, inertial.origin, turned)
 
 
 def _joint_model(joint: Joint) -> pin.JointModel:

@@ -105,6 +105,16 @@ class Joint:
         return pin.SE3(pin.exp3(position * self.axis), np.zeros(3))
 
 
+def drive_of(joint: Joint) -> Array:
+    """Return the (6,) unit twist of a joint's own motion, zero for a fixed one."""
+    twist = np.zeros(6)
+    if joint.kind == "prismatic":
+        twist[:3] = joint.axis
+    elif joint.kind in ("revolute", "continuous"):
+        twist[3:] = joint.axis
+    return twist
+
+
 @dataclass(frozen=True)
 class Urdf:
     """A URDF as data; `flags` are the flags met while reading, `translated` whether its file is in another format."""

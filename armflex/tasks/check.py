@@ -16,6 +16,7 @@ from armflex.estimate.tip_uncertainty import AT_REST, tip_covariance
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.mechanics.many_rows import displaced_from, rigid_tips
 from armflex.parallel import in_threads
+from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Points, Trajectory
 
@@ -82,8 +83,8 @@ class Point:
         return (-["ok", "uncertain", "fail"].index(self.verdict), min(margins))
 
 
-@dataclass(frozen=True)
-class CheckReport:
+@dataclass(frozen=True, repr=False)
+class CheckReport(Result):
     """The verdict on a trajectory.
 
     Attributes:
@@ -96,6 +97,9 @@ class CheckReport:
         flags: Flags met on the way.
         rows: Every row, in order, via-points among them.
     """
+
+    TOLD = ("ok", "tolerance_m", "angle_rad", "samples", "via_points", "path_worst", "flags")
+    ROWS = "via_points"
 
     ok: bool
     tolerance_m: float

@@ -23,6 +23,7 @@ from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
 from armflex.parallel import in_threads
+from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.tasks.inverse_kinematics import (
     AIMED_AT,
@@ -30,6 +31,7 @@ from armflex.tasks.inverse_kinematics import (
     MAX_JUMPS,
     NEAR_SINGULAR,
     NO_EQUILIBRIUM,
+    SETTLED,
     TOLERANCE,
     Corrector,
     Point,
@@ -87,8 +89,8 @@ class CompensatedRow:
     sigma_rad: float | None = None
 
 
-@dataclass(frozen=True)
-class Compensation:
+@dataclass(frozen=True, repr=False)
+class Compensation(Result):
     """A compensated trajectory and what remains.
 
     Attributes:
@@ -100,6 +102,9 @@ class Compensation:
         flags: Flags: near singular rows, joints asked to move faster than their limit, payloads that change,
             changes that may not be the smallest; no uncertainty that anybody states.
     """
+
+    TOLD = ("ok", "match", "between_m", "rows", "flags")
+    ROWS = "rows"
 
     trajectory: Trajectory
     rows: tuple[CompensatedRow, ...]
@@ -267,9 +272,10 @@ def _solve_each(
 ) -> tuple[tuple[CompensatedRow, ...], Trajectory]:
     """Return every row and the moved trajectory: many rows at once, one by one where that does not settle them."""
     rows: list[CompensatedRow] = []
-    for first in range(0, len(poses), TOGETHER):
-        some = np.arange(first, min(first + TOGETHER, len(poses)))
-        known = solver.together(some, poses[some[0] : some[-1] + 1])
+    every = np.arange(len(poses))
+    pieces = [every[first : first + TOGETHER] for first in range(0, len(every), TOGETHER)]
+    found = in_threads(lambda some: solver.together(some, poses[some[0] : some[-1] + 1]), pieces)
+    for some, known in zip(pieces, found, strict=True):
         for i in some.tolist():
             row = known.get(i) or solver.row(i, poses[i], rows[-1].change if rows else np.zeros_like(solver.scale))
             rows.append(row)
@@ -329,8 +335,7 @@ class _Solver:
         """Solve rows together from no change; return those that are reached by the smallest, by their numbers.
 
         Jumps as `Corrector.jump` makes them, of rows whose joints stay within their boxes and away from singular
-        positions: there they have a closed form, and go on until they are rounding. All other rows are left to the
-        corrector.
+        positions: there they have a closed form. All other rows are left to the corrector.
         """
         t, found = self.trajectory, {}
         if t.v is not None or t.a is not None:
@@ -348,7 +353,8 @@ class _Solver:
                 fair = (left <= np.maximum(0.5 * left_before[open_ones], AIMED_AT)) | (last[open_ones] == np.inf)
                 aim, sigma, plain = self.aims(rows, here, error, jacobian)
                 length = np.abs(aim - here).max(axis=1)
-                done = plain & (length < RESOLUTION) & (left <= TOLERANCE)
+                settled = np.where(left <= AIMED_AT, SETTLED, RESOLUTION)
+                done = plain & (length < settled) & (left <= TOLERANCE)
                 for k in np.flatnonzero(done):
                     i, j = int(rows[k]), int(open_ones[k])
                     own = (before[j], error[k], here[k], True, "", float(sigma[k]), True)

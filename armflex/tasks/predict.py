@@ -30,6 +30,7 @@ from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
 from armflex.readings import Kind, Orientation, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
+from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.setup import Setup
 
@@ -39,8 +40,8 @@ TOGETHER = 2048
 Progress = Callable[[int, int | None], None]
 
 
-@dataclass(frozen=True)
-class Prediction:
+@dataclass(frozen=True, repr=False)
+class Prediction(Result):
     """Where the tip will be: in the instrument's frame where it is known, else in the base frame.
 
     Attributes:
@@ -57,6 +58,9 @@ class Prediction:
         flags: Flags, each with the first row it concerns; those about a law with the worst, and how many there are.
     """
 
+    TOLD = ("position", "rotation", "sigma", "displacement", "flags")
+    ROWS = "table"
+
     rows: Measurements
     position: Array
     rotation: Array
@@ -64,6 +68,14 @@ class Prediction:
     displacement: Array
     flags: tuple[Flag, ...]
     sensors: tuple[tuple[Kind, Array | None], ...] = ()
+
+    @property
+    def table(self) -> dict[str, Array]:
+        """The (N,) columns that `armflex predict` writes of every row, by name [m, rad]."""
+        columns = dict(zip("xyz", self.position.T, strict=True))
+        columns |= {} if self.sigma is None else dict(zip(("sigma_x", "sigma_y", "sigma_z"), self.sigma.T, strict=True))
+        columns |= dict(zip(("pose_rx", "pose_ry", "pose_rz"), self.rotation.T, strict=True))
+        return columns | dict(zip(TWIST_NAMES, self.displacement.T, strict=True))
 
 
 def predict(

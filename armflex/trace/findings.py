@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects.effect import Effect
 from armflex.parameters import ArmParameter
+from armflex.result import Result
 from armflex.trace.accept import Kin, Proof
 from armflex.trace.polish import Polished
 from armflex.trace.state import State, lost_rows
@@ -169,8 +171,8 @@ class Smallest:
     most: float
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
+@dataclass(frozen=True, repr=False, eq=False)
+class Trace(Result):
     """A traced arm and an account of it.
 
     Every error in it is over the same `rows`: those that the final fit, or the calibration, comes near.
@@ -199,6 +201,12 @@ class Trace:
             nothing was left to be found.
     """
 
+    TOLD = (
+        *("unfinished", "declared_rms", "calibrated_rms", "rms", "noise_rms", "held_out"),
+        *("effects", "common", "unexplained", "not_identifiable", "next_measurement"),
+    )
+    ROWS = "effects"
+
     arm: Arm
     calibration: Calibration
     before: Fit
@@ -219,6 +227,19 @@ class Trace:
     undecided: Undecided | None = None
     unfinished: bool = False
     stopped_at: int | None = None
+
+    @property
+    def effects(self) -> list[dict[str, Any]]:
+        """What was found: title, values and their standard uncertainties, in the order added."""
+        return [
+            {"effect": one.effect.title, **one.effect.named} | {f"std {name}": std for name, std in one.std.items()}
+            for one in self.found
+        ]
+
+    @property
+    def common(self) -> list[str]:
+        """Laws that all drives have, in words."""
+        return [family.title for family in self.families]
 
     @cached_property
     def believed(self) -> np.ndarray:

@@ -11,9 +11,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from armflex.conventions import Array
+from armflex.conventions import Array, said_of
 from armflex.errors import ArmflexError
+from armflex.estimate.blocks import sensor_block
 from armflex.estimate.posterior import context_of
 from armflex.estimate.view import View, look
 from armflex.laws.effects.context import Context
@@ -22,7 +24,8 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import numbered
 from armflex.plan.design import Truth, instead
-from armflex.readings import Position, unread
+from armflex.plan.instruments import usual
+from armflex.readings import Readings
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH, LEVEL_OF
 from armflex.trace.candidates import candidate_regressors
@@ -38,6 +41,16 @@ TELLING = 1.0
 """Expected difference, in standard deviations of one reading, below which a row tells nothing."""
 
 HYPOTHESES = 2
+
+SPLIT = 3.0
+"""Expected difference, in standard deviations of one reading, from which another instrument is named."""
+
+SPLITTING = {
+    "level": "a level on {place}",
+    "encoder": "an encoder on the links of {place}",
+    "wire": "a wire to the tip",
+}
+"""Instruments that are thought of, and how they are named."""
 
 RIDGE = 1e-12
 """Prior precision relative to a column's square: what the readings leave open is next to unknown.
@@ -59,9 +72,12 @@ def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str
     setup, offer = state.fit.setup, _offered(state.measurements)
     known = len(state.declared.arm.effects) + len(state.effects)  # a random twist knows only the poses it was fitted to
     setup = replace(setup, arm=replace(setup.arm, effects=setup.arm.effects[:known]))
-    sigma = np.median(state.measurements.sigma[state.measurements.measured], axis=0)
+    kinds = []
+    for kind in state.measurements.readings.kinds:
+        read = np.isfinite(kind.sigma).all(axis=1) & state.measurements.measured
+        kinds.append(kind.unread(OFFERED, np.median(kind.sigma[read], axis=0), kind.name))
     try:
-        view = look(setup, offer, np.arange(OFFERED), readings=unread(OFFERED, Position, sigma=sigma))
+        view = look(setup, offer, np.arange(OFFERED), readings=Readings(OFFERED, tuple(kinds)))
     except ArmflexError:  # a mixture of positions that the arm does not hold: no proposal is better than a wrong one
         return ()
     context, told = context_of(view, offer), []
@@ -70,12 +86,40 @@ def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str
         for hypothesis in others[:HYPOTHESES]:
             pair = f"{own.title}{numbered(state.effects[index].number)} from {hypothesis.title}"
             row, sigmas, difference = _apart(state, index, hypothesis, view, context)
+            if sigmas < SPLIT and (better := _splitting(state, index, hypothesis, view, context)):
+                name, more, place = better
+                what = f"No more rows like those recorded tell {pair}" if sigmas < TELLING else f"To tell {pair}"
+                at = _described(own, hypothesis, offer, place)
+                told.append(f"{what}; {name} would: read it at {at} ({more:.2g} standard deviations).")
+                continue
             if sigmas < TELLING:
                 told.append(f"No more rows like those recorded tell {pair}; instead, {instead(own, hypothesis)}.")
                 continue
-            size = f"{difference * 1e3:.2g} mm apart, {sigmas:.2g} standard deviations"
+            size = f"{said_of(difference, view.readings.unit)} apart, {sigmas:.2g} standard deviations"
             told.append(f"To tell {pair}: measure at {_described(own, hypothesis, offer, row)} ({size}).")
     return tuple(told)
+
+
+def _splitting(
+    state: State, index: int, hypothesis: Effect, view: View, context: Context
+) -> tuple[str, float, int] | None:
+    """Return the instrument that would tell an effect from a hypothesis best, by how much, and the row; None if none.
+
+    Looked at is one instrument more at a time, wherever it could be; one that was there is of the campaign.
+    """
+    arm, best = view.arm, None
+    for word, named in SPLITTING.items():
+        for sensor in usual(arm, word):
+            setup = replace(view.setup, arm=replace(arm, sensors={**arm.sensors, sensor.name: sensor}))
+            kinds = (*view.readings.kinds, sensor.kind.unread(OFFERED, sensor.sigma, sensor.name))
+            read = Readings(OFFERED, kinds)
+            here = replace(view, setup=setup, readings=read, residual=np.zeros((OFFERED, read.size)))
+            here = replace(here, readings=read.within_range(here.at))
+            row, sigmas, _ = _apart(state, index, hypothesis, here, context, sensor.name)
+            if sigmas >= SPLIT and (best is None or sigmas > best[1]):
+                place = sensor.shaft.joint if sensor.shaft else sensor.link
+                best = (named.format(place=place), sigmas, row)
+    return best
 
 
 def _offered(known: Measurements) -> Rows:
@@ -107,8 +151,13 @@ def _offered(known: Measurements) -> Rows:
     )
 
 
-def _apart(state: State, index: int, hypothesis: Effect, view: View, context: Context) -> tuple[int, float, float]:
-    """Return the offered row at which an effect and a hypothesis in its stead differ most, by how much [sigma, m]."""
+def _apart(
+    state: State, index: int, hypothesis: Effect, view: View, context: Context, sensor: str = ""
+) -> tuple[int, float, float]:
+    """Return the offered row at which an effect and a hypothesis in its stead differ most, by how much [sigma, m].
+
+    `sensor` is one that nothing was read of yet.
+    """
     fit, own = state.fit, state.fitted[index]
     kept = [block for block in (*state.blocks, *state.effects) if block is not state.effects[index]]
     places = np.concatenate([np.zeros(0, dtype=int), *(fit.places(block) for block in kept)])
@@ -118,13 +167,20 @@ def _apart(state: State, index: int, hypothesis: Effect, view: View, context: Co
     precision = np.concatenate([fit.precision[places], np.zeros(len(hypothesis.location.terms) + 1)])
     known = LinearGaussian.of(measured, precision + RIDGE * (measured**2).sum(axis=0))
     there = [block.of_rows(context).jacobian(view) for block in kept]
+    if sensor:
+        new = sensor_block(view.setup, sensor, ("",))
+        places = len(new.parameters)
+        known = LinearGaussian(np.asarray(block_diag(np.diag(new.prior**-2.0), known.information)))
+        precision = np.append(np.ones(places), precision)
+        there.insert(0, new.jacobian(view))
     there.append(view.effect_jacobian(hypothesis, context))
     there.append((view.effect_jacobian(own, context) @ own.acting)[:, :, None])
     after = np.concatenate(there, axis=2)
     truth = Truth(np.eye(len(precision))[-1], np.arange(len(precision) - 1))
     sigmas = np.sqrt(truth.apart(known, after / view.sigma[:, :, None])[1])
     best = int(sigmas.argmax())
-    return best, float(sigmas[best]), float(np.linalg.norm(after[best] @ truth.departure(known)))
+    apart = (after[best] @ truth.departure(known))[view.foremost]
+    return best, float(sigmas[best]), float(np.linalg.norm(apart))
 
 
 def _described(own: Effect, hypothesis: Effect, offer: Rows, row: int) -> str:

@@ -23,13 +23,14 @@ from armflex.estimate.fit import THOROUGH, Fit
 from armflex.estimate.held_out import believed, errors_of, held_out, near, pose_folds
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import look
-from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.effect import Effect, EffectLaw
+from armflex.laws.effects.location import Location
 from armflex.linear_gaussian import most_probable
 from armflex.trace.candidates import Candidate, bank, candidate_regressors, grid, sift
 from armflex.trace.exchange import SAME, in_place
 from armflex.trace.polish import polish
 from armflex.trace.projection import projected, ridge_for
-from armflex.trace.search import searched
+from armflex.trace.search import TIE, searched
 from armflex.trace.state import State, context_at, sorted_out, with_random, without
 from armflex.trace.unrecorded import PoseBlock
 
@@ -213,6 +214,10 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
             sift(bank(tried, masked, state.context, state.tell), problem), masked, state.context, len(places)
         )
         best = polish(found.first.candidate, masked, state.context, problem) if found.ranking else None
+        same = [one.candidate for one in found.ranking if _place_of(one.candidate) == _place_of(block.effect)]
+        if best is not None and same and _place_of(best.candidate) != _place_of(block.effect):
+            own = polish(same[0], masked, state.context, problem)
+            best = own if own.evidence >= best.evidence - TIE else best
         names.append("")
         if best is not None and best.evidence > 0.0:
             names[-1] = best.candidate.name
@@ -220,6 +225,10 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
             regressors = np.hstack([regressors, candidate_regressors(best.candidate, fit, state.context)])
             prior = np.concatenate([prior, ridge])
     return (regressors, prior, data), names
+
+
+def _place_of(one: Candidate | Effect) -> tuple[EffectLaw, Location]:
+    return one.law, one.location
 
 
 def _outlived(state: State, found: Compared) -> State | None:
@@ -232,7 +241,9 @@ def _outlived(state: State, found: Compared) -> State | None:
         own, step = state.fitted[index].name, state.steps[index]
         best, times = Counter(names).most_common(1)[0] if names else ("", 0)
         if best and best != own and 2 * times > len(names) and step is not None:
+            physical = state.fitted[index].law.physical
             others = [one for one in step.ranking if one.candidate.name == best]
+            others = [one for one in others if one.candidate.law.physical >= physical]
             *_, after = (after, *in_place(after, (index,), others, -SAME))
     return None if after is state else after
 

@@ -90,7 +90,7 @@ def shown() -> tuple[dict[str, Shown], Records]:
 def _at_work(index: int, made, sifted, projection, fit, context, names: np.ndarray) -> Shown:
     candidate = made.candidates[index]
     motion = made.group(index).sum(axis=1)
-    scale = fit.view.sigma / np.sqrt(fit.weights)[:, None]
+    scale = fit.view.sigma / np.sqrt(fit.weights)
     left = motion - projection.regressors @ projection.absorbed(motion)
     raw, rest = (each.reshape(scale.shape)[:, :3] * scale[:, :3] for each in (motion, left))
     size = 1.0 / np.sqrt((raw**2).sum(axis=1).mean())

@@ -23,6 +23,7 @@ from sphinx.ext import napoleon
 from sphinx.ext.napoleon import GoogleDocstring
 
 import armflex
+from armflex import readings
 from armflex.cli.main import COMMANDS
 
 DOCS = Path(__file__).parents[1]
@@ -32,7 +33,7 @@ PACKAGE = ROOT / "armflex"
 GROUPS = {
     "An arm and its deflection": ("arm", "bundled", "robot", "files", "mechanics", "estimate.tip_uncertainty"),
     "Paths": ("trajectory", "tasks.check", "tasks.compensate", "tasks.predict", "export"),
-    "Campaigns, calibration, tracing": ("measured", "rows", "estimate", "trace", "readings"),
+    "Campaigns, calibration, tracing": ("measured", "rows", "estimate", "trace", "readings", "tasks.iso9283"),
     "What to measure next, and tracking": ("plan", "track"),
     "Joint laws from a bench": ("bench", "laws"),
     "Maps and pages": ("tasks.workspace", "show"),
@@ -167,6 +168,20 @@ def conventions() -> str:
     return "\n".join(lines) + "\n"
 
 
+def instruments() -> str:
+    """Return every kind of instrument: what it reads, its columns, its unit, and what of it can be found."""
+    lines = [
+        "| `kind` | reads | columns of `[instrument.NAME]` | unit | what can be found with it |",
+        "|---|---|---|---|---|",
+    ]
+    for name, kind in readings.SENSOR_KINDS.items():
+        said = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
+        columns = ", ".join(f"`NAME_{channel}`" if channel else "`NAME`" for channel in kind.channels)
+        own = ", ".join(f"`{one.name}` [{one.unit}]" for one in kind.nuisances)
+        lines.append(f"| `{name}` | {_cell(said)} | {columns} | {kind.unit} | {own} |")
+    return "\n".join(lines) + "\n"
+
+
 def bench() -> str:
     """Return what `make bench` wrote, under this page's headings."""
     file = DOCS / "results" / "bench.md"
@@ -216,6 +231,7 @@ def make(app: Sphinx | None = None) -> None:
         "heads": heads,
         "api": api,
         "conventions": conventions,
+        "instruments": instruments,
         "bench": bench,
         "study": study,
         "examples": examples,

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 import armflex
-from armflex.laws.effects.location import drive_of
+from armflex.robot.urdf import drive_of
 
 matplotlib.use("agg")
 import matplotlib.pyplot as plt

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from support.campaign_files import write_columns
 from support.command_line import fine, run_here, strict_json
+from support.compiled_arm import COMPILER, compiled
 from support.exported import Sheet
 from support.small_arms import ROBOTS, line_of, write
 from support.two_links import ARM, GOOD, Q, codes, declared, edited
@@ -206,6 +208,23 @@ def test_exports_have_the_tool(tmp_path: Path) -> None:
     assert "'tcp'" in " ".join(found.told)
     rows = [Sheet(export_sheet(one).text).value for one in (arm, with_link(tmp_path))]
     assert rows[0] == rows[1] and np.linalg.norm([rows[0]["tool", "", axis] for axis in "xyz"]) > 0.5
+
+
+def test_what_an_export_leaves_out_is_that_of_the_forces_too(tmp_path: Path) -> None:
+    arm, rows = load_arm(declared(tmp_path, (TIP, TOOL))), tmp_path / "rows.csv"
+    columns = {f"q_{name}": [value] for name, value in zip(arm.joint_names, Q, strict=True)}
+    write_columns(rows, columns | {"force_fz_kN": [-2.0]})
+    moved = arm.deflection(Q, wrenches=[Wrench("tcp", [0.0, 0.0, -2e3], np.zeros(3))]).displacement[:3]
+    (one,) = export_urdf(arm, rows).numbers["left_out"]
+    assert one["most"] == pytest.approx(np.linalg.norm(moved), rel=1e-9)
+
+
+@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+def test_c_has_the_tool_and_the_mount(tmp_path: Path) -> None:
+    arm = load_arm(declared(tmp_path, (TIP, TOOL), (GRAVITY, "mount = { rpy = [0.6, 0.2, 0] }\n")))
+    codes_of, poses = compiled(arm, tmp_path).tips(np.array([Q]), np.array([1]))
+    assert codes_of.tolist() == [0]
+    np.testing.assert_allclose(poses[0], arm.deflection(Q, "p5").pose.homogeneous[:3], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("command", ["deflect", "view"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -18,10 +19,10 @@ from support.command_line import Run, fine
 from support.compiled_arm import COMPILER, CompiledArm, compiled
 from support.effect_arms import KNOWN, LAWS, arm_with, millimetre, plain
 from support.learned_laws import DECLARED, LOADS, compliance, moved
-from support.small_arms import LIMIT, arm_of, joint, link, one_joint, random_compliance, standing, three_joints
+from support.small_arms import LIMIT, ROBOTS, arm_of, joint, link, one_joint, random_compliance, standing, three_joints
 from support.structures import nonlinear
 
-from armflex import Arm, Payload, Trajectory, compensate
+from armflex import Arm, Payload, Trajectory, compensate, load_arm
 from armflex.errors import InputError, UnstableEquilibriumError, UnsupportedError
 from armflex.export.c_code import KEYWORDS, export
 from armflex.export.c_laws import SHAPES
@@ -337,3 +338,21 @@ def test_the_command_writes_the_file_and_says_what_it_needs(armflex: Run, tmp_pa
     said = fine(armflex("export", tmp_path / "arm.toml", "--to", "c", "-o", tmp_path / "six.c", "--name", "six"))
     assert "set six_covariates before you ask: approach_J2, temperature_lagged_5s" in said.stdout
     assert "int six_tip(const double *q, int payload, double *pose);" in (tmp_path / "six.c").read_text()
+
+
+@pytest.mark.parametrize(
+    "robot", ["tool = { xyz = [0.1, 0.0, 0.2], rpy = [0.3, 0.0, 0.1] }", "mount = { rpy = [3.14159, 0.1, 0.0] }"]
+)
+def test_a_tool_and_a_mount_are_in_it(robot: str, tmp_path: Path) -> None:
+    """The tip is the tool's, and weight pulls as it does on a base that hangs from a ceiling."""
+    shutil.copytree(ROBOTS / "heavy_six", tmp_path / "six")
+    file = tmp_path / "six" / "arm.toml"
+    text = file.read_text().replace('tip = "tool"', f'tip = "tool"\n{robot}', 1)
+    file.write_text(re.sub("gravity = .*", "", text) if "mount" in robot else text)
+    arm, plain = load_arm(file), load_arm(ROBOTS / "heavy_six" / "arm.toml")
+    q = np.random.default_rng(5).uniform(-0.8, 0.8, (20, 6))
+    made = compiled(arm, tmp_path)
+    codes, poses = made.tips(q, np.full(20, made.payloads.index("p100")))
+    expected = arm.deflection(q, "p100").pose[:, :3]
+    assert not codes.any() and np.abs(poses - expected).max() < 1e-9
+    assert np.abs(poses - plain.deflection(q, "p100").pose[:, :3]).max() > 1e-3

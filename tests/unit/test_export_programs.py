@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -301,3 +302,29 @@ def test_loads_of_the_path_are_compensated(tmp_path: Path) -> None:
     for more, complaint in (([], "go with --compensate"), (["--compensate", "--to", "c"], "--to c")):
         options = [*command[:-1], "n.script", "--traj", plain, "--payload", "p100", *more]
         assert complaint in fine(run_here(tmp_path, *options), 2).stderr and not (tmp_path / "n.script").exists()
+
+
+FORMATS = {
+    "urdf": [], "sheet": [], "yaml": ["--flavour", "ur_calibration"], "c": [],
+    **{one: ["--traj", ROBOTS / "heavy_six" / "trajectory.csv", "--compensate"] for one in LANGUAGES},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_nothing_is_written_but_what_is_asked_for(name: str, tmp_path: Path) -> None:
+    """The file, and the JSON; where the arm or a payload is not there, nothing, and what stood there stays."""
+    source = tmp_path / "in"
+    shutil.copytree(ROBOTS / "heavy_six", source)
+    out = tmp_path / "out"
+    out.mkdir()
+    before = {file: file.read_bytes() for file in source.rglob("*") if file.is_file()}
+    command = ["export", source / "arm.toml", "--to", name, *FORMATS[name], "-o", "made", "--json", "told.json"]
+    fine(run_here(out, *command))
+    assert {file.name for file in out.iterdir()} == {"made", "told.json"}
+    (out / "made").write_text("mine")
+    wrong = source / "wrong.toml"
+    wrong.write_text((source / "arm.toml").read_text().replace('joint = "J3"', 'joint = "J33"'))
+    assert "J33" in fine(run_here(out, *["export", wrong, *command[2:]]), 2).stderr
+    assert (out / "made").read_text() == "mine" and {file.name for file in out.iterdir()} == {"made", "told.json"}
+    wrong.unlink()
+    assert before == {file: file.read_bytes() for file in source.rglob("*") if file.is_file()}

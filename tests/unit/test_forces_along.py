@@ -12,6 +12,8 @@ from support.small_arms import ROBOTS
 
 from armflex import Arm, InputError, Wrench, check, compensate
 from armflex.certainty import Certainty
+from armflex.cli.main import COMMANDS
+from armflex.cli.options import FILES
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.measured.forces import read_force_table
@@ -196,6 +198,16 @@ def test_a_table_that_cannot_be_used(armflex: Run, tmp_path: Path, name: str) ->
     (tmp_path / "f.csv").write_text(text)
     result = fine(armflex("compensate", HEAVY / "arm.toml", "t.csv", "-o", "o.csv", "--force-table", "f.csv"), 2)
     assert complaint in result.stderr and not (tmp_path / "o.csv").exists()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_says_what_the_files_are_and_where_forces_go(armflex: Run, command: str) -> None:
+    """What a newcomer needs is found from --help alone."""
+    text = " ".join(fine(armflex(command, "--help")).stdout.split())
+    for name in ("ARM", "TRAJ.csv", "ROWS.csv", "MEAS.csv", "JOINT.csv"):
+        assert (name in text.partition("Options:")[0].split()) <= (f"{name} {FILES[name][:20]}" in text)
+    loaded = command in ("check", "compensate", "predict", "map", "view", "export", "deflect")
+    assert loaded == ("--force" in text) and command in " ".join(fine(armflex("--help")).stdout.split())
 
 
 def test_forces_that_exclude_each_other(armflex: Run, tmp_path: Path, pushed: Path) -> None:

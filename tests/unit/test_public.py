@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import public as scoreboard
 import pytest
+from support.effect_arms import quietly
 from support.public_campaigns import MEASURED, public
 
 from armflex import calibrate, predict, trace
@@ -105,3 +106,39 @@ def test_parts_of_joint_space_lie_apart() -> None:
     apart = np.where(part[:, None] != part, far, np.inf).min(axis=1).mean()
     mixed = np.random.default_rng(1).permutation(part)
     assert apart > np.where(mixed[:, None] != mixed, far, np.inf).min(axis=1).mean()
+
+
+def test_decimal_commas_and_stations_are_read(tmp_path: Path) -> None:
+    """The layouts of the UR10 (semicolons, mm, decimal commas) and of the lifting column (YAML by station)."""
+    yaml = pytest.importorskip("yaml")
+    urdf = (MEASURED / "ur5_tsinghua" / "robot.urdf").read_text()
+    (tmp_path / "ur10_robot.urdf").write_text(urdf)
+    arm = quietly(MEASURED / "ur5_tsinghua" / "arm.toml")
+    series = tmp_path / "ipa" / "Series_B"
+    series.mkdir(parents=True)
+    head = [*arm.joint_names, *(f"measurement_{axis}" for axis in "xyz")]
+    rows = ["-3,14159;-1,5708;0;-1,5708;0;0;383,76294;-3240,8734;201,93157"] * 2
+    (series / "measurements_joint_configurations.csv").write_text("\n".join([";".join(head), *rows]))
+    (series / "measurements_grid.csv").write_text("Goal x;measurement_x\n1,0;2,0")  # no joint positions: left out
+    scoreboard.from_ipa(tmp_path, tmp_path / "converted")
+    ((name, _, table),) = scoreboard.campaigns(tmp_path / "converted")
+    found = scoreboard.read_measurements(table, arm)
+    assert name == "ipa_ur10" and found.session == ("Series_B",) * 2
+    np.testing.assert_allclose(found.q[0], [-3.14159, -1.5708, 0.0, -1.5708, 0.0, 0.0])
+    np.testing.assert_allclose(found.position[0], [0.38376294, -3.2408734, 0.20193157])
+    data = tmp_path / "hilti" / "data"
+    (data / "datasets").mkdir(parents=True)
+    (data / "trailblazer.urdf").write_text(urdf.replace("</joint>", '<mimic joint="a"/></joint>', 1))
+    readings = [
+        {"time": time, "joint_states": [0.1 * time] * 6, "prism_position": [1.0, 2.0, time]} for time in (5.0, 3.0)
+    ]
+    station = {"stationing_measurements": readings[:1], "evaluation_measurements": readings[1:]}
+    heights = {1.98: {"solution_spaces": {7: station}}}
+    said = {"joint_names": list(arm.joint_names), "column_heights": heights}
+    (data / "datasets" / "flat.yaml").write_text(yaml.safe_dump(said))
+    scoreboard.from_hilti(tmp_path, tmp_path / "column")
+    ((_, file, table),) = scoreboard.campaigns(tmp_path / "column")
+    found = scoreboard.read_measurements(table, arm)
+    assert "mimic" not in (file.parent / "trailblazer.urdf").read_text()
+    np.testing.assert_allclose(found.time, [0.0, 2.0])
+    np.testing.assert_allclose(found.position[:, 2], [3.0, 5.0])

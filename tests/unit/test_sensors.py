@@ -20,10 +20,12 @@ from support.instruments import (
     measured,
 )
 
-from armflex import Calibration, calibrate, load_arm, predict, read_measurements
+from armflex import Calibration, calibrate, load_arm, plan, predict, read_measurements
 from armflex.conventions import TWIST_NAMES
-from armflex.errors import ArmFileError, ConventionError, TableError
+from armflex.errors import ArmFileError, ConventionError, InputError, TableError
 from armflex.estimate.calibrate import write_calibrated
+from armflex.plan.drive import write_plan
+from armflex.plan.instruments import declaration
 
 EVERY = (WIRE, LEVEL, ACCELERATION, ENCODER, CAMERA)
 
@@ -251,3 +253,21 @@ def test_a_slide_is_read_by_an_encoder_of_lengths(tmp_path: Path) -> None:
     gives = arm.deflection(q).twists[arm.flexure_names.index("M1")][:3] @ joint.axis
     assert kind.values[0, 0] == pytest.approx(0.7 + gives, abs=1e-6)
     assert replace(kind).title == "enc2 (slide encoder)"
+
+
+def test_a_plan_chooses_where_instruments_go(tmp_path: Path) -> None:
+    """The best link for a level is said with the others, what each buys, and columns to be filled in."""
+    arm = load_arm(heavy(tmp_path))
+    found = plan(arm, 6, instruments=["wire", "level"])
+    wire, level = found.mounts
+    assert wire.reached < wire.without and level.reached < level.without
+    assert level.without == pytest.approx(wire.reached) and min(value for _, value in level.others) >= level.reached
+    header = write_plan(found, tmp_path / "plan.csv").read_text().splitlines()[0].split(",")
+    assert header[-3:] == [wire.sensor.name, f"{level.sensor.name}_x", f"{level.sensor.name}_y"] and "x" not in header
+    # What it says to declare is what it planned with.
+    again = load_arm(heavy(tmp_path, *(f"\n{declaration(one.sensor)}\n" for one in found.mounts)))
+    for mount in found.mounts:
+        np.testing.assert_allclose(again.sensors[mount.sensor.name].std, mount.sensor.std)
+        np.testing.assert_allclose(again.sensors[mount.sensor.name].declared, mount.sensor.declared)
+    with pytest.raises(InputError, match="no instrument 'levle', did you mean 'level'"):
+        plan(arm, 6, instruments=["levle"])

@@ -12,7 +12,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.robot import Robot, Site
-from armflex.robot.urdf import Joint
+from armflex.robot.urdf import Joint, drive_of
 
 BASE, TOOL, LINK = "base", "tool", "link:"
 
@@ -111,16 +111,6 @@ class Here:
     def stretch(self) -> Array:
         """(6,) twist that adds `length` to the link [m]."""
         return np.concatenate([self.length, np.zeros(3)])
-
-
-def drive_of(joint: Joint) -> Array:
-    """Return the (6,) unit twist of a joint's own motion, zero for a fixed one."""
-    twist = np.zeros(6)
-    if joint.kind == "prismatic":
-        twist[:3] = joint.axis
-    elif joint.kind in ("revolute", "continuous"):
-        twist[3:] = joint.axis
-    return twist
 
 
 def drive_axis(joint: Joint) -> str:

@@ -35,7 +35,7 @@ def account(trace: Trace) -> SimpleNamespace:
         cards=_cards(trace, accurate),
         campaign=_campaign(trace),
         numbers=_numbers(trace, accurate),
-        workspace=figures.workspace(trace),
+        workspace=figures.workspace(trace) if trace.state.measurements.positioned.any() else "",
         sessions=figures.by_session_and_pose(accurate, bool(trace.found)),
         effects=[_effect(trace, index) for index in range(len(trace.found))],
         heat=figures.heat(trace, left),

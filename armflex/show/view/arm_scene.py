@@ -18,7 +18,7 @@ from armflex.conventions import Array, number
 from armflex.errors import InputError
 from armflex.laws.effects.remember import settled
 from armflex.mechanics.deflection import Deflection
-from armflex.mechanics.loads import Payload
+from armflex.mechanics.loaded import Payload
 from armflex.rows.wrench import Wrench
 from armflex.show.view.meshes import read_mesh
 from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, ShapeKind, scene_points
@@ -66,7 +66,7 @@ def view(
 
     Args:
         arm: The arm.
-        q: (nq,) joint positions; zero, or the nearest limit, when neither q nor a trajectory is given.
+        q: (nq,) joint positions; as `Arm.position` has them when neither q nor a trajectory is given.
         payload: What it carries at q.
         trajectory: Shown as an animation instead of one configuration.
         report: Result of `check` on the trajectory; colours the via-points.

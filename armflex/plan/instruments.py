@@ -1,0 +1,144 @@
+"""Instruments that could be put on an arm: where, and which of them tell most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import InputError, did_you_mean, listing
+from armflex.plan.design import Goal
+from armflex.plan.design_model import Model
+from armflex.readings import SENSOR_KINDS, Acceleration, Distance, Encoder, Inclination, Kind, Position, SlideEncoder
+from armflex.readings.sensor import Sensor, Shaft
+
+TRACKER = "tracker"
+"""The word for the instrument that looks at the tip."""
+
+Usual = tuple[type[Kind], float, dict[str, float]]
+
+USUAL: dict[str, Usual] = {
+    "level": (Inclination, 2e-5, {"mounting": 5e-3, "bias": 1e-3}),
+    "wire": (Distance, 1e-4, {"anchor": 0.01, "length_offset": 0.01}),
+    "accelerometer": (Acceleration, 2e-3, {"mounting": 5e-3, "bias": 0.02, "scale": 2e-3}),
+    "encoder": (Encoder, 1e-5, {"bias": 1e-3}),
+    "target": (Position, 2e-4, {"point": 1e-3}),
+}
+"""By the word for each: what it reads, one standard deviation of that, and of what is open of it, as is usual."""
+
+ANCHORS, AWAY, HEIGHTS = 8, 0.8, (0.0, 0.6)
+"""Directions about the base in which anchors are offered, how far and at which heights, in parts of the reach."""
+
+
+@dataclass(frozen=True)
+class Mounted:
+    """An instrument that was chosen among those offered.
+
+    Attributes:
+        sensor: It.
+        reached: The goal's value, as shown, with rows at random read by all that were chosen up to it.
+        without: The same without it.
+        others: What other places of the same instrument would reach, best first.
+    """
+
+    sensor: Sensor
+    reached: float
+    without: float
+    others: tuple[tuple[str, float], ...]
+
+
+def offered(arm: Arm, words: Sequence[str]) -> dict[str, tuple[Sensor, ...]]:
+    """Return the places where each wanted instrument could be; one that the arm file declares is where it says.
+
+    Raises:
+        InputError: No such instrument.
+    """
+    known = [*arm.sensors, *USUAL, TRACKER]
+    for word in words:
+        if word not in known:
+            hint = did_you_mean(word, known)
+            raise InputError(f"no instrument {word!r}{hint} (known: {listing(known)})")
+    if len(set(words)) < len(words):
+        raise InputError(f"instruments {listing(words)}: one is named twice")
+    return {
+        word: (arm.sensors[word],) if word in arm.sensors else usual(arm, word) for word in words if word != TRACKER
+    }
+
+
+def usual(arm: Arm, word: str) -> tuple[Sensor, ...]:
+    """Return an instrument that nobody declared wherever it may be: on every link that moves, at every joint."""
+    kind, sigma, std = USUAL[word]
+
+    def sensor(name: str, link: str, values: dict[str, Array] | None = None, shaft: Shaft | None = None) -> Sensor:
+        own = SlideEncoder if shaft and shaft.straight else kind
+        declared = [(values or {}).get(one.name, np.zeros(len(one.axes))) for one in own.nuisances]
+        spread = [np.full(len(one.axes), std.get(one.name, 0.0)) for one in own.nuisances]
+        return Sensor(f"{word}_{name}", own, link, sigma, np.concatenate(declared), np.concatenate(spread), shaft=shaft)
+
+    if word == "wire":
+        reach, found = arm.robot.reach, []
+        for i in range(ANCHORS):
+            for height in HEIGHTS:
+                angle = 2.0 * np.pi * i / ANCHORS
+                anchor = reach * np.array([AWAY * np.cos(angle), AWAY * np.sin(angle), height])
+                found.append(sensor(f"{len(found) + 1}", arm.robot.tip, {"anchor": np.round(anchor, 2)}))
+        return tuple(found)
+    if word == "encoder":
+        found = []
+        for joint in arm.robot.moving:
+            origin = np.eye(4)
+            origin[:3, :3], origin[:3, 3] = joint.rotation, joint.origin
+            straight = joint.kind == "prismatic"
+            shaft = Shaft(joint.name, joint.parent, straight, np.asarray(joint.axis), origin)
+            found.append(sensor(joint.name, joint.child, shaft=shaft))
+        return tuple(found)
+    point = {"point": np.array([0.0, 0.0, 0.1])} if word == "target" else {}
+    return tuple(sensor(joint.child, joint.child, point) for joint in arm.robot.moving)
+
+
+def choose(
+    wanted: dict[str, tuple[Sensor, ...]], places: dict[str, slice], goal: Goal, model: Model, rows: Array
+) -> tuple[Mounted, ...]:
+    """Return the best place of each wanted instrument, one after the other, each beside those before it.
+
+    Args:
+        wanted: Where each could be, by its word.
+        places: Where the numbers of each stand among the d of a row; '' is the instrument at the tip, if it is read.
+        goal: What is to be made as large as can be.
+        model: What is free, and known before.
+        rows: (n, d, P) rows that would be read, in standard deviations of the readings.
+    """
+    taken = [np.arange(place.start, place.stop) for name, place in places.items() if not name]
+    found = []
+    for options in wanted.values():
+        here = np.concatenate([np.zeros(0, dtype=int), *taken])
+        without = goal.value(model.known.with_rows(rows[:, here]))
+        values = []
+        for sensor in options:
+            own = np.arange(places[sensor.name].start, places[sensor.name].stop)
+            values.append(goal.value(model.known.with_rows(rows[:, np.concatenate([here, own])])))
+        order = np.argsort(-np.array(values))
+        best = options[order[0]]
+        taken.append(np.arange(places[best.name].start, places[best.name].stop))
+        others = tuple((options[i].name, float(goal.shown(values[i]))) for i in order[1:])
+        found.append(Mounted(best, float(goal.shown(values[order[0]])), float(goal.shown(without)), others))
+    return tuple(found)
+
+
+def declaration(sensor: Sensor) -> str:
+    """Return [instrument.NAME] as it is written into an arm.toml."""
+    kind = next(word for word, kind in SENSOR_KINDS.items() if issubclass(sensor.kind, kind))
+    lines = [f"[instrument.{sensor.name}]", f'kind = "{kind}"']
+    lines += [f'joint = "{sensor.shaft.joint}"'] if sensor.shaft else [f'link = "{sensor.link}"']
+    start = 0
+    for one in sensor.kind.nuisances:
+        own = slice(start, start + len(one.axes))
+        start = own.stop
+        values, std = sensor.declared[own], float(sensor.std[own.start])
+        if values.any() or one.name == "anchor":
+            lines.append(f"{one.name} = {values.tolist() if len(values) > 1 else float(values[0])}")
+        lines += [f"{one.name}_std = {std:g}"] if std else []
+    return "\n".join([*lines, f"sigma = {sensor.sigma:g}"])
