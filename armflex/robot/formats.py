@@ -191,7 +191,22 @@ def _read_mjcf(path: Path, root: etree._Element) -> Urdf:
 
 
 def _compiled(mujoco: Any, path: Path) -> tuple[Any, list[Flag]]:
-    """Return MuJoCo's model of a file, without its meshes where these are missing and no mass follows from them."""
+    """Return MuJoCo's model of a file, without its meshes where these are missing and no mass follows from them.
+
+    What MuJoCo warns of are flags; it would write them to a file where the program runs.
+    """
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)
+    try:
+        model, flags = _with_meshes_or_without(mujoco, path)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    if wrong := [text for text in warned if "nan" in text.lower()]:
+        raise UrdfError(Place(path), f"MuJoCo says: {' '.join(wrong[0].split())}")
+    return model, [*flags, *(Flag("mujoco", f"{path}: {' '.join(text.split())}") for text in warned)]
+
+
+def _with_meshes_or_without(mujoco: Any, path: Path) -> tuple[Any, list[Flag]]:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         try:

@@ -134,6 +134,14 @@ def test_bad_mjcf_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
         assert caught.value.place.line == line_of(path.read_text(), mark)
 
 
+def test_what_mujoco_warns_of_is_said_and_no_file_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path, MJCF.replace('pos="0.7 0 0" axisangle', 'pos="nan 0 0" axisangle'), "crane.xml")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UrdfError, match=r"crane\.xml: MuJoCo says: .*NaN"):
+        load_robot(path, "hook")
+    assert [one.name for one in tmp_path.iterdir()] == ["crane.xml"]
+
+
 def test_meshes_that_weigh_nothing_may_be_missing(tmp_path: Path) -> None:
     text = MJCF.replace("<worldbody>", '<asset><mesh name="m" file="ghost.stl"/></asset><worldbody>')
     text = text.replace("<site name", '<geom type="mesh" mesh="m"/><site name')
