@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
+from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
@@ -30,6 +31,10 @@ ROWS = 15
 
 IMPLAUSIBLE = 3.0
 """Times what is plausible of its law beyond which an effect is not believed."""
+
+USUAL_SHIFT, USUAL_TURN, USUAL_SHARE = 0.02, 0.005, 0.1
+"""RMS of a twist [m, rad], and of a force as a share of what the arm weighs (of its moment: at 1 m), that machines have
+without anybody knowing."""
 
 SOFT = 100.0
 """Times the softest joint of steel that is believed: what would have to give more is no compliance."""
@@ -52,7 +57,7 @@ class Polished:
     Attributes:
         candidate: With those values.
         gain: Fall of the objective.
-        evidence: Fall of the information criterion.
+        evidence: Fall of the information criterion, less what its size counts against it; see `unusual`.
         amplitudes: Of the acting terms.
         free: Inner parameters that a fit may go on moving.
     """
@@ -124,7 +129,25 @@ def polish(candidate: Candidate, fit: Fit, context: Context, projection: Project
                 best = max([best, *moments], key=lambda one: one.gain)
         free = tuple(i for i in best.candidate.searched if law.inner[i].smooth)
         found.append(refined(best, free) if free and best.gain > 0.0 else best)
-    return max(found, key=lambda one: one.evidence)
+    best = max(found, key=lambda one: one.evidence)
+    return replace(best, evidence=best.evidence - unusual(best.candidate, best.amplitudes, fit.view, context))
+
+
+def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Context) -> float:
+    """Return the evidence that the size of (k,) acting amplitudes counts against a candidate.
+
+    That of the tails of a Cauchy density: nothing where machines have as much, more the larger it is, and never past
+    all evidence.
+    """
+    law, location = candidate.law, candidate.location
+    sizes = amplitudes / np.array([law.amplitudes[i].usual for i in location.terms])
+    much = float((sizes**2).sum())
+    if law.act in (Act.TWIST, Act.LOAD):
+        force = USUAL_SHARE * view.arm.weight
+        usual = np.repeat((USUAL_SHIFT, USUAL_TURN) if law.act is Act.TWIST else (force, force), 3)
+        whole = np.einsum("mka,k->ma", law.features(location, candidate.inner, view, context), amplitudes)
+        much = max(much, float(((whole / usual) ** 2).sum(axis=1).mean()))
+    return 2.0 * float(np.log(max(much, 1.0)))
 
 
 def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context, present: bool = False) -> bool:

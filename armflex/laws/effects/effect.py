@@ -36,13 +36,15 @@ Values = tuple[float, ...]
 class Amplitude:
     """A parameter that the law is linear in; in its unit, {m} stands for the motion's unit and {w} for the load's.
 
-    With `positive` it makes no sense below zero, and beyond `most` in size it is not believed.
+    With `positive` it makes no sense below zero, and beyond `most` in size it is not believed. `usual` is what
+    machines have without anybody knowing, where the twist or the force that it makes does not tell.
     """
 
     name: str
     unit: str
     positive: bool = False
     most: float = float("inf")
+    usual: float = float("inf")
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ GRAVITY_TILT = ModelLaw(
     instead="put an inclinometer on the base",
     plausible=Plausible(1, 0.05, "a floor that leans by more is seen to"),
     places=lambda records: singly_and_together((BASE,), (0, 1), axes=("rx", "ry")),
-    amplitudes=(Amplitude("rx", "rad", most=0.1), Amplitude("ry", "rad", most=0.1)),
+    amplitudes=(Amplitude("rx", "rad", most=0.1, usual=0.01), Amplitude("ry", "rad", most=0.1, usual=0.01)),
     act=Act.GRAVITY,
     made=_turned,
     changed=_change,

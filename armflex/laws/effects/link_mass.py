@@ -48,7 +48,7 @@ LINK_MASS = ModelLaw(
     instead="weigh the link",
     plausible=Plausible(0.35, 0.35, "hoses and what is bolted on weigh a tenth of an arm"),
     places=_places,
-    amplitudes=(Amplitude("mass", "kg"), *(Amplitude(f"com_{a}", "m", most=1.0) for a in "xyz")),
+    amplitudes=(Amplitude("mass", "kg"), *(Amplitude(f"com_{a}", "m", most=1.0, usual=0.1) for a in "xyz")),
     possible=_weighs,
     act=Act.LOAD,
     made=_weight,

@@ -42,7 +42,7 @@ PAYLOAD_COM = ModelLaw(
     instead="carry the same mass at another place of the tool",
     plausible=Plausible(0.35, 0.35, "of a payload that weighs half of what carries it, half a metre"),
     places=_places,
-    amplitudes=tuple(Amplitude(axis, "m", most=1.0) for axis in ("dx", "dy", "dz")),
+    amplitudes=tuple(Amplitude(axis, "m", most=1.0, usual=0.1) for axis in ("dx", "dy", "dz")),
     act=Act.LOAD,
     made=_weight,
     changed=_change,

@@ -23,7 +23,7 @@ TRACKER_SCALE = ModelLaw(
     instead="measure a scale bar or a second instrument's distance with the instrument",
     plausible=Plausible(0.0001, 1, "air 1 ppm/K, a scale bar of the wrong metal 25 ppm/K, photographs 100 ppm"),
     places=lambda records: [Location(BASE)],
-    amplitudes=(Amplitude("lambda", "ppm"),),
+    amplitudes=(Amplitude("lambda", "ppm", usual=100.0),),
     act=Act.SCALE,
     made=lambda here, view, context: np.full((len(view.rows), 1, 1), PPM),
     changed=_change,
