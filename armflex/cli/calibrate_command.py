@@ -47,9 +47,10 @@ def command(
     keep: bool,
     anyway: bool,
     points: PointExport | None,
+    lax: bool,
 ) -> None:
     """Fit what [prior] frees, on the deflected arm, and say what the data cannot tell."""
-    arm = options.declared_arm(arm_path, "calibrate", keep)
+    arm = options.declared_arm(arm_path, "calibrate", keep, lax)
     if sample and keep:
         raise InputError("--keep keeps laws as an earlier campaign taught them: leave out --sample, or --keep")
     if sample and not any(flexure.learn for flexure in arm.flexures):

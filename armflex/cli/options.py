@@ -185,11 +185,17 @@ def same_file(output: Path, other: Path) -> bool:
     return os.path.realpath(output) == os.path.realpath(other)  # also of links that end nowhere, or in a circle
 
 
+lax = click.option(
+    "--lax",
+    is_flag=True,
+    help="Flag unknown URDF tags on the chain, and motion with impossible inertias, do not refuse.",
+)
+
+
 def arm(function: Callable) -> Callable:
     """Add the ARM argument, `--preset`, `--tip` and `--lax`; the command is called with the loaded arm first."""
 
-    @click.option("--lax", is_flag=True, help="Flag unknown URDF tags on the chain, and motion with impossible "
-                                              "inertias, do not refuse.")  # fmt: skip
+    @lax
     @click.option("--tip", metavar="LINK", help="Link whose motion is reported, where ARM is a bare URDF.")
     @click.option("--preset", metavar="NAME", help="Use the flexures of [preset.NAME] in ARM.")
     @click.argument("arm_path", metavar="ARM", type=InputPath)
@@ -217,18 +223,18 @@ anyway = click.option(
 
 
 def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command an arm and its campaign, and how both are taken: `keep`, `anyway`, `points`."""
+    """Give a command an arm and its campaign, and how both are taken: `keep`, `anyway`, `points`, `lax`."""
     measured = click.argument("measurements_path", metavar="MEAS.csv", type=InputPath)
-    for given in (points, anyway, keep, measured, click.argument("arm_path", metavar="ARM", type=InputPath)):
+    for given in (points, lax, anyway, keep, measured, click.argument("arm_path", metavar="ARM", type=InputPath)):
         function = given(function)
     return function
 
 
-def declared_arm(path: Path, command: str, keep: bool = False) -> Arm:
+def declared_arm(path: Path, command: str, keep: bool = False, lax: bool = False) -> Arm:
     """Return the arm of an arm.toml that a command fits; a bare URDF says nothing of what may move."""
     if path.suffix != ".toml":
         raise InputError(f"{path}: {command} needs an arm.toml, whose [prior] says what may move")
-    arm = load_arm(path)
+    arm = load_arm(path, strict=not lax)
     if arm.certainty is not None and not keep:
         text = f"{path} is calibrated already: {command} starts from the arm as declared, or with --keep from this one"
         raise InputError(text)

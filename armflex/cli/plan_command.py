@@ -69,9 +69,10 @@ MOST_LINES = 10
     type=Quantity("length"),
     default=-np.inf,
     metavar="0.5m",
-    help="Lowest height of the tip in the base frame.",
+    help="Lowest height of any link or the payload in the base frame.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the rows that are offered.")
+@options.lax
 @click.option("--picture", type=OutputPath(), metavar="PLAN.png", help="Draw certainty against readings, and where.")
 def command(
     arm_path: Path,
@@ -84,6 +85,7 @@ def command(
     payloads: str | None,
     covariates: tuple[str, ...],
     picture: Path | None,
+    lax: bool,
     **given: Any,
 ) -> None:
     """The rows to measure next, in the order to drive them, and what they will tell.
@@ -95,7 +97,7 @@ def command(
         check_ending(picture)  # before minutes of work
     if arm_path.suffix != ".toml":
         raise InputError(f"{arm_path}: plan needs an arm.toml, whose [prior] says what is not known")
-    arm = load_arm(arm_path)
+    arm = load_arm(arm_path, strict=not lax)
     asked = {
         "after": None if after_path is None else read_measurements(after_path, arm),
         "along": None if along_path is None else read_trajectory(along_path, arm),

@@ -58,6 +58,7 @@ def command(
     keep: bool,
     anyway: bool,
     points: PointExport | None,
+    lax: bool,
 ) -> None:
     """Calibrate, find what residual is left, trace it to an effect the arm lacks, add it, and say what it was worth.
 
@@ -67,7 +68,7 @@ def command(
     """
     outputs = Outputs(arm_path, output, report_path, options.json_path())
     kept = _checkpoint(outputs, measurements_path, resume)
-    arm = options.declared_arm(arm_path, "trace", keep)
+    arm = options.declared_arm(arm_path, "trace", keep, lax)
     measurements = read_measurements(measurements_path, arm, points=points)
     finished: list[Trace] = []
     try:

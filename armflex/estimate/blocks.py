@@ -82,8 +82,12 @@ def frame_block(setup: Setup) -> Block:
     return RigidBlock(FRAME, np.full(6, np.inf), changes, moved)
 
 
-def session_block(sessions: tuple[str, ...], translation: float = 0.0, rotation: float = 0.0) -> Block:
-    """Return the block of an instrument that was set up again: a small shift and turn of it for every session."""
+def session_block(setup: Setup, sessions: tuple[str, ...], translation: float = 0.0, rotation: float = 0.0) -> Block:
+    """Return the block of an instrument that was set up again: a shift and turn of it for every session.
+
+    Sessions in which it stood elsewhere have a first guess, about which nothing is known; see `placed_apart`.
+    """
+    guess = setup.instrument.sessions
 
     def changes(view: View) -> Array:
         own = np.array(view.sessions)[:, None] == np.array(sessions)
@@ -91,10 +95,13 @@ def session_block(sessions: tuple[str, ...], translation: float = 0.0, rotation:
         return np.concatenate([motion * mask[:, None, None] for mask in own.T], axis=2)
 
     def moved(setup: Setup, values: Array) -> Setup:
-        shifts = dict(zip(sessions, values.reshape(-1, 6), strict=True))
-        return replace(setup, instrument=replace(setup.instrument, sessions=shifts))
+        instrument = replace(setup.instrument, sessions={name: guess[name] for name in sessions if name in guess})
+        for name, motion in zip(sessions, values.reshape(-1, 6), strict=True):
+            instrument = instrument.with_session(name, motion)
+        return replace(setup, instrument=instrument)
 
-    std = np.tile(np.repeat([translation, rotation], 3), len(sessions))
+    about = np.repeat([translation, rotation], 3)
+    std = np.concatenate([np.full(6, np.inf) if name in guess else about for name in sessions])
     return RigidBlock(of_motions(Kind.SESSION, sessions), std, changes, moved)
 
 
@@ -193,9 +200,10 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     tracked = any(kind.framed for kind in measurements.readings.kinds)
     if arm.measurement.frame == "unknown" and tracked:
         blocks.append(frame_block(setup))
-    sessions = tuple(dict.fromkeys(measurements.session))
-    if len(sessions) > 1 and tracked and (prior.session_translation or prior.session_rotation):
-        blocks.append(session_block(sessions, prior.session_translation, prior.session_rotation))
+    sessions, known = tuple(dict.fromkeys(measurements.session)), prior.session_translation or prior.session_rotation
+    open_ = tuple(name for name in sessions if known or name in setup.instrument.sessions)
+    if len(sessions) > 1 and tracked and open_:
+        blocks.append(session_block(setup, open_, prior.session_translation, prior.session_rotation))
     if prior.tool and measurements.readings.of(Position):
         blocks.append(target_block(prior.tool))
     if measurements.readings.of(Orientation):
@@ -260,7 +268,7 @@ def _of_kind(kind: Kind, parameters: list[ArmParameter], setup: Setup, context: 
         ]
     rigid: dict[Kind, Callable[[], Block]] = {
         Kind.INSTRUMENT: lambda: frame_block(setup),
-        Kind.SESSION: lambda: session_block(names),
+        Kind.SESSION: lambda: session_block(setup, names),
         Kind.TOOL: target_block,
         Kind.MOUNTING: lambda: mounting_block(setup),
         Kind.OFFSET: lambda: offset_block(setup),

@@ -16,7 +16,7 @@ from armflex.conventions import Array, said_of
 from armflex.errors import ArmflexError, Flag, InputError, Place, UnsupportedError, listing
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.enough import check_readings
+from armflex.estimate.enough import check_readings, placed_rigidly
 from armflex.estimate.fit import Fit, fit
 from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
 from armflex.estimate.identify import Parameter, parameters
@@ -39,7 +39,7 @@ from armflex.mechanics.response import respond
 from armflex.parameters import FRAMES
 from armflex.parameters import Kind as ParameterKind
 from armflex.readings import Kind
-from armflex.readings.instrument import Instrument, fit_frame, fit_mounting
+from armflex.readings.instrument import Instrument, fit_mounting
 from armflex.result import Result
 from armflex.setup import Setup
 
@@ -232,6 +232,7 @@ def calibrate(
     flags = (
         *derived,
         *about,
+        *(_apart(declared) if declared.arm.measurement.frame != "base" else ()),
         *flags,
         *(() if anyway else moved(found, measurements)),
         *_worse(errors, found.view.readings.unit),
@@ -353,7 +354,7 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
             check_readings(arm, points[seen], measurements, rows[seen])
             checked = True
         if arm.measurement.frame != "base":
-            setup = setup.placed(fit_frame(points[seen], some.position[seen]))
+            setup = placed_rigidly(setup, points[seen], measurements, rows[seen])
     return replace(setup, instrument=_mounted(setup.instrument, tip, measurements, rows))
 
 
@@ -364,4 +365,15 @@ def _mounted(instrument: Instrument, tip: Array, measurements: Measurements, row
     read = np.isfinite(measurements.sigma_r[rows])
     if not read.any():
         return instrument
-    return replace(instrument, mounting=fit_mounting(instrument.axes(tip[read]), measurements.rotation[rows[read]]))
+    axes = instrument.session_turns([measurements.session[row] for row in rows[read]]) @ instrument.axes(tip[read])
+    return replace(instrument, mounting=fit_mounting(axes, measurements.rotation[rows[read]]))
+
+
+def _apart(declared: Setup) -> Iterator[Flag]:
+    """Yield flags about sessions in which the instrument stood elsewhere."""
+    prior = declared.arm.prior
+    for name, frame in declared.instrument.sessions.items():
+        there = f"{np.linalg.norm(frame[:3]):.3g} m and {np.linalg.norm(frame[3:]):.3g} rad"
+        known = f"[prior] has {prior.session_translation:g} m and {prior.session_rotation:g} rad"
+        text = f"the instrument stood elsewhere in session {name!r}, its frame {there} from that of most rows ({known})"
+        yield Flag("session_apart", f"{text}: that frame is fitted as if nothing were known of it")

@@ -259,9 +259,10 @@ def _settled(
         before, problem = task.cost(here, limit), task.problem(here, limit)
         found = task.descend(here, problem, limit, effort.trials, damping)
         unit = max(1.0, before / here.view.count)  # while the model is wrong the residual is many times the noise
-        if found is None and effort.content:
-            return here, history, problem.promised(problem.step(max(damping, LIGHT))) / unit
         if found is None:
+            left = problem.promised(problem.step(max(damping, LIGHT))) / unit
+            if effort.content or left < effort.flat:  # a step that promises nothing need not keep anything
+                return here, history, left if effort.content else 0.0
             raise task.resisting("calibration finds no better values along its step", here, problem, [before])
         size, (here, damping) = problem.length(found[0].values - here.values), found
         history.append(task.cost(here, limit))

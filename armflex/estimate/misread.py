@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.conventions import Array, in_mm
 from armflex.errors import ArmflexError, ConventionError
 from armflex.estimate.blocks import declared_blocks
+from armflex.estimate.enough import placed_rigidly
 from armflex.estimate.view import look
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere
@@ -34,7 +34,7 @@ from armflex.measured.measurements import Measurements
 from armflex.measured.repeats import repeats
 from armflex.mechanics.history import known_rows
 from armflex.parameters import FRAMES
-from armflex.readings.instrument import Instrument, fit_frame
+from armflex.readings.instrument import Instrument
 from armflex.setup import Setup
 
 COARSE, FINE = 1e-3, 3e-5
@@ -217,7 +217,7 @@ def _misfit(
         view = look(Setup(arm, arm.instrument or Instrument()), measurements, rows)
         base = view.setup.instrument.in_base(view.line.tip)
         if arm.measurement.frame != "base":
-            placed = view.setup.placed(_placed_robustly(base, measurements.position[rows]))
+            placed = placed_rigidly(view.setup, base, measurements, rows)
             turned = not np.allclose(placed.arm.robot.gravity, arm.robot.gravity)
             view = look(placed, measurements, rows, line=None if turned else view.line)
         blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
@@ -265,20 +265,10 @@ def _placed_off(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float
         tip = arm.deflection(some.q, some.payload, covariates=given, wrenches=some.wrenches, **how).pose
     except ArmflexError:
         return np.inf
-    points, measured = instrument.in_base(tip), measurements.position[rows]
-    pose = instrument.pose if arm.measurement.frame == "base" else _placed_robustly(points, measured)
-    left = measured - points @ pose.rotation.T - pose.translation
+    if arm.measurement.frame != "base":
+        instrument = placed_rigidly(Setup(arm, instrument), instrument.in_base(tip), measurements, rows).instrument
+    left = measurements.position[rows] - instrument.readings(tip, some.session)
     return float(np.sqrt(np.median((left**2).sum(axis=1))))
-
-
-def _placed_robustly(points: Array, measured: Array) -> pin.SE3:
-    """Return the T_instrument_base of a best rigid fit in which lost beams count less."""
-    pose, kept = fit_frame(points, measured), np.ones(len(points), bool)
-    for _ in range(ROUNDS):
-        length = np.linalg.norm(measured - points @ pose.rotation.T - pose.translation, axis=1)
-        kept = length <= 4.0 * np.median(length)
-        pose = fit_frame(points[kept], measured[kept])
-    return pose
 
 
 def _check_sigma(measurements: Measurements, rows: np.ndarray, found: _Misfit) -> None:

@@ -67,6 +67,10 @@ def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | N
     jacobian = _jacobian(arm.certainty, view, rows)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
+    turns = setup.instrument.session_turns(rows.session)
+    for kind, place in view.readings.placed:
+        if kind.framed:  # in the axes in which each session is read
+            jacobian[:, place] = turns @ jacobian[:, place]
     variance = np.einsum("ndp,pq,ndq->nd", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     left = arm.certainty.leaves_open(jacobian)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)

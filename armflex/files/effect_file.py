@@ -35,12 +35,12 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
     """Return the effect that a [[effect]] table declares.
 
     Args:
-        table: Its keys name, shape, site, axis, partner, covariates, derived, parameters and std.
+        table: Its keys name, shape, site, axis, partner, covariates, derived, seen, parameters and std.
         arm: The arm, its payloads included.
 
     Raises:
         ArmFileError: A law, site, axis, partner, covariate or parameter is unknown to the arm or the law, or missing;
-            what is derived is no direction that the effect depends on; a number is not finite, or below zero where
+            what is derived, or seen, is nothing that the effect depends on; a number is not finite, or below zero where
             that makes no sense.
     """
     name = table.text("name")
@@ -83,9 +83,18 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
         if name not in known:
             text = f"{called} depends on no direction {name!r} there{did_you_mean(name, known)}"
             raise table.fail("derived", f"{text} (it depends on: {listing(known)})")
+    ranges, seen = table.sub("seen") if table.has("seen") else Declaration({}, table.keys, table.source), []
+    for name in ranges.table:
+        if name not in location.covariates:
+            text = f"{called} depends on no {name!r} there{did_you_mean(name, location.covariates)}"
+            raise ranges.fail(name, f"{text} (it depends on: {listing(location.covariates)})")
+        low, high = ranges.numbers(name, (2,)).tolist()
+        if low > high:
+            raise ranges.fail(name, f"expected the smaller first, got {low:g} and {high:g}")
+        seen.append((name, low, high))
     table.finish()
     amplitudes = np.array([values[law.amplitudes[i].name] for i in terms])
-    return Effect(law, location, (*full(amplitudes, location, len(law.amplitudes)), *inner), derived)
+    return Effect(law, location, (*full(amplitudes, location, len(law.amplitudes)), *inner), derived, tuple(seen))
 
 
 def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict[str, Any]:
@@ -93,6 +102,7 @@ def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict
     (name, shape), location = names_of(effect.law), effect.location
     table = {"name": name, "shape": shape, "site": location.place, "axis": location.axis, "partner": location.partner}
     table |= {"covariates": list(location.covariates), "derived": list(effect.derived)}
+    table |= {"seen": {name: [low, high] for name, low, high in effect.seen}}
     table |= {"parameters": effect.named, "std": dict(std or {})}
     return {key: value for key, value in table.items() if value or key == "parameters"}
 

@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from armflex.conventions import Array, in_mm
 from armflex.errors import AxesError, Place, UnitError
+from armflex.readings.instrument import rigid_fit
 
 FEWEST_POINTS = 6
 """Below this many points chance alone lets a mirror fit ten times better."""
@@ -33,8 +34,6 @@ THOUSANDFOLD = (200.0, 5000.0)
 
 NEGLIGIBLE = 1e-5
 """Residual [m] below which points fit, whatever fits better."""
-
-ROUNDS = 20
 
 
 def check_axes(
@@ -62,8 +61,8 @@ def check_axes(
         text = f"measured positions are spread {ratio:.3g} times as wide as the arm's: mm taken for m, or m for mm?"
         raise UnitError(f"{where}{text} (write the unit into the header: x_mm, y_mm, z_mm)")
     if pose is None:
-        straight, _ = _robust_fit(points, measured, 1.0)
-        best, turn = _robust_fit(points, measured, -1.0)
+        straight = rigid_fit(points, measured)[2]
+        turn, _, best = rigid_fit(points, measured, -1.0)
         up = np.array([0.0, 0.0, 1.0]) if up is None else up
         found = f"fit {straight / max(best, 1e-12):.0f} times better mirrored ({in_mm(best)} against {in_mm(straight)})"
         swapped = _swapped(turn @ up / np.linalg.norm(up))
@@ -94,20 +93,3 @@ def _swapped(vertical: Array) -> str:
     if axis == 2:
         return "x and y swapped, or one of them reversed" if vertical[2] > 0.0 else "z reversed"
     return f"{'xy'[axis]} and z swapped (the vertical is along {'xy'[axis]})"
-
-
-def _robust_fit(points: Array, measured: Array, hand: float) -> tuple[float, Array]:
-    """Return the weighted RMS [m] and the rotation (`hand` 1) or reflection (-1) of the best fit with Huber weights.
-
-    The same weights' rule in both fits: a lost beam then spoils neither. Each is Kabsch's (1976).
-    """
-    weights, rms, turn = np.ones(len(points)), 0.0, np.eye(3)
-    for _ in range(ROUNDS):
-        share = weights / weights.sum()
-        nominal, seen = points - share @ points, measured - share @ measured
-        left, _, right = np.linalg.svd((seen * share[:, None]).T @ nominal)
-        turn = left @ np.diag([1.0, 1.0, hand * np.linalg.det(left @ right)]) @ right
-        length = np.linalg.norm(seen - nominal @ turn.T, axis=1)
-        rms = float(np.sqrt((weights * length**2).sum() / weights.sum()))
-        weights = np.minimum(1.0, 2.0 * np.median(length) / np.maximum(length, 1e-300)) ** 2
-    return rms, turn

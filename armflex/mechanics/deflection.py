@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike
 from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, WRENCH_NAMES, Array, real_array
 from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
 from armflex.laws import Row
+from armflex.laws.effects.context import MASS
+from armflex.laws.effects.in_arm import beyond_seen
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, tangent_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
@@ -360,8 +362,10 @@ class Deflection(_Result[float]):
 
     @cached_property
     def unseen(self) -> tuple[Flag, ...]:
-        """Flags about loads beyond those that a trained law has seen."""
-        return self.arm.stack.flags(self.wrenches.ravel(), self._row) if self.arm.stack.trained else ()
+        """Flags about loads beyond those that a trained law has seen, and columns beyond those of an effect."""
+        stack = self.arm.stack
+        laws = stack.flags(self.wrenches.ravel(), self._row) if stack.trained else ()
+        return (*laws, *beyond_seen(self.arm.effects, self._row).get(0, ()))
 
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
         """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm."""
@@ -548,15 +552,21 @@ class DeflectionBatch(_Result[Array]):
 
     @cached_property
     def first_unseen(self) -> tuple[int, tuple[Flag, ...]] | None:
-        """The first row whose loads are beyond those that a trained law has seen, and the flags about it."""
+        """The first row beyond what a trained law or an effect has seen, and the flags about it."""
         return next(self.unseen(), None)
 
     def unseen(self) -> Iterator[tuple[int, tuple[Flag, ...]]]:
-        """Yield the rows whose loads are beyond those that a trained law has seen, and the flags about them."""
-        stack = self.arm.stack
-        for i, wrenches in enumerate(self.wrenches.reshape(len(self.q), -1)) if stack.trained else ():
-            row = self.arm.loaded(self.payload(i)).row(self.q[i], self.case.some(i).covariates)
-            flags = stack.flags(wrenches, row)
+        """Yield the rows beyond what a trained law or an effect has seen, and the flags about them."""
+        stack, wrenches = self.arm.stack, self.wrenches.reshape(len(self.q), -1)
+        known = {MASS: np.empty(len(self.q)), **self.case.covariates}
+        for loaded, rows in by_payload(self.arm, self.payloads, len(self.q)):
+            known[MASS][rows] = loaded.payload.mass
+        effects = beyond_seen(self.arm.effects, Row(self.q, self.arm.joint_index, known))
+        for i in range(len(self.q)) if stack.trained else sorted(effects):
+            flags = tuple(effects.get(i, ()))
+            if stack.trained:
+                row = self.arm.loaded(self.payload(i)).row(self.q[i], self.case.some(i).covariates)
+                flags = (*stack.flags(wrenches[i], row), *flags)
             if flags:
                 yield i, flags
 

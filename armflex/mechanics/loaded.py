@@ -16,6 +16,7 @@ from armflex.conventions import Array, finite_array
 from armflex.errors import Flag, InputError, PayloadError, UnknownNameError
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
+from armflex.laws.effects.effect import Effect
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
@@ -108,6 +109,7 @@ class Structure(Protocol):
         flags: Flags about it as declared.
         sites: Of its flexures, in order; `stack` has their laws.
         pulls: Loads on its links.
+        effects: What it does beyond its flexures; those at work are in `stack` and `pulls`.
         names: Of joints and flexures, base and tip.
         joint_index: Place of every joint in q.
         bounds: Least and largest positions of all joints that are within their limits and of sensible size.
@@ -129,6 +131,8 @@ class Structure(Protocol):
     def stack(self) -> LawStack: ...
     @property
     def pulls(self) -> Sequence[Load]: ...
+    @property
+    def effects(self) -> Sequence[Effect]: ...
     @property
     def names(self) -> Names: ...
     @property

@@ -27,8 +27,18 @@ OVERSHOOT = 0.02
 FEW = 32
 """Rows that are tried first: where the arm can hold none of them, it is no use to try the others."""
 
-FLOOR = "below_floor"
-"""Why a row is not offered whose tip would be too low; other reasons are those of `map`."""
+FLOOR, COLUMN = "below_floor", "in_base_column"
+"""Why a row is not offered in which a link or the payload would be too low, or in the arm's own column; other reasons
+are those of `map`."""
+
+THICK = 0.08
+"""Radius of the base's column as a part of the arm's reach: pedestals of arms of 0.9 m to 3 m have 0.07 to 0.1."""
+
+ALONG = 5
+"""Points looked at along every link."""
+
+STILL_WITHIN = 0.02
+"""What moves by less [m] over the rows offered is where it is by its sag alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +53,7 @@ class Reach:
         levels: Values that can be set of what effects depend on, by name.
         session: The session in which the rows will be measured.
         sigma: (3,) standard deviation of a position read [m].
-        floor: Lowest height of the tip in the base frame [m].
+        floor: Lowest height of any link or the payload in the base frame [m].
         read: Names of the instruments that are read; '' is the one at the tip.
     """
 
@@ -155,22 +165,59 @@ def around(reach: Reach, setup: Setup, box: Array, width: float, each: int, rng:
 
 
 def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
-    """Return those of (N, b) rows that the arm can hold above the floor; raise `InputError` where there are none."""
+    """Return those of (N, b) rows that the arm can hold above the floor and beside its own column.
+
+    Raises:
+        InputError: There are none.
+    """
     rows = reach.rows(box)
     held, dropped = _held(setup.arm, rows)
     rows, readings = rows.some(held), reach.unread(len(held))
     view = look(setup, rows, np.arange(len(held)), readings=readings)
-    height = view.line.tip[:, 2, 3]
-    high = np.flatnonzero(height >= reach.floor)
-    dropped[FLOOR] += len(held) - len(high)
-    if not len(high):
-        text = f"no tip of {len(held)} is above the floor at {reach.floor:g} m"
-        raise InputError(f"{text}; the highest is {float(height.max()):.3g} m")
-    if len(high) < len(held):
-        held, rows = held[high], rows.some(high)
-        view = look(setup, rows, np.arange(len(held)), readings=readings.some(high))
+    lowest, clear = _clearances(setup.arm, rows, view)
+    high, beside = lowest >= reach.floor, clear >= THICK * setup.arm.robot.reach
+    dropped[FLOOR] += int((~high).sum())
+    dropped[COLUMN] += int((high & ~beside).sum())
+    if not high.any():
+        text = f"nothing of {len(held)} rows is above the floor at {reach.floor:g} m"
+        raise InputError(f"{text}; the highest is {float(lowest.max()):.3g} m")
+    able = np.flatnonzero(high & beside)
+    if not len(able):
+        raise InputError(f"every one of {int(high.sum())} rows has a link or the payload in the arm's own base column")
+    if len(able) < len(held):
+        held, rows = held[able], rows.some(able)
+        view = look(setup, rows, np.arange(len(held)), readings=readings.some(able))
     view = replace(view, readings=view.readings.within_range(view.at))
     return Offer(box[held], rows, view, context_of(view, rows), +dropped)
+
+
+def _clearances(arm: Arm, rows: Rows, view: View) -> tuple[Array, Array]:
+    """Return (N,) the height of the lowest part of the arm in the base, and how far it stays off its own column [m].
+
+    The arm is taken as lines between the origins of its links, and its payload as the centre of mass. What no pose
+    lifts or lowers counts for no floor. The column goes from the base to the last link that no pose moves; what begins
+    in it, as an upper arm does, is not in its way.
+    """
+    places = dict(zip(view.line.link_names, view.line.links.transpose(1, 0, 2, 3)[:, :, :3, 3], strict=True))
+    ends = [(joint.parent, joint.child) for joint in arm.robot.urdf.joints.values() if joint.child in places]
+    lines = [(places[one], places[other]) for one, other in ends if one in places]
+    tip, loads = view.line.tip, [arm.payload(name) for name in rows.payload]
+    com = np.array([load.com * (load.mass > 0.0) for load in loads])
+    lines.append((tip[:, :3, 3], tip[:, :3, 3] + np.einsum("nij,nj->ni", tip[:, :3, :3], com)))
+    share = np.linspace(0.0, 1.0, ALONG)[:, None, None]
+    lowest, clear = np.full(len(tip), np.inf), np.full(len(tip), np.inf)
+
+    still = [joint.child for joint in arm.robot.chain if np.ptp(places[joint.child], axis=0).max() < STILL_WITHIN]
+    top = places[still[-1]].mean(axis=0) if still else np.zeros(3)
+    axis, radius = top / max(float(top @ top), 1e-12), THICK * arm.robot.reach
+    for one, other in lines:
+        points = one + share * (other - one)  # (ALONG, N, 3)
+        if np.ptp(points[..., 2], axis=1).max() > STILL_WITHIN:
+            lowest = np.minimum(lowest, points[..., 2].min(axis=0))
+        off = np.linalg.norm(points - np.clip(points @ axis, 0.0, 1.0)[..., None] * top, axis=2)
+        if off[0].max() > radius and off[-1].max() > radius and np.ptp(off[0]) > STILL_WITHIN:
+            clear = np.minimum(clear, off.min(axis=0))
+    return lowest, clear
 
 
 def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:

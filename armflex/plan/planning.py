@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import SLACK, Arm
 from armflex.configurations import drawn_range
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, did_you_mean, listing
@@ -88,7 +88,7 @@ def plan(
         payloads: What may be carried; every payload of the arm, and nothing, when not given.
         covariates: Values that can be set of what effects depend on, by name.
         sigma: Standard deviation of a position read [m]; that of `after`, else 0.2 mm, when not given.
-        floor: Lowest height of the tip in the base frame [m].
+        floor: Lowest height of any link or the payload in the base frame [m].
         seed: Of the rows that are offered.
         progress: Called with (steps done, steps in all).
         instruments: What is read in the rows: names that the arm file declares, or 'wire', 'level', 'accelerometer',
@@ -221,6 +221,15 @@ def _reach_of(
     arm, campaign = before.setup.arm, before.campaign
     approached = _approached(arm, effects, covariates)
     lower, upper, flags = drawn_range(arm)
+    # Once round is as far as a joint need go, unless what an effect does is not the same then.
+    turning = np.array([joint.kind == "revolute" for joint in arm.robot.moving])
+    named = {name for effect in (*arm.effects, *effects) for name in effect.location.covariates}
+    far = (upper - lower > 2.0 * np.pi + SLACK) & turning & [f"q_{name}" not in named for name in arm.joint_names]
+    if far.any():
+        middle = 0.5 * (lower + upper)
+        lower, upper = np.where(far, middle - np.pi, lower), np.where(far, middle + np.pi, upper)
+        names = listing(name for name, one in zip(arm.joint_names, far, strict=True) if one)
+        flags = (*flags, Flag("one_turn", f"{names}: can go round more than once, planned within the middle turn"))
     kept = [effect.title for effect in arm.effects if effect.remembers]
     if kept:
         text = f"{listing(kept)} depends on the rows before: kept as it is, where it settles"

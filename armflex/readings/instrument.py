@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
 
-from armflex.conventions import Array
+from armflex.conventions import RESOLUTION, Array
 
 
 @dataclass(frozen=True)
@@ -17,8 +17,8 @@ class Instrument:
 
     Attributes:
         pose: T_instrument_base.
-        sessions: (6,) shift [m] and rotation vector [rad] of the frame in each session, about its own origin; a
-            session that is not named has none.
+        sessions: (6,) shift [m] and rotation vector [rad] of the frame in each session: p is read as R p + shift, in
+            which the instrument may stand anywhere; a session that is not named has none.
         target: (3,) measured point in the tip frame [m].
         scale: Share by which its distances are too long.
         mounting: (3,) rotation vector of the axes whose orientation is read, in the tip frame [rad].
@@ -40,8 +40,17 @@ class Instrument:
 
     def in_session(self, points: Array, sessions: Sequence[str]) -> Array:
         """Return (N, 3) points of the instrument frame as each session has it [m]."""
-        shift = self.session_shifts(sessions)
-        return points + shift[:, :3] + np.cross(shift[:, 3:], points)
+        return np.einsum("nij,nj->ni", self.session_turns(sessions), points) + self.session_shifts(sessions)[:, :3]
+
+    def with_session(self, name: str, motion: Array) -> Instrument:
+        """Return the instrument with a (6,) shift [m] and rotation vector [rad] before the frame that a session has.
+
+        It is of the points as the instrument has them with sessions left out; a session that has no frame gets this.
+        """
+        here = self.sessions.get(name, np.zeros(6))
+        there = pin.SE3(pin.exp3(here[3:]), here[:3]) * pin.SE3(pin.exp3(motion[3:]), motion[:3])
+        moved = np.concatenate([there.translation, pin.log3(there.rotation)])
+        return replace(self, sessions={**self.sessions, name: moved})
 
     def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) positions of the target that the instrument would read [m], for (N, 4, 4) tip poses."""
@@ -67,13 +76,45 @@ class Instrument:
         return shifts[[number[name] for name in sessions]]
 
 
+SAME = 1e-4
+"""Change of weights below which they are those of the round before."""
+
+ROUNDS = 20
+"""Of weights in a rigid fit: a lost beam then counts as little as it will."""
+
+
 def fit_frame(points: Array, measured: Array) -> pin.SE3:
-    """Return the T_instrument_base that takes (N, 3) points in the base to measured positions best (Kabsch 1976)."""
-    centre, seen = points.mean(axis=0), measured.mean(axis=0)
-    left, _, right = np.linalg.svd((measured - seen).T @ (points - centre))
-    proper = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
-    rotation = left @ proper @ right
-    return pin.SE3(rotation, seen - rotation @ centre)
+    """Return the T_instrument_base that takes (N, 3) points in the base to measured positions [m] best."""
+    turn, shift, _ = rigid_fit(points, measured)
+    return pin.SE3(turn, shift)
+
+
+def rigid_fit(points: Array, measured: Array, hand: float = 1.0) -> tuple[Array, Array, float]:
+    """Return the (3, 3) rotation, (3,) shift [m] and weighted RMS [m] of the best rigid fit, lost beams weighed down.
+
+    Each round is Kabsch's (1976) with the weights of the one before: beyond twice the median distance a point counts as
+    one at that.
+
+    Args:
+        points: (N, 3) points [m].
+        measured: (N, 3) where they were seen [m].
+        hand: 1; -1 for the best reflection.
+    """
+    weights, rms, turn, shift = np.ones(len(points)), 0.0, np.eye(3), np.zeros(3)
+    for _ in range(ROUNDS):
+        share = weights / weights.sum()
+        middle, there = share @ points, share @ measured
+        nominal, seen = points - middle, measured - there
+        left, _, right = np.linalg.svd((seen * share[:, None]).T @ nominal)
+        turn = left @ np.diag([1.0, 1.0, hand * np.linalg.det(left @ right)]) @ right
+        shift = there - turn @ middle
+        length = np.linalg.norm(seen - nominal @ turn.T, axis=1)
+        rms = float(np.sqrt((weights * length**2).sum() / weights.sum()))
+        before, limit = weights, 2.0 * max(float(np.median(length)), RESOLUTION)
+        weights = np.minimum(1.0, limit / np.maximum(length, RESOLUTION)) ** 2
+        if np.abs(weights - before).max() < SAME:
+            break
+    return turn, shift, rms
 
 
 def fit_mounting(axes: Array, rotation: Array) -> Array:

@@ -40,9 +40,13 @@ class Orientation(Kind):
         return np.array([pin.log3(turn) for turn in self._turns(at)]).reshape(-1, 3)
 
     def residual(self, at: Postures) -> Array:
-        """Return the (N, 3) rotation vector from where the target should be to where it was seen [rad]."""
+        """Return the (N, 3) rotation vector from where the target should be to where it was seen [rad].
+
+        It is in the axes of the instrument with sessions left out.
+        """
         turns = [pin.log3(pin.exp3(read) @ one.T) for read, one in zip(self.values, self._turns(at), strict=True)]
-        return np.where(np.isfinite(self.sigma), np.array(turns).reshape(-1, 3), 0.0)
+        off = np.einsum("nji,nj->ni", at.instrument.session_turns(at.sessions), np.array(turns).reshape(-1, 3))
+        return np.where(np.isfinite(self.sigma), off, 0.0)
 
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
         """Return (N, 3, 6): the target turns with its link."""

@@ -35,6 +35,10 @@ class Position(Kind):
     def predicted(self, at: Postures) -> Array:
         return at.instrument.in_session(self._points(at), at.sessions)
 
+    def residual(self, at: Postures) -> Array:
+        """Return the (N, 3) difference of coordinates [m], in the axes of the instrument with sessions left out."""
+        return np.einsum("nji,nj->ni", at.instrument.session_turns(at.sessions), super().residual(at))
+
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
         """Return (N, 3, 6): the target moves with its link, and by its lever as the link turns."""
         link, own = self._target(at)

@@ -18,7 +18,7 @@ from armflex.laws.effects.effect import Effect
 from armflex.measured.repeats import repeats
 from armflex.parameters import ArmParameter
 from armflex.trace.accept import ENOUGH, MARGIN, null_maximum, prove, sessions_held_out
-from armflex.trace.exchange import equivalents, exchanged, worth_of
+from armflex.trace.exchange import equivalents, pruned, worth_of
 from armflex.trace.findings import (
     Family,
     Found,
@@ -64,8 +64,9 @@ def so_far(state: State, places: tuple[RandomTwist, ...]) -> Trace:
 
 def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
     """Return the account of a search that has come to its end, after second thoughts about what it added."""
-    state.say("putting effects in each other's places")
-    state, withdrawn, compared = never_worse(sorted_out(exchanged(state)))
+    state.say("weighing every effect beside the others")
+    *_, state = (state, *pruned(state))
+    state, withdrawn, compared = never_worse(sorted_out(state))
     state.say(f"searching what {len(state.rows)} rows still show")
     looked = state.looked  # which costs nothing where nothing changed
     state.say("comparing what else would do")

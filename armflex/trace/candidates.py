@@ -37,6 +37,11 @@ class Candidate:
         return Effect(self.law, self.location, ()).name
 
     @property
+    def spot(self) -> tuple[str, str]:
+        """Law and site."""
+        return self.law.name, self.location.site
+
+    @property
     def parameters(self) -> int:
         """How many numbers it takes: amplitudes, and inner parameters that are searched and in use, or not as usual."""
         count = len(self.location.terms)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, islice
 
@@ -14,15 +14,26 @@ from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, sift
-from armflex.trace.polish import Polished, polish
+from armflex.trace.grow import accepted, settled
+from armflex.trace.polish import Polished, polish, unusual
 from armflex.trace.projection import Projection, evidence, projected, ridge_for
+from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, plainness
 from armflex.trace.state import State, add, candidate_of, information, moved_to, stands, without
+
+Spots = frozenset[tuple[str, str]]
+"""Laws and sites of some effects."""
 
 SAME = 14.0
 """Evidence within which two candidates are not told apart."""
 
-SWAPPED = 3
-"""Most effects that are tried in each other's places: each trial refits everything twice."""
+PART = 0.5
+"""Share of the evidence of a pair that another effect must have for it to be tried in their place, with one more."""
+
+PAIRS = 3
+"""Pairs that are taken out together."""
+
+TRIALS, LEAST_TRIALS = 8000, 4
+"""Rows times how often effects are taken out at most, and how often at least: each time is a search of its own."""
 
 COMPARED = 12
 """Best hypotheses whose inner parameters are refined."""
@@ -54,7 +65,11 @@ def worth_of(state: State, *indices: int) -> tuple[float, Projection]:
     projection, own = leave_out(state, *indices)
     gain = projection.gain(state.fit.regressors[:, own])[0]
     parameters = sum(candidate_of(state.fitted[index]).parameters for index in indices)
-    return float(evidence(gain, projection.objective, projection.count, parameters)), projection
+    sizes = sum(
+        unusual(candidate_of(one), one.acting, state.fit.view, state.context)
+        for one in map(state.fitted.__getitem__, indices)
+    )
+    return float(evidence(gain, projection.objective, projection.count, parameters)) - sizes, projection
 
 
 def hypotheses_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]:
@@ -96,56 +111,56 @@ def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, fl
     return worth, tuple(found.values())
 
 
-def exchanged(state: State) -> State:
-    """Return the state without effects that are no longer worth `SAME`.
+def exchanged(state: State) -> tuple[State, ...]:
+    """Return the states from one to another whose effects are better together, none where there is no such.
 
-    Where several were added one by one, the first were chosen while the others were missing: what now stands clearly
-    better in an effect's place takes it, and one that does as well as two takes theirs.
+    Where several were added one by one, the first were chosen while the others were missing. So each of them, and pairs
+    that stand in for each other, are taken out, and what explains most without them is tried in their place.
     """
-    state = _pruned(state)
-    alone = [unit[0] for unit in state.units if len(unit) == 1]
-    if not 1 < len(alone) <= SWAPPED:
-        return state
-    for index in alone:
-        worth, hypotheses = hypotheses_of(state, index)
-        plain = state.effects[index].effect.law.plain
-        better = [one for one in hypotheses if one.evidence > worth + SAME and plain <= one.candidate.law.plain]
-        state = in_place(state, (index,), better, SAME) or state
-    for pair in combinations(alone, 2):
-        worth, hypotheses = hypotheses_of(state, *pair)
-        merged = in_place(state, pair, [one for one in hypotheses if one.evidence > worth], 0.0)
-        if merged is not None:
-            return merged
-    return state
+    passed, tried = pruned(state), set[tuple[Spots, Spots]]()
+    trials = max(LEAST_TRIALS, TRIALS // len(state.rows))
+    again = True
+    while again:
+        here, again = passed[-1] if passed else state, False
+        for some in _suspects(here):
+            key = _spots(here, some), _spots(here, range(len(here.effects)))
+            if key in tried or len(tried) >= trials:
+                continue
+            tried.add(key)
+            better = _instead(here, some)
+            if better:
+                passed, again = (*passed, *better, *pruned(better[-1])), True
+                break
+    after = settled(passed[-1]) if passed else None
+    return passed if after is None else (*passed, after)
 
 
-def in_place(state: State, indices: Sequence[int], better: Sequence[Polished], margin: float) -> State | None:
-    """Return the state with the first of some candidates in place of effects.
+def in_place(state: State, indices: Sequence[int], better: Sequence[Polished], margin: float) -> tuple[State, ...]:
+    """Return the states without effects, and with the first of some candidates in their place.
 
     None where it cannot stand there, or where the information criterion falls by less than a margin.
     """
     if not better:
-        return None
+        return ()
     first, names = indices[0], " and ".join(state.effects[index].effect.name for index in indices)
     state.say(f"trying {better[0].effect.name} for {names}")
     try:
-        trial = moved_to(add(without(state, *indices), better[0]), first)
-    except ArmflexError:
-        return None
-    if not stands(trial) or len(trial.effects) != len(state.effects) - len(indices) + 1:
-        return None
+        rest = without(state, *indices)
+        trial = moved_to(add(rest, better[0]), first)
+    except ArmflexError:  # an arm that buckles
+        return ()
+    if not stands(trial) or len(trial.effects) != len(rest.effects) + 1:
+        return ()
     if _information(trial, state) > _information(state, state) - margin:
-        return None
+        return ()
     step = state.steps[first]
     assert step is not None
-    return replace(trial, steps=(*trial.steps[:first], replace(step, exchanged=True), *trial.steps[first + 1 :]))
+    return rest, replace(trial, steps=(*trial.steps[:first], replace(step, exchanged=True), *trial.steps[first + 1 :]))
 
 
-def _information(trial: State, state: State) -> float:
-    return information(trial, robust_limit(state.fit.view))
-
-
-def _pruned(state: State) -> State:
+def pruned(state: State) -> tuple[State, ...]:
+    """Return the states without one effect and another that is no longer worth `SAME`, none where all are."""
+    passed = []
     while alone := [unit[0] for unit in state.units if len(unit) == 1]:
         worths = [worth_of(state, i)[0] for i in alone]
         weakest = alone[int(np.argmin(worths))]
@@ -157,4 +172,51 @@ def _pruned(state: State) -> State:
             break
         state.say(f"dropping {state.effects[weakest].effect.name}")
         state = trial
-    return state
+        passed.append(state)
+    return tuple(passed)
+
+
+def _spots(state: State, indices: Iterable[int]) -> Spots:
+    return frozenset(candidate_of(state.fitted[i]).spot for i in indices)
+
+
+def _suspects(state: State) -> tuple[tuple[int, ...], ...]:
+    """Return each effect, those first that the others could do without most easily, then pairs that share most."""
+    alone = [unit[0] for unit in state.units if len(unit) == 1]
+    if len(alone) < 2:
+        return ()
+    worths = {i: worth_of(state, i)[0] for i in alone}
+    # What a pair is worth beyond what its members are: either takes over when the other goes.
+    shared = {pair: worth_of(state, *pair)[0] - worths[pair[0]] - worths[pair[1]] for pair in combinations(alone, 2)}
+    pairs = sorted((pair for pair in shared if shared[pair] > SAME), key=lambda pair: -shared[pair])
+    return (*((i,) for i in sorted(alone, key=lambda i: worths[i])), *pairs[:PAIRS])
+
+
+def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
+    """Return the states from one without some effects to one with better ones in their place, none where none is.
+
+    What is plainer may be a little worse, what bends more must be clearly better; for a pair one effect may come, or
+    another pair.
+    """
+    worth, hypotheses = hypotheses_of(state, *indices)
+    first, *others = indices
+    if others:
+        passed = in_place(state, indices, [one for one in hypotheses if one.evidence > PART * worth], -np.inf)
+        now = _information(state, state)
+        if passed and _information(passed[-1], state) >= now:
+            more = accepted(passed[-1], passed[-1].looked)
+            better = more is not None and _information(more, state) < now - PREFERRED
+            passed = (*passed, more) if more is not None and better else ()
+        return passed
+    best: tuple[State, ...] = ()
+    own = plainness(candidate_of(state.fitted[first]))
+    for one in [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]:
+        kind = plainness(one.candidate)
+        passed = in_place(state, indices, [one], -TIE if kind < own else TIE if kind == own else PREFERRED)
+        if passed and (not best or _information(passed[-1], state) < _information(best[-1], state)):
+            best = passed
+    return best
+
+
+def _information(trial: State, state: State) -> float:
+    return information(trial, robust_limit(state.fit.view), below=True)

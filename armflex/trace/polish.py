@@ -14,6 +14,7 @@ from scipy.optimize import minimize
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
+from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
@@ -28,14 +29,25 @@ FINE = 1e-3
 ROWS = 15
 """Rows looked at."""
 
-LARGEST_SHIFT, LARGEST_TURN = 0.05, 0.03
-"""RMS of a twist [m, rad] beyond which it is no small effect any more."""
+IMPLAUSIBLE = 3.0
+"""Times what is plausible of its law beyond which an effect is not believed."""
+
+USUAL_SHIFT, USUAL_TURN, USUAL_SHARE = 0.02, 0.005, 0.1
+"""RMS of a twist [m, rad], and of a force as a share of what the arm weighs (of its moment: at 1 m), that machines have
+without anybody knowing."""
 
 SOFT = 100.0
 """Times the softest joint of steel that is believed: what would have to give more is no compliance."""
 
 SLACK = 2.0
 """Coupling over the most that two compliances allow: while it is missing, calibration bends them to make up for it."""
+
+AGAINST = 0.1
+"""Part of what an axis gives over the rows that it may give against the load in some of them: a polynomial fits most of
+a joint's travel, not its end, but a joint makes no energy."""
+
+MOST_GIVE = 10.0
+"""Times what is plausible by which an axis gives at most under the largest load on its joint, whichever way that is."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +57,7 @@ class Polished:
     Attributes:
         candidate: With those values.
         gain: Fall of the objective.
-        evidence: Fall of the information criterion.
+        evidence: Fall of the information criterion, less what its size counts against it; see `unusual`.
         amplitudes: Of the acting terms.
         free: Inner parameters that a fit may go on moving.
     """
@@ -117,7 +129,25 @@ def polish(candidate: Candidate, fit: Fit, context: Context, projection: Project
                 best = max([best, *moments], key=lambda one: one.gain)
         free = tuple(i for i in best.candidate.searched if law.inner[i].smooth)
         found.append(refined(best, free) if free and best.gain > 0.0 else best)
-    return max(found, key=lambda one: one.evidence)
+    best = max(found, key=lambda one: one.evidence)
+    return replace(best, evidence=best.evidence - unusual(best.candidate, best.amplitudes, fit.view, context))
+
+
+def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Context) -> float:
+    """Return the evidence that the size of (k,) acting amplitudes counts against a candidate.
+
+    That of the tails of a Cauchy density: nothing where machines have as much, more the larger it is, and never past
+    all evidence.
+    """
+    law, location = candidate.law, candidate.location
+    sizes = amplitudes / np.array([law.amplitudes[i].usual for i in location.terms])
+    much = float((sizes**2).sum())
+    if law.act in (Act.TWIST, Act.LOAD):
+        force = USUAL_SHARE * view.arm.weight
+        usual = np.repeat((USUAL_SHIFT, USUAL_TURN) if law.act is Act.TWIST else (force, force), 3)
+        whole = np.einsum("mka,k->ma", law.features(location, candidate.inner, view, context), amplitudes)
+        much = max(much, float(((whole / usual) ** 2).sum(axis=1).mean()))
+    return 2.0 * float(np.log(max(much, 1.0)))
 
 
 def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context, present: bool = False) -> bool:
@@ -130,12 +160,11 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context
     effect = candidate.effect(amplitudes)
     if not law.possible(effect, context, arm):
         return False
+    features = law.features(location, candidate.inner, fit.view, context)
+    if law.size(np.einsum("mkn,k->mn", features, amplitudes), arm) > IMPLAUSIBLE:
+        return False
     if law.act is not Act.TWIST:
         return True
-    features = law.features(location, candidate.inner, fit.view, context)
-    sizes = np.sqrt((np.einsum("mka,k->ma", features, amplitudes) ** 2).mean(axis=0))
-    if not ((sizes[:3] < LARGEST_SHIFT).all() and (sizes[3:] < LARGEST_TURN).all()):
-        return False
     if law.remembers_load(location):
         return bool(_is_stiff(np.abs(amplitudes[0]) * resolve(location, arm.robot, ()).direction))
     if not law.loaded or law.memory is not None:
@@ -145,23 +174,36 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context
 
 def _gives(effect: Effect, fit: Fit, context: Context, present: bool) -> bool:
     """Return whether in most rows the joint gives the way it is pushed, and no more than a joint can."""
-    arm, view = fit.setup.arm, fit.view
+    arm, view, law = fit.setup.arm, fit.view, effect.law
     here = resolve(effect.location, arm.robot, arm.modelled)
     bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
     some = np.unique(np.linspace(0, len(view.rows) - 1, ROWS).astype(int))
     wrenches, row = view.line.load_at(effect.location.site)[some], context.row.some(view.rows[some])
     own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
     good = _is_stiff(np.einsum("...ii->...i", own))
-    if effect.law.passive:  # the whole compliance has a positive diagonal, and couplings within it
+    if law.linear:  # poses may load an axis hardly at all: it does not give more than the others under their loads
+        loads = context.wrenches[effect.location.site].reshape(-1, 2, 3)
+        largest = np.linalg.norm(loads, axis=2).max(axis=0)
+        most = MOST_GIVE * np.array([law.plausible.shift, law.plausible.turn])
+        given = np.abs(np.einsum("rii->ri", own)).reshape(-1, 2, 3)
+        good &= (given.max(axis=2) * largest <= most).all(axis=1)
+    if law.passive:  # the whole compliance has a positive diagonal, and couplings within it
         total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
         total = np.broadcast_to(total, own.shape) + (0.0 if present else own)
         along = np.einsum("rii->ri", total)
         held = np.maximum(along, 0.0)
-        most = SLACK * np.sqrt(held[:, :, None] * held[:, None, :])
+        # While a coupling is missing calibration bends the two compliances to make up for it.
+        slack = 1.0 if bound.here.base_law is None else SLACK
+        root = np.sqrt(held)
         coupled = np.abs(0.5 * (total + total.transpose(0, 2, 1))) - np.abs(along)[:, :, None] * np.eye(6)
         least = 1e-9 * np.abs(total).max(axis=(1, 2), keepdims=True)
+        against = np.maximum(-along, 0.0).sum(axis=0)
+        if (against > AGAINST * held.sum(axis=0) + 1e-9 * np.abs(along).sum()).any():
+            return False
         good &= (along >= -1e-9 * np.abs(along).max(axis=1, keepdims=True)).all(axis=1)
-        good &= (coupled <= most + least).all(axis=(1, 2))
+        good &= (coupled <= slack * root[:, :, None] * root[:, None, :] + least).all(axis=(1, 2))
+        if bound.here.base_law is None:
+            good &= np.linalg.eigvalsh(0.5 * (total + total.transpose(0, 2, 1)))[:, 0] >= -least[:, 0, 0]
     return bool(2 * good.sum() >= len(some))
 
 

@@ -143,18 +143,19 @@ def preferred(ranking: Sequence[Polished]) -> Polished:
     return plainest([one for one in ranking if one.evidence > ranking[0].evidence - TIE])
 
 
+def plainness(candidate: Candidate) -> tuple[bool, int, bool]:
+    """Return how plain a candidate is, the less the plainer."""
+    law = candidate.law
+    return not law.constant, list(EVERY).index(law.name), candidate.location.site.startswith(LINK)
+
+
 def plainest(alike: Sequence[Polished]) -> Polished:
     """Return the plainest of some candidates, the best first, that the data do not tell apart.
 
     First what is constant, then in the order of the catalogue, a joint's before a link's; one law at several places
     not where more than `MORE` times of it is needed, 1 mrad counted as 1 mm, and rather where it turns: joints do.
     """
-    order = list(EVERY)
-    kinds, sizes = [], []
-    for one in alike:
-        law, location = one.candidate.law, one.candidate.location
-        kinds.append((not law.constant, order.index(law.name), location.site.startswith(LINK)))
-        sizes.append(float(np.abs(one.amplitudes).sum()))
+    kinds, sizes = [plainness(one.candidate) for one in alike], [float(np.abs(one.amplitudes).sum()) for one in alike]
     least = min(kinds)
     most = MORE * min(size for kind, size in zip(kinds, sizes, strict=True) if kind == least)
     little = [one for one, kind, size in zip(alike, kinds, sizes, strict=True) if kind == least and size <= most]

@@ -28,7 +28,7 @@ from armflex.rows.rows import POSE
 from armflex.setup import Setup
 from armflex.trace.accept import Step
 from armflex.trace.candidates import Bank, Candidate, bank, candidate_regressors, candidates_of
-from armflex.trace.polish import Polished, sensible
+from armflex.trace.polish import Polished, sensible, unusual
 from armflex.trace.projection import project
 from armflex.trace.search import Round, search
 from armflex.trace.telling import Report, Tell, silent, tell_steps
@@ -250,6 +250,7 @@ def add(state: State, found: Polished) -> State:
     change = candidate_regressors(found.candidate, fit, state.context) @ found.amplitudes
     values = moved(fit.blocks, fit.values, -project(fit).absorbed(change))
     what = replace(what, derived=tuple(name for name in what.location.covariates if name in state.measurements.derived))
+    what = what.seen_in(state.context, state.rows)
     starts = [values[fit.places(block)] for block in state.effects]
     place, steps = len(starts), (*state.steps, None)
     for i, block in enumerate(state.effects):
@@ -328,15 +329,19 @@ def refit(
     return replace(state, effects=effects, random=random, fit=fitted, context=context)
 
 
-def information(state: State, limit: Array | float) -> float:
-    """Return n log J + k log n of a state: the smaller the better.
+def information(state: State, limit: Array | float, below: bool = False) -> float:
+    """Return n log J + k log n of a state, and what the sizes of its effects count against it: the smaller the better.
 
-    J is what the fit reached, not what its linear problem promises. States are compared at one `limit` of lengths
-    beyond which rows count less (`robust_limit`).
+    J is what the fit reached, not what its linear problem promises; not less than n, or where also what is `below`
+    counts, J itself from there: noise is no smaller than stated. States are compared at one `limit` of lengths beyond
+    which rows count less (`robust_limit`).
     """
     count = state.fit.view.count
     searched = sum(candidate_of(effect).parameters for effect in state.fitted)
-    return count * float(np.log(max(state.fit.cost(limit), count))) + searched * float(np.log(count))
+    sizes = sum(unusual(candidate_of(one), one.acting, state.fit.view, state.context) for one in state.fitted)
+    cost = state.fit.cost(limit)
+    misfit = count * float(np.log(max(cost, count))) + (min(cost - count, 0.0) if below else 0.0)
+    return misfit + searched * float(np.log(count)) + sizes
 
 
 def candidate_of(effect: Effect) -> Candidate:

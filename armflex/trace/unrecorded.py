@@ -34,6 +34,9 @@ LEVEL = 1.0
 NOTICED = 10.0
 """Log-likelihood ratio from which a place counts; noise alone stays below about 3."""
 
+LARGEST_SHIFT, LARGEST_TURN = 0.02, 0.005
+"""Standard deviation from pose to pose [m, rad] beyond which an arm is broken: nothing that large goes unrecorded."""
+
 AS_LIKELY = 3.0
 """Log-likelihood within which places are not told apart."""
 
@@ -60,6 +63,11 @@ class RandomTwist:
     def unit(self) -> str:
         """Of its size."""
         return "m" if self.axis.startswith("d") else "rad"
+
+    @property
+    def plausible(self) -> bool:
+        """Whether a machine that works can be that far off from pose to pose."""
+        return self.std <= (LARGEST_SHIFT if self.unit == "m" else LARGEST_TURN)
 
 
 def localise(fit: Fit, context: Context, projection: Projection, groups: np.ndarray) -> tuple[RandomTwist, ...]:

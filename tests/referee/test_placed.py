@@ -1,16 +1,22 @@
-"""Where the instrument stands: what a level one knows of gravity, whatever campaign the arm was fitted to before."""
+"""Where the instrument stands: every session by itself, and what a level one knows of gravity."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support import three_joint_plant
+from support.campaign_files import numbers, write_columns
 from support.plant import Rows, apply, pose, turn
 
 from armflex import calibrate, load_arm, predict, read_measurements
-from armflex.estimate.calibrate import write_calibrated
+from armflex.errors import ConvergenceError
+from armflex.estimate.blocks import declared_blocks
+from armflex.estimate.calibrate import first_guess, write_calibrated
+from armflex.estimate.fit import THOROUGH, fit
+from armflex.readings import Readings
 
 TILT = turn(np.array([0.25, -0.1, 0.0]))
 """How the base stands under level instruments."""
@@ -49,3 +55,87 @@ def test_gravity_is_turned_once_however_often_an_arm_is_calibrated(level, tmp_pa
         rows = read_measurements(second, again.arm)
         error = predict(again.arm, rows).position - rows.position
         assert np.sqrt((error**2).sum(axis=1).mean()) < 1.1 * np.sqrt(3.0) * three_joint_plant.SIGMA
+
+
+FAR = {
+    "near": pose(np.zeros(3), np.eye(3)),
+    "again": pose(np.array([0.0004, -0.0003, 0.0002]), turn(np.array([2e-5, -3e-5, 4e-5]))),
+    "beside": pose(np.array([0.2, -0.1, 0.05]), turn(np.array([0.03, -0.02, 0.1]))),
+    "behind": pose(np.array([6.0, 3.0, -0.5]), turn(np.array([0.02, 0.01, 2.5]))),
+}
+"""Frames of sessions: the instrument at its marks, moved by a hand's breadth, and on the other side of the arm."""
+
+
+def several(folder: Path, frames: dict, count: int = 120) -> tuple[Path, Path]:
+    """Write an arm and a campaign of it whose sessions have frames of their own, the joints' zeros off."""
+    plant = three_joint_plant.declared(folder)
+    prior = "joint_offset = 1e-3\nsession_translation = 5e-4\nsession_rotation = 5e-5"
+    file = folder / "arm.toml"
+    file.write_text(file.read_text().replace("joint_offset = 1e-3", prior))
+    plant.offset = {joint.name: 1e-3 for joint in plant.joints[1:3]}
+    rng = np.random.default_rng(5)
+    q, still = rng.uniform(-1.2, 1.2, (count, 3)), np.zeros((count, 3))
+    names = [list(frames)[i * len(frames) // count] for i in range(count)]
+    plain = apply(three_joint_plant.STATION, plant.points(plant.relax(Rows.plain(q, np.zeros(count), still))))
+    read = np.array([apply(frames[name], point[None])[0] for name, point in zip(names, plain, strict=True)])
+    read += rng.normal(0.0, three_joint_plant.SIGMA, read.shape)
+    columns = {f"q_J{i + 1}": numbers(q[:, i]) for i in range(3)} | {
+        a: numbers(read[:, i]) for i, a in enumerate("xyz")
+    }
+    columns |= {"session": names, "sigma": [three_joint_plant.SIGMA] * count}
+    table = folder / "rows.csv"
+    write_columns(table, columns)
+    return file, table
+
+
+def error_of(arm, rows) -> float:
+    off = predict(arm, rows).position - rows.position
+    return float(np.sqrt((off**2).sum(axis=1).mean())) / (np.sqrt(3.0) * three_joint_plant.SIGMA)
+
+
+@pytest.mark.parametrize("which", [("near", "again"), ("near", "beside"), tuple(FAR)])
+def test_sessions_far_from_each_other_fit_as_well_as_near_ones(tmp_path: Path, which: tuple[str, ...]) -> None:
+    file, table = several(tmp_path, {name: FAR[name] for name in which})
+    arm = load_arm(file)
+    rows = read_measurements(table, arm)
+    found = calibrate(arm, rows)
+    offsets = [found.arm.corrections.joint_offset[name] for name in ("J2", "J3")]
+    np.testing.assert_allclose(offsets, 1e-3, atol=6e-5)
+    said = {flag.text.split("'")[1] for flag in found.flags if flag.code == "session_apart"}
+    assert said == set(which) & {"beside", "behind"}
+    written = load_arm(write_calibrated(file, found, tmp_path / "fitted.toml"))
+    for one in (found.arm, written):
+        assert 0.9 < error_of(one, rows) < 1.05
+    frames = {name: FAR[name] for name in ("behind", "near")}
+    _, later = several(tmp_path, frames)
+    again = calibrate(written, read_measurements(later, written), keep=True)
+    assert error_of(again.arm, read_measurements(later, again.arm)) < 1.1
+
+
+def test_predictions_are_as_uncertain_as_the_session_sees_them(tmp_path: Path) -> None:
+    """Axes of a session that is turned by a right angle have each other's standard deviations."""
+    quarter = pose(np.array([3.0, 1.0, 0.0]), turn(np.array([0.0, 0.0, np.pi / 2.0])))
+    file, table = several(tmp_path, {"one": FAR["near"], "two": quarter})
+    arm = load_arm(file)
+    rows = read_measurements(table, arm)
+    known = calibrate(arm, rows).arm
+    half = len(rows) // 2
+    same = replace(rows, q=np.vstack([rows.q[:half]] * 2))
+    sigma = predict(known, same).sigma
+    assert sigma is not None
+    assert not np.allclose(sigma[:half, 0], sigma[:half, 1], rtol=0.05)
+    np.testing.assert_allclose(sigma[half:, :2], sigma[:half, 1::-1], rtol=0.2)
+
+
+def test_a_fit_that_does_not_settle_says_what_still_moves_and_which_rows_are_furthest_off(tmp_path: Path) -> None:
+    file, table = several(tmp_path, {"near": FAR["near"]}, 40)
+    arm = load_arm(file)
+    rows = read_measurements(table, arm)
+    lost = np.array(rows.position)
+    lost[7] += 0.05
+    rows = replace(rows, readings=Readings(40, (replace(rows.readings.kinds[0], values=lost),)))
+    declared = first_guess(arm, rows, np.arange(40))
+    with pytest.raises(
+        ConvergenceError, match=r"did not settle; still moving: .* by .*; .* of what is left is at .*rows.csv:9, "
+    ):
+        fit(declared, declared_blocks(declared, rows), rows, effort=replace(THOROUGH, iterations=1))

@@ -1,8 +1,10 @@
 """Trace many drawn campaigns and count how often the account is right.
 
     python tests/studies/study.py --draws 200 --size 1.0 --jobs 2 --kinds backlash,creep --seed 0 -o study.csv
+    python tests/studies/study.py --effects 2-6 --draws 20 --seed 0 -o several.csv
 
-One row per draw is appended to the CSV as it finishes; draws that it holds already are not made again.
+With `--effects` each machine has so many effects at once. One row per draw is appended to the CSV as it finishes; draws
+that it holds already are not made again.
 """
 
 from __future__ import annotations
@@ -25,12 +27,12 @@ from joblib import Parallel, delayed
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from support.campaigns import KINDS, LAGGED, NULLS, OUTSIDE
+from support.campaigns import KINDS, LAGGED, NULLS, OUTSIDE, SEVERAL
 from support.scoring import Score, score
 
 EVERY = (*KINDS, *LAGGED, *OUTSIDE, *NULLS, "two")
 ARMS = ("boom", "six")
-LISTS = ("truth", "found", "equivalents", "unexplained")
+LISTS = ("truth", "found", "equivalents", "unexplained", "named")
 COLUMNS = [field.name for field in fields(Score)]
 RIGHT, IN_CLASS = ("exact", "exact+"), ("exact", "exact+", "class")
 Job = tuple[str, int, str, float]
@@ -56,7 +58,7 @@ def read_scores(path: Path) -> list[Score]:
 def _value(name: str, text: str):
     if name in LISTS:
         return json.loads(text)
-    if name in ("seed", "checked", "covered"):
+    if name in ("seed", "checked", "covered", "false"):
         return int(text)
     if name in ("first", "axis"):
         return text == "True"
@@ -107,7 +109,13 @@ def table(scores: Sequence[Score]) -> str:
     lines = [f"{'':32s}{HEADER}"]
     for kind in dict.fromkeys(one.kind for one in scores):
         lines.append(_line(kind, [one for one in scores if one.kind == kind]))
-    groups = {"named": (*KINDS, *LAGGED), "outside": OUTSIDE, "two at once": ("two",), "nothing": NULLS}
+    groups = {
+        "named": (*KINDS, *LAGGED),
+        "outside": OUTSIDE,
+        "two at once": ("two",),
+        "several": SEVERAL,
+        "nothing": NULLS,
+    }
     lines.append("")
     for name, kinds in groups.items():
         some = [one for one in scores if one.kind in kinds]
@@ -156,7 +164,23 @@ def summary(scores: Sequence[Score]) -> str:
         f"95 % intervals cover      {covered} of {checked}" + (f" ({covered / checked:.0%})" if checked else ""),
         f"after over the noise      median {_median(ratios):.3f}, worst {max(ratios, default=np.nan):.2f}",
     ]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_several([one for one in scores if one.named and one.verdict != "ERROR"])])
+
+
+def _several(scores: Sequence[Score]) -> list[str]:
+    """Return what is right where several effects were hidden at once, counted by effects that could be seen."""
+    if not scores:
+        return []
+    named = [word for one in scores for word in one.named if word != "hidden"]
+    found, right = sum(len(one.found) for one in scores), sum(one.verdict in IN_CLASS for one in scores)
+    exact, false = named.count("exact"), sum(one.false for one in scores)
+    within = exact + named.count("class")
+    return [
+        f"of {len(named)} effects that show among several: exact {exact} ({exact / len(named):.1%}), "
+        f"in the reported class {within} ({within / len(named):.1%})",
+        f"false names               {false} of {found} ({false / max(found, 1):.1%})",
+        f"machines wholly right     {right} of {len(scores)}",
+    ]
 
 
 def confusions(scores: Sequence[Score]) -> str:
@@ -172,7 +196,8 @@ def _confusion(one: Score) -> str:
         f"{one.before:.3f} -> {one.after:.3f} mm of {one.floor:.3f}, shown {one.shown:.3f} mm, strain {one.strain:.1f}"
     )
     lines = [f"{head}: {sizes}, truth's rank {one.rank}"]
-    lines += [f"    hidden {_brief(e)} {_numbers(e[3])}" for e in one.truth]
+    words = one.named or [""] * len(one.truth)
+    lines += [f"    hidden {_brief(e)} {_numbers(e[3])} {word}" for e, word in zip(one.truth, words, strict=True)]
     for found, others in zip(one.found, one.equivalents, strict=True):
         lines.append(f"    found  {_brief(found)} {_numbers(found[5])} evidence {found[6]}")
         lines += [f"           or {', '.join(_brief(other) for other in others[:6])}"] if others else []
@@ -202,12 +227,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--size", type=float, default=1.0, help="factor on every effect's size")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--kinds", default=",".join(EVERY), help="comma-separated; a kind or kind with ' lagged'")
+    parser.add_argument("--effects", help="how many at once, 2-6: those kinds alone")
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("-o", "--output", type=Path, default=Path("study.csv"))
     parser.add_argument("--page", type=Path, help="Markdown of the same tables, for the documentation")
     given = parser.parse_args(arguments)
     kinds = [name.strip() for name in given.kinds.split(",")]
-    unknown = sorted(set(kinds) - set(EVERY))
+    if given.effects:
+        least, _, most = given.effects.partition("-")
+        kinds = [f"{count} effects" for count in range(int(least), int(most or least) + 1)]
+    unknown = sorted(set(kinds) - {*EVERY, *SEVERAL})
     if unknown:
         parser.error(f"unknown kinds: {', '.join(unknown)}; known: {', '.join(EVERY)}")
     scores = run(jobs(given.draws, kinds, given.seed, given.size), given.output, given.jobs)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from support.campaigns import SIGMA, Drawn, read
+from support.campaigns import NUDGE, SIGMA, Drawn, read
 from support.plant import Array, pose, turn
 
 PRIOR = {"offset": 1e-3, "compliance": 0.2, "target": 5e-3, "shift": 5e-4, "turn": 5e-5}
@@ -28,15 +28,35 @@ class Visible:
 
 def visible(drawn: Drawn) -> Visible:
     """Calibrate the effects' movement away as far as [prior] lets it, linearised about the true machine."""
-    columns, spread = calibration_columns(drawn)
     shown = drawn.rows.measured
-    moved = (drawn.readings() - drawn.readings(()))[shown].ravel()
-    scaled = columns.reshape(len(moved), -1) * spread
+    return _left((drawn.readings() - drawn.readings(()))[shown], *calibration_columns(drawn))
+
+
+def visible_each(drawn: Drawn) -> list[Visible]:
+    """Return the same for every effect by itself, which other sizes and constants of the others may take over, too."""
+    shown, columns, spread = drawn.rows.measured, *calibration_columns(drawn)
+    whole, found = drawn.readings(), []
+    without = [tuple(other for other in drawn.effects if other is not one) for one in drawn.effects]
+    moved = [(whole - drawn.readings(rest))[shown] for rest in without]
+    bent = [
+        [((drawn.readings((*rest, near)) - whole) / NUDGE)[shown] for near in one.nearby()]
+        for one, rest in zip(drawn.effects, without, strict=True)
+    ]
+    for number, own in enumerate(moved):
+        others = [other for i in range(len(moved)) if i != number for other in (moved[i], *bent[i])]
+        free = np.append(spread, np.ones(len(others)))
+        found.append(_left(own, np.concatenate([columns, np.stack(others, axis=-1)], axis=-1), free))
+    return found
+
+
+def _left(moved: Array, columns: Array, spread: Array) -> Visible:
+    """Return what is left of a movement (readings, 3) when columns have taken what they may; see `Visible`."""
+    scaled = columns.reshape(moved.size, -1) * spread
     prior = np.diag(np.where(spread < 1.0, 1.0, 1e-9))
     values, *_ = np.linalg.lstsq(
-        np.vstack([scaled / SIGMA, prior]), np.concatenate([moved / SIGMA, np.zeros(len(prior))]), rcond=None
+        np.vstack([scaled / SIGMA, prior]), np.concatenate([moved.ravel() / SIGMA, np.zeros(len(prior))]), rcond=None
     )
-    left = (moved - scaled @ values).reshape(-1, 3)
+    left = (moved.ravel() - scaled @ values).reshape(-1, 3)
     return Visible(float(np.sqrt((left**2).sum(axis=1).mean())), float(np.abs(values[spread < 1.0]).max()))
 
 

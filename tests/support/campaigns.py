@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import json
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,15 +22,21 @@ from scipy.spatial.transform import Rotation
 
 from support.campaign_files import ARMS, declared_text, write_clean, write_rows
 from support.plant import Array, Plant, Rows, State, apply, pose, turn
-from support.undeclared import REFERENCE, Context, Effect, Redraw
-from support.undeclared_outside import CATALOGUE, LAGGING, UNNAMED
+from support.undeclared import REFERENCE, Context, Effect, Nudged, Redraw
+from support.undeclared_outside import CATALOGUE, LAGGING, UNNAMED, Maker
 
 KINDS = tuple(CATALOGUE)
 LAGGED = tuple(f"{name} lagged" for name in LAGGING)
 OUTSIDE = tuple(UNNAMED)
 NULLS = ("none", "none_restationed", "none_noisier", "none_quieter")
+SEVERAL = tuple(f"{count} effects" for count in range(2, 7))
 SIGMA = 2e-4  # m, as declared
+NUDGE = 1e-4
 SESSIONS, STOPS, UNREAD = 5, 460, 40
+ONE, MANY = (
+    (4e-4, 5e-3),
+    (5e-4, 3e-3),
+)  # m, how far an effect moves the readings: by itself, and where there are several
 HOLDS, HOLD_SHARES = (30.0, 60.0, 120.0, 300.0, 900.0, 1800.0), (0.22, 0.22, 0.22, 0.18, 0.1, 0.06)
 
 
@@ -142,7 +150,7 @@ def draw(kind: str, seed: int, arm: str = "boom", size: float = 1.0) -> Drawn:
     """Draw a campaign.
 
     Args:
-        kind: One of KINDS, LAGGED, OUTSIDE, NULLS, or "two".
+        kind: One of KINDS, LAGGED, OUTSIDE, NULLS, SEVERAL, or "two".
         seed: The same seed gives the same campaign; another kind gives other poses, errors and noise as well.
         arm: "boom" or "six".
         size: Factor on the size of the effect.
@@ -159,23 +167,28 @@ def draw(kind: str, seed: int, arm: str = "boom", size: float = 1.0) -> Drawn:
 def once(rng: np.random.Generator, kind: str, seed: int, arm: str, size: float) -> Drawn:
     """Draw machine, run, instrument, effects and noise; raise `Redraw` where the effect wanted cannot matter."""
     plant = true_machine(rng, arm)
-    rows = run(rng, plant, arm)
+    several = kind in SEVERAL
+    rows = run(rng, plant, arm, several)
     noise = noise_of(rng, kind)
     station = pose(rng.normal(0.0, 3.0, 3), turn(np.array([0.0, 0.0, rng.uniform(-3.0, 3.0)])))
     shifts = np.array(
         [pose(rng.normal(0.0, noise.restationing, 3), turn(rng.normal(0.0, 2e-5, 3))) for _ in range(SESSIONS)]
     )
     context = Context(rng, plant, rows, plant.relax(rows), SESSIONS)
-    found = [hide(context, name, station, shifts, size) for name in hidden(rng, kind)]
+    sizes = MANY if several else ONE
+    found = [hide(context, name, station, shifts, size, sizes) for name in hidden(rng, kind)]
     errors, lost = noise.draw(rng, len(rows.q))
-    effects, sizes = tuple(e for e, _ in found), tuple(s for _, s in found)
-    return Drawn(kind, seed, arm, plant, rows, effects, sizes, station, shifts, noise, errors, lost)
+    effects, reached = tuple(e for e, _ in found), tuple(s for _, s in found)
+    return Drawn(kind, seed, arm, plant, rows, effects, reached, station, shifts, noise, errors, lost)
 
 
 def hidden(rng: np.random.Generator, kind: str) -> list[str]:
     """Names of what to hide."""
     if kind in NULLS:
         return []
+    if kind in SEVERAL:  # no law twice
+        names = {str(name).partition(" ")[0]: str(name) for name in rng.permutation([*KINDS, *LAGGED])}
+        return list(names.values())[: int(kind.partition(" ")[0])]
     if kind != "two":
         return [kind]
     return [str(name) for name in rng.choice([*KINDS, *LAGGED], 2, replace=False)]
@@ -187,21 +200,38 @@ def noise_of(rng: np.random.Generator, kind: str) -> Noise:
     return Noise(sigma={"none_noisier": 1.5 * SIGMA, "none_quieter": 0.5 * SIGMA}.get(kind, SIGMA))
 
 
-def hide(context: Context, kind: str, station: Array, shifts: Array, size: float) -> tuple[Effect, float]:
+def hide(
+    context: Context, kind: str, station: Array, shifts: Array, size: float, between: tuple[float, float]
+) -> tuple[Effect, float]:
     """Draw one effect and scale it until it alone moves the readings by the RMS wanted; return that, too."""
     name, _, lag = kind.partition(" ")
     maker = (CATALOGUE | UNNAMED)[name]
     context = replace(context, lagging=bool(lag))
     for _ in range(60):
-        wanted = size * context.log(4e-4, 5e-3)
+        wanted = size * context.log(*between)
+        before = context.rng.bit_generator.state
         try:
             effect = maker(context)
             found = scale(context, effect, wanted, station, shifts)
         except (Redraw, ArithmeticError):
             continue
         if effect.least * size <= effect.amplitude:
+            effect.nearby = partial(nearby, maker, context, before, effect.amplitude)
             return effect, found
     raise Redraw
+
+
+def nearby(maker: Maker, context: Context, before: dict, amplitude: float) -> list[Effect]:
+    """Return an effect once for each of its continuous constants, that one moved by `NUDGE` of its range."""
+    found: list[Effect] = []
+    for which in range(20):
+        rng = Nudged(before, which, NUDGE)
+        with suppress(Redraw):
+            one = replace(maker(replace(context, rng=rng)), amplitude=amplitude)
+            if rng.left >= 0:  # there were not so many
+                break
+            found.append(one)
+    return found
 
 
 def scale(context: Context, effect: Effect, wanted: float, station: Array, shifts: Array) -> float:
@@ -230,22 +260,21 @@ def true_machine(rng: np.random.Generator, arm: str) -> Plant:
     return plant
 
 
-def run(rng: np.random.Generator, plant: Plant, arm: str) -> Rows:
+def run(rng: np.random.Generator, plant: Plant, arm: str, several: bool = False) -> Rows:
     """Draw poses and payloads, the order in which they were driven, and the weather."""
-    trained, held = int(rng.integers(60, 76)), int(rng.integers(16, 21))
+    trained, held = (int(rng.integers(*ends)) for ends in (((72, 177), (18, 45)) if several else ((60, 76), (16, 21))))
     lower = np.array([max(0.95 * j.lower, -2.8) for j in plant.joints])
     upper = np.array([min(0.95 * j.upper, 2.8 if j.kind != "prismatic" else np.inf) for j in plant.joints])
     poses = rng.uniform(lower, upper, (trained + held, len(lower)))
-    stops = visits(rng, trained, held, len(ARMS[arm].payloads))
-    number, payload = stops.T
-    q = poses[number]
-    session = np.arange(STOPS) * SESSIONS // STOPS
+    number, payload = visits(rng, len(poses), len(ARMS[arm].payloads), several).T
+    q, stops = poses[number], len(number)
+    session = np.arange(stops) * SESSIONS // stops
     hold, time = clock(rng, session)
     temperature = weather(rng, session, time)
-    steam = 45.0 - 0.8 * (temperature - REFERENCE) + np.cumsum(rng.normal(0.0, 0.4, STOPS))
+    steam = 45.0 - 0.8 * (temperature - REFERENCE) + np.cumsum(rng.normal(0.0, 0.4, stops))
     held_out = number >= trained
     measured = ~held_out
-    measured[rng.choice(np.flatnonzero(measured), UNREAD, replace=False)] = False
+    measured[rng.choice(np.flatnonzero(measured), UNREAD * stops // STOPS, replace=False)] = False
     carried = ARMS[arm].payloads
     mass, com = np.array([m for _, m, _ in carried]), np.array([c for _, _, c in carried], float)
     came = approach(rng, q)
@@ -266,22 +295,23 @@ def run(rng: np.random.Generator, plant: Plant, arm: str) -> Rows:
     )
 
 
-def visits(rng: np.random.Generator, trained: int, held: int, payloads: int) -> Array:
-    """Pose and payload of every stop: two or three payloads a pose, each at least once, in random order."""
+def visits(rng: np.random.Generator, poses: int, payloads: int, several: bool) -> Array:
+    """Pose and payload of every stop: two or three payloads a pose (or one), each at least once, in random order."""
+    counts, shares = ((1, 2, 3), (0.3, 0.4, 0.3)) if several else ((2, 3), (0.4, 0.6))
     pairs = [
         (number, int(payload))
-        for number in range(trained + held)
-        for payload in rng.choice(payloads, rng.choice((2, 3), p=(0.4, 0.6)), replace=False)
+        for number in range(poses)
+        for payload in rng.choice(payloads, rng.choice(counts, p=shares), replace=False)
     ]
-    again = rng.choice(len(pairs), STOPS - len(pairs))
+    again = rng.choice(len(pairs), max(9 * poses // 4 - len(pairs), 0) if several else STOPS - len(pairs))
     return rng.permutation(np.array(pairs + [pairs[i] for i in again]))
 
 
 def clock(rng: np.random.Generator, session: Array) -> tuple[Array, Array]:
     """How long the load stood at every stop, and when it was read: about two days in all."""
-    hold = np.round(rng.choice(HOLDS, STOPS, p=HOLD_SHARES) * rng.uniform(0.9, 1.1, STOPS), 1)
-    travel = rng.uniform(40.0, 120.0, STOPS)
-    pause = np.diff(session, prepend=0) * rng.uniform(3600.0, 3 * 3600.0, STOPS)
+    hold = np.round(rng.choice(HOLDS, len(session), p=HOLD_SHARES) * rng.uniform(0.9, 1.1, len(session)), 1)
+    travel = rng.uniform(40.0, 120.0, len(session))
+    pause = np.diff(session, prepend=0) * rng.uniform(3600.0, 3 * 3600.0, len(session))
     return hold, np.round(np.cumsum(hold + travel + pause), 1)
 
 

@@ -16,11 +16,12 @@ import armflex
 from armflex.laws.effects import Effect
 from armflex.trace.findings import Found, Trace
 from armflex.trace.rounds import trace
-from support.absorbed import visible
-from support.campaigns import Drawn, TrueEffect, draw
+from support.absorbed import visible, visible_each
+from support.campaigns import SEVERAL, Drawn, TrueEffect, draw
 
-SHOWN_RMS, SHOWN_STRAIN = 5e-5, 3.0
-"""Left behind by calibration [m], and moved by it [prior deviations], below which nobody could know of an effect."""
+SHOWN_RMS, SHOWN_STRAIN, SHOWN_IN = 5e-5, 3.0, 330
+"""Left behind by calibration [m], and moved by it [prior deviations], below which nobody could know of an effect; the
+first in so many readings, in fewer so much more."""
 
 Mark = tuple[str, str]
 """Name and site as a report gives them; every shape goes by 'unnamed', every link by the joint that ends it."""
@@ -51,6 +52,9 @@ class Score:
         axis: Whether it has the right axis, too.
         rank: Place of the truth in the first round's ranking, None where it was not in it.
         truth, found, equivalents, unexplained: What was hidden and what was said.
+        named: Where there are several, of each that was hidden: exact (also its axis), class, missed, or hidden (by
+            calibration and the others).
+        false: Names found that are none of theirs, nor have one among their equivalents.
         before, after, floor: RMS on the held-out rows with calibration, with the trace, and of the noise itself [mm].
         shown, strain: What calibration leaves of the effects [mm], and how far they move it.
         checked, covered: Parameters with a true value, and those within 1.96 standard deviations of it.
@@ -70,6 +74,8 @@ class Score:
     found: list = field(default_factory=list)
     equivalents: list = field(default_factory=list)
     unexplained: list = field(default_factory=list)
+    named: list = field(default_factory=list)
+    false: int = 0
     before: float = np.nan
     after: float = np.nan
     floor: float = np.nan
@@ -128,7 +134,14 @@ def _judge(result: Score, drawn: Drawn, folder: Path) -> None:
     result.verdict = verdict(truth.effects, account)
     result.first, result.axis, result.rank = first_found(truth.effects, account)
     result.checked, result.covered = coverage(truth.effects, account.found)
-    if truth.effects and result.verdict not in ("exact", "exact+"):
+    if result.kind in SEVERAL:
+        least = SHOWN_RMS * np.sqrt(SHOWN_IN / drawn.rows.measured.sum())
+        shown = [v.rms >= least or v.strain >= SHOWN_STRAIN for v in visible_each(drawn)]
+        named, result.false = names(truth.effects, account.found)
+        result.named = [word if seen else "hidden" for word, seen in zip(named, shown, strict=True)]
+        right = not result.false and "missed" not in result.named
+        result.verdict = "WRONG" if not right else "class" if "class" in result.named else "exact"
+    elif truth.effects and result.verdict not in ("exact", "exact+"):
         left = visible(drawn)
         result.shown, result.strain = 1e3 * left.rms, left.strain
         if result.verdict in ("missed", "unexplained", "WRONG") and not _could_show(result):
@@ -182,6 +195,24 @@ def verdict(truth: Sequence[TrueEffect], account: Trace) -> str:
     if found:
         return "WRONG"
     return "unexplained" if account.unexplained else "missed"
+
+
+def names(truth: Sequence[TrueEffect], found: Sequence[Found]) -> tuple[list[str], int]:
+    """Return of each hidden effect whether it is named exactly, in a class or not, and how many names are of none."""
+
+    def right(e: TrueEffect, effect: Effect) -> bool:
+        return mark(e.name, e.site) == mark_of(effect) and same_axis(e, effect)
+
+    exact = [any(right(e, one.effect) for one in found) for e in truth]
+    others = [one for one in found if not any(right(e, one.effect) for e in truth)]
+    like = [
+        [mark(e.name, e.site) in {mark_of(o) for o in (one.effect, *dict(one.equivalent))} for e in truth]
+        for one in others
+    ]
+    words = [
+        "exact" if known else "class" if any(one[i] for one in like) else "missed" for i, known in enumerate(exact)
+    ]
+    return words, sum(not any(one) for one in like)
 
 
 def _random_verdict(wanted: set[Mark], found: list[Mark], account: Trace) -> str:

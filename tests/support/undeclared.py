@@ -38,6 +38,7 @@ class Effect:
     limit: float  # the largest sane one
     least: float = 0.0  # below it the effect is within what calibration may move anyway
     amplitude: float = 0.0
+    nearby: Callable[[], list[Effect]] = list  # the same with one of its drawn constants a little elsewhere
 
     def __call__(self, state: State, push: Push) -> None:
         self.act(state, push, self.amplitude)
@@ -81,6 +82,29 @@ class Context:
             return self.rows.temperature - REFERENCE, {"T_ref": REFERENCE}
         tau = self.log(0.2, 3.0) * 3600.0
         return lagged(self.rows.time, self.rows.temperature, tau) - REFERENCE, {"T_ref": REFERENCE, "lag": tau}
+
+
+class Nudged:
+    """The draws of a generator again, one of its continuous numbers moved by a little of their range."""
+
+    def __init__(self, state: dict, which: int, step: float) -> None:
+        self.rng = np.random.default_rng()
+        self.rng.bit_generator.state = state
+        self.left, self.step = which, step
+        self.choice, self.integers, self.random = self.rng.choice, self.rng.integers, self.rng.random
+
+    def _moved(self, drawn: Array | float, span: float) -> Array | float:
+        values = np.atleast_1d(np.array(drawn, float))
+        if 0 <= self.left < len(values):
+            values[self.left] += self.step * span
+        self.left -= len(values)
+        return values if np.ndim(drawn) else float(values[0])
+
+    def uniform(self, low: float, high: float, size: int | None = None) -> Array | float:
+        return self._moved(self.rng.uniform(low, high, size), high - low)
+
+    def normal(self, mean: float = 0.0, scale: float = 1.0, size: int | None = None) -> Array | float:
+        return self._moved(self.rng.normal(mean, scale, size), scale)
 
 
 def drive_axis(joint: Joint) -> int:

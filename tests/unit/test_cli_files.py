@@ -154,3 +154,22 @@ def test_a_demo_keeps_its_files_apart(folder: Path, file: str) -> None:
     with pytest.raises(InputError, match="is a file of the demonstration"):
         group.main(["demo", "-o", "d", "--json", f"d/{file}"], standalone_mode=False)
     assert not list((folder / "d" / "tarm_like").iterdir())
+
+
+@pytest.mark.parametrize("name", ["calibrate", "trace", "plan"])
+def test_commands_that_fit_take_a_doubtful_robot_with_lax_as_all_others_do(
+    armflex: Run, tmp_path: Path, name: str
+) -> None:
+    for file, path in FILES.items():
+        (tmp_path / file).write_bytes(path.read_bytes())
+    text = (tmp_path / "robot.urdf").read_text()
+    (tmp_path / "robot.urdf").write_text(text.replace("<axis", "<axle/><axis"))
+    given = [name, "arm.toml", *(["--after"] if name == "plan" else []), "rows.csv", "-o", "out.toml"]
+    assert "<axle> is not known inside <joint>" in fine(armflex(*given), 2).stderr
+    without_readings = fine(armflex(*given, "--lax"), 2).stderr  # rows.csv holds none: the robot was taken
+    assert "error: rows.csv" in without_readings
+
+
+def test_every_command_that_takes_a_robot_has_lax(armflex: Run) -> None:
+    for name in READ.keys() - {"train"}:
+        assert "--lax" in fine(armflex(name, "--help")).stdout, name

@@ -26,7 +26,7 @@ from armflex import (
     total_covariance,
     trace,
 )
-from armflex.errors import ArmFileError, MissingCovariateError, UnsupportedError
+from armflex.errors import ArmFileError, ExtrapolationError, MissingCovariateError, UnsupportedError
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.posterior import certainty_of
@@ -53,7 +53,9 @@ def effects(draw: st.DrawFn) -> Effect:
         values[0] = abs(values[0])  # nothing weighs less than nothing
     inner = [draw(number) for _ in law.inner]
     inner = [abs(v) if one.positive else v for v, one in zip(inner, law.inner, strict=True)]
-    return Effect(law, location, (*values, *inner))
+    seen = [sorted((draw(number), draw(number))) for _ in location.covariates] if draw(st.booleans()) else []
+    ranges = tuple((name, low, high) for name, (low, high) in zip(location.covariates, seen, strict=False))
+    return Effect(law, location, (*values, *inner), (), ranges)
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +137,8 @@ def test_an_effect_asks_for_its_column(folder: Path) -> None:
         arm.deflection(Q)
 
 
+HARMONIC = 'name = "gear_harmonic"\nsite = "J3"\nparameters = { A = 1e-3, B = 5e-4, k = 9 }'
+
 BAD = {
     "law": ('name = "backlsh"', "no effect 'backlsh', did you mean 'backlash'", 1),
     "no law": ('site = "J2"', "needs 'name'", 0),
@@ -215,6 +219,8 @@ BAD = {
     ),
     "session": ('name = "session_frame"\nsite = "base"\nparameters = { dx = 1e-3 }', "needs 'partner'", 0),
     "key": (f"{BACKLASH}\nparametres = {{ gap = 1 }}", "unknown key, did you mean 'parameters'", 5),
+    "seen of nothing": (f"{BACKLASH}\nseen = {{ q_J2 = [0, 1] }}", "depends on no 'q_J2' there", 5),
+    "seen": (f"{HARMONIC}\nseen = {{ q_J3 = [1, 0] }}", "expected the smaller first, got 1 and 0", 4),
     "std": (f"{BACKLASH}\nstd = {{ gap = -1 }}", "std: of gap is -1, expected 0 or more", 5),
     "std of nothing": (f"{BACKLASH}\nstd = {{ gup = 1 }}", "std: of 'gup', which is no parameter", 5),
 }
@@ -226,6 +232,25 @@ def test_a_bad_table_is_refused_with_its_line(folder: Path, table: str, complain
     with pytest.raises(ArmFileError, match=complaint) as caught:
         arm_with(folder, table)
     assert caught.value.place.line == first + line and caught.value.place.file.name == "arm.toml"
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_beyond_where_an_effect_was_found_it_is_said(folder: Path, many: bool) -> None:
+    thermal = 'name = "thermal_growth"\nsite = "J3"\nparameters = { alpha = 1e-5 }\nseen = { temperature = [15, 25] }'
+    arm = arm_with(folder, f"{HARMONIC}\nseen = {{ q_J3 = [-0.5, 1.0] }}", thermal)
+    inside, beyond = Q.copy(), Q.copy()
+    inside[2], beyond[2] = 1.0, 1.5
+    asked = (lambda q: np.array([q, q])) if many else (lambda q: q)
+
+    def said(q: np.ndarray, kelvin: float) -> list[str]:
+        flags = arm.deflection(asked(q), "p200", covariates={"temperature": kelvin}).flags
+        return [flag.text for flag in flags if flag.code == "extrapolating"]
+
+    assert not said(inside, 20.0) and not said(inside, 25.1)  # by a little nothing is said
+    assert ["q_J3 = 1.5 is outside the -0.5 to 1 it was found in" in text for text in said(beyond, 20.0)] == [True]
+    assert ["temperature = 40 is outside" in text for text in said(inside, 40.0)] == [True]
+    with pytest.raises(ExtrapolationError, match="gear harmonic at J3"):
+        arm.deflection(asked(beyond), "p200", covariates={"temperature": 20.0}, strict=True)
 
 
 def campaign(folder: Path, kind: str, seed: int) -> tuple[Path, Arm, Measurements, Measurements, np.ndarray]:

@@ -24,7 +24,7 @@ from armflex.plan.design import instead
 from armflex.plan.hypotheses import named_effect, spelled
 from armflex.setup import Setup
 from armflex.show.report.words import called, labelled, units_of
-from armflex.trace.rounds import ENOUGH
+from armflex.trace.accept import ENOUGH
 from armflex.trace.state import add, begin
 
 

@@ -40,6 +40,7 @@ from armflex.plan.drive import driving_order, motion
 from armflex.plan.hypotheses import named_effect, spelled
 from armflex.plan.result import Plan
 from armflex.prior import Measurement, Prior
+from armflex.rows import Rows
 
 BOOM = ROBOTS / "tarm_like" / "measured.toml"
 P, OWN = 7, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0, -1.0])
@@ -195,13 +196,39 @@ def test_a_joint_comes_from_the_side_that_was_planned(six: Arm, tmp_path: Path) 
     )
 
 
-def test_the_tip_stays_above_the_floor(six: Arm) -> None:
-    high = plan(six, 6, floor=2.0)
-    q = high.rows.q[high.rows.measured]
-    tips = six.deflection(q, [high.rows.payload[i] for i in np.flatnonzero(high.rows.measured)]).pose
-    assert (tips[:, 2, 3] >= 2.0).all() and high.offered.dropped["below_floor"] > 100
+def along_links(arm: Arm, rows: Rows) -> dict[str, np.ndarray]:
+    """Return (N, 20, 3) points along the line to every link from the one before, and to the payload [m]."""
+    poses = [arm.deflection(q, name).link_poses() for q, name in zip(rows.q, rows.payload, strict=True)]
+    places = {name: np.array([one[name][:3, 3] for one in poses]) for name in poses[0]}
+    tips = np.array([one[arm.robot.tip] for one in poses])
+    com = np.array([arm.payload(name).com for name in rows.payload])
+    places["payload"] = tips[:, :3, 3] + np.einsum("nij,nj->ni", tips[:, :3, :3], com)
+    ends = [(joint.parent, joint.child) for joint in arm.robot.chain] + [(arm.robot.tip, "payload")]
+    share = np.linspace(0.0, 1.0, 20)[:, None]
+    return {other: places[one][:, None] + share * (places[other] - places[one])[:, None] for one, other in ends}
+
+
+def test_no_link_is_below_the_floor_or_in_the_base(six: Arm) -> None:
+    high = plan(six, 6, floor=0.5)
+    for name, points in along_links(six, high.rows).items():
+        if name not in ("link1", "link2"):  # which no pose moves
+            assert points[..., 2].min() >= 0.49, name
+        if name not in ("link1", "link2", "link3"):  # whose upper end is the elbow
+            radius = np.linalg.norm(points[..., :2], axis=2)[points[..., 2] < 0.7]
+            assert radius.min(initial=1.0) > 0.1, name
+    assert high.offered.dropped["below_floor"] > 100 and high.offered.dropped["in_base_column"] > 0
     with pytest.raises(InputError, match=r"above the floor at 9 m; the highest is"):
         plan(six, 6, floor=9.0)
+
+
+def test_joints_that_go_round_more_than_once_are_planned_in_their_middle_turn(tmp_path: Path) -> None:
+    text = (tmp_path / "robot.urdf", small(tmp_path))[0].read_text()
+    (tmp_path / "robot.urdf").write_text(re.sub('lower="[^"]*" upper="[^"]*"', 'lower="-6.3" upper="6.3"', text))
+    arm = replace(three_joints_again(tmp_path), prior=Prior(joint_offset=1e-3))
+    wide = plan(arm, 6)
+    turning = [joint.kind == "revolute" for joint in arm.robot.moving]
+    assert (np.abs(wide.rows.q[:, turning]) <= np.pi).all()
+    assert any(flag.code == "one_turn" for flag in wide.flags)
 
 
 @pytest.mark.slow

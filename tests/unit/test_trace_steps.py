@@ -16,8 +16,13 @@ from armflex import load_arm, predict, read_measurements, trace
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import MissingCovariateError
 from armflex.estimate.fit import moved
-from armflex.laws.effects import CATALOGUE, Location
+from armflex.laws import Row
+from armflex.laws.effects import CATALOGUE, Effect, EffectLaw, Location
+from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.context import Context
+from armflex.laws.effects.location import resolve
 from armflex.laws.effects.remember import derived_directions
+from armflex.laws.effects.shapes import told_from_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import Kind, of_motions
 from armflex.trace.accept import null_maximum, session_folds
@@ -67,6 +72,18 @@ def test_rows_that_tell_no_direction_leave_with_the_effect_that_asks_for_it(camp
     assert sorted_out(without(left, 0)).uses(state.rows)
 
 
+def test_an_effect_knows_where_it_was_found(campaign, before):
+    def added(name: str, **more: object) -> Effect:
+        law = CATALOGUE[name]
+        location = next(s for s in law.places(before.context.records) if s.site == "J4")
+        candidate = Candidate(law, location, next(grid(law, location, before.context)))
+        return add(before, Polished(candidate, 1.0, 1.0, np.full(len(location.terms), 1e-5), ())).fitted[0]
+
+    ((name, low, high),), driven = added("gear_harmonic").seen, campaign[2].q[before.rows, 3]
+    assert (name, low, high) == ("q_J4", driven.min(), driven.max())
+    assert added("backlash").seen == () and added("slip_step").seen == ()
+
+
 # What is possible.
 
 
@@ -109,9 +126,9 @@ def test_a_centre_of_mass_stays_within_a_metre(before):
 def test_hysteresis_is_no_softer_than_a_joint_can_be(before, axis, softest):
     """Under loads so small that no gain makes a large twist of them."""
     line = replace(before.fit.view.line)
-    line.__dict__["wrenches"] = 1e-3 * before.fit.view.line.wrenches
+    line.__dict__["wrenches"] = 1e-4 * before.fit.view.line.wrenches
     fit = replace(before.fit, view=replace(before.fit.view, line=line))
-    loads = {site: 1e-3 * wrenches for site, wrenches in before.context.wrenches.items()}
+    loads = {site: 1e-4 * wrenches for site, wrenches in before.context.wrenches.items()}
     state = replace(before, fit=fit, context=replace(before.context, wrenches=loads))
     play = Candidate(CATALOGUE["hysteresis"], Location("J6", axis), (1e-6,))
     for side in (1.0, -1.0):
@@ -122,6 +139,90 @@ def test_hysteresis_is_no_softer_than_a_joint_can_be(before, axis, softest):
 def test_what_is_positive_by_nature_is_not_negative(before):
     deadband = candidate_of(before, "deadband", "J2", "ry")
     assert is_sensible(before, deadband, 1e-5) and not is_sensible(before, deadband, -1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "site", "axis", "terms", "possible", "impossible"),
+    [
+        ("tracker_scale", "base", None, (0,), 200.0, 2000.0),  # ppm
+        ("encoder_eccentricity", "J3", "ry", (0, 1), 3e-3, 3e-2),
+        ("gear_harmonic", "J3", "ry", (0, 1), 3e-3, 1.5e-2),
+        ("backlash", "J3", "ry", (0,), 5e-3, 3e-2),
+        ("tip_force", "tool", "dx", (0,), 300.0, 3e4),
+    ],
+)
+def test_sizes_that_no_machine_has_are_not_believed(before, name, site, axis, terms, possible, impossible):
+    candidate, ones = candidate_of(before, name, site, axis, terms), np.ones(len(terms))
+    assert is_sensible(before, candidate, *(possible * ones)) and not is_sensible(
+        before, candidate, *(impossible * ones)
+    )
+
+
+def test_an_axis_that_hardly_any_pose_loads_is_not_taken_for_soft(before):
+    """The base bears moments about the vertical that are rounding beside the others, and gives by them as by those."""
+    about_z = candidate_of(before, "base_compliance", "base", "rz", (3,))
+    loads = before.context.wrenches["base"]
+    largest = np.linalg.norm(loads[:, 3:], axis=1).max()
+    assert np.abs(loads[:, 5]).max() < 1e-3 * largest
+    assert is_sensible(before, about_z, 0.01 / largest) and not is_sensible(before, about_z, 1.0 / largest)
+
+
+@pytest.mark.parametrize("name", ["base_compliance", "link_flexure"])
+def test_a_compliance_about_several_axes_is_symmetric_and_positive(before, name):
+    law = CATALOGUE[name]
+    location = next(
+        one
+        for one in law.places(before.context.records)
+        if {law.amplitudes[i].name for i in one.terms} == {"C_rx", "C_ry", "C_rx_ry"}
+    )
+    candidate = Candidate(law, location, ())
+    wrench = np.random.default_rng(0).normal(size=(4, 6))
+    basis = law.basis(resolve(location, before.declared.arm.robot, ()), wrench, Row(np.zeros((4, 0)), {}), ())
+    matrix = np.array([[8.2e-9, 5.8e-9], [5.8e-9, 5.4e-9]])  # of a machine on tracks, a thousandth
+    given = np.einsum("nka,k->na", basis[:, list(location.terms)], [matrix[0, 0], matrix[1, 1], matrix[0, 1]])
+    np.testing.assert_allclose(given[:, 3:5], wrench[:, 3:5] @ matrix, rtol=1e-12)
+    assert not given[:, [0, 1, 2, 5]].any()
+    assert is_sensible(before, candidate, 8.2e-9, 5.4e-9, 5.8e-9)
+    assert not is_sensible(before, candidate, 8.2e-9, 5.4e-9, 6.8e-9)  # it would make energy
+    assert not is_sensible(before, candidate, 8.2e-9, 5.4e-9, -6.8e-9)
+
+
+def test_nothing_is_pulled_towards_a_point_far_from_the_arm(before):
+    (low, high), magnet = before.context.box, candidate_of(before, "magnetic_pull", "tool", None)
+    for up, believed in ((0.1, True), (1.0, False)):
+        point = (0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), high[2] + up * before.context.size)
+        assert is_sensible(before, replace(magnet, inner=(*point, 0.0)), 10.0) is believed
+
+
+def test_every_law_says_how_large_it_is_on_machines_and_why():
+    reasons = [law.plausible.why for law in EVERY.values()]
+    assert all(law.plausible.shift > 0.0 and law.plausible.turn > 0.0 for law in EVERY.values())
+    default = EffectLaw.__dataclass_fields__["plausible"].default.why
+    assert all(reasons) and default not in reasons
+
+
+def test_a_wave_is_told_from_those_that_give_the_same_at_the_poses_at_hand():
+    rng = np.random.default_rng(0)
+    even = np.linspace(0.0, 2.0, 33)  # 16 periods at most
+    for slow in (10.0, 30.0):
+        fast = 2.0 * np.pi / even[1] - slow
+        np.testing.assert_allclose(np.cos(fast * even), np.cos(slow * even), atol=1e-9)
+        assert told_from_aliases(even, slow) and not told_from_aliases(even, fast)
+    anyhow = rng.uniform(-1.5, 1.5, 200)
+    assert told_from_aliases(anyhow, 2.0 * np.pi * 24.0 / np.ptp(anyhow))
+    levels = rng.choice([0.05, 0.19, 0.28, 0.6, 0.94], 440) + rng.normal(0.0, 1e-4, 440)
+    assert not any(told_from_aliases(levels, number) for number in (2.0, 16.0, 35.0, 48.0))
+    gear, at_stops = CATALOGUE["gear_harmonic"], Location("J2", "ry", ("q_J2",), (0, 1))
+    # Few positions of a joint show no harmonic, however many rows there are.
+    assert not gear.possible(Effect(gear, at_stops, (1e-3, 0.0, 16.0)), of_positions("J2", levels), None)
+    assert gear.possible(Effect(gear, at_stops, (1e-3, 0.0, 16.0)), of_positions("J2", anyhow), None)
+    assert len(list(grid(gear, at_stops, of_positions("J2", levels)))) == 0
+
+
+def of_positions(joint: str, values: Array) -> Context:
+    """Return the context of rows of which only a joint's positions are known."""
+    row = Row(values[:, None], {joint: 0}, {})
+    return Context(None, row, (), (), (), {}, np.zeros((2, 3)))
 
 
 # What still stands after the refit.

@@ -1,4 +1,7 @@
-"""A base that gives under the moment on it: C_b times the moment, the same about all axes, or each its own."""
+"""A base that gives under the moment on it: C_b times the moment, the same about all axes, or each its own.
+
+About several axes C_b is a symmetric matrix: what stands askew leans sideways, too.
+"""
 
 from __future__ import annotations
 
@@ -7,26 +10,31 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import AXES_TURN, Records
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, Here, Location
+from armflex.laws.effects.shapes import CROSSED, crossed, turning_terms
 
 
 def _places(records: Records) -> list[Location]:
     single = [Location(BASE, axis, terms=(1 + i,)) for i, axis in enumerate(AXES_TURN)]
-    return [Location(BASE), *single, Location(BASE, terms=(1, 2)), Location(BASE, terms=(1, 2, 3))]
+    return [Location(BASE), *single, *(Location(BASE, terms=terms) for terms in turning_terms(1, 4))]
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     turns = wrench[..., None, :] * np.eye(6)[3:]
-    return np.concatenate([turns.sum(axis=-2, keepdims=True), turns], axis=-2)
+    return np.concatenate([turns.sum(axis=-2, keepdims=True), turns, crossed(wrench)], axis=-2)
 
 
 BASE_COMPLIANCE = TwistLaw(
     name="base_compliance",
     words=Words("base compliance", "the foundation tilts under the load", "C · w"),
     instead="measure a target on the base with and without load",
+    plausible=Plausible(0.005, 0.005, "a foundation that tilts by more is seen to"),
     places=_places,
-    amplitudes=tuple(Amplitude(name, "rad/Nm", positive=True) for name in ("C", "C_rx", "C_ry", "C_rz")),
+    amplitudes=(
+        *(Amplitude(name, "rad/Nm", positive=True) for name in ("C", "C_rx", "C_ry", "C_rz")),
+        *(Amplitude(name, "rad/Nm") for name in CROSSED),
+    ),
     basis=_basis,
     loaded=True,
     linear=True,

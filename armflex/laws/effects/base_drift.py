@@ -3,7 +3,7 @@
 import numpy as np
 
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import BASE
 from armflex.laws.effects.shapes import ON_THE_FLOOR, singly_and_together
 
@@ -11,6 +11,7 @@ BASE_DRIFT = TwistLaw(
     name="base_drift",
     words=Words("base drift", "the foundation or the instrument wanders with time", "v · t"),
     instead=ON_THE_FLOOR,
+    plausible=Plausible(0.003, 0.003, "a machine that wanders further is bolted down again"),
     places=lambda records: (
         singly_and_together((BASE,), (0, 1, 2), (3, 4, 5), covariates=("time",)) if records.timed else []
     ),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import BASE
 from armflex.laws.effects.shapes import LAGGED, WARM, singly_and_together, warmth, with_temperature
 
@@ -11,6 +11,7 @@ BASE_THERMAL = TwistLaw(
     name="base_thermal",
     words=Words("thermal base motion", "the foundation follows the weather", "β (T − T₀)"),
     instead="measure a target on the base at two temperatures",
+    plausible=Plausible(0.005, 0.005, "steel and concrete move by 10 um/m K, a stand warm on one side by some mrad"),
     places=lambda records: with_temperature(
         lambda name: singly_and_together((BASE,), (0, 1, 2), (3, 4, 5), covariates=(name,)), records
     ),

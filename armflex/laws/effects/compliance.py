@@ -7,7 +7,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here
 from armflex.laws.effects.shapes import about_several, along, at_joints, unit_twists
 
@@ -21,6 +21,7 @@ COMPLIANCE = TwistLaw(
     name="compliance",
     words=Words("compliance", "the joint gives more (or less) than declared", "C · w"),
     instead="measure a second target between the joints in question",
+    plausible=Plausible(0.015, 0.01, "what gives by more is seen with the naked eye, and declared"),
     places=lambda records: [*at_joints(records), *about_several(records, 4)],
     amplitudes=(
         Amplitude("C", "{m}/{w}"),

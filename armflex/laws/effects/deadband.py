@@ -9,7 +9,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import AXES_TURN
-from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here
 from armflex.laws.effects.shapes import about_several, along, at_joints, shares_of_load
 
@@ -24,6 +24,7 @@ DEADBAND = TwistLaw(
     name="deadband",
     words=Words("play taken up by the load", "the joint falls to the loaded side", "g · clip(τ / τ₀, ±1)"),
     instead="reverse the load on the joint with a counterweight or with the arm turned over",
+    plausible=Plausible(0.001, 0.003, "lost motion of gears, and the play of worn bearings"),
     places=lambda records: [*at_joints(records), *about_several(records, 1)],
     amplitudes=(
         Amplitude("g", "{m}", positive=True),

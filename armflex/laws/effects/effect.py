@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast
 
@@ -23,6 +23,7 @@ from armflex.laws import Row
 from armflex.laws.effects.location import Here, Location, link_of
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
+from armflex.rows.rows import APPROACH
 
 if TYPE_CHECKING:
     from armflex.laws.declared import Flexure
@@ -35,13 +36,15 @@ Values = tuple[float, ...]
 class Amplitude:
     """A parameter that the law is linear in; in its unit, {m} stands for the motion's unit and {w} for the load's.
 
-    With `positive` it makes no sense below zero, and beyond `most` in size it is not believed.
+    With `positive` it makes no sense below zero, and beyond `most` in size it is not believed. `usual` is what
+    machines have without anybody knowing, where the twist or the force that it makes does not tell.
     """
 
     name: str
     unit: str
     positive: bool = False
     most: float = float("inf")
+    usual: float = float("inf")
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,28 @@ class Words:
     title: str
     meaning: str
     formula: str
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """How large the effects of a law are on machines that work: one standard deviation of their RMS over some rows.
+
+    A twist, or another frame of the instrument, has a part that shifts [m] and one that turns [rad]. A load has forces
+    as a share of the weight of all that moves, and moments of that weight on a lever [m]. Gravity turns; an
+    instrument's distances are wrong by a share, which stands for a shift.
+
+    Attributes:
+        shift, turn: The standard deviations.
+        why: What says so.
+    """
+
+    shift: float
+    turn: float
+    why: str
+
+
+LEAST_WEIGHT = 100.0
+"""Weight of an arm [N] below which loads from outside are no smaller: people lean on it."""
 
 
 class Act(Enum):
@@ -158,6 +183,7 @@ class EffectLaw(ABC):
         name: As files name it; 'unnamed_' and more where `shape` is their name for it.
         words: For people.
         instead: What shows it by other means than more rows of the same kind; '' where nobody knows.
+        plausible: How large it is on machines that work.
         places: Where it makes sense.
         amplitudes: Linear parameters.
         inner: Nonlinear parameters.
@@ -182,6 +208,7 @@ class EffectLaw(ABC):
     name: str
     words: Words
     instead: str = ""
+    plausible: Plausible = Plausible(0.015, 0.01, "what moves further is seen with the naked eye")
     places: Callable[[Records], Iterable[Location]]
     amplitudes: tuple[Amplitude, ...]
     inner: tuple[Inner, ...] = ()
@@ -218,6 +245,23 @@ class EffectLaw(ABC):
     def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
         """Return (M, k, n) what it does in some rows per amplitude of `location.terms`; `act` says what that is."""
 
+    def size(self, done: Array, arm: Manipulator) -> float:
+        """Return how large (M, n) features, amplitudes in them, are over what is plausible: RMS, dimensionless.
+
+        What depends on a column and no load is taken about its mean: where a column is zero is a convention, and a
+        constant is the calibration's.
+        """
+        linear, angular = self.plausible.shift, self.plausible.turn
+        if self.act is Act.LOAD:
+            weight = max(arm.weight, LEAST_WEIGHT)
+            linear, angular = weight * linear, weight * angular
+        elif self.act is Act.GRAVITY:
+            linear = max(float(np.linalg.norm(arm.robot.gravity)), 1e-9) * angular
+        elif self.act is Act.TWIST and not (self.loaded or self.constant):
+            done = done - done.mean(axis=0)
+        squares = (done**2).mean(axis=0)
+        return float(np.sqrt(max(squares[:3].sum() / linear**2, squares[3:].sum() / angular**2)))
+
     changes_model: ClassVar[bool] = False
     """Whether it is in the model that it changed, and not at work in the arm as a twist or a load."""
 
@@ -253,12 +297,23 @@ class Effect:
         derived: Those of the location's covariates that the order of the rows stood in for where it was found:
             directions `approach_<joint>`. Where the rows asked about do not give one it is derived in the same way, and
             before a joint has moved it is either: halfway on average, and as uncertain as both are apart.
+        seen: Columns and joints' positions ('q_J') with the smallest and largest value that they had in the rows where
+            it was found; beyond those it is an extrapolation.
     """
 
     law: EffectLaw
     location: Location
     values: Values
     derived: tuple[str, ...] = ()
+    seen: tuple[tuple[str, float, float], ...] = ()
+
+    def seen_in(self, context: Context, rows: np.ndarray) -> Effect:
+        """Return the effect as found in (M,) rows of a campaign; a moment, or a direction, has no range."""
+        law, columns = self.law, self.location.covariates
+        at_a_moment = law.timed and law.physical and bool(law.inner)
+        names = [one for one in columns if not (one.startswith(APPROACH) or (one == "time" and at_a_moment))]
+        ranges = {name: context.column(name)[rows] for name in names}
+        return replace(self, seen=tuple((name, float(x.min()), float(x.max())) for name, x in ranges.items()))
 
     @property
     def amplitudes(self) -> Values:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.laws.effects.context import Records
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
 from armflex.laws.effects.shapes import OVER_ITS_RANGE, at_drives, on_drive, own_position
 
@@ -19,6 +19,7 @@ ENCODER_ECCENTRICITY = TwistLaw(
     name="encoder_eccentricity",
     words=Words("encoder eccentricity", "the error turns with the joint", "A sin q + B cos q"),
     instead=OVER_ITS_RANGE,
+    plausible=Plausible(0.001, 0.003, "a disc that is 0.05 mm off its axis at 20 mm of radius"),
     places=_places,
     amplitudes=(Amplitude("A", "rad"), Amplitude("B", "rad")),
     basis=on_drive(lambda here, wrench, row, inner: (np.sin(own_position(here, row)), np.cos(own_position(here, row)))),

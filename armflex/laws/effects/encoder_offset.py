@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.shapes import at_drives, on_drive
 
 ENCODER_OFFSET = TwistLaw(
     name="encoder_offset",
     words=Words("encoder offset", "the joint stands beside where it is said to stand", "constant"),
     instead="level the joint's link with an inclinometer",
+    plausible=Plausible(0.005, 0.01, "zeroed at a mark by eye"),
     places=at_drives,
     amplitudes=(Amplitude("offset", "{m}"),),
     basis=on_drive(lambda here, wrench, row, inner: (np.ones(wrench.shape[:-1]),)),

@@ -6,7 +6,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, with_terms
 from armflex.laws.effects.shapes import along, at_joints, on_axis
 
@@ -21,6 +21,7 @@ EVEN_IN_LOAD = TwistLaw(
     name="even_in_load",
     words=Words("deflection even in the load", "the same way whichever way it is loaded", "c |w|, c τ²"),
     instead="load the joint with the same weight from either side",
+    plausible=Plausible(0.002, 0.003, "a part of what bearings give"),
     places=lambda records: with_terms(at_joints(records), (0,), (1,), (2,)),
     amplitudes=(Amplitude("c_force", "{m}/N"), Amplitude("c_moment", "{m}/Nm"), Amplitude("c_square", "{m}/{w}^2")),
     basis=on_axis(_shapes),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import with_terms
 from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive
 
@@ -10,6 +10,7 @@ FRICTION_WINDUP = TwistLaw(
     name="friction_windup",
     words=Words("friction wind-up", "the drive is twisted by the friction that it overcame last", "s · (a + b |τ|)"),
     instead=BY_HAND,
+    plausible=Plausible(0.001, 0.002, "as lost motion, of which it is a part"),
     places=lambda records: with_terms(at_drives(records, "approach_{joint}"), (0, 1), (1,)),
     amplitudes=(Amplitude("a", "{m}"), Amplitude("b", "{m}/{w}")),
     basis=on_drive(

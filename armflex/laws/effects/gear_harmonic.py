@@ -7,25 +7,35 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
-from armflex.laws.effects.shapes import at_drives, on_drive, own_position
+from armflex.laws.effects.shapes import at_drives, on_drive, own_position, told_from_aliases
 
 MOST_PERIODS = 24.0
 """Periods over a joint's driven range beyond which a campaign of some hundred poses tells nothing."""
 
 
 def _orders(location: Location, context: Context) -> Iterable[float]:
-    """Return wave numbers a third of a period over the driven range apart, from two per turn (or per range) on."""
-    span = float(np.ptp(context.row.position(location.place))) or 1.0
+    """Return wave numbers a third of a period over the driven range apart, from two per turn (or per range) on.
+
+    Those that the poses at hand do not tell from their aliases are left out.
+    """
+    position = context.row.position(location.place)
+    span = float(np.ptp(position)) or 1.0
     least = 2.0 if str(location.axis).startswith("r") else np.pi / span
-    return np.arange(least, max(least, 2.0 * np.pi * MOST_PERIODS / span), 2.0 * np.pi / span / 3.0)
+    numbers = np.arange(least, max(least, 2.0 * np.pi * MOST_PERIODS / span), 2.0 * np.pi / span / 3.0)
+    return [number for number in numbers.tolist() if told_from_aliases(position, number)]
+
+
+def _told(effect: Effect, context: Context, arm: Manipulator) -> bool:
+    return told_from_aliases(context.row.position(effect.location.place), effect.inner[0])
 
 
 GEAR_HARMONIC = TwistLaw(
     name="gear_harmonic",
     words=Words("gear harmonic", "the error goes k times round with the joint", "A sin kq + B cos kq"),
     instead="measure through one turn of the joint's motor in twenty steps",
+    plausible=Plausible(0.0005, 0.002, "gears are made to 0.3 to 5 arcmin, racks and screws to tenths of a mm"),
     places=lambda records: with_terms(at_drives(records, "q_{joint}"), (0, 1)),
     amplitudes=(Amplitude("A", "{m}"), Amplitude("B", "{m}")),
     basis=on_drive(
@@ -35,4 +45,5 @@ GEAR_HARMONIC = TwistLaw(
         )
     ),
     inner=(Inner("k", "1", _orders),),
+    possible=_told,
 )

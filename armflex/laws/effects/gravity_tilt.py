@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Plausible, Solved, Words
 from armflex.laws.effects.location import BASE, Here
 from armflex.laws.effects.shapes import singly_and_together
 
@@ -28,8 +28,9 @@ GRAVITY_TILT = ModelLaw(
     name="gravity_tilt",
     words=Words("gravity tilt", "down is not where the frame says", "rotation of gravity"),
     instead="put an inclinometer on the base",
+    plausible=Plausible(1, 0.05, "a floor that leans by more is seen to"),
     places=lambda records: singly_and_together((BASE,), (0, 1), axes=("rx", "ry")),
-    amplitudes=(Amplitude("rx", "rad", most=0.1), Amplitude("ry", "rad", most=0.1)),
+    amplitudes=(Amplitude("rx", "rad", most=0.1, usual=0.01), Amplitude("ry", "rad", most=0.1, usual=0.01)),
     act=Act.GRAVITY,
     made=_turned,
     changed=_change,

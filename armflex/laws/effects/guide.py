@@ -15,7 +15,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import AXES_TURN, column_of
-from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import along, of_column, on_axis, shares_of_load
 
@@ -33,6 +33,7 @@ GUIDE = TwistLaw(
         "a tube rocks in its guides, the more the less they overlap",
         "(g · clip(τ / τ₀) + c τ) / overlap",
     ),
+    plausible=Plausible(0.015, 0.01, "a tenth of a mm of play over some cm of overlap"),
     places=lambda records: [
         Location(joint.name, axis, (f"q_{joint.name}",), terms)
         for joint in records.robot.moving

@@ -8,7 +8,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import AXES, Context
-from armflex.laws.effects.effect import Amplitude, Inner, Memory, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, Memory, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import along, at_joints, on_axis, play_in, stepper
 
@@ -31,6 +31,7 @@ HYSTERESIS = TwistLaw(
     name="hysteresis",
     words=Words("hysteresis", "the joint gives with the loads it carried before", "gain · play(τ; radius)"),
     instead="load and unload the joint with weights at one pose",
+    plausible=Plausible(0.001, 0.002, "a part of lost motion"),
     places=at_joints,
     amplitudes=(Amplitude("gain", "{m}/{w}"),),
     basis=on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.location, inner)),)),

@@ -11,9 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.errors import MissingCovariateError
+from armflex.errors import Flag, MissingCovariateError
 from armflex.laws import Law, Row
 from armflex.laws.declared import Flexure
+from armflex.laws.effects.context import column_of
 from armflex.laws.effects.effect import Act, Effect, LoadLaw, TwistLaw, Values
 from armflex.laws.effects.location import Here, link_of, resolve, same_site, site_of
 from armflex.laws.law import NOTHING, UNLOADED, Composed, Ranges, WithoutParameters, anywhere, by_wrench
@@ -124,6 +125,30 @@ def with_twists(flexures: Sequence[Flexure], effects: Sequence[Effect], robot: R
         else:
             modelled.append(Flexure(f"effects at {site}", place.joint, SumOfLaws(tuple(parts)), place.before))
     return tuple(modelled)
+
+
+MARGIN = 0.05
+"""Part of the range in which an effect was found, by which a column may be beyond it and nothing is said."""
+
+
+def beyond_seen(effects: Sequence[Effect], row: Row) -> dict[int, list[Flag]]:
+    """Return flags about the rows in which columns are beyond those that effects were found in, by the row's number.
+
+    Args:
+        effects: Of the arm.
+        row: One row, numbered 0, or N rows.
+    """
+    found: dict[int, list[Flag]] = {}
+    for effect in effects:
+        for name, low, high in effect.seen:
+            values = np.atleast_1d(column_of(row, name))
+            span = max(high - low, 1e-9 * max(abs(low), abs(high)), 1e-300)
+            size = np.maximum(low - values, values - high) / span
+            for i in np.flatnonzero(size > MARGIN).tolist():
+                text = f"{name} = {values[i]:.4g} is outside the {low:.4g} to {high:.4g} it was found in"
+                flag = Flag("extrapolating", f"{effect.title}: {text}", f"{effect.title} {name}", float(size[i]))
+                found.setdefault(i, []).append(flag)
+    return found
 
 
 @dataclass(frozen=True)

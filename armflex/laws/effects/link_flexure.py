@@ -1,16 +1,22 @@
-"""A link that gives at its end, in the frame before its end joint's motion: C w, on one axis or its three turns."""
+"""A link that gives at its end, in the frame before its end joint's motion: C w, on one axis or about several."""
+
+import numpy as np
 
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
-from armflex.laws.effects.shapes import ON_THE_LINK, singly_and_together, unit_twists
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.shapes import CROSSED, ON_THE_LINK, crossed, singly_and_together, turning_terms, unit_twists
 
 LINK_FLEXURE = TwistLaw(
     name="link_flexure",
     words=Words("link flexure", "the link itself bends", "C · w"),
     instead=ON_THE_LINK,
-    places=lambda records: singly_and_together(records.links, (3, 4), (3, 5), (4, 5), (3, 4, 5)),
-    amplitudes=tuple(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm", positive=True) for axis in AXES),
-    basis=lambda here, wrench, row, inner: unit_twists(wrench),
+    plausible=Plausible(0.015, 0.01, "what gives by more is seen with the naked eye, and declared"),
+    places=lambda records: singly_and_together(records.links, *turning_terms(3, 6)),
+    amplitudes=(
+        *(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm", positive=True) for axis in AXES),
+        *(Amplitude(name, "rad/Nm") for name in CROSSED),
+    ),
+    basis=lambda here, wrench, row, inner: np.concatenate([unit_twists(wrench), crossed(wrench)], axis=-2),
     loaded=True,
     linear=True,
 )

@@ -3,13 +3,14 @@
 import numpy as np
 
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.shapes import ON_THE_LINK, singly_and_together
 
 LINK_GEOMETRY = TwistLaw(
     name="link_geometry",
     words=Words("link geometry correction", "the link is otherwise than drawn", "constant twist"),
     instead=ON_THE_LINK,
+    plausible=Plausible(0.005, 0.01, "what is built a cm off its drawing is measured again"),
     places=lambda records: singly_and_together(records.links, (0, 1, 2), (3, 4, 5)),
     amplitudes=tuple(Amplitude(axis, "m" if axis[0] == "d" else "rad") for axis in AXES),
     basis=lambda here, wrench, row, inner: np.broadcast_to(np.eye(6), (*wrench.shape[:-1], 6, 6)),

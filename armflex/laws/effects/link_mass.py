@@ -8,7 +8,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Plausible, Solved, Words
 from armflex.laws.effects.location import Here, Location, link_of
 from armflex.laws.effects.shapes import middle_of
 
@@ -46,8 +46,9 @@ LINK_MASS = ModelLaw(
     name="link_mass",
     words=Words("link mass correction", "the link weighs otherwise than declared", "m, centre of mass"),
     instead="weigh the link",
+    plausible=Plausible(0.35, 0.35, "hoses and what is bolted on weigh a tenth of an arm"),
     places=_places,
-    amplitudes=(Amplitude("mass", "kg"), *(Amplitude(f"com_{a}", "m", most=1.0) for a in "xyz")),
+    amplitudes=(Amplitude("mass", "kg"), *(Amplitude(f"com_{a}", "m", most=1.0, usual=0.1) for a in "xyz")),
     possible=_weighs,
     act=Act.LOAD,
     made=_weight,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Plausible, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.shapes import coordinates, force_at, middle_of
+from armflex.laws.effects.shapes import coordinates, force_at, middle_of, within_reach
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
@@ -23,9 +23,11 @@ MAGNETIC_PULL = LoadLaw(
     name="magnetic_pull",
     words=Words("magnetic pull", "a force towards a point that falls with distance", "F / (d² + reach²)"),
     instead="measure again with the field off",
+    plausible=Plausible(0.35, 0.35, "what pulls as strongly as the arm weighs is known"),
     places=lambda records: [Location(link) for link in records.links],
     amplitudes=(Amplitude("F1", "N m^2", positive=True),),
     pull=_pull,
     inner=(*coordinates("point", 4), REACH),
+    possible=within_reach,
     spatial=True,
 )

@@ -8,7 +8,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Plausible, Solved, Words
 from armflex.laws.effects.location import TOOL, Here, Location, all_and_each
 
 
@@ -40,8 +40,9 @@ PAYLOAD_COM = ModelLaw(
     name="payload_com",
     words=Words("payload centre-of-mass correction", "the payload hangs elsewhere than declared", "Δcom"),
     instead="carry the same mass at another place of the tool",
+    plausible=Plausible(0.35, 0.35, "of a payload that weighs half of what carries it, half a metre"),
     places=_places,
-    amplitudes=tuple(Amplitude(axis, "m", most=1.0) for axis in ("dx", "dy", "dz")),
+    amplitudes=tuple(Amplitude(axis, "m", most=1.0, usual=0.1) for axis in ("dx", "dy", "dz")),
     act=Act.LOAD,
     made=_weight,
     changed=_change,

@@ -13,7 +13,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Manipulator, Model, ModelLaw, Plausible, Solved, Words
 from armflex.laws.effects.location import TOOL, Here, Location, all_and_each
 
 EACH = "each"
@@ -70,6 +70,7 @@ PAYLOAD_MASS = ModelLaw(
     name="payload_mass",
     words=Words("payload mass correction", "the payload weighs otherwise than declared", "Δm"),
     instead="weigh the payload",
+    plausible=Plausible(0.35, 0.35, "a payload is weighed to a tenth"),
     places=_places,
     amplitudes=(Amplitude("mass", "kg"),),
     possible=_weighs,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location, with_terms
 from armflex.laws.effects.shapes import along, on_axis, own_position
 
@@ -19,6 +19,7 @@ POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     name="position_dependent_compliance",
     words=Words("position-dependent compliance", "the joint gives more in some positions", "(C₁ q + C₂ q²) · w"),
     instead="hang the same weight on the joint's link at several positions of the joint",
+    plausible=Plausible(0.015, 0.01, "a part of what a joint gives"),
     places=lambda records: with_terms(
         [Location(joint, axis, (f"q_{joint}",)) for joint in records.joints for axis in AXES], (0,), (0, 1)
     ),

@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import AXES, Context, Records
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Solved, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Plausible, Solved, Words
 from armflex.laws.effects.location import BASE, Here, Location
 from armflex.laws.effects.shapes import ON_THE_FLOOR
 
@@ -28,15 +28,15 @@ def _moved(here: Here, view: Solved, context: Context) -> Array:
 
 
 def _change(effect: Effect, model: Model) -> Model:
-    sessions, name = model.instrument.sessions, effect.location.partner
-    moved = {**sessions, name: sessions.get(name, np.zeros(6)) + np.array(effect.values)}
-    return replace(model, instrument=replace(model.instrument, sessions=moved))
+    moved = model.instrument.with_session(effect.location.partner, np.array(effect.values))
+    return replace(model, instrument=moved)
 
 
 SESSION_FRAME = ModelLaw(
     name="session_frame",
     words=Words("session frame", "the frame of one session differs", "a frame per session"),
     instead=ON_THE_FLOOR,
+    plausible=Plausible(0.005, 0.005, "an instrument set up again at its marks"),
     places=_places,
     amplitudes=tuple(Amplitude(axis, "m" if axis[0] == "d" else "rad") for axis in AXES),
     act=Act.FRAME,

@@ -9,8 +9,8 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.context import AXES, Context, Records, column_of
-from armflex.laws.effects.effect import Along, Inner, Memory, Shapes, Values
+from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records, column_of
+from armflex.laws.effects.effect import Along, Effect, Inner, Manipulator, Memory, Shapes, Values
 from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
 
 LAGS = (600.0, 1800.0, 5400.0, 10800.0)
@@ -18,6 +18,9 @@ LAGS = (600.0, 1800.0, 5400.0, 10800.0)
 
 REFERENCE = 20.0
 """Temperature at which machines are made [deg C]."""
+
+NEAR = 0.5
+"""Part of the diagonal of where an arm was, beyond which nothing pulls it towards a point."""
 
 ROUNDING = 1e-9
 """Share of a joint's largest load below which a load along another of its axes is rounding."""
@@ -112,6 +115,25 @@ def lag_grid(location: Location, context: Context) -> Iterable[float]:
     return (0.0, *(lag for lag in LAGS if lag < span))
 
 
+LEVELS, SLICES, SEEN = 8, 4, 2.0
+"""Distinct values, to a hundredth of their range, that a wave of three numbers beside a mean takes to be told from
+other shapes; slices of a period, and how many of them must be seen for every period within the range."""
+
+
+def told_from_aliases(values: Array, number: float) -> bool:
+    """Return whether (N,) values tell a wave of a wave number [1/unit of them] from those of other numbers.
+
+    Values that lie anyhow tell faster waves than even ones do (Landau 1967): what counts is on how many places of its
+    periods a wave was seen. Where most periods were seen at one place or not at all, a slow wave, or a load that goes
+    with the column, gives the same numbers.
+    """
+    span = float(np.ptp(values))
+    if span <= 0.0 or len(np.unique(np.round((values - values.min()) / (0.01 * span)))) < LEVELS:
+        return False
+    periods = number * span / (2.0 * np.pi)
+    return len(np.unique(np.floor((values - values.min()) / span * SLICES * periods))) >= SEEN * periods
+
+
 _MEANS = of_column(lambda kelvin: (REFERENCE, float(kelvin.mean())))
 ABOVE = Inner("reference", "degC", _MEANS, positive=False, polished=False, default=REFERENCE)
 """The temperature above which a law counts: that of manufacture, or the campaign's mean."""
@@ -133,10 +155,39 @@ def at_joints(records: Records, axes: Iterable[str] = AXES, covariate: str | Non
     return [Location(joint, axis, covariates) for joint in records.joints for axis in axes]
 
 
+PAIRS = ((0, 1), (0, 2), (1, 2))
+CROSSED = tuple(f"C_{AXES_TURN[i]}_{AXES_TURN[j]}" for i, j in PAIRS)
+"""Names of what couples two turning axes."""
+
+
+def crossed(wrench: Array) -> Array:
+    """Return (..., 3, 6) what couples two turning axes: a moment about either turns the other, by the same."""
+    twists = np.zeros((*wrench.shape[:-1], 3, 6))
+    for k, (i, j) in enumerate(PAIRS):
+        twists[..., k, 3 + i], twists[..., k, 3 + j] = wrench[..., 3 + j], wrench[..., 3 + i]
+    return twists
+
+
+def turning_terms(first: int, coupled: int) -> tuple[tuple[int, ...], ...]:
+    """Return the terms of a symmetric compliance about several axes, with and without what couples them.
+
+    Args:
+        first: Amplitude of the first turning axis.
+        coupled: Amplitude of the first of `CROSSED`.
+    """
+    together = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
+    alone = tuple(tuple(first + i for i in some) for some in together)
+    with_pairs = (
+        (*own, *(coupled + k for k, pair in enumerate(PAIRS) if set(pair) <= set(some)))
+        for own, some in zip(alone, together, strict=True)
+    )
+    return (*alone, *with_pairs)
+
+
 def about_several(records: Records, first: int) -> list[Location]:
     """Return every joint with several of its turning axes, whose amplitudes are the law's from `first` on."""
-    turns = ((0, 1), (0, 2), (1, 2), (0, 1, 2))
-    return [Location(joint, terms=tuple(first + i for i in some)) for joint in records.joints for some in turns]
+    turns = turning_terms(first, first + 3)[:4]
+    return [Location(joint, terms=terms) for joint in records.joints for terms in turns]
 
 
 def singly_and_together(
@@ -211,6 +262,15 @@ def coordinates(name: str, count: int) -> tuple[Inner, ...]:
         return Inner(f"{name}_{'xyz'[axis]}", "m", values, positive=False)
 
     return tuple(grid(axis) for axis in range(3))
+
+
+def within_reach(effect: Effect, context: Context, arm: Manipulator) -> bool:
+    """Return whether the point in space that an effect's first three inner values are is near where the arm was.
+
+    From further off than the arm reaches, a pull towards a point is one in a fixed direction.
+    """
+    beyond = np.clip(effect.inner[:3], *context.box) - effect.inner[:3]
+    return float(np.linalg.norm(beyond)) <= NEAR * context.size
 
 
 def end_of(here: Here) -> Array:

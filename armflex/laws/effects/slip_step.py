@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import at_joints, on_axis
 
@@ -25,6 +25,7 @@ SLIP_STEP = TwistLaw(
     name="slip_step",
     words=Words("slip", "the joint moved once and stayed there", "size from a moment on"),
     instead="drive to one pose again after every few readings",
+    plausible=Plausible(0.005, 0.01, "a tooth of a belt"),
     places=lambda records: at_joints(records, covariate="time") if records.timed else [],
     amplitudes=(Amplitude("size", "{m}"),),
     basis=on_axis(lambda here, wrench, row, inner: (np.where(row.covariate("time") >= inner[0], 1.0, 0.0),)),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import with_terms
 from armflex.laws.effects.shapes import along, at_joints, on_axis
 
@@ -10,6 +10,7 @@ STIFFENING = TwistLaw(
     name="stiffening",
     words=Words("load-dependent stiffness", "the joint gives not in proportion", "c₂ τ|τ| + c₃ τ³"),
     instead="load the joint in steps with weights at one pose",
+    plausible=Plausible(0.015, 0.01, "a part of what a joint gives"),
     places=lambda records: with_terms(at_joints(records), (0,), (1,), (0, 1)),
     amplitudes=(Amplitude("c2", "{m}/{w}^2"), Amplitude("c3", "{m}/{w}^3")),
     basis=on_axis(

@@ -1,6 +1,6 @@
 """A link that grows as it warms: alpha L (T - Tref) along the link."""
 
-from armflex.laws.effects.effect import Along, Amplitude, TwistLaw, Words
+from armflex.laws.effects.effect import Along, Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, warmth
 
@@ -8,8 +8,9 @@ THERMAL_GROWTH = TwistLaw(
     name="thermal_growth",
     words=Words("thermal growth", "the link grows as it warms", "α L (T − T₀)"),
     instead=f"{ON_THE_LINK} at two temperatures",
+    plausible=Plausible(0.003, 0.005, "10 um/m K of steel, 100 of plastics"),
     places=lambda records: [Location(link, None, (name,)) for link in records.links for name in records.temperatures],
-    amplitudes=(Amplitude("alpha", "1/K"),),
+    amplitudes=(Amplitude("alpha", "1/K", usual=2e-4),),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner),), lambda here, inner: here.stretch),
     inner=WARM,
     memory=LAGGED,

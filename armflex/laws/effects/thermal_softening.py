@@ -7,7 +7,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import Records
-from armflex.laws.effects.effect import Amplitude, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warmth, with_temperature
 
@@ -31,6 +31,7 @@ THERMAL_SOFTENING = TwistLaw(
     name="thermal_softening",
     words=Words("thermal softening", "the joint gives more as it warms", "β (T − T₀) · C w"),
     instead="load the joint with weights at one pose when it is cold and when it is warm",
+    plausible=Plausible(0.015, 0.01, "a part of what a joint gives"),
     places=_places,
     amplitudes=(Amplitude("beta", "1/K", most=MOST),),
     basis=_basis,

@@ -9,7 +9,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Amplitude, Inner, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import TOOL, Here, Location
 
 ALWAYS = -np.inf
@@ -40,6 +40,7 @@ TOOL_SHIFT = TwistLaw(
     name="tool_shift",
     words=Words("tool shift", "the target is elsewhere than declared, or moved", "constant shift"),
     instead="measure a second target on the tool",
+    plausible=Plausible(0.01, 0.01, "a target put back by hand"),
     places=_places,
     amplitudes=tuple(Amplitude(axis, "m") for axis in ("dx", "dy", "dz")),
     basis=_basis,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Words
+from armflex.laws.effects.effect import Act, Amplitude, Effect, Model, ModelLaw, Plausible, Words
 from armflex.laws.effects.location import BASE, Location
 
 PPM = 1e-6
@@ -21,8 +21,9 @@ TRACKER_SCALE = ModelLaw(
     name="tracker_scale",
     words=Words("instrument scale", "distances are read too long or too short", "λ · range"),
     instead="measure a scale bar or a second instrument's distance with the instrument",
+    plausible=Plausible(0.0001, 1, "air 1 ppm/K, a scale bar of the wrong metal 25 ppm/K, photographs 100 ppm"),
     places=lambda records: [Location(BASE)],
-    amplitudes=(Amplitude("lambda", "ppm"),),
+    amplitudes=(Amplitude("lambda", "ppm", usual=100.0),),
     act=Act.SCALE,
     made=lambda here, view, context: np.full((len(view.rows), 1, 1), PPM),
     changed=_change,

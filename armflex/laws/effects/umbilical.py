@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Plausible, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import coordinates, end_of, force_at
 
@@ -28,6 +28,7 @@ UMBILICAL = LoadLaw(
     name="umbilical",
     words=Words("umbilical pull", "a spring pulls the link towards a fixed point", "k · (distance − rest)"),
     instead="measure again with the umbilical taken off",
+    plausible=Plausible(0.35, 0.35, "what pulls as strongly as the arm weighs is known"),
     places=lambda records: [Location(link) for link in records.links],
     amplitudes=(Amplitude("k", "N/m", positive=True),),
     pull=_pull,

@@ -7,15 +7,16 @@ recorded range; outside it they stay at their end values.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import AXES, Context, Records, column_of
-from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
-from armflex.laws.effects.shapes import along, of_column, on_axis
+from armflex.laws.effects.shapes import along, of_column, on_axis, told_from_aliases
 
 KNOTS = 8
 """Hats of a free shape over the recorded range; the mean is left to the constant parameters."""
@@ -63,9 +64,12 @@ def _wave_product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequenc
 
 
 def _goes_round(effect: Effect, context: Context, arm: Manipulator) -> bool:
-    """Return whether a wave goes through `LEAST_PERIODS` over what was recorded of its column."""
-    return effect.inner[0] * np.ptp(context.column(effect.location.covariates[0])) >= 2.0 * np.pi * LEAST_PERIODS
+    """Return whether a wave goes through `LEAST_PERIODS` over what was recorded of its column, and is seen to."""
+    number, values = effect.inner[0], context.column(effect.location.covariates[0])
+    return number * np.ptp(values) >= 2.0 * np.pi * LEAST_PERIODS and told_from_aliases(values, number)
 
+
+FREE = Plausible(5e-3, 5e-3, "what is larger has a cause that is seen")
 
 LOW = Inner("low", "as recorded", of_column(lambda x: (float(x.min()),)), positive=False, polished=False)
 HIGH = Inner("high", "as recorded", of_column(lambda x: (float(x.max()),)), positive=False, polished=False)
@@ -73,7 +77,17 @@ MIDDLE = Inner("middle", "as recorded", of_column(lambda x: (float(x.mean()),), 
 CENTRE = Inner("centre", "as recorded", of_column(lambda x: np.linspace(x.min(), x.max(), 25)), positive=False)
 WIDTH = Inner("width", "as recorded", of_column(lambda x: float(np.ptp(x)) * np.array([0.02, 0.05, 0.1])))
 WAVES = np.arange(LEAST_PERIODS, PERIODS, 1.0 / 3.0)
-NUMBER = Inner("k", "per recorded", of_column(lambda x: 2.0 * np.pi / float(np.ptp(x)) * WAVES))
+
+
+@lru_cache(64)
+def _numbers(column: bytes) -> list[float]:
+    """Return wave numbers that the (N,) values of a column tell from others; it is asked for at every place."""
+    values = np.frombuffer(column)
+    numbers = 2.0 * np.pi / float(np.ptp(values)) * WAVES
+    return [number for number in numbers.tolist() if told_from_aliases(values, number)]
+
+
+NUMBER = Inner("k", "per recorded", of_column(lambda x: _numbers(np.asarray(x, dtype=float).tobytes())))
 TENTS = tuple(f"a{i}" for i in range(KNOTS))
 
 
@@ -103,6 +117,7 @@ SPLINE = TwistLaw(
         lambda here, wrench, row, inner: hats(column_of(row, here.location.covariates[0]), inner[0], inner[1], KNOTS)
     ),
     inner=(LOW, HIGH),
+    plausible=FREE,
     physical=False,
     shape="spline",
 )
@@ -114,6 +129,7 @@ SPLINE_COMPLIANCE = TwistLaw(
     basis=on_axis(_spline_compliance),
     inner=(LOW, HIGH),
     loaded=True,
+    plausible=FREE,
     physical=False,
     shape="spline_compliance",
 )
@@ -126,6 +142,7 @@ BUMP = TwistLaw(
         lambda here, wrench, row, inner: (np.exp(-0.5 * (_away(here, wrench, row, inner[0]) / inner[1]) ** 2),)
     ),
     inner=(CENTRE, WIDTH),
+    plausible=FREE,
     physical=False,
     shape="bump",
     sought=True,
@@ -137,6 +154,7 @@ WAVE = TwistLaw(
     amplitudes=(Amplitude("A", "{m}"), Amplitude("B", "{m}")),
     basis=on_axis(_wave),
     inner=(NUMBER,),
+    plausible=FREE,
     physical=False,
     shape="wave",
     sought=True,
@@ -151,6 +169,7 @@ LINE = TwistLaw(
         lambda here, wrench, row, inner: (_away(here, wrench, row, inner[0]), _away(here, wrench, row, inner[0]) ** 2)
     ),
     inner=(MIDDLE,),
+    plausible=FREE,
     physical=False,
     shape="line",
 )
@@ -161,6 +180,7 @@ PRODUCT = TwistLaw(
     amplitudes=tuple(Amplitude(f"a{i}", "{m}") for i in range(2 * KNOTS + 1)),
     basis=on_axis(_product),
     inner=(LOW, HIGH, MIDDLE),
+    plausible=FREE,
     physical=False,
     shape="product",
     columns=2,
@@ -177,6 +197,7 @@ WAVE_PRODUCT = TwistLaw(
     ),
     basis=on_axis(_wave_product),
     inner=(NUMBER, MIDDLE),
+    plausible=FREE,
     physical=False,
     shape="wave_product",
     columns=2,
@@ -192,6 +213,7 @@ LEVEL = TwistLaw(
     ],
     amplitudes=(Amplitude("step", "{m}"),),
     basis=on_axis(lambda here, wrench, row, inner: (_away(here, wrench, row),)),
+    plausible=FREE,
     physical=False,
     shape="level",
 )
