@@ -17,7 +17,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import UnsupportedError
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import Here
-from armflex.laws.effects.shapes import lagged_name
+from armflex.laws.effects.shapes import PAIRS, lagged_name
 from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import KNOTS
 from armflex.laws.joint.carried import AtNode, Carried, ScaledLaw
@@ -328,6 +328,12 @@ def _of_units(units: Array) -> list[Terms]:
     return [[Term(unit, "ALONG", unit)] for unit in units]
 
 
+def _crossed() -> list[Terms]:
+    """Return what couples two turning axes, as `shapes.crossed` has it."""
+    turns = UNITS[3:]
+    return [[Term(turns[i], "ALONG", turns[j]), Term(turns[j], "ALONG", turns[i])] for i, j in PAIRS]
+
+
 Shape = Callable[[BoundTwist, Here, Sequence[float]], list[Terms]]
 
 SHAPES: Mapping[str, Shape] = {
@@ -355,13 +361,14 @@ SHAPES: Mapping[str, Shape] = {
     "base_compliance": lambda law, here, inner: [
         [term for part in _of_units(UNITS[3:]) for term in part],
         *_of_units(UNITS[3:]),
+        *_crossed(),
     ],
     "base_thermal": lambda law, here, inner: [[Term(unit, factors=_warmth(here, *inner))] for unit in UNITS],
     "base_drift": lambda law, here, inner: [[Term(unit, factors=_powers("time", 1))] for unit in UNITS],
     "tool_shift": _tool_shift,
     "thermal_growth": lambda law, here, inner: _constant(law, _warmth(here, *inner)),
     "thermal_bending": lambda law, here, inner: _constant(law, _warmth(here, *inner[1:])),
-    "link_flexure": lambda law, here, inner: _of_units(UNITS),
+    "link_flexure": lambda law, here, inner: [*_of_units(UNITS), *_crossed()],
     "link_geometry": lambda law, here, inner: [[Term(unit)] for unit in UNITS],
     "unnamed_guide": _guide,
     "unnamed_level": lambda law, here, inner: _constant(law, _powers(here.location.covariates[0], 1)),

@@ -80,7 +80,8 @@ def families(state: State) -> list[Family]:
         places = [one for one in places if one.axis == drive_axis(joints[one.site])]
         for location, alike in ((one, [two for two in places if two.turns == one.turns]) for one in places):
             # Of the orders of gears those of the drive that goes farthest: the finest.
-            for inner in min((list(grid(law, one, context)) for one in alike), key=lambda some: some[-1]):
+            grids = (list(grid(law, one, context)) for one in alike)
+            for inner in min(filter(None, grids), key=lambda some: some[-1], default=()):
                 if (law, location, inner) in taken:
                     continue
                 twists = law.features(location, inner, state.fit.view, context)

@@ -13,6 +13,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.view import View, look
 from armflex.laws.effects import Effect, EffectLaw, Location
 from armflex.laws.effects.context import Context, survey
+from armflex.laws.effects.effect import Act
 from armflex.laws.effects.guide import GUIDE
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
@@ -29,6 +30,10 @@ SHIFT = 1e-3
 
 LARGEST = {("payload_com", "m"): 0.5, ("link_mass", "m"): 0.5, ("link_mass", "kg"): 50.0, ("gravity_tilt", "rad"): 0.02}
 """Amplitudes beyond which a body or gravity is no longer nearly what was declared."""
+
+
+TURN = 0.05
+"""rad: half of what a flexure may turn by; axes that hardly move the target would turn by more."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,8 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
     locations = [location for location in everywhere(law, stage.context) if is_loaded(law, location, stage)]
     for index in rng.permutation(len(locations)):
         inner = list(grid(law, locations[index], stage.context))
+        if not inner:  # so few rows tell no wave there from its aliases
+            continue
         candidate = Candidate(law, locations[index], inner[rng.integers(len(inner))])
         columns = stage.view.jacobian(law, candidate.location, candidate.inner, stage.context)
         sizes = np.sqrt((columns**2).sum(axis=1).mean(axis=0))
@@ -92,6 +99,9 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
         seen = sizes > 1e-3 * sizes.max()
         values = np.where(seen, shift * np.array(signs) / np.where(seen, sizes, 1.0), 0.0)
         scale = np.min(largest / np.maximum(np.abs(values), largest))
+        if law.act is Act.TWIST:
+            done = law.features(candidate.location, candidate.inner, stage.view, stage.context)
+            scale = min(scale, TURN / max(np.abs(values @ done)[:, 3:].max(), TURN))
         if (seen.all() or law.shape) and sizes.max() > 0.0 and scale > 0.01:
             found.append(candidate.effect(values * scale))
         if len(found) == count:
