@@ -34,6 +34,7 @@ from armflex.parameters import (
     of_sensor,
 )
 from armflex.readings import Orientation, Position
+from armflex.readings.instrument import twist_per_value
 from armflex.setup import Setup
 
 
@@ -88,14 +89,19 @@ def session_block(setup: Setup, sessions: tuple[str, ...], translation: float = 
     Sessions in which it stood elsewhere have a first guess, about which nothing is known; see `placed_apart`.
     """
     guess = setup.instrument.sessions
+    first = replace(setup.instrument, sessions={name: guess[name] for name in sessions if name in guess})
 
     def changes(view: View) -> Array:
-        own = np.array(view.sessions)[:, None] == np.array(sessions)
-        motion = view.by_frame
-        return np.concatenate([motion * mask[:, None, None] for mask in own.T], axis=2)
+        now, by_session, found = view.setup.instrument, view.by_session, []
+        for name in sessions:
+            since = now.session(name) * first.session(name).inverse()
+            values = np.concatenate([since.translation, pin.log3(since.rotation)])
+            own = np.array([one == name for one in view.sessions])
+            found.append(by_session @ twist_per_value(values) * own[:, None, None])
+        return np.concatenate(found, axis=2)
 
     def moved(setup: Setup, values: Array) -> Setup:
-        instrument = replace(setup.instrument, sessions={name: guess[name] for name in sessions if name in guess})
+        instrument = replace(setup.instrument, sessions=first.sessions)
         for name, motion in zip(sessions, values.reshape(-1, 6), strict=True):
             instrument = instrument.with_session(name, motion)
         return replace(setup, instrument=instrument)

@@ -67,10 +67,6 @@ def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | N
     jacobian = _jacobian(arm.certainty, view, rows)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
-    turns = setup.instrument.session_turns(rows.session)
-    for kind, place in view.readings.placed:
-        if kind.framed:  # in the axes in which each session is read
-            jacobian[:, place] = turns @ jacobian[:, place]
     variance = np.einsum("ndp,pq,ndq->nd", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     left = arm.certainty.leaves_open(jacobian)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)
@@ -140,7 +136,7 @@ def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
     new = np.array([bool(sessions) and session not in sessions for session in rows.session])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
     assert arm.certainty is not None
-    variance = ((view.by_frame * std) ** 2).sum(axis=2) * new[:, None]
+    variance = ((view.by_session * std) ** 2).sum(axis=2) * new[:, None]
     variance[:, view.foremost] += arm.certainty.misfit**2
     for kind, place in view.readings.placed:
         if kind.name:

@@ -19,6 +19,7 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
 from armflex.readings import Position, Postures, Readings
+from armflex.readings.instrument import twist_per_value
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 from armflex.rows.wrench import wrenches_in
@@ -88,6 +89,12 @@ class View:
         return self.readings.stacked(lambda kind: kind.by_frame(self.at))
 
     @property
+    def by_session(self) -> Array:
+        """(M, d, 6) changes of the readings per shift and rotation vector of the session's frame, as read [m, rad]."""
+        back = {name: self.setup.instrument.session(name).toActionMatrixInverse() for name in set(self.sessions)}
+        return self.by_frame @ np.array([back[name] for name in self.sessions]).reshape(-1, 6, 6)
+
+    @property
     def by_scale(self) -> Array:
         """(M, d) changes of the readings, in their units, per share by which the instrument's scale is too long."""
         return self.readings.stacked(lambda kind: kind.by_scale(self.at))
@@ -133,8 +140,12 @@ class View:
         return self.per(law, location) @ law.features(location, inner, self, context).transpose(0, 2, 1)
 
     def effect_jacobian(self, effect: Effect, context: Context) -> Array:
-        """Return (M, d, k) changes of the readings per unit of an effect's acting amplitudes at its inner values."""
-        return self.jacobian(effect.law, effect.location, effect.inner, context)
+        """Return (M, d, k) changes of the readings per unit of an effect's acting amplitudes at its values."""
+        law, location = effect.law, effect.location
+        per = self.per(law, location)
+        if law.act is Act.FRAME:
+            per = per @ twist_per_value(np.array(effect.amplitudes))
+        return per @ law.features(location, effect.inner, self, context).transpose(0, 2, 1)
 
     def per(self, law: EffectLaw, location: Location) -> Array:
         """Return (M, d, n) changes of the readings per unit of the features that a law has at a location."""
@@ -144,7 +155,7 @@ class View:
             return self.to_load(link_of(location.site, self.arm.robot))
         if law.act is Act.GRAVITY:
             return self.by_gravity
-        return self.by_frame if law.act is Act.FRAME else self.by_scale[:, :, None]
+        return self.by_session if law.act is Act.FRAME else self.by_scale[:, :, None]
 
     def answer(self, motion: Callable[[Response], Array]) -> Array:
         """Return (M, d, k) changes of the readings for what of a response is a (M, 6, k) motion [m, rad]."""

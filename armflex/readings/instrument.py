@@ -43,14 +43,18 @@ class Instrument:
         return np.einsum("nij,nj->ni", self.session_turns(sessions), points) + self.session_shifts(sessions)[:, :3]
 
     def with_session(self, name: str, motion: Array) -> Instrument:
-        """Return the instrument with a (6,) shift [m] and rotation vector [rad] before the frame that a session has.
+        """Return the instrument with a (6,) shift [m] and rotation vector [rad] after the frame that a session has.
 
-        It is of the points as the instrument has them with sessions left out; a session that has no frame gets this.
+        It is of the points as they are read in the session; a session that has no frame gets this.
         """
-        here = self.sessions.get(name, np.zeros(6))
-        there = pin.SE3(pin.exp3(here[3:]), here[:3]) * pin.SE3(pin.exp3(motion[3:]), motion[:3])
+        there = pin.SE3(pin.exp3(motion[3:]), motion[:3]) * self.session(name)
         moved = np.concatenate([there.translation, pin.log3(there.rotation)])
         return replace(self, sessions={**self.sessions, name: moved})
+
+    def session(self, name: str) -> pin.SE3:
+        """Return the motion of points of the instrument frame to where a session has them [m]."""
+        here = self.sessions.get(name, np.zeros(6))
+        return pin.SE3(pin.exp3(here[3:]), here[:3])
 
     def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) positions of the target that the instrument would read [m], for (N, 4, 4) tip poses."""
@@ -66,7 +70,7 @@ class Instrument:
 
     def session_turns(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 3, 3) rotations of each row's session, dimensionless."""
-        turned = {name: pin.exp3(self.sessions.get(name, np.zeros(6))[3:]) for name in set(sessions)}
+        turned = {name: self.session(name).rotation for name in set(sessions)}
         return np.array([turned[name] for name in sessions]).reshape(-1, 3, 3)
 
     def session_shifts(self, sessions: Sequence[str]) -> Array:
@@ -74,6 +78,17 @@ class Instrument:
         number = {name: i for i, name in enumerate(dict.fromkeys(sessions))}
         shifts = np.array([self.sessions.get(name, np.zeros(6)) for name in number]).reshape(-1, 6)
         return shifts[[number[name] for name in sessions]]
+
+
+def twist_per_value(motion: Array) -> Array:
+    """Return the (6, 6) twist [m, rad] of points moved by a (6,) shift and rotation vector, per change of those.
+
+    Points go from p to exp(w) p + t; the twist is of their space, about its origin. It is one where the motion is none.
+    """
+    turning = pin.Jexp3(-motion[3:])  # the left Jacobian of the exponential
+    found = np.eye(6)
+    found[:3, 3:], found[3:, 3:] = pin.skew(motion[:3]) @ turning, turning
+    return found
 
 
 SAME = 1e-4

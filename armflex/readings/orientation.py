@@ -32,36 +32,29 @@ class Orientation(Kind):
 
     def _turns(self, at: Postures) -> Array:
         """Return the (N, 3, 3) orientations that the instrument would read, dimensionless."""
-        return (
-            at.instrument.session_turns(at.sessions) @ at.instrument.pose.rotation @ mounted(at, *self._mounted(at))[0]
-        )
+        return at.axes @ mounted(at, *self._mounted(at))[0]
 
     def predicted(self, at: Postures) -> Array:
         return np.array([pin.log3(turn) for turn in self._turns(at)]).reshape(-1, 3)
 
     def residual(self, at: Postures) -> Array:
-        """Return the (N, 3) rotation vector from where the target should be to where it was seen [rad].
-
-        It is in the axes of the instrument with sessions left out.
-        """
+        """Return the (N, 3) rotation vector from where the target should be to where it was seen [rad]."""
         turns = [pin.log3(pin.exp3(read) @ one.T) for read, one in zip(self.values, self._turns(at), strict=True)]
-        off = np.einsum("nji,nj->ni", at.instrument.session_turns(at.sessions), np.array(turns).reshape(-1, 3))
-        return np.where(np.isfinite(self.sigma), off, 0.0)
+        return np.where(np.isfinite(self.sigma), np.array(turns).reshape(-1, 3), 0.0)
 
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
         """Return (N, 3, 6): the target turns with its link."""
-        turning = np.hstack([np.zeros((3, 3)), at.instrument.pose.rotation])
-        return {self._mounted(at)[0]: np.broadcast_to(turning, (len(self.values), 3, 6))}
+        return {self._mounted(at)[0]: np.concatenate([np.zeros((len(self.values), 3, 3)), at.axes], axis=2)}
 
     def by_frame(self, at: Postures) -> Array:
         """Return (N, 3, 6): it turns with the frame."""
-        return np.broadcast_to(np.hstack([np.zeros((3, 3)), np.eye(3)]), (len(self.values), 3, 6))
+        return np.concatenate([np.zeros((len(self.values), 3, 3)), at.turns], axis=2)
 
     def by_mounting(self, at: Postures) -> Array:
         """Return (N, 3, 3) the tip's axes as the instrument sees them, nothing of another target."""
-        return np.zeros((len(self.values), 3, 3)) if self.name else at.instrument.axes(at.pose(None))
+        return np.zeros((len(self.values), 3, 3)) if self.name else at.axes @ at.pose(None)[:, :3, :3]
 
     def by_own(self, at: Postures) -> Array:
         """Return (N, 3, 3) the target's axes as the instrument sees them."""
         axes, changes = mounted(at, *self._mounted(at))
-        return at.instrument.pose.rotation @ axes @ changes
+        return at.axes @ axes @ changes

@@ -35,27 +35,23 @@ class Position(Kind):
     def predicted(self, at: Postures) -> Array:
         return at.instrument.in_session(self._points(at), at.sessions)
 
-    def residual(self, at: Postures) -> Array:
-        """Return the (N, 3) difference of coordinates [m], in the axes of the instrument with sessions left out."""
-        return np.einsum("nji,nj->ni", at.instrument.session_turns(at.sessions), super().residual(at))
-
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
         """Return (N, 3, 6): the target moves with its link, and by its lever as the link turns."""
         link, own = self._target(at)
-        return {link: at.instrument.pose.rotation @ point_of(at, link, own)[1]}
+        return {link: at.axes @ point_of(at, link, own)[1]}
 
     def by_frame(self, at: Postures) -> Array:
         """Return (N, 3, 6): the points move as one body."""
-        return rigid_motion(self._points(at))
+        return at.turns @ rigid_motion(self._points(at))
 
     def by_scale(self, at: Postures) -> Array:
         """Return (N, 3) the points by the scale that they have now."""
-        return self._points(at) / (1.0 + at.instrument.scale)
+        return np.einsum("nij,nj->ni", at.turns, self._points(at)) / (1.0 + at.instrument.scale)
 
     def by_target(self, at: Postures) -> Array:
         """Return (N, 3, 3) the tip's axes as the instrument sees them, nothing of another target."""
-        return np.zeros((len(self.values), 3, 3)) if self.name else at.instrument.axes(at.pose(None))
+        return np.zeros((len(self.values), 3, 3)) if self.name else at.axes @ at.pose(None)[:, :3, :3]
 
     def by_own(self, at: Postures) -> Array:
         """Return (N, 3, 3) the link's axes as the instrument sees them."""
-        return at.instrument.axes(at.pose(self._target(at)[0]))
+        return at.axes @ at.pose(self._target(at)[0])[:, :3, :3]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -31,6 +32,16 @@ class Postures:
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
     q: Mapping[str, Array] = field(default_factory=dict)
+
+    @cached_property
+    def turns(self) -> Array:
+        """(N, 3, 3) rotations from the instrument frame to that of each row's session, dimensionless."""
+        return self.instrument.session_turns(self.sessions)
+
+    @property
+    def axes(self) -> Array:
+        """(N, 3, 3) rotations from the base to the frame in which each row is read, dimensionless."""
+        return self.turns @ self.instrument.pose.rotation
 
     def some(self, rows: np.ndarray) -> Postures:
         """Return the arm in (M,) of the rows."""

@@ -209,7 +209,7 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         variance = fitted + variance
     if variance is not None and found.covariance is not None:
         at = Postures(lambda _: found.pose, rows.session, instrument)
-        seen = instrument.session_turns(rows.session) @ wanted[0].jacobian(at)[None]
+        seen = wanted[0].jacobian(at)[None]
         tip = readings.foremost
         variance[:, tip] += np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
     at, sensors = Postures(lambda _: found.pose, rows.session, instrument), []

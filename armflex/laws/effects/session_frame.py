@@ -1,6 +1,7 @@
 """The instrument was set up again: a frame of its own for one session, beyond what its prior allows.
 
-Its values are shift and rotation vector of the instrument's frame in the session that the location's partner names.
+Its values are shift and rotation vector of the instrument's frame in the session that the location's partner names: a
+point that would be read as p there is read as exp(w) p + t.
 """
 
 from __future__ import annotations
