@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+from copy import copy
 
 import numpy as np
 import pinocchio as pin
@@ -215,9 +216,14 @@ def test_sigma_is_infinite_where_it_depends_on_what_nothing_determines(measured,
 
 
 def test_compensation_states_how_far_the_machine_may_be_off(measured, found):
-    """What remains is nothing to the arm as fitted; the machine is off by about what is said beside it."""
+    """What remains is nothing to the arm as fitted; the machine is off by about what is said beside it.
+
+    Most of that is J1's offset, of which the campaign tells nothing: the instrument turned about the same axis reads
+    the same. So the machine may as well have one of its prior's standard deviation.
+    """
     path = read_trajectory(ROBOTS / "heavy_six" / "trajectory.csv", found.arm)
-    made, plant = compensate(found.arm, path), measured[3]
+    made, plant = compensate(found.arm, path), copy(measured[3])
+    plant.offset = {**plant.offset, "J1": 1e-3}
     rigid = [found.arm.rigid_pose(q).translation for q in path.q]
     off = []
     for row, q, meant, name in zip(made.rows, made.trajectory.q, rigid, path.payload, strict=True):
