@@ -21,7 +21,7 @@ from armflex.errors import ArmflexError
 from armflex.estimate.effect_block import amplitude_prior
 from armflex.estimate.fit import THOROUGH, Fit
 from armflex.estimate.held_out import believed, errors_of, held_out, near, pose_folds
-from armflex.estimate.robust import huber_weights
+from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect, EffectLaw
 from armflex.laws.effects.location import Location
@@ -177,7 +177,7 @@ def _seen(fit: Fit, state: State, rows: np.ndarray) -> Fit:
     if np.array_equal(rows, fit.view.rows):
         return fit
     view = look(fit.setup, state.measurements, rows)
-    return replace(fit, view=view, weights=huber_weights(view))
+    return replace(fit, view=view, weights=huber_weights(view, robust_limit(fit.view)))
 
 
 def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Array, Array, Array], list[str | None]]:
