@@ -78,7 +78,7 @@ def families(state: State) -> list[Family]:
     for law in LAWS:
         places = [one for one in law.places(context.records) if one.site in joints]
         places = [one for one in places if one.axis == drive_axis(joints[one.site])]
-        # Of the orders of gears those of the drive that goes farthest, the finest; poses may tell none from its aliases.
+        # Of the orders of gears those of the drive that goes farthest, the finest; poses may not tell one from aliases.
         told = [(one, inners) for one in places if (inners := list(grid(law, one, context)))]
         told.sort(key=lambda one: -float(np.ptp(context.row.position(one[0].place))))
         for location in places:
