@@ -23,7 +23,7 @@ from armflex.plotting import check_ending
 from armflex.trajectory import read_trajectory
 
 if TYPE_CHECKING:
-    from armflex.plan.result import Plan
+    from armflex.plan.planned_rows import Plan
 
 MOST_LINES = 10
 """Parameters that are shown on the terminal; --json has all."""

@@ -144,6 +144,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "derived": Key("directions `approach_<joint>` that the order of the rows stands in for"),
         "parameters": Key("values by name, see the catalogue of effects", "as listed there"),
         "std": Key("one standard uncertainty of each", "as the parameter's"),
+        "seen": Key("range of each covariate in which it was found; outside it a result is flagged", "the covariate's"),
     },
     "effect.parameters": {"NAME": Key("value of the parameter", "as listed in the catalogue")},
     "effect.std": {"NAME": Key("one standard uncertainty", "as the parameter's")},

@@ -20,7 +20,7 @@ from armflex.rows import Rows
 from armflex.rows.rows import STILL
 
 if TYPE_CHECKING:
-    from armflex.plan.result import Plan
+    from armflex.plan.planned_rows import Plan
 
 RUN_UP = "to "
 """How the pose of a stop begins that is only there to come from the right side."""

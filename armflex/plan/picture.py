@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import Normalize
 
-    from armflex.plan.result import Plan
+    from armflex.plan.planned_rows import Plan
 
 CELLS = 22
 """Cells across a map."""

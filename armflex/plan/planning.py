@@ -24,7 +24,7 @@ from armflex.plan.drive import driven
 from armflex.plan.hypotheses import Hypothesis, candidate_of, hypothesis_of, named_effect, refitted, spelled
 from armflex.plan.instruments import TRACKER, Mounted, choose, offered
 from armflex.plan.offer import Offer, Reach, around, rows_at, spread_evenly
-from armflex.plan.result import TOLD, UNKNOWN, Plan, blind_spots
+from armflex.plan.planned_rows import TOLD, UNKNOWN, Plan, blind_spots
 from armflex.readings import Position, unread
 from armflex.readings.sensor import LONGEST, Sensor
 from armflex.rows.rows import APPROACH

@@ -78,10 +78,11 @@ def families(state: State) -> list[Family]:
     for law in LAWS:
         places = [one for one in law.places(context.records) if one.site in joints]
         places = [one for one in places if one.axis == drive_axis(joints[one.site])]
-        for location, alike in ((one, [two for two in places if two.turns == one.turns]) for one in places):
-            # Of the orders of gears those of the drive that goes farthest: the finest.
-            grids = (list(grid(law, one, context)) for one in alike)
-            for inner in min(filter(None, grids), key=lambda some: some[-1], default=()):
+        # Of the orders of gears those of the drive that goes farthest, the finest; poses may not tell one from aliases.
+        told = [(one, inners) for one in places if (inners := list(grid(law, one, context)))]
+        told.sort(key=lambda one: -float(np.ptp(context.row.position(one[0].place))))
+        for location in places:
+            for inner in next((inners for one, inners in told if one.turns == location.turns), []):
                 if (law, location, inner) in taken:
                     continue
                 twists = law.features(location, inner, state.fit.view, context)
@@ -138,6 +139,8 @@ def _refined(family: Family, state: State, problem: Projection, noise: float) ->
     if not inner:
         return family
     every = sorted({value for one in family.members for (value,) in grid(law, one.location, state.context)})
+    if len(every) < 2:
+        return family
     step = 0.5 * float(np.median(np.diff(every)))
 
     def at(value: float) -> Family:

@@ -1,10 +1,11 @@
 """Never worse: effects are withdrawn until held-out poses are predicted no worse than by the calibrated arm.
 
 For every fold of the poses what was chosen is chosen again without it: for one effect after the other the law and its
-place, among those that competed when it was added, from the beginning the values inside the law that are not linear,
-and whether it is added at all. All else is refitted in the linear problem about the final fit. Only what competed at
-last, and which families there are, was decided with every reading in sight. How often the other poses alone lead to
-the same law at the same place is how often a name survives resampling; a name that another clearly outlives gives way.
+place, among those that competed when it was added and the other effects, from the beginning the values inside the law
+that are not linear, and whether it is added at all. All else is refitted in the linear problem about the final fit.
+Only what competed at last, and which families there are, was decided with every reading in sight. How often the other
+poses alone lead to the same law at the same place is how often a name survives resampling; a name that another clearly
+outlives gives way.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from armflex.errors import ArmflexError
 from armflex.estimate.effect_block import amplitude_prior
 from armflex.estimate.fit import THOROUGH, Fit
 from armflex.estimate.held_out import believed, errors_of, held_out, near, pose_folds
-from armflex.estimate.robust import huber_weights
+from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect, EffectLaw
 from armflex.laws.effects.location import Location
@@ -177,14 +178,15 @@ def _seen(fit: Fit, state: State, rows: np.ndarray) -> Fit:
     if np.array_equal(rows, fit.view.rows):
         return fit
     view = look(fit.setup, state.measurements, rows)
-    return replace(fit, view=view, weights=huber_weights(view))
+    return replace(fit, view=view, weights=huber_weights(view, robust_limit(fit.view)))
 
 
 def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Array, Array, Array], list[str | None]]:
     """Return columns, prior and readings of the linear problem about a fit, its effects found anew from some rows.
 
-    One effect after the other is chosen in the order added, among what competed with it; one that these rows speak
-    against is left out. With the name of each: '' where it is left out, None for a member of a family, which stays.
+    One effect after the other is chosen among what competed when one was added and all the others, because other rows
+    may show first what all of them showed later; one that these rows speak against is left out. With the name of each,
+    whenever it was chosen: '' where it is left out, None for a member of a family, which stays.
 
     Args:
         fit: The state's, as all rows see it.
@@ -201,14 +203,14 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
     rest = np.setdiff1d(np.arange(len(values)), np.concatenate(own))
     regressors, prior, data = fit.regressors[:, rest], fit.prior[rest], fit.residual + fit.regressors @ values
     mask, count = np.repeat(learned, len(data) // len(learned)), int(np.isfinite(fit.view.sigma[learned]).sum())
-    names: list[str | None] = []
-    for index, (block, step) in enumerate(zip(state.effects, state.steps, strict=True)):
-        if index not in alone:
-            names.append(None)
-            continue
+    names: list[str | None] = [None for _ in state.effects]
+    chosen: list[str] = []
+    for index in sorted(alone):
+        block, step = state.effects[index], state.steps[index]
         problem = projected(regressors * mask[:, None], prior**-2.0, data * mask, ridge_for(fit), count)
         hypotheses = [one.candidate for one in step.ranking] if step is not None else []
-        places = dict.fromkeys([(one.law, one.location) for one in (block.effect, *hypotheses)])
+        others = [state.effects[i].effect for i in sorted(alone - {index})]
+        places = dict.fromkeys([_place_of(one) for one in (block.effect, *others, *hypotheses)])
         tried = (Candidate(law, location, i) for law, location in places for i in grid(law, location, state.context))
         found = searched(
             sift(bank(tried, masked, state.context, state.tell), problem), masked, state.context, len(places)
@@ -218,12 +220,17 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
         if best is not None and same and _place_of(best.candidate) != _place_of(block.effect):
             own = polish(same[0], masked, state.context, problem)
             best = own if own.evidence >= best.evidence - TIE else best
-        names.append("")
+        chosen.append("")
         if best is not None and best.evidence > 0.0:
-            names[-1] = best.candidate.name
+            chosen[-1] = best.candidate.name
             ridge = amplitude_prior(best.effect, (), fit.view, state.context)
             regressors = np.hstack([regressors, candidate_regressors(best.candidate, fit, state.context)])
             prior = np.concatenate([prior, ridge])
+    for index in sorted(alone):
+        if state.fitted[index].name in chosen:
+            names[index] = chosen.pop(chosen.index(state.fitted[index].name))
+    for index in sorted(alone):
+        names[index] = chosen.pop(0) if names[index] is None else names[index]
     return (regressors, prior, data), names
 
 

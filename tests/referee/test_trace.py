@@ -213,7 +213,7 @@ def errors_of(fit: Fit, folds: np.ndarray, follow: list[np.ndarray] | None = Non
             error -= (
                 fit.regressors[own][:, some] @ least_squares(fit.regressors[own][:, some], fit.prior[some], error)[0]
             )
-        metres = error.reshape(-1, size) / np.sqrt(fit.weights[folds == number])[:, None]
+        metres = error.reshape(-1, size) / np.sqrt(fit.weights[folds == number])
         squares[folds == number] = ((metres * fit.view.sigma[folds == number]) ** 2).sum(axis=1)
     return squares
 
@@ -253,7 +253,7 @@ def test_a_random_twist_is_found_where_it_is(before, site, axis, std):
     fit, known, groups = before.fit, project(before.fit), before.groups
     twists = std * np.random.default_rng(2).normal(size=groups.max() + 1)[groups]
     moved = fit.view.to_twist(site)[:, :, TWIST_NAMES.index(axis)] * twists[:, None]
-    data = (moved / fit.view.sigma * np.sqrt(fit.weights)[:, None]).ravel()
+    data = (moved / fit.view.sigma * np.sqrt(fit.weights)).ravel()
     noise = np.random.default_rng(3).normal(size=len(data))
     projection = projected(known.regressors, known.precision, data + noise, known.ridge, known.count)
     places = localise(fit, before.context, projection, groups)

@@ -117,7 +117,8 @@ def test_rows_far_off_together_that_nothing_explains_are_left_out_at_last_and_sa
 def seen(length: np.ndarray) -> SimpleNamespace:
     """Return what the question needs of a view: residuals of so many standard deviations."""
     whitened = np.outer(length, [1.0, 0.0, 0.0])
-    return SimpleNamespace(whitened=whitened, residual=whitened, sigma=np.ones_like(whitened))
+    readings = SimpleNamespace(groups=(slice(0, 3),))  # of one instrument
+    return SimpleNamespace(whitened=whitened, residual=whitened, sigma=np.ones_like(whitened), readings=readings)
 
 
 COUNT = 200

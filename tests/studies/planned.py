@@ -34,7 +34,7 @@ from armflex.estimate.posterior import context_of
 from armflex.estimate.view import look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.hypotheses import named_effect
-from armflex.plan.result import Plan
+from armflex.plan.planned_rows import Plan
 
 SIGMA = 2e-4  # m
 Hidden = Callable[[State, Push], None]

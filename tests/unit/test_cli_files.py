@@ -29,6 +29,7 @@ READ = {
     "compensate": ["arm.toml", "rows.csv"],
     "calibrate": ["arm.toml", "rows.csv", "--points", "joint.csv"],
     "trace": ["arm.toml", "rows.csv", "--points", "joint.csv"],
+    "report": ["arm.toml", "rows.csv", "--iso9283", "--points", "joint.csv"],
     "plan": ["arm.toml", "--after", "rows.csv", "--along", "joint.csv"],
     "train": ["joint.csv", "--assembly", "arm.toml"],
     "map": ["arm.toml"],

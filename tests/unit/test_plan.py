@@ -38,7 +38,7 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.drive import driving_order, motion
 from armflex.plan.hypotheses import named_effect, spelled
-from armflex.plan.result import Plan
+from armflex.plan.planned_rows import Plan
 from armflex.prior import Measurement, Prior
 from armflex.rows import Rows
 

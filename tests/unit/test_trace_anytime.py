@@ -40,8 +40,8 @@ from armflex.version import __version__
 
 pytestmark = pytest.mark.slow
 
-search, second_thoughts, afterwards = (
-    importlib.import_module(f"armflex.trace.{name}") for name in ("rounds", "exchange", "afterwards")
+search, grow, afterwards = (
+    importlib.import_module(f"armflex.trace.{name}") for name in ("rounds", "grow", "afterwards")
 )
 """The modules: `armflex.trace` is the function where armflex is imported."""
 
@@ -357,7 +357,7 @@ def test_whatever_ends_it_what_was_accepted_is_there_and_goes_on(field: Truth, t
         raise ConvergenceError("calibration did not settle", [1.0])
 
     with monkeypatch.context() as patch:
-        patch.setattr(afterwards, "exchanged", unsettled)
+        patch.setattr(afterwards, "pruned", unsettled)
         failed = run(field, tmp_path, "--resume")
     assert isinstance(failed.exception, ConvergenceError) and f"kept in {kept}" in failed.stderr
     assert quietly(tmp_path / "t.toml").effects == arm.effects
@@ -510,15 +510,15 @@ def believing(patch: pytest.MonkeyPatch) -> None:
 
     def proven(state, looked, refitted, null, apart):
         for _, after in refitted:
-            proof = search.prove(state, after, null, after.effects[-1:])
-            return dataclasses.replace(after, steps=(*state.steps, search.Step(looked.ranking, proof, False)))
+            proof = grow.prove(state, after, null, after.effects[-1:])
+            return dataclasses.replace(after, steps=(*state.steps, grow.Step(looked.ranking, proof, False)))
         return None
 
-    patch.setattr(search, "ENOUGH", -np.inf)
-    patch.setattr(search, "MARGIN", -np.inf)
+    patch.setattr(grow, "ENOUGH", -np.inf)
+    patch.setattr(grow, "MARGIN", -np.inf)
     patch.setattr(search, "MOST_EFFECTS", 1)
-    patch.setattr(second_thoughts, "SAME", -np.inf)
-    patch.setattr(search, "_proven", proven)
+    patch.setattr(importlib.import_module("armflex.trace.exchange"), "SAME", -np.inf)
+    patch.setattr(grow, "_proven", proven)
 
 
 def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

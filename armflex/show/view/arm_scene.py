@@ -81,8 +81,9 @@ def view(
     """
     from armflex.show.view.meshcat_page import render_page  # meshcat is imported only when something is drawn
 
-    if (q is not None or wrenches) and trajectory is not None:
-        raise InputError("view takes q (and wrenches) or a trajectory, not both")
+    if trajectory is not None and (q is not None or wrenches):
+        what = "wrenches" if q is None else "q"
+        raise InputError(f"view takes {what} or a trajectory, not both")
     if magnification is not None and not 0.0 < magnification <= LARGEST_MAGNIFICATION:
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
     known = covariates or {}
