@@ -91,7 +91,7 @@ class View:
     @property
     def by_session(self) -> Array:
         """(M, d, 6) changes of the readings per shift and rotation vector of the session's frame, as read [m, rad]."""
-        back = {name: self.setup.instrument.session(name).toActionMatrixInverse() for name in set(self.sessions)}
+        back = {name: self.setup.instrument.session(name).inverse().action for name in set(self.sessions)}
         return self.by_frame @ np.array([back[name] for name in self.sessions]).reshape(-1, 6, 6)
 
     @property

@@ -24,8 +24,8 @@ from armflex.setup import Setup
 
 pytestmark = pytest.mark.slow
 
-EXACT = 5e-8
-"""m: a session's turn, of up to 7e-5, is taken to first order; at ten metres that leaves 3e-8."""
+EXACT = 1e-9
+"""m: two ways to the same equilibrium."""
 
 SHARE = {
     # Errors of the joint's own motion: the plant has them before the flexure's twist, the library in it. They do not
