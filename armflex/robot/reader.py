@@ -87,9 +87,9 @@ def parse_xml(path: Path, text: bytes | None = None) -> etree._Element:
         where = Place(path, element.sourceline or 0)
         if depth > MAX_DEPTH:
             raise UrdfError(where, f"nested deeper than {MAX_DEPTH} elements")
-        for name, text in element.attrib.items():
-            if found := unprintable(str(text)):
-                raise UrdfError(where, f"<{element.tag} {name}={text!r}> {found[1]}")
+        for name, value in element.attrib.items():
+            if found := unprintable(str(value)):
+                raise UrdfError(where, f"<{element.tag} {name}={value!r}> {found[1]}")
         stack.extend((child, depth + 1) for child in element if isinstance(child.tag, str))
     return root
 
