@@ -14,7 +14,7 @@ jackknife, because it is no mean. What the instrument has in them is told apart 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
 
@@ -24,11 +24,13 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError, listing
+from armflex.estimate.enough import placed_rigidly
 from armflex.measured.measurements import Measurements
 from armflex.measured.repeats import REPEATED, repeats
 from armflex.mechanics.many_rows import rigid_tips
-from armflex.readings.instrument import Instrument, fit_frame
+from armflex.readings.instrument import Instrument
 from armflex.rows.poses import numbered, same_positions
+from armflex.setup import Setup
 from armflex.tasks.predict import predict
 
 CYCLES, POSES = 30, 5
@@ -218,15 +220,30 @@ def iso9283(arm: Arm, measurements: Measurements, block: float | None = None) ->
     if not sets:
         raise InputError("no pose was measured twice under one payload in one session: ISO 9283 needs repeats")
     used = np.concatenate(sets)
-    commanded, attained, turned, placed = _in_base(arm, measurements, used)
+    rigid = arm.loaded(None)
+    tips = rigid_tips(rigid.nominal or rigid.chain, measurements.q[used])
+    setup, placed = Setup(arm, arm.instrument or Instrument()), False
+    if arm.instrument is None and arm.measurement.frame != "base":
+        setup, placed = placed_rigidly(setup, setup.instrument.in_base(tips), measurements, used), True
+    instrument, sessions = setup.instrument, [measurements.session[row] for row in used]
+    # What was read in a session's axes, along those of the base.
+    axes = instrument.session_turns(sessions) @ instrument.pose.rotation
+    commanded = instrument.in_base(tips)
+    apart = (measurements.position[used] - instrument.readings(tips, sessions)) / (1.0 + instrument.scale)
+    attained = commanded + np.einsum("nij,ni->nj", axes, apart)
+    sigma = np.sqrt(np.einsum("nij,ni->nj", axes**2, measurements.sigma[used] ** 2))
+    turned = None
+    if measurements.rotation is not None and measurements.sigma_r is not None:
+        expected, read = instrument.rotations(tips, sessions), np.isfinite(measurements.sigma_r[used])
+        turned = np.full((len(used), 3), np.nan)
+        for i in np.flatnonzero(read):
+            away = pin.exp3(measurements.rotation[used[i]]) @ expected[i].T
+            turned[i] = axes[i].T @ pin.log3(away)
     model = None
     if arm.certainty is not None:
-        found = predict(arm, measurements)
-        instrument = arm.instrument or Instrument()
-        left = (measurements.position - found.position) @ instrument.pose.rotation / (1.0 + instrument.scale)
-        model = left[used]
+        left = (measurements.position - predict(arm, measurements).position)[used] / (1.0 + instrument.scale)
+        model = np.einsum("nij,ni->nj", axes, left)
     number = {int(row): i for i, row in enumerate(used)}
-    sigma = _along_base(arm, measurements, used)
 
     def attained_pose(own: np.ndarray, direction: tuple[int, ...] | None) -> AttainedPose:
         at = np.array([number[int(row)] for row in own])
@@ -265,35 +282,6 @@ def iso9283(arm: Arm, measurements: Measurements, block: float | None = None) ->
             drifts += _drift(one, measurements.time, float(block or 0.0), sigma[[number[int(row)] for row in one.rows]])
     remarks = tuple(_remarks(measurements, poses, directions, drifts, block, placed))
     return PosePerformance(arm, measurements, tuple(poses), tuple(directions), tuple(drifts), remarks)
-
-
-def _in_base(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Array, Array, Array | None, bool]:
-    """Return (M, 3) commanded and attained positions [m] and rotations from one to the other [rad] in base axes, and
-    whether the instrument had to be placed by these readings.
-    """
-    rigid = arm.loaded(None)
-    tips = rigid_tips(rigid.nominal or rigid.chain, measurements.q[used])
-    sessions = [measurements.session[row] for row in used]
-    instrument, placed = arm.instrument or Instrument(), False
-    if arm.instrument is None and arm.measurement.frame != "base":
-        instrument = replace(instrument, pose=fit_frame(instrument.in_base(tips), measurements.position[used]))
-        placed = True
-    target, turn = instrument.in_base(tips), instrument.pose.rotation
-    apart = (measurements.position[used] - instrument.readings(tips, sessions)) / (1.0 + instrument.scale)
-    turned = None
-    if measurements.rotation is not None and measurements.sigma_r is not None:
-        expected = instrument.rotations(tips, sessions)
-        turned = np.full((len(used), 3), np.nan)
-        for i, row in enumerate(used):
-            if np.isfinite(measurements.sigma_r[row]):
-                turned[i] = turn.T @ pin.log3(pin.exp3(measurements.rotation[row]) @ expected[i].T)
-    return target, target + apart @ turn, turned, placed
-
-
-def _along_base(arm: Arm, measurements: Measurements, used: np.ndarray) -> Array:
-    """Return (M, 3) stated standard deviations of the readings along base axes [m]."""
-    turn = (arm.instrument or Instrument()).pose.rotation
-    return np.sqrt(measurements.sigma[used] ** 2 @ turn**2)
 
 
 def _apart(points: Sequence[Array]) -> float:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
@@ -132,6 +134,25 @@ def test_a_campaign_in_the_base_frame_gives_back_what_was_put_in(campaign: tuple
     said = " ".join(found.remarks)
     assert "6 cycles of a pose, the standard asks for 30" in said and "rated load" in said
     assert "instrument's place" not in said and "Drift is not given" not in said
+
+
+def test_sessions_from_anywhere_show_the_same_repeatability(campaign: tuple[armflex.Arm, Path], tmp_path: Path) -> None:
+    arm, path = campaign
+    unknown = tmp_path / "arm.toml"
+    unknown.write_text((path.parent / "arm.toml").read_text().replace('frame = "base"', 'frame = "unknown"'))
+    here = armflex.read_measurements(path, arm)
+    late = here.time > 1800.0
+    turn, shift = pin.exp3(np.array([0.3, -0.2, 2.0])), np.array([5.0, -3.0, 0.4])
+    session = tuple("second" if one else "first" for one in late)
+    moved = np.where(late[:, None], here.position @ turn.T + shift, here.position)
+    found = armflex.iso9283(armflex.load_arm(unknown), replace(here, session=session, position=moved))
+    still = armflex.iso9283(arm, replace(here, session=session))
+    assert len(found.poses) == len(still.poses) == 20 and "instrument's place" in found.remarks[0]
+    for one, other in zip(found.poses, still.poses, strict=True):
+        assert one.repeatability.value == pytest.approx(other.repeatability.value, rel=1e-9)
+        # The frame has taken the shift that all share; what directions differ by it cannot.
+        assert one.accuracy.value < 0.5 * other.accuracy.value
+    assert [one.accuracy for one in found.directions] == pytest.approx([one.accuracy for one in still.directions])
 
 
 def test_the_page_and_the_command_say_the_same(campaign: tuple[armflex.Arm, Path], tmp_path: Path) -> None:
