@@ -275,36 +275,31 @@ def iso9283(arm: Arm, measurements: Measurements, block: float | None = None) ->
         several = [attained_pose(np.array(some), side) for side, some in sides.items() if len(some) > 1]
         poses += several or [attained_pose(own, None)]
         if len(several) > 1:
-            apart = _apart([one.attained.mean(axis=0) for one in several])
+            pairs = combinations([one.attained.mean(axis=0) for one in several], 2)
+            most = max(float(np.linalg.norm(one - other)) for one, other in pairs)
             name = (several[0].pose, several[0].payload, several[0].session)
-            directions.append(Variation(*name, "directions", len(several), apart, None, apart))
-        for one in several if block is not None else ():
-            drifts += _drift(one, measurements.time, float(block or 0.0), sigma[[number[int(row)] for row in one.rows]])
+            directions.append(Variation(*name, "directions", len(several), most, None, most))
+        if block is not None:
+            drifts += [drift for one in several for drift in _drift(one, measurements.time[one.rows], block)]
     remarks = tuple(_remarks(measurements, poses, directions, drifts, block, placed))
     return PosePerformance(arm, measurements, tuple(poses), tuple(directions), tuple(drifts), remarks)
 
 
-def _apart(points: Sequence[Array]) -> float:
-    return max(float(np.linalg.norm(one - other)) for one, other in combinations(points, 2))
-
-
-def _drift(one: AttainedPose, time: Array, block: float, sigma: Array) -> list[Variation]:
-    """Return dAP and dRP of a pose, nothing where its cycles are one block."""
-    order = np.argsort(time[one.rows], kind="stable")
+def _drift(one: AttainedPose, time: Array, block: float) -> Iterator[Variation]:
+    """Yield dAP and dRP of a pose attained at (n,) times [s], nothing where its cycles are one block."""
     blocks: list[list[int]] = []
-    for i in order.tolist():
-        if not blocks or time[one.rows[i]] - time[one.rows[blocks[-1][0]]] >= block:
+    for i in np.argsort(time, kind="stable").tolist():
+        if not blocks or time[i] - time[blocks[-1][0]] >= block:
             blocks.append([])
         blocks[-1].append(i)
-    some = [np.array(own) for own in blocks if len(own) > 1]
-    if len(some) < 2:
-        return []
-    accuracy = [pose_accuracy(one.commanded, one.attained[own], sigma[own]).value for own in some]
-    spread = [float(_repeatability(one.attained[own])) for own in some]
-    middle = [one.attained[own].mean(axis=0) for own in some]
-    changed, wider = (max(abs(value - values[0]) for value in values[1:]) for values in (accuracy, spread))
-    shift = max(float(np.linalg.norm(point - middle[0])) for point in middle[1:])
-    return [Variation(one.pose, one.payload, one.session, "blocks", len(some), changed, wider, shift)]
+    clouds = [one.attained[own] for own in blocks if len(own) > 1]
+    if len(clouds) > 1:
+        middle = np.array([cloud.mean(axis=0) for cloud in clouds])
+        accuracy = np.linalg.norm(middle - one.commanded, axis=1)
+        repeatability = np.array([_repeatability(cloud) for cloud in clouds])
+        changed, wider = (float(np.abs(values - values[0]).max()) for values in (accuracy, repeatability))
+        shift = float(np.linalg.norm(middle - middle[0], axis=1).max())
+        yield Variation(one.pose, one.payload, one.session, "blocks", len(clouds), changed, wider, shift)
 
 
 def _remarks(
