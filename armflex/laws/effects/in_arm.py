@@ -161,7 +161,7 @@ class Pulling:
     amplitudes: Values
     inner: Values
 
-    dead = False
+    dead = follows = False
     sizes = (np.inf, np.inf)
 
     def at(self, pose: Array) -> Array:
