@@ -44,8 +44,7 @@ from armflex.mechanics.loaded import Payload
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
-from armflex.robot.reader import rotation_of
-from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
+from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of, rotation_of
 from armflex.setup import Setup
 from armflex.storage.whole_file import remove, write_whole
 
