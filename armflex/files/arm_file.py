@@ -157,7 +157,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
         table.finish()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
-    sensors = read_sensors(root.subs("instrument"), robot)
+    sensors = read_sensors(root.subs("instrument"), robot) if root.has("instrument") else {}
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
     flags = [*robot.flags, *flags, *_questions(flexures, robot)]
