@@ -57,6 +57,11 @@ class Wrench:
         return self.axes == "base"
 
     @property
+    def follows(self) -> bool:
+        """Whether it is the same in the axes of its link."""
+        return self.axes == "frame"
+
+    @property
     def rows(self) -> int | None:
         """How many rows it has one for, None where it is the same in all."""
         return None if self.force.ndim == 1 else len(self.force)
@@ -66,7 +71,9 @@ class Wrench:
         """Of force [N] and moment [N m], the greatest of all rows."""
         if self.rows is None:
             return math.hypot(*self.force.tolist()), math.hypot(*self.moment.tolist())
-        force, moment = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (self.force, self.moment))
+        with np.errstate(over="ignore"):
+            squares = (np.einsum("ij,ij->i", part, part).max(initial=0.0) for part in (self.force, self.moment))
+            force, moment = (math.sqrt(square) for square in squares)
         return force, moment
 
     def under(self, gravity: Array) -> Wrench:
