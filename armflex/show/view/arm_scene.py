@@ -18,7 +18,7 @@ from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.errors import InputError
-from armflex.laws.effects.remember import settled
+from armflex.laws.effects.in_arm import settled
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
