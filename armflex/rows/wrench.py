@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import is_
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -104,6 +105,11 @@ def wrenches_in(wrenches: Sequence[Wrench], rows: int | slice | np.ndarray) -> t
         one if one.rows is None else Wrench(one.frame, one.force[rows], one.moment[rows], one.axes) for one in wrenches
     )
     return tuple(one for one in found if any(one.sizes))
+
+
+def same_objects(some: Sequence[Wrench], others: Sequence[Wrench]) -> bool:
+    """Return whether all are the very same: what is known of one need not be found again."""
+    return len(some) == len(others) and all(map(is_, some, others))
 
 
 def check_rows(wrenches: Sequence[Wrench], count: int | None) -> None:
