@@ -53,7 +53,7 @@ from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.urdf import Joint
-from armflex.rows.wrench import Wrench, check_rows
+from armflex.rows.wrench import Wrench
 
 if TYPE_CHECKING:
     cached_property = property  # which a protocol may ask for; pyright takes the other for something that can be set
@@ -315,7 +315,7 @@ class Arm:
         single = positions.ndim != 2
         count, given = 0 if single else len(positions), covariates.items() if covariates else ()
         known = {name: covariate_array(values, name, count) for name, values in given}
-        wrenches = tuple(one.under(self.robot.gravity) for one in wrenches)
+        wrenches = tuple([one.under(self.robot.gravity) for one in wrenches]) if wrenches else ()
         if v is not None or a is not None:
             self.robot.check_motion()
         if not single:
@@ -326,8 +326,6 @@ class Arm:
         else:
             checked, flags = self.check_position(positions, enforce_limits)
         loaded = self.loaded(payload)  # pyright: ignore[reportArgumentType] - refused there
-        if wrenches:
-            check_rows(wrenches, None)
         if v is not None or a is not None:
             v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
         found = deflect(loaded, LoadCase(checked, v, a, wrenches, known), flags, method, allow_large)
