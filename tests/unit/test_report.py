@@ -139,7 +139,8 @@ def test_a_wave_has_amplitude_and_phase(found: Trace) -> None:
     assert wave(found, 0) == ()
     one, names = found.found[0], ("A", "B", "k")
     std = {"A": one.std[next(iter(one.std))], "B": 0.0}
-    effect = replace(one.effect, law=GEAR_HARMONIC, values=(3e-3, 4e-3, 2.0))
+    location = replace(one.effect.location, axis="rz", terms=(0, 1))
+    effect = replace(one.effect, law=GEAR_HARMONIC, location=location, values=(3e-3, 4e-3, 2.0))
     assert tuple(effect.named) == names
     several = replace(found, found=(replace(one, effect=effect, std=std),))
     said = dict(text.split(" = ") for text in wave(several, 0))
