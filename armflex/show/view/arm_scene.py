@@ -137,7 +137,7 @@ def view(
 
     Args:
         arm: The arm.
-        q: (nq,) joint positions; as `Arm.position` has them when neither q nor a trajectory is given.
+        q: (nq,) joint positions [rad or m]; as `Arm.position` has them when neither q nor a trajectory is given.
         payload: What it carries at q.
         trajectory: Shown as an animation instead of one configuration.
         report: Result of `check` on the trajectory; colours the via-points.
