@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from armflex.estimate import Calibration, calibrate
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.identify import Parameter
 from armflex.estimate.law_block import learned_laws
-from armflex.estimate.learned import LearnedAxis, learned_axes
+from armflex.estimate.learn import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
@@ -70,7 +69,7 @@ def command(
     if axes:
         print_laws(axes, samples)
     show_flags((*measurements.flags, *found.flags))
-    options.write_json(as_json(found) | {"laws": [asdict(axis) | {"told": axis.told} for axis in axes]})
+    options.write_json(as_json(found) | {"laws": [{**vars(axis), "told": axis.told} for axis in axes]})
     write_calibrated(arm_path, found, output)
     say(f"Written to {output}.")
 
@@ -152,7 +151,7 @@ def _by_kind(sizes: tuple[Reading, float, float, float]) -> dict[str, Any]:
         "name": kind.name,
         "kind": type(kind).__name__.lower(),
         "unit": kind.unit,
-        "rows": int(np.isfinite(kind.sigma).any(axis=1).sum()),
+        "rows": np.isfinite(kind.sigma).any(axis=1).sum(),
         "rms": {"declared": declared, "calibrated": calibrated},
         "noise_rms": noise,
     }
@@ -175,19 +174,17 @@ def as_json(found: Calibration) -> dict[str, Any]:
             {
                 "name": p.name,
                 "value": p.value,
-                "std": p.std if np.isfinite(p.std) else None,
+                "std": p.std,
                 "unit": p.unit,
-                "prior": p.prior if np.isfinite(p.prior) else None,
+                "prior": p.prior,
                 "determined": p.determined,
-                "only_combined_with": list(p.trades_against) if p.combined else None,
+                "only_combined_with": p.trades_against if p.combined else None,
             }
             for p in found.parameters
         ],
         "findings": [p.name for p in found.findings],
-        "not_identifiable": [
-            {"parameter": p.name, "trades_against": list(p.trades_against)} for p in found.undetermined
-        ],
-        "flags": [str(flag) for flag in found.flags],
+        "not_identifiable": [{"parameter": p.name, "trades_against": p.trades_against} for p in found.undetermined],
+        "flags": found.flags,
         "outliers": [
             {"row": o.row, "place": str(o.place)}
             | ({"instrument": o.instrument} if o.instrument else {})

@@ -197,7 +197,7 @@ def _mount(mount: Mounted) -> dict[str, Any]:
 
 def as_json(found: Plan) -> dict[str, Any]:
     """Return a plan for programs, SI; what was reached is as the terminal shows it."""
-    goal, rows, read = found.goal, found.rows, iter(found.worth.tolist())
+    goal, rows, read = found.goal, found.rows, iter(found.worth)
     worth = [next(read) if measured else None for measured in rows.measured]
     return {
         "rows": len(found.worth),
@@ -206,25 +206,25 @@ def as_json(found: Plan) -> dict[str, Any]:
                 "pose": rows.pose[i],
                 "read": worth[i] is not None,
                 "payload": rows.payload[i],
-                "q": dict(zip(rows.joint_names, rows.q[i].tolist(), strict=True)),
+                "q": dict(zip(rows.joint_names, rows.q[i], strict=True)),
                 "worth": worth[i],
             }
             for i in range(len(rows))
         ],
-        "sigma_m": found.reach.sigma.tolist(),
+        "sigma_m": found.reach.sigma,
         "goal": goal.title,
         "expected": {
-            "reached": np.asarray(goal.shown(found.reached)).tolist(),
-            "random": np.asarray(goal.shown(found.random.mean(axis=0))).tolist(),
-            "everything": float(goal.shown(found.everything)),
+            "reached": goal.shown(found.reached),
+            "random": goal.shown(found.random.mean(axis=0)),
+            "everything": goal.shown(found.everything),
             "random_rows": found.random_rows,
         },
         "parameters": _parameters(found),
-        "separation_sigmas": float(goal.shown(found.reached[-1])) if found.hypotheses else None,
+        "separation_sigmas": goal.shown(found.reached[-1]) if found.hypotheses else None,
         "between": [
             {
                 "name": hypothesis.name,
-                "size": dict(zip(hypothesis.candidate.labels, hypothesis.size.tolist(), strict=True)),
+                "size": dict(zip(hypothesis.candidate.labels, hypothesis.size, strict=True)),
                 "source": hypothesis.source,
             }
             for hypothesis in found.hypotheses
@@ -233,12 +233,12 @@ def as_json(found: Plan) -> dict[str, Any]:
             {
                 "parameter": blind.name,
                 "moves_mm": blind.moves * 1e3,
-                "trades_against": list(blind.partners),
+                "trades_against": blind.partners,
                 "instead": blind.instead,
             }
             for blind in found.blind
         ],
-        "advice": list(found.advice),
+        "advice": found.advice,
         "left_out": dict(found.offered.dropped),
         **({"instruments": [*map(_mount, found.mounts)]} if found.mounts else {}),
         "motion": {"ordered": found.way[0], "as_chosen": found.way[1]},

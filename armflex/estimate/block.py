@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.estimate.view import View
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import EffectLaw
 from armflex.parameters import ArmParameter, Kind
-from armflex.setup import Setup
 
 LEAST = 0.1
 """What a draw leaves at least of a compliance."""

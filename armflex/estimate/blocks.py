@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.effect_block import EffectBlock
@@ -35,7 +36,6 @@ from armflex.parameters import (
 )
 from armflex.readings import Orientation, Position
 from armflex.readings.instrument import twist_per_value
-from armflex.setup import Setup
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array, said_of
 from armflex.errors import ArmflexError, Flag, InputError, Place, UnsupportedError, listing
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.enough import check_readings, placed_rigidly
-from armflex.estimate.fit import Fit, fit
+from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
 from armflex.estimate.identify import Parameter, parameters
 from armflex.estimate.law_block import law_block
@@ -27,7 +27,6 @@ from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
 from armflex.estimate.suspect_sensors import moved, suspected
 from armflex.estimate.view import Progress, View, look
-from armflex.estimate.weigh import ROUNDS, Weighed
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.laws.effects.catalogue import CATALOGUE
@@ -41,7 +40,6 @@ from armflex.parameters import Kind as ParameterKind
 from armflex.readings import Kind
 from armflex.readings.instrument import Instrument, fit_mounting
 from armflex.result import Result
-from armflex.setup import Setup
 
 OUTLIER = 0.5
 """Robust weight below which a row is listed as an outlier."""

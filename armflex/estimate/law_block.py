@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
@@ -18,7 +18,6 @@ from armflex.laws.declared import Flexure
 from armflex.laws.joint.carried import ScaledLaw, scaled
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
 from armflex.parameters import ArmParameter, Kind, of_law
-from armflex.setup import Setup
 
 
 @dataclass(frozen=True, eq=False)

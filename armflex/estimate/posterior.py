@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import Flag, listing
@@ -21,7 +21,6 @@ from armflex.parameters import FRAMES, Kind, fitted_group
 from armflex.readings import Orientation, Position, Readings, unread
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
-from armflex.setup import Setup
 
 OTHER_PARAMETERS = Flag(
     "no_certainty", "the arm no longer has every fitted parameter (another preset?): sigma leaves all of them out"

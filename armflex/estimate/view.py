@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
@@ -23,7 +23,6 @@ from armflex.readings.instrument import twist_per_value
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 from armflex.rows.wrench import wrenches_in
-from armflex.setup import Setup as Setup
 
 Progress = Callable[[int, int], None]
 

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array, number, printable
 from armflex.errors import listing
 from armflex.estimate.posterior import OTHER_PARAMETERS, blocks_of
@@ -42,7 +42,6 @@ from armflex.parameters import Kind, fitted_group
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 from armflex.robot.urdf import drive_of
-from armflex.setup import Setup
 
 NEARLY_PARALLEL = 0.1
 """Sine of the angle between axes below which the row is Hayati's: without it an error of an axis' place or direction is

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.certainty import Certainty
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
@@ -30,7 +30,6 @@ from armflex.parameters import FRAMES, ArmParameter, Group, Kind, numbers_of
 from armflex.plan.offer import Offer
 from armflex.readings import Readings
 from armflex.readings.instrument import Instrument
-from armflex.setup import Setup
 
 NOWHERE = -1
 """Place of an effect that the arm has not among its own."""

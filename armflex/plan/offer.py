@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.configurations import Configurations
 from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, InputError, listing
@@ -19,7 +19,6 @@ from armflex.mechanics.history import known_rows
 from armflex.readings import Kind, Position, Readings
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
-from armflex.setup import Setup
 
 OVERSHOOT = 0.02
 """Share of its range by which a joint goes past a pose to come back to it from the wanted side."""

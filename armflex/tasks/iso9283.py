@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.errors import InputError, listing
 from armflex.estimate.enough import placed_rigidly
@@ -30,7 +30,6 @@ from armflex.measured.repeats import REPEATED, repeats
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.readings.instrument import Instrument
 from armflex.rows.poses import numbered, same_positions
-from armflex.setup import Setup
 from armflex.tasks.predict import predict
 
 CYCLES, POSES = 30, 5

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
@@ -22,7 +23,6 @@ from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Values, Wor
 from armflex.laws.effects.location import LINK, Here, Location
 from armflex.parameters import ArmParameter, Group, Kind
 from armflex.rows.rows import POSE
-from armflex.setup import Setup
 from armflex.trace.projection import Projection
 
 RATIOS = np.logspace(-4.0, 8.0, 61)

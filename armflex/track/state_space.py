@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import InputError
@@ -21,7 +21,6 @@ from armflex.estimate.view import look, untold_shifts
 from armflex.laws.effects.in_arm import derived_directions
 from armflex.parameters import FRAME, ArmParameter, Group, Kind, of_law
 from armflex.readings.instrument import Instrument
-from armflex.setup import Setup
 from armflex.track.estimate import Seen
 from armflex.track.reading import Reading, as_row
 

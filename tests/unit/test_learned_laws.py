@@ -26,7 +26,7 @@ from armflex.errors import ArmFileError, ConvergenceError, InputError
 from armflex.estimate import Calibration
 from armflex.estimate.calibrate import first_guess, loads_seen, write_calibrated
 from armflex.estimate.law_block import law_block, with_laws
-from armflex.estimate.learned import learned_axes
+from armflex.estimate.learn import learned_axes
 from armflex.estimate.sample import sample_laws
 from armflex.estimate.view import look
 from armflex.laws import AtNode, LinearLaw, Row, StructuralLaw, SubJoint

@@ -28,6 +28,7 @@ from armflex import (
     read_measurements,
     write_plan,
 )
+from armflex.arm import Measurement, Prior
 from armflex.errors import UnknownNameError, UnsupportedError
 from armflex.estimate import calibrate
 from armflex.files.effect_file import locations_on
@@ -39,7 +40,6 @@ from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exch
 from armflex.plan.drive import driving_order, motion
 from armflex.plan.hypotheses import named_effect, spelled
 from armflex.plan.planned_rows import Plan
-from armflex.prior import Measurement, Prior
 from armflex.rows import Rows
 
 BOOM = ROBOTS / "tarm_like" / "measured.toml"

@@ -40,9 +40,7 @@ from armflex.version import __version__
 
 pytestmark = pytest.mark.slow
 
-search, grow, afterwards = (
-    importlib.import_module(f"armflex.trace.{name}") for name in ("rounds", "grow", "afterwards")
-)
+search, grow, findings = (importlib.import_module(f"armflex.trace.{name}") for name in ("rounds", "grow", "findings"))
 """The modules: `armflex.trace` is the function where armflex is imported."""
 
 
@@ -357,7 +355,7 @@ def test_whatever_ends_it_what_was_accepted_is_there_and_goes_on(field: Truth, t
         raise ConvergenceError("calibration did not settle", [1.0])
 
     with monkeypatch.context() as patch:
-        patch.setattr(afterwards, "pruned", unsettled)
+        patch.setattr(findings, "pruned", unsettled)
         failed = run(field, tmp_path, "--resume")
     assert isinstance(failed.exception, ConvergenceError) and f"kept in {kept}" in failed.stderr
     assert quietly(tmp_path / "t.toml").effects == arm.effects
