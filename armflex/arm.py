@@ -40,7 +40,7 @@ from armflex.parameters import (
     MOUNTED,
     TARGET,
     ArmParameter,
-    Kind,
+    ParameterKind,
     named,
     numbers_of,
     of_compliance,
@@ -228,8 +228,8 @@ class Arm:
         In files from before effects of one name were numbered, those of the second go by the name of the first.
         """
         sessions = self.instrument.sessions if self.instrument else ()
-        known = [*FRAME, *of_motions(Kind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
-        known += of_motions(Kind.GEOMETRY, self.joint_names)
+        known = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
+        known += of_motions(ParameterKind.GEOMETRY, self.joint_names)
         known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:
             known += of_compliance(flexure.name)

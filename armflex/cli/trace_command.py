@@ -30,7 +30,7 @@ from armflex.trace.findings import write_traced
 from armflex.trace.rounds import trace
 
 if TYPE_CHECKING:
-    from armflex.trace.findings import Family, Found, Trace
+    from armflex.trace.findings import Found, FoundFamily, Trace
     from armflex.trace.telling import Doing
 
 MOST_LINES = 8
@@ -379,7 +379,7 @@ def _effect_json(found: Found) -> dict[str, Any]:
     }
 
 
-def _family_json(found: Family) -> dict[str, Any]:
+def _family_json(found: FoundFamily) -> dict[str, Any]:
     proof = found.proof
     return {
         "family": found.kin.number,

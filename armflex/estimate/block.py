@@ -13,7 +13,7 @@ from armflex.estimate.view import View
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import EffectLaw
-from armflex.parameters import ArmParameter, Kind
+from armflex.parameters import ArmParameter, ParameterKind
 
 LEAST = 0.1
 """What a draw leaves at least of a compliance."""
@@ -65,7 +65,7 @@ class Block(ABC):
         return self.apply(setup, np.log(np.maximum(1.0 + step, LEAST)) if self.logarithmic else step)
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> ParameterKind:
         """What the parameters are of."""
         return self.parameters[0].group.kind
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -18,16 +17,14 @@ from armflex.errors import FileError, InputError, Place, naming
 from armflex.estimate.calibrate import FEWEST_ROWS, calibrate, loads_seen
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
-from armflex.parallel import in_order
-from armflex.parameters import Kind
+from armflex.parallel import Progress, in_order
+from armflex.parameters import ParameterKind
 from armflex.result import Result
 from armflex.storage.array_file import Layout
 from armflex.storage.digest import digest
 from armflex.storage.kept import Form, open_kept
 from armflex.storage.schema import Numbers
 from armflex.version import __version__
-
-Progress = Callable[[int, int], None]
 
 Fitted = tuple[tuple[str, ...], Array]
 """Names of the parameters, and their (P,) values."""
@@ -155,5 +152,5 @@ def _fitted(
     chosen = np.random.default_rng(seed).integers(len(poses), size=len(poses))
     with naming(f"resampled campaign {number}"):
         found = calibrate(arm, measurements, rows=np.concatenate([poses[i] for i in chosen]), seen=seen, anyway=True)
-    kept = [parameter for parameter in found.parameters if parameter.kind is not Kind.INSTRUMENT]
+    kept = [parameter for parameter in found.parameters if parameter.kind is not ParameterKind.INSTRUMENT]
     return tuple(parameter.name for parameter in kept), np.array([parameter.value for parameter in kept])

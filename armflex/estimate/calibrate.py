@@ -19,14 +19,14 @@ from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.enough import check_readings, placed_rigidly
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
-from armflex.estimate.identify import Parameter, parameters
+from armflex.estimate.identify import FittedParameter, parameters
 from armflex.estimate.law_block import law_block
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
 from armflex.estimate.suspect_sensors import moved, suspected
-from armflex.estimate.view import Progress, View, look
+from armflex.estimate.view import View, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.laws.effects.catalogue import CATALOGUE
@@ -35,8 +35,8 @@ from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
-from armflex.parameters import FRAMES
-from armflex.parameters import Kind as ParameterKind
+from armflex.parallel import Progress
+from armflex.parameters import FRAMES, ParameterKind
 from armflex.readings import Kind
 from armflex.readings.instrument import Instrument, fit_mounting
 from armflex.result import Result
@@ -133,17 +133,17 @@ class Calibration(Result):
         return self.weighed * self.fit.noise
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[FittedParameter, ...]:
         """Every fitted parameter."""
         return parameters(self.fit)
 
     @property
-    def findings(self) -> tuple[Parameter, ...]:
+    def findings(self) -> tuple[FittedParameter, ...]:
         """Parameters that moved by more than their prior allows."""
         return tuple(parameter for parameter in self.parameters if parameter.surprising)
 
     @property
-    def undetermined(self) -> tuple[Parameter, ...]:
+    def undetermined(self) -> tuple[FittedParameter, ...]:
         """Parameters that these data say nothing about."""
         return tuple(parameter for parameter in self.parameters if not parameter.determined)
 

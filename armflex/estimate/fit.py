@@ -14,9 +14,10 @@ from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
 from armflex.estimate.block import Block, parameters_of, places_of
 from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_regressors, whitened_residual
-from armflex.estimate.view import Progress, View, look
+from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
+from armflex.parallel import Progress
 from armflex.parameters import ArmParameter
 from armflex.readings import Position
 

@@ -16,8 +16,9 @@ from armflex.estimate.view import View
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.joint.carried import ScaledLaw, scaled
+from armflex.laws.law import split
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
-from armflex.parameters import ArmParameter, Kind, of_law
+from armflex.parameters import ArmParameter, ParameterKind, of_law
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,8 @@ class LawsBlock(Block):
 
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
-        kind, pairs = Kind.COMPLIANCE if self.logarithmic else Kind.LAW, zip(self.flexures, self.laws, strict=True)
+        kind = ParameterKind.COMPLIANCE if self.logarithmic else ParameterKind.LAW
+        pairs = zip(self.flexures, self.laws, strict=True)
         return tuple(one for name, law in pairs for one in of_law(name, law, kind))
 
     @property
@@ -68,7 +70,7 @@ class LawsBlock(Block):
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Return every law's part of (k,) values."""
-        return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
+        return split(self.laws, values)
 
     @abstractmethod
     def _free(self, place: int, law: Law) -> Law:

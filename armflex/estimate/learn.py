@@ -19,8 +19,8 @@ from armflex.estimate.block import Block
 from armflex.estimate.fit import Effort, Fit, Weighed, fit
 from armflex.estimate.law_block import LawBlock, learned_laws, with_laws
 from armflex.estimate.sample import LawSamples
-from armflex.estimate.view import Progress
 from armflex.laws.learned import LearnedLaw
+from armflex.parallel import Progress
 
 FIRM = 4.0
 """How many values' worth the expected size of a group is: a scale that the data hardly tell must not run to nothing,

@@ -13,7 +13,7 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.view import View
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.parameters import Kind
+from armflex.parameters import ParameterKind
 from armflex.readings.chance import chi_squared
 
 COARSE = {"m": 2e-3, "rad": 1e-3, "m/s^2": 1e-2}
@@ -57,7 +57,7 @@ def suspected(declared: View, placed: Fit, blocks: tuple[Block, ...]) -> tuple[F
         begun = np.array([known.get(one, 0.0) for one in free])
         values = LinearGaussian.of(flat, prior**-2.0).solve(flat.T @ residual.ravel() - prior**-2.0 * begun)
         left = np.abs(residual - (flat @ values).reshape(residual.shape))
-        own = [i for i, one in enumerate(free) if one.group.kind is Kind.SENSOR and np.isfinite(prior[i])]
+        own = [i for i, one in enumerate(free) if one.group.kind is ParameterKind.SENSOR and np.isfinite(prior[i])]
         pulled = float(np.abs((values + begun)[own] / prior[own]).max(initial=0.0))
         if max(float(np.median(left)), pulled / IMPLAUSIBLE) < IMPLAUSIBLE:
             continue

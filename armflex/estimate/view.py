@@ -24,8 +24,6 @@ from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 from armflex.rows.wrench import wrenches_in
 
-Progress = Callable[[int, int], None]
-
 
 @dataclass(frozen=True)
 class View:
@@ -199,8 +197,7 @@ class View:
 def look(
     setup: Setup,
     rows: Rows,
-    some: np.ndarray,
-    progress: Progress | None = None,
+    some: np.ndarray | None = None,
     readings: Readings | None = None,
     line: Response | None = None,
 ) -> View:
@@ -209,15 +206,15 @@ def look(
     Args:
         setup: Arm and instrument.
         rows: All rows in the order driven.
-        some: (M,) numbers of those looked at.
-        progress: Told how many rows are done.
+        some: (M,) numbers of those looked at; all of them when not given.
         readings: What was read in all rows, or would be; what the rows themselves have where it is not given.
         line: The linearised arm at those rows, where it is known.
     """
+    some = np.arange(len(rows)) if some is None else some
     if line is None:
         payloads = [rows.payload[row] for row in some]
         known = {name: values[some] for name, values in known_rows(setup.arm, rows).items()}
-        line = respond(setup.arm, rows.q[some], payloads, known, progress, wrenches=wrenches_in(rows.wrenches, some))
+        line = respond(setup.arm, rows.q[some], payloads, known, wrenches=wrenches_in(rows.wrenches, some))
     sessions = tuple(rows.session[row] for row in some)
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))

@@ -38,7 +38,7 @@ from armflex.export.rigid import (
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act
 from armflex.measured.measurements import read_measurements
-from armflex.parameters import Kind, fitted_group
+from armflex.parameters import ParameterKind, fitted_group
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 from armflex.robot.urdf import drive_of
@@ -203,7 +203,7 @@ def uncertainties(
     for block in blocks:
         for i, parameter in enumerate(block.parameters):
             column = np.zeros(len(values))
-            if parameter.group.moves or parameter.group.kind is Kind.TOOL:
+            if parameter.group.moves or parameter.group.kind is ParameterKind.TOOL:
                 step = np.zeros(len(block.parameters))
                 step[i] = min(1e-2 * size[place], 1e-3) or 1e-6
                 ends = [numbers(block.stepped(setup, side * step), splits) for side in (1.0, -1.0)]

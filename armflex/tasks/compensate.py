@@ -7,7 +7,7 @@ inside the limits, with the Jacobian of the deflected arm. What cannot be reache
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -22,7 +22,7 @@ from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
-from armflex.parallel import in_threads
+from armflex.parallel import Progress, in_threads
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.tasks.inverse_kinematics import (
@@ -51,8 +51,6 @@ LARGEST_CHANGE = 0.5
 
 TO_BLAME = 1e-3
 """Joints are blamed whose way out of their limits has at least this part in the way the error would have to go."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ class Found:
 
 
 @dataclass(frozen=True, eq=False)
-class Family:
+class FoundFamily:
     """One law at every drive, believed together: errors of a size that all of them have, few of which show alone.
 
     Attributes:
@@ -247,7 +247,7 @@ class Trace(Result):
     next_measurement: tuple[str, ...] = ()
     compared: Compared | None = None
     withdrawn: tuple[Withdrawn, ...] = ()
-    families: tuple[Family, ...] = ()
+    families: tuple[FoundFamily, ...] = ()
     undecided: Undecided | None = None
     unfinished: bool = False
     stopped_at: int | None = None
@@ -469,14 +469,15 @@ def _by_themselves(state: State) -> Iterator[tuple[int, float]]:
                 yield index, worth
 
 
-def _families(state: State) -> tuple[Family, ...]:
+def _families(state: State) -> tuple[FoundFamily, ...]:
     found = []
     for unit in state.units:
         step = state.steps[unit[0]]
         if step is not None and step.kin is not None:
             blocks = [state.effects[i] for i in unit]
             stds = [block.std(state.values_of(block), state.stds_of(block)) for block in blocks]
-            found.append(Family(step.kin, tuple(zip((state.fitted[i] for i in unit), stds, strict=True)), step.proof))
+            members = tuple(zip((state.fitted[i] for i in unit), stds, strict=True))
+            found.append(FoundFamily(step.kin, members, step.proof))
     return tuple(found)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.parameters import ArmParameter, Kind
+from armflex.parameters import ArmParameter, ParameterKind
 from armflex.readings import Position
 from armflex.readings.chance import outlier_limit
 from armflex.track.estimate import Estimate, Seen, recentred
@@ -92,7 +92,7 @@ class Change:
         told = []
         for parameter, size, std in zip(self.parameters, self.size, self.std, strict=True):
             unit = ""
-            if parameter.group.kind is Kind.COMPLIANCE:
+            if parameter.group.kind is ParameterKind.COMPLIANCE:
                 size, std, unit = 100.0 * np.expm1(size), 100.0 * np.exp(size) * std, " %"
             told.append(f"{parameter.name or ''} {size:+.3g} ± {std:.2g}{unit}".strip())
         return f"<Change: {self.name} since reading {self.since}, {self.probability:.3%} sure: {', '.join(told)}>"

@@ -20,15 +20,13 @@ from armflex.estimate.draw import draw_arms
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.laws.effects.in_arm import settled
 from armflex.mechanics.equilibrium import METHODS
-from armflex.parallel import in_order
+from armflex.parallel import Progress, in_order
 from armflex.rows.wrench import Wrench
 from armflex.storage.digest import digest
 from armflex.storage.kept import open_kept
 from armflex.tasks.check import COVERAGE
 from armflex.tasks.workspace.cells import SIDE, Answer, Question, Tally, answers, cell_indices, form_of, joined, sigmas
 from armflex.version import __version__
-
-Progress = Callable[[int, int], None]
 
 CHUNK = 8192
 """Configurations that are asked, counted and kept together."""
