@@ -22,14 +22,14 @@ from armflex.parameters import ParameterKind
 from armflex.result import Result
 from armflex.storage.array_file import Layout
 from armflex.storage.digest import digest
-from armflex.storage.kept import Form, open_kept
 from armflex.storage.schema import Numbers
+from armflex.storage.store import PieceForm, open_store
 from armflex.version import __version__
 
 Fitted = tuple[tuple[str, ...], Array]
 """Names of the parameters, and their (P,) values."""
 
-FORM: Form[Fitted] = Form(
+FORM: PieceForm[Fitted] = PieceForm(
     Layout(
         "a fit of a bootstrap",
         "armflex-bootstrap-fit-2",
@@ -125,7 +125,7 @@ def bootstrap(
     if store is not None:  # named by everything that a fit depends on
         asked = {"format": "armflex-bootstrap-2", "arm": digest(arm), "measurements": digest(measurements)}
         versions = {"armflex": __version__, "numpy": np.__version__}
-        kept = open_kept(Path(store), {**asked, "seed": seed, **versions}, FORM)
+        kept = open_store(Path(store), {**asked, "seed": seed, **versions}, FORM)
     names = [f"fit-{i:07d}" for i in range(draws)]
     fits: list[Fitted] = []
     with closing(
