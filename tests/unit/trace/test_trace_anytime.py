@@ -336,7 +336,7 @@ main()
 @pytest.mark.skipif(os.name != "posix", reason="sends signals")
 def test_whatever_ends_it_what_was_accepted_is_there_and_goes_on(field: Truth, tmp_path: Path, monkeypatch) -> None:
     """Killed, then Ctrl-C, then an error in the final account, then one in the page's making; then it ends."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
     kept, codes = tmp_path / "t.checkpoint.json", []
     for name in ("SIGKILL", "SIGINT", "SIGTERM"):
         more = ["--resume"] if codes else []
