@@ -23,6 +23,7 @@ from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.parameters import ParameterKind
 from armflex.readings import Kind, Position
+from armflex.result import plain
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 
 SCATTERED = 1.5
@@ -159,7 +160,7 @@ def _by_kind(sizes: tuple[Kind, float, float, float]) -> dict[str, Any]:
 def as_json(found: Calibration) -> dict[str, Any]:
     """Return a calibration for programs; RMS in mm like that of trace, null where nothing but angles was read."""
     stages, per = ("declared", "calibrated"), 1e3 if found.fit.view.readings.unit == "m" else None
-    return {
+    told = {
         "format": "armflex-calibrate-1",
         "rows": len(found.fit.view.rows),
         "noise_rms_mm": per and found.noise_rms * per,
@@ -191,3 +192,4 @@ def as_json(found: Calibration) -> dict[str, Any]:
             for o in found.outliers
         ],
     }
+    return plain(told)

@@ -16,6 +16,7 @@ from armflex.conventions import parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
 from armflex.plotting import SUFFIXES as PICTURES
+from armflex.result import plain
 from armflex.show.view.map_page import map_page
 from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write_map
 from armflex.tasks.workspace.map_file import SUFFIXES
@@ -145,7 +146,7 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
     }
     if tolerance is not None:
         summary |= {"tolerance_m": tolerance, "verdicts": _verdicts(found, tolerance)}
-    return summary
+    return plain(summary)
 
 
 def _verdicts(found: WorkspaceMap, tolerance: float) -> dict[str, int]:

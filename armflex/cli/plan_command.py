@@ -20,6 +20,7 @@ from armflex.plan.drive import write_plan
 from armflex.plan.instruments import Mounted, declaration
 from armflex.plan.planning import plan
 from armflex.plotting import check_ending
+from armflex.result import plain
 from armflex.trajectory import read_trajectory
 
 if TYPE_CHECKING:
@@ -199,7 +200,7 @@ def as_json(found: Plan) -> dict[str, Any]:
     """Return a plan for programs, SI; what was reached is as the terminal shows it."""
     goal, rows, read = found.goal, found.rows, iter(found.worth)
     worth = [next(read) if measured else None for measured in rows.measured]
-    return {
+    told = {
         "rows": len(found.worth),
         "stops": [
             {
@@ -243,3 +244,4 @@ def as_json(found: Plan) -> dict[str, Any]:
         **({"instruments": [*map(_mount, found.mounts)]} if found.mounts else {}),
         "motion": {"ordered": found.way[0], "as_chosen": found.way[1]},
     }
+    return plain(told)

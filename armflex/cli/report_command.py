@@ -13,6 +13,7 @@ from armflex.cli.terminal import number, print_table, say
 from armflex.errors import InputError
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
+from armflex.result import plain
 from armflex.tasks.iso9283 import Characteristic, PosePerformance, iso9283
 
 
@@ -94,5 +95,6 @@ def as_json(found: PosePerformance) -> dict[str, Any]:
         {n: getattr(one, n) for n in named} | {"dap_m": one.accuracy, "drp_m": one.repeatability, "shift_m": one.shift}
         for one in found.drifts
     ]
-    return {"standard": "ISO 9283:1998", "poses": poses, "directions": directions, "drifts": drifts,
+    told = {"standard": "ISO 9283:1998", "poses": poses, "directions": directions, "drifts": drifts,
             "remarks": found.remarks}  # fmt: skip
+    return plain(told)

@@ -25,6 +25,7 @@ from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.parameters import numbered
 from armflex.readings import Position
+from armflex.result import plain
 from armflex.show.report import write_report
 from armflex.trace.findings import write_traced
 from armflex.trace.rounds import trace
@@ -303,7 +304,7 @@ def _remarks(found: Trace) -> Iterator[str]:
 def as_json(found: Trace) -> dict[str, Any]:
     """Return a trace for programs: RMS in mm, parameters SI."""
     left = found.unexplained
-    return {
+    told = {
         "format": "armflex-trace-1",
         **({"unfinished": True} if found.unfinished else {}),
         **({} if found.stopped_at is None else {"stopped_at_limit": found.stopped_at}),
@@ -360,6 +361,7 @@ def as_json(found: Trace) -> dict[str, Any]:
             for one in found.withdrawn
         ],
     }
+    return plain(told)
 
 
 def _effect_json(found: Found) -> dict[str, Any]:

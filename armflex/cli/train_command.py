@@ -21,6 +21,7 @@ from armflex.errors import InputError
 from armflex.laws.declared import read_assembly
 from armflex.laws.law_file import save_law
 from armflex.measured.joint_data import read_joint_data
+from armflex.result import plain
 
 
 def learning_options(command: Callable) -> Callable:
@@ -139,7 +140,7 @@ def as_json(result: TrainResult) -> dict[str, Any]:
     sampled = asdict(result.diagnostics)
     always = {name: sampled.pop(name) for name in ("rhat_max", "ess_min")} | {"coverage_95": result.coverage_95}
     diagnostics = always | {name: value for name, value in sampled.items() if value is not None}
-    return {
+    told = {
         "model": result.trained.model,
         "rows": result.rows,
         "unit": units[0] if len(units) == 1 else units,
@@ -150,3 +151,4 @@ def as_json(result: TrainResult) -> dict[str, Any]:
         "diagnostics": diagnostics,
         "compared": [{"model": name, "held_out_rms": rms} for name, rms in result.compared],
     }
+    return plain(told)
