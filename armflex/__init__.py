@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from armflex.tasks.workspace import map_workspace as map_workspace
     from armflex.tasks.workspace import read_map as read_map
     from armflex.tasks.workspace import write_map as write_map
-    from armflex.trace.rounds import trace as trace
+    from armflex.trace import trace as trace
     from armflex.track import Reading as Reading
     from armflex.track import Tracker as Tracker
     from armflex.trajectory import Trajectory as Trajectory
@@ -100,7 +100,7 @@ HOMES = {
     "armflex.tasks.iso9283": "PosePerformance iso9283",
     "armflex.tasks.predict": "Prediction predict",
     "armflex.tasks.workspace": "WorkspaceMap draw_map map_workspace read_map write_map",
-    "armflex.trace.rounds": "trace",
+    "armflex.trace": "trace",
     "armflex.track": "Reading Tracker",
     "armflex.trajectory": "Trajectory read_trajectory write_trajectory",
 }

@@ -30,8 +30,8 @@ from armflex.show.view.arm_scene import view
 from armflex.storage.whole_file import write_whole
 from armflex.tasks.check import check
 from armflex.tasks.compensate import compensate
+from armflex.trace import trace
 from armflex.trace.findings import write_traced
-from armflex.trace.rounds import trace
 from armflex.trajectory import read_trajectory, write_trajectory
 
 TOLERANCE = 0.1

@@ -27,8 +27,8 @@ from armflex.parameters import numbered
 from armflex.readings import Position
 from armflex.result import plain
 from armflex.show.report import write_report
+from armflex.trace import trace
 from armflex.trace.findings import write_traced
-from armflex.trace.rounds import trace
 
 if TYPE_CHECKING:
     from armflex.trace.findings import Found, FoundFamily, Trace

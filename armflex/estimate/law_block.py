@@ -32,10 +32,7 @@ class LawsBlock(Block):
 
     flexures: tuple[str, ...]
     laws: tuple[Law, ...]
-
-    @property
-    def curved(self) -> bool:
-        return True
+    curved = True
 
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:

@@ -1,1 +1,65 @@
-"""From a calibrated arm's residual to the effect that it lacks."""
+"""From a calibrated arm's residual to the effect that it lacks; scipy is imported when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.errors import InputError
+from armflex.measured.measurements import Measurements
+
+if TYPE_CHECKING:
+    from armflex.trace.findings import Trace
+    from armflex.trace.telling import Doing
+
+
+def trace(
+    arm: Arm,
+    measurements: Measurements,
+    rows: np.ndarray | None = None,
+    report: Callable[[str], None] | None = None,
+    keep: bool = False,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    account: Callable[[Trace], None] | None = None,
+    progress: Callable[[Doing], None] | None = None,
+    anyway: bool = False,
+) -> Trace:
+    """Return the arm with the effects that a campaign shows it lacks, and an account of them.
+
+    The arm predicts held-out poses no worse than the calibrated one: effects with which it would are withdrawn.
+
+    Args:
+        arm: The arm as declared; its prior says what calibration may move.
+        measurements: The campaign, rows in the order driven; unmeasured rows count for effects with a memory.
+        rows: (M,) numbers of the measured rows to use; all when not given.
+        report: Called with what is being done, in words, once for every stage.
+        keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames are fitted;
+            see `calibrate`.
+        checkpoint: File that is written after every round of the search, so that one that was interrupted can go on;
+            it is removed at the end.
+        resume: Go on from the checkpoint instead of beginning anew. The result is that of a search that was not
+            interrupted, to rounding.
+        account: Called after every accepted effect with the account so far, marked `unfinished`, and at the end with
+            the finished one; the checkpoint is removed once it has returned.
+        progress: Called with how far the search has come within a stage, thousands of times.
+        anyway: Take the campaign as it is, also where it is plausible only in another convention.
+
+    Raises:
+        ConventionError: The campaign is implausible for this arm, and plausible in another convention.
+        InputError: Too few rows were measured, or there is no checkpoint to resume from.
+        FileError: The checkpoint cannot be written at first, does not exist, is damaged, or belongs to another arm,
+            campaign, version or other options, which it names. Where it cannot be written later on, `report` is told,
+            and the last one stays.
+        ConvergenceError: The calibration did not settle.
+    """
+    if resume and checkpoint is None:
+        raise InputError("resume needs the checkpoint to go on from")
+    from armflex.trace.rounds import trace as run
+
+    path = None if checkpoint is None else Path(checkpoint)
+    return run(arm, measurements, rows, report, keep, path, resume, account, progress, anyway)

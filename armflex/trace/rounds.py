@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.errors import ArmflexError, FileError, InputError
+from armflex.errors import ArmflexError, FileError
 from armflex.estimate.calibrate import calibrate
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.measured.measurements import Measurements
@@ -35,43 +35,13 @@ def trace(
     rows: np.ndarray | None = None,
     report: Report | None = None,
     keep: bool = False,
-    checkpoint: str | Path | None = None,
+    checkpoint: Path | None = None,
     resume: bool = False,
     account: Callable[[Trace], None] | None = None,
     progress: Callable[[Doing], None] | None = None,
     anyway: bool = False,
 ) -> Trace:
-    """Return the arm with the effects that a campaign shows it lacks, and an account of them.
-
-    The arm predicts held-out poses no worse than the calibrated one: effects with which it would are withdrawn.
-
-    Args:
-        arm: The arm as declared; its prior says what calibration may move.
-        measurements: The campaign, rows in the order driven; unmeasured rows count for effects with a memory.
-        rows: (M,) numbers of the measured rows to use; all when not given.
-        report: Called with what is being done, in words, once for every stage.
-        keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames are fitted;
-            see `calibrate`.
-        checkpoint: File that is written after every round of the search, so that one that was interrupted can go on;
-            it is removed at the end.
-        resume: Go on from the checkpoint instead of beginning anew. The result is that of a search that was not
-            interrupted, to rounding.
-        account: Called after every accepted effect with the account so far, marked `unfinished`, and at the end with
-            the finished one; the checkpoint is removed once it has returned.
-        progress: Called with how far the search has come within a stage, thousands of times.
-        anyway: Take the campaign as it is, also where it is plausible only in another convention.
-
-    Raises:
-        ConventionError: The campaign is implausible for this arm, and plausible in another convention.
-        InputError: Too few rows were measured, or there is no checkpoint to resume from.
-        FileError: The checkpoint cannot be written at first, does not exist, is damaged, or belongs to another arm,
-            campaign, version or other options, which it names. Where it cannot be written later on, `report` is told,
-            and the last one stays.
-        ConvergenceError: The calibration did not settle.
-    """
-    if resume and checkpoint is None:
-        raise InputError("resume needs the checkpoint to go on from")
-    checkpoint = None if checkpoint is None else Path(checkpoint)
+    """Return the traced arm and its account; `armflex.trace` says what goes in."""
     teller = Teller(report, progress)
     say = teller.stage
     say("calibrating")
