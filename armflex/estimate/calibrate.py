@@ -214,8 +214,8 @@ def calibrate(
         check_conventions(arm, measurements, used, keep, searched=as_stated)
     declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
-    about = ()
-    if declared.arm.sensors and not anyway:
+    judged, about = declared.arm.sensors and not anyway, ()
+    if judged:
         about = suspected(look(declared, measurements, used), placed, tuple(blocks))
     laws = None if keep else law_block(declared, placed.view, seen)
 
@@ -232,7 +232,7 @@ def calibrate(
         *about,
         *(_apart(declared) if declared.arm.measurement.frame != "base" else ()),
         *flags,
-        *(() if anyway else moved(found, measurements)),
+        *(moved(found, measurements) if judged else ()),
         *_worse(errors, found.view.readings.unit),
     )
     return Calibration(calibrated, found, placed.view, measurements, flags, errors)
