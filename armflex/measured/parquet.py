@@ -15,7 +15,6 @@ MAX_CELLS = 20_000_000
 MAX_BYTES = 200_000_000
 """Of a file's columns unpacked, as it says itself."""
 
-
 SUFFIXES = (".parquet", ".pq")
 
 
