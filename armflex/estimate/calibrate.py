@@ -16,16 +16,16 @@ from armflex.conventions import Array, said_of
 from armflex.errors import ArmflexError, Flag, InputError, Place, UnsupportedError, listing
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.enough import check_readings, placed_rigidly
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
+from armflex.estimate.instrument_checks import moved, suspected
 from armflex.estimate.law_block import law_block
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions
+from armflex.estimate.placement import check_readings, placed_rigidly
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
-from armflex.estimate.suspect_sensors import moved, suspected
 from armflex.estimate.view import View, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign

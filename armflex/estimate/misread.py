@@ -25,7 +25,7 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import Array, in_mm
 from armflex.errors import ArmflexError, ConventionError
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.enough import placed_rigidly
+from armflex.estimate.placement import placed_rigidly
 from armflex.estimate.view import look
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere

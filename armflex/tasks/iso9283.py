@@ -24,7 +24,7 @@ import pinocchio as pin
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.errors import InputError, listing
-from armflex.estimate.enough import placed_rigidly
+from armflex.estimate.placement import placed_rigidly
 from armflex.measured.measurements import Measurements
 from armflex.measured.repeats import REPEATED, repeats
 from armflex.mechanics.many_rows import rigid_tips
