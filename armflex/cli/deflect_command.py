@@ -36,7 +36,7 @@ def command(
     A temperature that an effect of the arm lags behind is taken as settled.
     """
     wrenches = [options.parse_force(text, arm) for text in forces]
-    q = options.parse_positions(positions, arm)
+    q, arm = options.parse_positions(positions, arm)
     found = arm.deflection(q, payload, covariates=settled(arm, covariates), wrenches=wrenches, **how)
     covariance, flags = total_covariance(found)
     print_deflection(arm, found, covariance)

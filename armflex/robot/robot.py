@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
 from armflex.errors import Flag, JointLimitError, Place, UnknownNameError, UrdfError, did_you_mean, listing
@@ -94,6 +95,27 @@ class Robot:
     def upper(self) -> Array:
         """(nq,) upper limits [rad or m]."""
         return np.array([joint.upper for joint in self.moving])
+
+    def stem(self, joint: str) -> str | None:
+        """Return the link of the chain that a joint off the chain hangs on, None where it hangs on none."""
+        on_chain, link = {self.base, *(one.child for one in self.chain)}, self.urdf.joints[joint].parent
+        above = {one.child: one.parent for one in self.urdf.joints.values()}
+        while link not in on_chain and link in above:
+            link = above[link]
+        return link if link in on_chain else None
+
+    def side_positions(self, given: Mapping[str, ArrayLike]) -> dict[str, Array]:
+        """Return given positions of joints off the chain [rad or m], and those of the joints that mimic one of them."""
+        found = {name: np.asarray(at, dtype=float) for name, at in given.items()}
+        while True:
+            more = {
+                name: np.clip(joint.mimic[1] * found[joint.mimic[0]] + joint.mimic[2], joint.lower, joint.upper)
+                for name, joint in ((name, self.urdf.joints[name]) for name in self.locked if name not in found)
+                if joint.mimic and joint.mimic[0] in found
+            }
+            if not more:
+                return found
+            found |= more
 
     @cached_property
     def home(self) -> Array:

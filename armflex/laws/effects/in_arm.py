@@ -166,7 +166,7 @@ class Pulling:
     amplitudes: Values
     inner: Values
 
-    dead = False
+    dead = follows = False
     sizes = (np.inf, np.inf)
 
     def at(self, pose: Array) -> Array:
