@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from armflex.arguments import checked_init, checked_late
 from armflex.certainty import Certainty
 from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
 from armflex.errors import (
@@ -54,7 +55,7 @@ from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.urdf import Joint
-from armflex.rows.wrench import Wrench, check_rows
+from armflex.rows.wrench import Wrench
 
 if TYPE_CHECKING:
     cached_property = property  # which a protocol may ask for; pyright takes the other for something that can be set
@@ -119,6 +120,7 @@ class Prior:
     session_rotation: float = 0.0
 
 
+@checked_init
 @dataclass(frozen=True, repr=False, eq=False)
 class Arm:
     """A manipulator with joint compliance. Immutable: safe to share between threads.
@@ -222,6 +224,7 @@ class Arm:
         """All laws as one map."""
         return LawStack(self.flexure_names, tuple(flexure.law for flexure in self.modelled))
 
+    @checked_late
     def named(self, labels: Sequence[str]) -> tuple[ArmParameter, ...]:
         """Return the parameters of the arm and its instrument that labels name; see `armflex.parameters.named`.
 
@@ -247,6 +250,7 @@ class Arm:
         """Weight of everything that moves [N]."""
         return self.loaded(None).mass * float(np.linalg.norm(self.robot.gravity))
 
+    @checked_late
     def payload(self, payload: str | Payload | None) -> Payload:
         """Return a payload by name; None and "none" mean nothing carried.
 
@@ -264,6 +268,7 @@ class Arm:
             raise UnknownNameError("payload", payload, (*self.payloads, "none"))
         return self.payloads[payload]
 
+    @checked_late
     def position(self, **joints: float) -> Array:
         """Return q (nq,) [rad or m] with the named joints set and the others at zero.
 
@@ -283,6 +288,7 @@ class Arm:
             q[self.joint_names.index(name)] = value
         return self.checked(q, "q")
 
+    @checked_late
     def rigid_pose(self, q: ArrayLike, enforce_limits: bool = True) -> pin.SE3:
         """Return the tip pose of the rigid arm at q (nq,) [rad or m] in the base frame."""
         checked, _ = self.check_position(q, enforce_limits)
@@ -296,6 +302,7 @@ class Arm:
     def deflection(
         self, q: ManyRows, payload: str | Payload | Sequence[str] | None = None, **options: Unpack[DeflectionOptions]
     ) -> DeflectionBatch: ...
+    @checked_late
     def deflection(
         self,
         q: ArrayLike,
@@ -339,7 +346,7 @@ class Arm:
         single = positions.ndim != 2
         count, given = 0 if single else len(positions), covariates.items() if covariates else ()
         known = {name: covariate_array(values, name, count) for name, values in given}
-        wrenches = tuple(one.under(self.robot.gravity) for one in wrenches)
+        wrenches = tuple([one.under(self.robot.gravity) for one in wrenches]) if wrenches else ()
         if v is not None or a is not None:
             self.robot.check_motion()
         if not single:
@@ -350,8 +357,6 @@ class Arm:
         else:
             checked, flags = self.check_position(positions, enforce_limits)
         loaded = self.loaded(payload)  # pyright: ignore[reportArgumentType] - refused there
-        if wrenches:
-            check_rows(wrenches, None)
         if v is not None or a is not None:
             v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
         found = deflect(loaded, LoadCase(checked, v, a, wrenches, known), flags, method, allow_large)
@@ -359,6 +364,7 @@ class Arm:
             found.check_seen()
         return found
 
+    @checked_late
     def prepared(
         self,
         payload: str | Payload | None = None,
@@ -378,6 +384,7 @@ class Arm:
         pulled = tuple(one.under(self.robot.gravity) for one in wrenches)
         return Prepared(self.loaded(payload), method, enforce_limits, pulled)
 
+    @checked_late
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
         """Return q as (nq,) floats [rad or m] with the flags about it.
 
@@ -433,6 +440,7 @@ class Arm:
         """Place of every joint in q."""
         return {name: i for i, name in enumerate(self.joint_names)}
 
+    @checked_late
     def loaded(self, payload: str | Payload | None) -> LoadedArm:
         """Return the arm with a payload, whose models are kept; raises what `payload` does."""
         known = self._carried.get(payload) if payload is None or isinstance(payload, str) else None

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.conventions import Array, finite_array
+from armflex.conventions import LARGEST, Array, finite_array
 from armflex.errors import Flag, InputError, PayloadError, UnknownNameError
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
@@ -22,7 +22,7 @@ from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_fra
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.pinocchio_model import Load, Mechanics
 from armflex.robot import Corrections, FlexModel, Site, build_model
-from armflex.rows.wrench import Wrench
+from armflex.rows.wrench import Wrench, check_rows, same_objects
 
 TOOL = "what is at the tool"
 
@@ -155,6 +155,30 @@ class Structure(Manipulator, Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Outside:
+    """Loads from outside on an arm with its payload, the same in all rows, and what is known of them beforehand."""
+
+    loaded: LoadedArm
+    wrenches: tuple[Wrench, ...]
+
+    @cached_property
+    def flags(self) -> tuple[Flag, ...]:
+        """See `LoadedArm.flags_under`."""
+        return self.loaded.flags_under(self.wrenches, accelerated=False)
+
+    @cached_property
+    def moderate(self) -> bool:
+        """Whether these and what pulls at the arm are of a size that a quantity may have."""
+        return all(max(one.sizes) < LARGEST for one in (*self.wrenches, *self.loaded.arm.pulls))
+
+    @cached_property
+    def proven(self) -> bool:
+        """Whether the bound alone proves that the arm stays under them, wherever its joints are."""
+        bound = self.loaded.stability_bound
+        return bound is not None and bound.proven_under(self.wrenches)
+
+
+@dataclass(frozen=True, eq=False)
 class LoadedArm:
     """What every question about an arm with a payload has in common. Shared between threads."""
 
@@ -224,6 +248,18 @@ class LoadedArm:
                 text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
                 flags.append(Flag("large_force", text))
         return (*known, *flags) if flags else known
+
+    def outside(self, wrenches: tuple[Wrench, ...]) -> Outside:
+        """Return loads from outside with what is known of them; of those that were asked about last it is kept.
+
+        Raises:
+            ShapeError: One is for rows of a batch.
+        """
+        known: Outside | None = getattr(self._local, "outside", None)
+        if known is None or not same_objects(known.wrenches, wrenches):
+            check_rows(wrenches, None)
+            known = self._local.outside = Outside(self, wrenches)
+        return known
 
     def sag_flags(self, displacement: Array) -> tuple[Flag, ...]:
         """Return a flag where the tip's (6,) displacement [m, rad] is a good part of the reach."""

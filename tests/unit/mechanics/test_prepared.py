@@ -30,7 +30,9 @@ from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import Here, Location
+from armflex.laws.joint.hardening import HardeningLaw
 from armflex.mechanics import query
+from armflex.mechanics.certificate import StabilityBound
 
 METHODS = ("exact", "first_order", "newton", "fixed_point")
 
@@ -268,6 +270,25 @@ def test_a_force_needs_no_tangent_where_the_bound_proves_that_the_arm_stays(axes
     assert found.method == "fixed_point" and found.solved.tangent is None
     newton = arm.deflection(np.zeros(7), "p300", wrenches=force, method="newton")
     np.testing.assert_allclose(found.twists, newton.twists, rtol=0, atol=1e-13)
+
+
+def test_a_network_is_asked_for_its_tangent_at_the_loads_that_it_carries(tmp_path, monkeypatch):
+    """Where its bound proves nothing; at rest, not at the twists."""
+    asked, stays = [], StabilityBound.stays
+    monkeypatch.setattr(StabilityBound, "stays", lambda *a: asked.append(a[1]) or stays(*a))
+    found = networks(tmp_path).deflection(np.array([0.1, 0.2, 0.3]), Payload(2000.0, [0.5, 0.0, 0.0]), allow_large=True)
+    assert asked
+    np.testing.assert_allclose(asked[0], found.wrenches.ravel(), rtol=1e-6)
+
+
+def test_laws_that_harden_are_not_asked_one_by_one(tmp_path, monkeypatch):
+    """Eight of them took `deflection` ten times as long."""
+    arm, q = three_joints(tmp_path, laws_of("hardening")), np.array([0.3, -0.4, 0.5])
+    newton = arm.deflection(q, method="newton")
+    monkeypatch.setattr(HardeningLaw, "twist", None)
+    found = arm.deflection(q)
+    np.testing.assert_allclose(found.displacement, newton.displacement, rtol=0, atol=1e-13)
+    assert found.method == "fixed_point" and "hardening" in KINDS
 
 
 @pytest.mark.filterwarnings("error")
