@@ -12,6 +12,7 @@ from enum import StrEnum
 from functools import cached_property
 
 from armflex.conventions import TWIST_NAMES
+from armflex.errors import UnknownNameError
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.effects.effect import Act, Effect
@@ -186,7 +187,9 @@ def named(labels: Iterable[str], known: Sequence[tuple[ArmParameter, str]]) -> t
             last = found[-1].group if found else None
             some = [one for one in some if one.group == last] or [one for one in some if one not in found]
         if not some:
-            kind = next(kind for kind in Kind if label.startswith(f"{kind} "))
+            kind = next((kind for kind in Kind if label.startswith(f"{kind} ")), None)
+            if kind is None:
+                raise UnknownNameError("parameter", label, called)
             some = [ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))]
         found.append(some[0])
     return tuple(found)

@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import FileError, InputError, Place, naming
 from armflex.estimate.calibrate import FEWEST_ROWS, calibrate, loads_seen
 from armflex.laws.learned import Seen
-from armflex.measured.measurements import Measurements
+from armflex.measured.measurements import Measurements, as_measurements
+from armflex.measured.table import Tabular
 from armflex.parallel import in_order
 from armflex.parameters import Kind
 from armflex.result import Result
@@ -83,9 +85,10 @@ class Bootstrap(Result):
         return np.quantile(self.values, [0.5 - 0.5 * coverage, 0.5 + 0.5 * coverage], axis=0)
 
 
+@checked
 def bootstrap(
     arm: Arm,
-    measurements: Measurements,
+    measurements: Measurements | Tabular,
     draws: int = 200,
     seed: int = 0,
     jobs: int | None = None,
@@ -112,6 +115,7 @@ def bootstrap(
         FileError: The store belongs to another bootstrap or cannot be used.
         ConvergenceError: A fit did not settle; its number is named.
     """
+    measurements = as_measurements(measurements, arm)
     if draws < 2:
         raise InputError(f"{draws} draws: expected 2 or more")
     used = np.flatnonzero(measurements.measured)

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.arm import Arm
-from armflex.conventions import Array, said_of
+from armflex.conventions import Array, row_numbers, said_of
 from armflex.errors import ArmflexError, Flag, InputError, Place, UnsupportedError, listing
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
@@ -33,7 +34,8 @@ from armflex.files.calibration_table import Campaign
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.in_arm import derived_directions, without_direction
 from armflex.laws.learned import Seen
-from armflex.measured.measurements import Measurements
+from armflex.measured.measurements import Measurements, as_measurements
+from armflex.measured.table import Tabular
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.parameters import FRAMES
@@ -176,9 +178,10 @@ def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Pa
     return write_arm(declared, calibration.arm, campaign, path)
 
 
+@checked
 def calibrate(
     arm: Arm,
-    measurements: Measurements,
+    measurements: Measurements | Tabular,
     rows: np.ndarray | None = None,
     progress: Progress | None = None,
     keep: bool = False,
@@ -211,6 +214,7 @@ def calibrate(
         UnsupportedError: The arm has effects that change masses, gravity or the instrument.
         ConvergenceError: The fit did not settle.
     """
+    measurements = as_measurements(measurements, arm)
     used, derived = _usable(arm, measurements, rows)
     if not anyway:
         check_conventions(arm, measurements, used, keep, searched=as_stated)
@@ -319,7 +323,7 @@ def _worse(errors: tuple[float, float] | None, unit: str) -> Iterator[Flag]:
 
 def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tuple[np.ndarray, tuple[Flag, ...]]:
     """Return the rows that an arm can be fitted to, and flags about them; raise where it cannot, see `calibrate`."""
-    asked = np.flatnonzero(measurements.measured) if rows is None else rows
+    asked = np.flatnonzero(measurements.measured) if rows is None else row_numbers(rows, len(measurements))
     untold = without_direction([effect for effect in arm.effects if effect.derived], measurements)[asked]
     used = asked[~untold]
     if len(used) < FEWEST_ROWS:

@@ -9,6 +9,7 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import Array, covariate_array, real_array
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
@@ -24,6 +25,7 @@ from armflex.setup import Setup
 METHODS = ("exact", "first_order")
 
 
+@checked
 def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     """Return arms drawn from what is known of one.
 
@@ -70,6 +72,7 @@ def check_draws(draws: int, seed: int) -> tuple[int, int]:
     return int(draws), int(seed)
 
 
+@checked
 def ensemble(
     arm: Arm,
     q: ArrayLike,

@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from armflex.arguments import checked
 from armflex.arm import Arm, Flexure, warn
 from armflex.conventions import SMALLEST_STD, STANDARD_GRAVITY, TWIST_NAMES
 from armflex.declaration import Declaration, Source, read_toml
@@ -61,6 +62,7 @@ LEVEL = 1e-3
 """Share of gravity by which it may differ from what a mount makes of it: so far are numbers rounded."""
 
 
+@checked
 def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
     """Read an arm.toml and the URDF it names.
 
@@ -90,6 +92,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
     return arm
 
 
+@checked
 def make_arm(
     urdf: str | Path,
     stiffness: Mapping[str, ArrayLike],

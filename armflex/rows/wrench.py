@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from armflex.arguments import checked_init
 from armflex.conventions import Array, finite_array, real_array
 from armflex.errors import InputError, ShapeError
 
@@ -19,6 +20,7 @@ else:
     from functools import cached_property
 
 
+@checked_init
 @dataclass(frozen=True)
 class Wrench:
     """A load from outside, on the structure: the same in all rows, or one for each of N rows of a batch.

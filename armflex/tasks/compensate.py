@@ -14,11 +14,13 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
+from armflex.arguments import checked
 from armflex.arm import Arm
-from armflex.conventions import RESOLUTION, Array, as_pose, number
+from armflex.conventions import RESOLUTION, Array, as_pose, number, real_array
 from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import total_covariance
+from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
@@ -36,7 +38,7 @@ from armflex.tasks.inverse_kinematics import (
     Corrector,
     Point,
 )
-from armflex.trajectory import Trajectory
+from armflex.trajectory import Trajectory, as_trajectory
 
 TOGETHER = 1024
 """Rows that are solved together."""
@@ -124,9 +126,10 @@ class Compensation(Result):
         return most, max((row.sigma_m for row in self.rows if row.sigma_m is not None), default=None)
 
 
+@checked
 def compensate(
     arm: Arm,
-    trajectory: Trajectory,
+    trajectory: Trajectory | Tabular,
     match: str = "position",
     targets: Sequence[object] | None = None,
     weights: Array | None = None,
@@ -156,12 +159,13 @@ def compensate(
         UnreachableError: Some row cannot be reached; its `report` is the `Compensation`.
         InputError: Bad targets, weights or positions, or a covariate that no effect depends on.
     """
+    trajectory = as_trajectory(trajectory, arm)
     if match not in ("position", "pose"):
         raise InputError(f"match is {match!r}, expected 'position' or 'pose'")
     if between is not None and not between > 0.0:
         raise InputError(f"between must be positive, got {between} m")
     trajectory = trajectory.with_constants(arm, covariates or {})
-    costs = np.ones(len(arm.joint_names)) if weights is None else np.asarray(weights, dtype=float)
+    costs = np.ones(len(arm.joint_names)) if weights is None else real_array(weights, "weights")
     if costs.shape != (len(arm.joint_names),) or not (costs > 0.0).all() or not np.isfinite(costs).all():
         raise InputError(f"weights: expected {len(arm.joint_names)} positive numbers")
     scale = np.sqrt(costs.min() / costs)

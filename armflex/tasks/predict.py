@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
@@ -24,8 +25,8 @@ from armflex.laws.effects.in_arm import (
     remembers,
 )
 from armflex.measured.forces import UNLOADED, Unnamed
-from armflex.measured.measurements import Measurements, read_measurements, stream_inputs
-from armflex.measured.table import writing_table
+from armflex.measured.measurements import Measurements, as_measurements, read_measurements, stream_inputs
+from armflex.measured.table import Tabular, writing_table
 from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
 from armflex.readings import Kind, Orientation, Position, Postures, Readings
@@ -78,8 +79,12 @@ class Prediction(Result):
         return columns | dict(zip(TWIST_NAMES, self.displacement.T, strict=True))
 
 
+@checked
 def predict(
-    arm: Arm, rows: Measurements, progress: Progress | None = None, covariates: Mapping[str, float] | None = None
+    arm: Arm,
+    rows: Measurements | Tabular,
+    progress: Progress | None = None,
+    covariates: Mapping[str, float] | None = None,
 ) -> Prediction:
     """Return the tip's pose and displacement for every row.
 
@@ -96,6 +101,7 @@ def predict(
             joint is taken as halfway, and `sigma` holds that it came from either side.
         ArmflexError: A row cannot be computed; its file and line are named.
     """
+    rows = as_measurements(rows, arm, inputs_only=True)
     met = _Flags(arm)
     pieces, found = [rows], []
     if not remembers(arm):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from armflex.conventions import Array
 from armflex.parameters import ArmParameter, Kind
 from armflex.readings import Position
 from armflex.readings.chance import outlier_limit
+from armflex.result import Result
 from armflex.track.estimate import Estimate, Seen, recentred
 from armflex.track.reading import Reading
 from armflex.track.state_space import Changeable
@@ -54,7 +56,7 @@ PROMISING = 8
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Change:
+class Change(Result):
     """A law that changed.
 
     Attributes:
@@ -76,6 +78,14 @@ class Change:
     size: Array
     std: Array
     others: tuple[tuple[str, float], ...] = ()
+
+    TOLD = ("name", "probability", "reading", "since", "labels", "size", "std", "others")
+    ROWS = "table"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """What changed, by column."""
+        return {"label": self.labels, "size": self.size, "std": self.std}
 
     @property
     def name(self) -> str:

@@ -19,7 +19,7 @@ from support.bench import made, some_law, trained
 from support.small_arms import ROBOTS
 from support.tracking import in_base
 
-from armflex import Reading, Tracker, load_arm, load_law, map_workspace, read_map, save_law, write_map
+from armflex import Reading, Tracker, load_arm, load_law, map_workspace, save_law
 from armflex.arm import Arm
 from armflex.errors import FileError, ModelFileError
 from armflex.estimate.bootstrap import FORM
@@ -28,6 +28,7 @@ from armflex.laws.law import Row
 from armflex.laws.law_file import TrainedLaw
 from armflex.storage.array_file import read_arrays, write_arrays
 from armflex.storage.kept import open_kept
+from armflex.tasks.workspace import read_map, write_map
 
 TARM = ROBOTS / "tarm_like" / "arm.toml"
 NOWHERE = Row(np.zeros(1), {"A1": 0})

@@ -25,8 +25,9 @@ import numpy as np
 from support.heavy_campaign import PAYLOADS
 from support.instruments import LEVEL, WIRE, Machine, heavy, measured
 
-from armflex import Arm, Calibration, calibrate, load_arm, read_measurements
+from armflex import Arm, calibrate, load_arm, read_measurements
 from armflex.conventions import TWIST_NAMES
+from armflex.estimate import Calibration
 from armflex.readings.instrument import fit_frame
 
 ROWS, WIRE_NOISE, TOLD, INSIDE = 60, 5e-5, 0.5, 1.96

@@ -12,7 +12,7 @@ from support.arms import bundled, corrected, crooked, networks, positions
 from support.every_law import KINDS, KNOWN, effects, laws_of
 from support.small_arms import random_compliance, three_joints
 
-from armflex import Arm, DeflectionBatch, Payload, Wrench, draw_arms, ensemble
+from armflex import Arm, Payload, Wrench, ensemble
 from armflex.errors import (
     ExtrapolationError,
     JointLimitError,
@@ -22,8 +22,10 @@ from armflex.errors import (
     SmallDisplacementError,
     UnknownNameError,
 )
+from armflex.estimate.draw import draw_arms
 from armflex.laws import LinearLaw
 from armflex.mechanics import deflection as batch_module
+from armflex.mechanics.deflection import DeflectionBatch
 
 NEAR = 1e-12
 """m and rad; of loads relative to the largest."""

@@ -14,8 +14,9 @@ import pytest
 from scipy.optimize import lsq_linear, minimize
 from support.small_arms import ROBOTS, arm_of, central_difference, joint, link
 
-from armflex import Arm, Compensation, InputError, Trajectory, compensate, load_arm
+from armflex import Arm, InputError, Trajectory, compensate, load_arm
 from armflex.errors import JointLimitError, PoseError, ShapeError, SmallDisplacementError, UnreachableError
+from armflex.tasks.compensate import Compensation
 from armflex.tasks.inverse_kinematics import Corrector, Point
 
 

@@ -14,20 +14,11 @@ from hypothesis import strategies as st
 from support.campaigns import draw
 from support.effect_arms import BACKLASH, TEXT, arm_and, arm_with, context, locations, plain, quietly
 
-from armflex import (
-    Arm,
-    Calibration,
-    Measurements,
-    Payload,
-    calibrate,
-    draw_arms,
-    predict,
-    read_measurements,
-    total_covariance,
-    trace,
-)
+from armflex import Arm, Measurements, Payload, calibrate, predict, read_measurements, total_covariance, trace
 from armflex.errors import ArmFileError, ExtrapolationError, MissingCovariateError, UnsupportedError
+from armflex.estimate import Calibration
 from armflex.estimate.calibrate import write_calibrated
+from armflex.estimate.draw import draw_arms
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.posterior import certainty_of
 from armflex.files.effect_file import effect_table

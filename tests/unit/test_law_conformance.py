@@ -13,10 +13,11 @@ import pytest
 from support.bench import some_law
 from support.small_arms import central_difference, three_joints
 
-from armflex import Arm, Measurements, Reading, Tracker, calibrate, draw_arms, load_arm, plan
+from armflex import Arm, Measurements, Reading, Tracker, calibrate, load_arm, plan
 from armflex.conventions import Array
 from armflex.errors import ArmFileError
 from armflex.estimate.calibrate import write_calibrated
+from armflex.estimate.draw import draw_arms
 from armflex.laws import LAWS, AtNode, Law, LinearLaw, Row
 from armflex.laws.joint.carried import ScaledLaw, scaled
 from armflex.laws.joint.linear import LinearFit

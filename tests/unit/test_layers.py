@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parents[2] / "armflex"
 TESTS = Path(__file__).parents[1]
 
 ROOMS = (
-    *("errors", "conventions", "version", "linear_gaussian", "result"),
+    *("errors", "arguments", "conventions", "version", "linear_gaussian", "result"),
     *("parallel", "storage", "sampling"),
     *("bundled", "declaration", "plotting"),
     *("robot", "prior", "rows", "readings"),

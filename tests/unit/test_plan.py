@@ -17,17 +17,7 @@ from studies.planned import SIGMA, Machine, declared, rival_study, written
 from support.command_line import Run, few_rows, fine, strict_json
 from support.small_arms import ROBOTS, random_compliance, three_joints
 
-from armflex import (
-    Arm,
-    InputError,
-    Measurements,
-    draw_plan,
-    load_arm,
-    plan,
-    predict,
-    read_measurements,
-    write_plan,
-)
+from armflex import Arm, InputError, Measurements, load_arm, plan, predict, read_measurements, write_plan
 from armflex.errors import UnknownNameError, UnsupportedError
 from armflex.estimate import calibrate
 from armflex.files.effect_file import locations_on
@@ -38,6 +28,7 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.drive import driving_order, motion
 from armflex.plan.hypotheses import named_effect, spelled
+from armflex.plan.picture import draw_plan
 from armflex.plan.planned_rows import Plan
 from armflex.prior import Measurement, Prior
 from armflex.rows import Rows

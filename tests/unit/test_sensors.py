@@ -20,9 +20,10 @@ from support.instruments import (
     measured,
 )
 
-from armflex import Calibration, Reading, Tracker, calibrate, load_arm, plan, predict, read_measurements
+from armflex import Reading, Tracker, calibrate, load_arm, plan, predict, read_measurements
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import ArmFileError, ConventionError, InputError, TableError, UnknownNameError
+from armflex.estimate import Calibration
 from armflex.estimate.calibrate import write_calibrated
 from armflex.plan.drive import write_plan
 from armflex.plan.instruments import declaration

@@ -13,10 +13,11 @@ from support.campaigns import Truth, draw
 from support.command_line import Run, fine, strict_json
 from support.effect_arms import quietly
 
-from armflex import predict, read_measurements, read_points, trace
+from armflex import predict, read_measurements, trace
 from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
+from armflex.measured.points import read_points
 from armflex.trace.findings import Unexplained
 
 pytestmark = pytest.mark.slow

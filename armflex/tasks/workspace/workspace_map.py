@@ -8,10 +8,12 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.configurations import MOST_ROWS, Configurations, default_voxel, drawn_range, furthest
 from armflex.conventions import Array, number
@@ -21,6 +23,7 @@ from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.laws.effects.in_arm import settled
 from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import in_order
+from armflex.result import Result
 from armflex.rows.wrench import Wrench
 from armflex.storage.digest import digest
 from armflex.storage.kept import open_kept
@@ -52,7 +55,7 @@ VERDICTS = ("ok", "uncertain", "fail")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class WorkspaceMap:
+class WorkspaceMap(Result):
     """The displacement of the tip by where the rigid arm has it: V voxels of a grid along the base's axes.
 
     An answer is that of one configuration under one payload by the arm as it is; those of arms that were drawn from
@@ -100,6 +103,20 @@ class WorkspaceMap:
     draws: int
     flags: tuple[Flag, ...]
 
+    TOLD = ("voxel", "rows", "seed", "draws", "payloads", "reasons", "base", "tip", "table", "flags")
+    ROWS = "table"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Every voxel by column, SI: centre, configurations, displacements, payload and joints of the worst."""
+        columns: dict[str, Any] = {axis: self.centres[:, i] for i, axis in enumerate("xyz")}
+        columns |= {"configurations": self.configurations, "answered": self.answered}
+        columns |= {f"refused_{name}": self.refused[:, i] for i, name in enumerate(self.reasons)}
+        sizes = {name: getattr(self, name) for name in ("mean", "worst", "sigma", "worst_of_draws")}
+        columns |= {name: np.full(len(self), np.nan) if given is None else given for name, given in sizes.items()}
+        columns["payload"] = [self.payloads[i] for i in self.worst_payload]
+        return columns | {f"q_{joint}": self.worst_q[:, i] for i, joint in enumerate(self.joints)}
+
     def __repr__(self) -> str:
         """One line: how much was asked, and the largest displacement."""
         most = f"up to {number(self.worst[self.worst_voxel] * 1e3)} mm" if self.answered.any() else "nowhere"
@@ -142,6 +159,7 @@ class WorkspaceMap:
         return np.where(uncertain, "uncertain", np.where(margin >= 0.0, "ok", "fail"))
 
 
+@checked
 def map_workspace(
     arm: Arm,
     payloads: str | Sequence[str] = "none",
