@@ -15,7 +15,7 @@ import pinocchio
 
 from armflex.arguments import checked
 from armflex.arm import Arm
-from armflex.configurations import MOST_ROWS, Configurations, default_voxel, drawn_range, furthest
+from armflex.configurations import MOST_ROWS, Configurations, drawn_range, furthest
 from armflex.conventions import Array, number
 from armflex.errors import NO_ANSWER, Flag, InputError, UnknownNameError
 from armflex.estimate.draw import draw_arms
@@ -283,8 +283,13 @@ def _payload_names(arm: Arm, payloads: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def _edge(voxel: float | None, reach: float, rows: int) -> float:
-    """Return the edge of a voxel [m] for a tip that is never beyond `reach` [m] of the base."""
-    edge = default_voxel(reach) if voxel is None else float(voxel)
+    """Return the edge of a voxel [m] for a tip that is never beyond `reach` [m] of the base.
+
+    Where none is asked for it is 1, 2 or 5 times a power of ten that divides the reach into 25 to 63.
+    """
+    wanted = reach / 25.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    edge = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted) if voxel is None else float(voxel)
     if not 0.0 < edge < np.inf:
         raise InputError(f"voxel must be positive, got {voxel} m")
     along = 2.0 * np.ceil(reach / edge)
