@@ -16,7 +16,6 @@ from scipy.linalg import block_diag
 from armflex.conventions import Array, said_of
 from armflex.errors import ArmflexError
 from armflex.estimate.blocks import sensor_block
-from armflex.estimate.posterior import context_of
 from armflex.estimate.view import View, look
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect
@@ -80,7 +79,7 @@ def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str
         view = look(setup, offer, readings=Readings(OFFERED, tuple(kinds)))
     except ArmflexError:  # a mixture of positions that the arm does not hold: no proposal is better than a wrong one
         return ()
-    context, told = context_of(view, offer), []
+    context, told = view.context, []
     for index, others in enumerate(hypotheses):
         own = state.fitted[index]
         for hypothesis in others[:HYPOTHESES]:
