@@ -1,10 +1,13 @@
-"""An arm: a robot, the laws of its flexures, and the payloads it knows; the question is `arm.deflection(q)`."""
+"""An arm: a robot, the laws of its flexures, and the payloads it knows; the question is `arm.deflection(q)`.
+
+A `Setup` is an arm and the instrument that looks at it.
+"""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
@@ -26,7 +29,7 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.laws.declared import Flexure as Flexure
-from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.effect import Effect, Model
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
 from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch
 from armflex.mechanics.laws import LawStack
@@ -38,7 +41,7 @@ from armflex.parameters import (
     MOUNTED,
     TARGET,
     ArmParameter,
-    Kind,
+    ParameterKind,
     named,
     numbers_of,
     of_compliance,
@@ -48,7 +51,6 @@ from armflex.parameters import (
     of_offsets,
     of_sensor,
 )
-from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
@@ -87,6 +89,35 @@ TURN = 2.0 * np.pi
 
 SLACK = 1e-9
 """How far beyond a limit [rad or m] a joint may stand: rounding is no fault."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """The instrument: `frame` is "base" or "unknown", `gravity_in` is "base" or "measurement"."""
+
+    frame: str = "unknown"
+    gravity_in: str = "base"
+
+
+@dataclass(frozen=True)
+class Prior:
+    """One standard deviation of what calibration may move; 0 keeps it fixed.
+
+    Attributes:
+        joint_offset: Every joint [rad or m].
+        compliance: Every declared linear compliance, relative.
+        tool: The target's place in the tip frame [m].
+        geometry: Every fixed transform of the chain [m and rad].
+        session_translation: Instrument frame between sessions [m].
+        session_rotation: Instrument frame between sessions [rad].
+    """
+
+    joint_offset: float = 0.0
+    compliance: float = 0.0
+    tool: float = 0.0
+    geometry: float = 0.0
+    session_translation: float = 0.0
+    session_rotation: float = 0.0
 
 
 @checked_init
@@ -200,8 +231,8 @@ class Arm:
         In files from before effects of one name were numbered, those of the second go by the name of the first.
         """
         sessions = self.instrument.sessions if self.instrument else ()
-        known = [*FRAME, *of_motions(Kind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
-        known += of_motions(Kind.GEOMETRY, self.joint_names)
+        known = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
+        known += of_motions(ParameterKind.GEOMETRY, self.joint_names)
         known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:
             known += of_compliance(flexure.name)
@@ -429,6 +460,33 @@ class Arm:
     @cached_property
     def _carried(self) -> dict[tuple | str | None, LoadedArm]:
         return {}
+
+
+@dataclass(frozen=True)
+class Setup:
+    """An arm and the instrument that looks at it: everything a fit may move."""
+
+    arm: Arm
+    instrument: Instrument
+
+    def placed(self, pose: pin.SE3) -> Setup:
+        """Return the setup with its instrument at another T_instrument_base [m].
+
+        `Robot.gravity` is in base axes. Where gravity is known in the frame of a level instrument it follows that: it
+        is turned by what the pose turns, whatever place it was turned to before.
+        """
+        arm, robot = self.arm, self.arm.robot
+        if arm.measurement.gravity_in == "measurement":
+            level = self.instrument.pose.rotation @ robot.gravity
+            arm = replace(arm, robot=replace(robot, gravity=pose.rotation.T @ level))
+        return Setup(arm, replace(self.instrument, pose=pose))
+
+    def with_effect(self, effect: Effect) -> Setup:
+        """Return the setup with one more effect in it, and with what the effect changes of the model."""
+        arm = self.arm
+        model = effect.law.change(effect, Model(arm.robot, arm.corrections, arm.payloads, self.instrument))
+        parts = {name: getattr(model, name) for name in ("robot", "corrections", "payloads")}
+        return Setup(replace(arm, effects=(*arm.effects, effect), **parts), model.instrument)
 
 
 def other_unit(joint: Joint, value: float) -> str:

@@ -33,6 +33,7 @@ from armflex.laws.law import Law
 from armflex.laws.law_file import TrainedLaw
 from armflex.measured.joint_data import JointData, as_joint_data
 from armflex.measured.table import Tabular
+from armflex.parallel import Progress
 from armflex.result import Result
 from armflex.sampling.diagnostics import Diagnostics, shortcomings
 from armflex.version import __version__
@@ -52,7 +53,6 @@ CHAIN_FOLDS = 5
 """Of a model that chains are run for: each fit takes seconds to a minute."""
 
 CHOICE = "the choice anew in every fold"
-Progress = Callable[[int, int], None]
 
 AGAINST = -0.5
 """Correlation of a deflection with its own load from which a sign is believed to be turned."""

@@ -21,11 +21,11 @@ from itertools import combinations
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array, in_mm
 from armflex.errors import ArmflexError, ConventionError
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.enough import placed_rigidly
+from armflex.estimate.placement import placed_rigidly
 from armflex.estimate.view import look
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere
@@ -35,7 +35,6 @@ from armflex.measured.repeats import repeats
 from armflex.mechanics.history import known_rows
 from armflex.parameters import FRAMES
 from armflex.readings.instrument import Instrument
-from armflex.setup import Setup
 
 COARSE, FINE = 1e-3, 3e-5
 """Parts of the reach that an arm may be off by, beyond its priors, before conventions are thought of: of kinematics,

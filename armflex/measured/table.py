@@ -16,7 +16,7 @@ import numpy as np
 
 from armflex.conventions import LARGEST, NUMBER, UNITS, Array, unprintable
 from armflex.errors import Frame, Place, TableError, UnknownNameError, did_you_mean, listing, shown
-from armflex.measured.parquet import is_parquet, parquet_rows
+from armflex.measured.parquet import SUFFIXES, parquet_rows
 from armflex.storage.whole_file import writing
 
 if TYPE_CHECKING:
@@ -192,7 +192,7 @@ def _tables(
 
 def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
     """Yield the line and the cells of every row that is not blank, header first."""
-    if is_parquet(path):
+    if path.suffix.lower() in SUFFIXES:
         yield from parquet_rows(path, most)
         return
     reader = csv.reader(text_lines(path), strict=True)

@@ -25,6 +25,7 @@ from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
 from armflex.mechanics.many_rows import (
     AT_ONCE,
+    COMPILED,
     NO_CHANGES,
     Pushes,
     RowSolver,
@@ -47,9 +48,6 @@ PIECE = 16384
 
 CHUNK = 512
 """Rows whose covariances are found together."""
-
-COMPILED = ("exact", "first_order")
-"""Methods that the kernel has."""
 
 
 class Asked(NamedTuple):

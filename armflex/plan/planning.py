@@ -19,7 +19,7 @@ from armflex.laws.effects.context import MASS, TEMPERATURE
 from armflex.laws.effects.effect import Effect
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
-from armflex.parameters import Kind
+from armflex.parameters import ParameterKind
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.drive import driven
@@ -312,7 +312,7 @@ def _goal(
     ordered = along.for_arm(before.setup.arm)
     known = {name: values[some] for name, values in ordered.known.items()}
     rows = rows_at(before.setup.arm, ordered.q[some], tuple(along.payload[i] for i in some), known)
-    view = look(before.setup, rows, np.arange(len(some)), readings=unread(len(some), Position))
+    view = look(before.setup, rows, readings=unread(len(some), Position))
     seen = answers(model.blocks, view, context_of(view, rows)) * model.scale
     return IOptimal(np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some))
 
@@ -369,7 +369,7 @@ def _uncertainties(model: Model, tip: Array, every: Array, rows: Array, seed: in
 
     How the next session moves the instrument is no part of it: that is not of the arm.
     """
-    shown = tip * np.array([one.group.kind is not Kind.SESSION for one in model.parameters])
+    shown = tip * np.array([one.group.kind is not ParameterKind.SESSION for one in model.parameters])
     states = {
         "known now": model.known,
         f"after {len(rows)} readings at random": model.known.with_rows(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.mechanics.equilibrium import MAX_ROTATION
 from armflex.mechanics.many_rows import displaced_from, rigid_tips
-from armflex.parallel import in_threads
+from armflex.parallel import Progress, in_threads
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Points, Trajectory, as_trajectory
@@ -43,8 +43,6 @@ CLOSEST = 1e-6
 
 ENDLESS = 1e9
 """Tolerances that an infinite uncertainty is taken for."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arguments import checked
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
@@ -33,7 +33,6 @@ from armflex.readings import Kind, Orientation, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
-from armflex.setup import Setup
 
 TOGETHER = 2048
 """Rows that are predicted together, and of a file are in memory at a time: each takes some ten kilobytes."""

@@ -27,7 +27,7 @@ from armflex.files.certainty_table import LAYOUT as COVARIANCE
 from armflex.laws.law import Row
 from armflex.laws.law_file import TrainedLaw
 from armflex.storage.array_file import read_arrays, write_arrays
-from armflex.storage.kept import open_kept
+from armflex.storage.store import open_store
 from armflex.tasks.workspace import read_map, write_map
 
 TARM = ROBOTS / "tarm_like" / "arm.toml"
@@ -132,7 +132,7 @@ def test_manifests(chunk: tuple[Path, bytes]) -> None:
 
 
 def test_fits_of_a_bootstrap(tmp_path: Path) -> None:
-    kept = open_kept(tmp_path / "store", {"format": "x"}, FORM)
+    kept = open_store(tmp_path / "store", {"format": "x"}, FORM)
     kept.write("fit-0000000", (("a", "b"), np.array([1.0, -2.0])))
     path = kept.path("fit-0000000")
     whole = path.read_bytes()

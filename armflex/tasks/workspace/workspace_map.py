@@ -22,16 +22,14 @@ from armflex.estimate.draw import draw_arms
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.laws.effects.in_arm import settled
 from armflex.mechanics.equilibrium import METHODS
-from armflex.parallel import in_order
+from armflex.parallel import Progress, in_order
 from armflex.result import Result
 from armflex.rows.wrench import Wrench
 from armflex.storage.digest import digest
-from armflex.storage.kept import open_kept
+from armflex.storage.store import open_store
 from armflex.tasks.check import COVERAGE
 from armflex.tasks.workspace.cells import SIDE, Answer, Question, Tally, answers, cell_indices, form_of, joined, sigmas
 from armflex.version import __version__
-
-Progress = Callable[[int, int], None]
 
 CHUNK = 8192
 """Configurations that are asked, counted and kept together."""
@@ -227,7 +225,7 @@ def map_workspace(
     if store is None:
         found = in_order(tasks([True] * len(drawn.sizes)), jobs)
     else:  # every chunk's answer in order: read where it is kept, else found, and kept
-        kept = open_kept(Path(store), _manifest(question, drawn), form_of(len(lower), len(names)))
+        kept = open_store(Path(store), _manifest(question, drawn), form_of(len(lower), len(names)))
         found = kept.resumed([f"chunk-{i:07d}-{size}" for i, size in enumerate(drawn.sizes)], tasks, jobs)
     with closing(found) as chunks:
         tally, met = _gathered(drawn, chunks, progress)

@@ -28,7 +28,7 @@ Piece = TypeVar("Piece")
 
 
 @dataclass(frozen=True)
-class Form(Generic[Piece]):
+class PieceForm(Generic[Piece]):
     """How a piece of work becomes a file.
 
     Attributes:
@@ -44,11 +44,11 @@ class Form(Generic[Piece]):
 
 
 @dataclass(frozen=True)
-class Kept(Generic[Piece]):
+class Store(Generic[Piece]):
     """A folder of pieces that belong to one work; each file is there whole or not at all, and says which it is."""
 
     folder: Path
-    form: Form[Piece]
+    form: PieceForm[Piece]
     work: str
 
     def path(self, name: str) -> Path:
@@ -101,7 +101,7 @@ class Kept(Generic[Piece]):
         return replace(self.form.layout, about=about, anew="delete it, and it is computed again")
 
 
-def open_kept(folder: Path, manifest: Mapping[str, object], form: Form[Piece]) -> Kept[Piece]:
+def open_store(folder: Path, manifest: Mapping[str, object], form: PieceForm[Piece]) -> Store[Piece]:
     """Return the pieces kept in a folder, which is made where there is none.
 
     Args:
@@ -127,7 +127,7 @@ def open_kept(folder: Path, manifest: Mapping[str, object], form: Form[Piece]) -
         raise FileError(Place(folder), f"is not empty and holds no {MANIFEST}: expected a new folder")
     else:
         write_whole(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
-    return Kept(folder, form, digest(json.loads(json.dumps(manifest))))
+    return Store(folder, form, digest(json.loads(json.dumps(manifest))))
 
 
 def _compare(path: Path, manifest: Mapping[str, object]) -> None:

@@ -15,6 +15,7 @@ import pytest
 from support.stage import ROWS, Stage, readings, some_effects
 
 from armflex import Arm, Trajectory
+from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
@@ -29,7 +30,6 @@ from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
-from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, grid
 
 SECOND_ORDER = {"hysteresis": 0.02, "gravity_tilt": 0.02}

@@ -12,7 +12,7 @@ from support.measurement_rows import campaign, written
 
 from armflex import Arm, Measurements, calibrate, read_measurements
 from armflex.errors import AxesError, IdentifiabilityError, Place, UnitError
-from armflex.estimate.enough import check_enough
+from armflex.estimate.placement import check_enough
 from armflex.measured.axes import check_axes
 from armflex.measured.repeats import repeats
 

@@ -40,9 +40,7 @@ from armflex.version import __version__
 
 pytestmark = pytest.mark.slow
 
-search, grow, afterwards = (
-    importlib.import_module(f"armflex.trace.{name}") for name in ("rounds", "grow", "afterwards")
-)
+search, grow, findings = (importlib.import_module(f"armflex.trace.{name}") for name in ("rounds", "grow", "findings"))
 """The modules: `armflex.trace` is the function where armflex is imported."""
 
 
@@ -338,7 +336,7 @@ main()
 @pytest.mark.skipif(os.name != "posix", reason="sends signals")
 def test_whatever_ends_it_what_was_accepted_is_there_and_goes_on(field: Truth, tmp_path: Path, monkeypatch) -> None:
     """Killed, then Ctrl-C, then an error in the final account, then one in the page's making; then it ends."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
     kept, codes = tmp_path / "t.checkpoint.json", []
     for name in ("SIGKILL", "SIGINT", "SIGTERM"):
         more = ["--resume"] if codes else []
@@ -357,7 +355,7 @@ def test_whatever_ends_it_what_was_accepted_is_there_and_goes_on(field: Truth, t
         raise ConvergenceError("calibration did not settle", [1.0])
 
     with monkeypatch.context() as patch:
-        patch.setattr(afterwards, "pruned", unsettled)
+        patch.setattr(findings, "pruned", unsettled)
         failed = run(field, tmp_path, "--resume")
     assert isinstance(failed.exception, ConvergenceError) and f"kept in {kept}" in failed.stderr
     assert quietly(tmp_path / "t.toml").effects == arm.effects

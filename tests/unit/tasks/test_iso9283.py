@@ -20,7 +20,7 @@ from armflex.cli.main import armflex as program
 from armflex.show.report import render_iso9283
 from armflex.tasks.iso9283 import instrument_repeatability, pose_accuracy, pose_repeatability
 
-ROBOTS = Path(__file__).parents[2] / "robots"
+ROBOTS = Path(__file__).parents[3] / "robots"
 EXACT = {"rel": 1e-12, "abs": 1e-12}
 
 

@@ -17,7 +17,7 @@ from support.small_arms import ROBOTS, arm_of, central_difference, joint, link
 from armflex import Arm, InputError, Trajectory, compensate, load_arm
 from armflex.errors import JointLimitError, PoseError, ShapeError, SmallDisplacementError, UnreachableError
 from armflex.tasks.compensate import Compensation
-from armflex.tasks.inverse_kinematics import Corrector, Point
+from armflex.tasks.inverse_kinematics import Corrector, Trial
 
 
 def remaining(arm: Arm, commanded: Trajectory, moved: Trajectory) -> np.ndarray:
@@ -208,7 +208,7 @@ def test_hard_positions_against_another_solver(tarm: Arm, study: list[Trajectory
     assert not sizes or row.change @ row.change <= (1.0 + 1e-6) * min(sizes)
 
 
-def linear(jacobian: np.ndarray, wanted: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[Point, bool, int]:
+def linear(jacobian: np.ndarray, wanted: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[Trial, bool, int]:
     """Return what the solver makes of an arm whose tip moves in proportion to its joints."""
 
     def ask(change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,7 @@ from armflex.parallel import in_threads
 
 calibrating = importlib.import_module("armflex.estimate.calibrate")  # its function goes by the same name
 
-BOOM = Path(__file__).parents[2] / "robots" / "tarm_like"
+BOOM = Path(__file__).parents[3] / "robots" / "tarm_like"
 
 
 @pytest.fixture(scope="module")

@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import IdentifiabilityError
 from armflex.measured.axes import check_axes
 from armflex.measured.measurements import Measurements
 from armflex.readings.instrument import Instrument, fit_frame, rigid_fit
 from armflex.readings.kind import rigid_motion
-from armflex.setup import Setup
 
 COARSEST = 0.05
 """Standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""

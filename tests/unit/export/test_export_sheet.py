@@ -25,7 +25,7 @@ from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.laws.joint.linear import LinearLaw
-from armflex.parameters import Kind, of_compliance, of_effect, of_motions, of_offsets
+from armflex.parameters import ParameterKind, of_compliance, of_effect, of_motions, of_offsets
 from armflex.robot import Corrections, load_robot
 
 FORMS = ("dh_standard", "dh_modified")
@@ -124,7 +124,7 @@ def test_zeros_that_were_traced_are_joint_offsets(tmp_path: Path) -> None:
 def test_uncertainties_are_those_of_the_posterior() -> None:
     """In closed form: an offset's own, a length along a frame's shift, a stiffness by its factor's logarithm."""
     arm = bundled("heavy_six")
-    parameters = (*of_offsets(arm.robot), *of_motions(Kind.GEOMETRY, arm.joint_names), *of_compliance("J3"))
+    parameters = (*of_offsets(arm.robot), *of_motions(ParameterKind.GEOMETRY, arm.joint_names), *of_compliance("J3"))
     root = np.random.default_rng(4).normal(size=(48, 48)) * 1e-4
     covariance = root @ root.T
     sheet = Sheet(export(replace(arm, certainty=Certainty(parameters, covariance))).text)

@@ -15,7 +15,7 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import first_guess
 from armflex.laws.effects import CATALOGUE, Effect, Location
-from armflex.parameters import ArmParameter, Group, Kind, of_effect
+from armflex.parameters import ArmParameter, Group, ParameterKind, of_effect
 from armflex.readings.instrument import Instrument
 
 TARM = ROBOTS / "tarm_like"
@@ -32,7 +32,12 @@ def test_what_a_fit_frees_is_found_again_by_its_label(tarm: Arm) -> None:
     free = parameters_of(declared_blocks(first_guess(arm, rows, np.flatnonzero(rows.measured)), rows))
     seen = replace(arm, instrument=Instrument(sessions=dict.fromkeys(rows.session, np.zeros(6))))
     assert seen.named([one.label for one in free]) == free
-    assert {one.group.kind for one in free} >= {Kind.INSTRUMENT, Kind.OFFSET, Kind.GEOMETRY, Kind.COMPLIANCE}
+    assert {one.group.kind for one in free} >= {
+        ParameterKind.INSTRUMENT,
+        ParameterKind.OFFSET,
+        ParameterKind.GEOMETRY,
+        ParameterKind.COMPLIANCE,
+    }
 
 
 def test_names_with_blanks_are_not_taken_apart(tarm: Arm) -> None:
@@ -45,7 +50,7 @@ def test_names_with_blanks_are_not_taken_apart(tarm: Arm) -> None:
 
 def test_a_parameter_that_the_arm_has_no_more_stays_what_it_is_called(tarm: Arm) -> None:
     (one,) = tarm.named(("compliance J9 rx",))
-    assert one.label == "compliance J9 rx" and one.group.kind is Kind.COMPLIANCE
+    assert one.label == "compliance J9 rx" and one.group.kind is ParameterKind.COMPLIANCE
     arm = replace(tarm, certainty=Certainty((one,), np.eye(1)), instrument=Instrument())
     flags = predict(arm, read_measurements(TARM / "held_out.csv", arm)).flags
     assert "no_certainty" in [flag.code for flag in flags]
@@ -54,7 +59,7 @@ def test_a_parameter_that_the_arm_has_no_more_stays_what_it_is_called(tarm: Arm)
 def test_two_that_a_file_could_not_tell_apart_are_refused() -> None:
     names = (("A2", "1@n 2@m:dx"), ("A2 1@n", "2@m:dx"))
     with pytest.raises(InputError, match="two parameters are both named 'law A2 1@n 2@m:dx'"):
-        Certainty(tuple(ArmParameter(Group(Kind.LAW, flexure), name) for flexure, name in names), np.eye(2))
+        Certainty(tuple(ArmParameter(Group(ParameterKind.LAW, flexure), name) for flexure, name in names), np.eye(2))
 
 
 def test_effects_of_one_name_written_before_they_were_numbered(tarm: Arm) -> None:

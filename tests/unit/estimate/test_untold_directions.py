@@ -9,12 +9,12 @@ import pinocchio as pin
 import pytest
 from support.effect_arms import plain
 
+from armflex.arm import Setup
 from armflex.estimate.view import untold_shifts
 from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
-from armflex.setup import Setup
 
 GAP = 2e-3
 Q = np.array([[0.3, -0.4, 0.5, 0.2, 0.6, -0.1]])

@@ -26,7 +26,7 @@ from armflex.errors import ArmFileError, ConvergenceError, InputError
 from armflex.estimate import Calibration
 from armflex.estimate.calibrate import first_guess, loads_seen, write_calibrated
 from armflex.estimate.law_block import law_block, with_laws
-from armflex.estimate.learned import learned_axes
+from armflex.estimate.learn import learned_axes
 from armflex.estimate.sample import sample_laws
 from armflex.estimate.view import look
 from armflex.laws import AtNode, LinearLaw, Row, StructuralLaw, SubJoint
@@ -34,7 +34,7 @@ from armflex.laws.declared import Flexure
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.law import beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
-from armflex.parameters import ArmParameter, Group, Kind
+from armflex.parameters import ArmParameter, Group, ParameterKind
 
 
 def ending(law: LearnedLaw, **changed: object) -> LearnedLaw:
@@ -320,7 +320,7 @@ def test_laws_of_names_that_begin_alike_are_read_with_their_own_covariance(six, 
 def test_parameters_named_alike_are_refused():
     with pytest.raises(InputError, match="law A2 1@n 2@m:dx"):
         names = (("A2", "1@n 2@m:dx"), ("A2 1@n", "2@m:dx"))
-        Certainty(tuple(ArmParameter(Group(Kind.LAW, flexure), name) for flexure, name in names), np.eye(2))
+        Certainty(tuple(ArmParameter(Group(ParameterKind.LAW, flexure), name) for flexure, name in names), np.eye(2))
 
 
 @pytest.mark.slow

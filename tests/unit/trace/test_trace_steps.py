@@ -24,7 +24,7 @@ from armflex.laws.effects.in_arm import derived_directions
 from armflex.laws.effects.location import resolve
 from armflex.laws.effects.shapes import told_from_aliases
 from armflex.laws.joint.linear import SOFTEST
-from armflex.parameters import Kind, of_motions
+from armflex.parameters import ParameterKind, of_motions
 from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
 from armflex.trace.findings import write_traced
@@ -421,7 +421,7 @@ def test_a_factor_moves_in_a_straight_line_and_never_below_nothing(before):
 
 
 def test_a_session_whose_name_begins_with_another_has_its_own_frame():
-    fit = SimpleNamespace(parameters=of_motions(Kind.SESSION, ("a", "a b")))
+    fit = SimpleNamespace(parameters=of_motions(ParameterKind.SESSION, ("a", "a b")))
     folds, frames = session_folds(fit, ["a b", "a", "a b"])
     assert folds.tolist() == [0, 1, 0]
     assert [frame.tolist() for frame in frames] == [list(range(6, 12)), list(range(6))]

@@ -10,12 +10,12 @@ import pytest
 from support.measurement_rows import JOINTS, campaign, codes, written
 
 from armflex import Arm, InputError, read_measurements
+from armflex.arm import Setup
 from armflex.errors import TableError
 from armflex.estimate.view import look
 from armflex.measured.data_flags import duplicates
 from armflex.readings.instrument import Instrument
 from armflex.rows.poses import leaked, pose_groups
-from armflex.setup import Setup
 
 
 def renamed(rows: list[dict[str, object]], **names: str) -> list[dict[str, object]]:

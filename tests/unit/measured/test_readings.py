@@ -11,12 +11,12 @@ import pytest
 from support.small_arms import ROBOTS
 
 from armflex import Arm, Measurements, calibrate, load_arm
+from armflex.arm import Prior, Setup
 from armflex.errors import InputError
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import look
 from armflex.laws import LinearLaw
 from armflex.laws.law import anywhere
-from armflex.prior import Prior
 from armflex.readings import (
     Acceleration,
     Distance,
@@ -34,7 +34,6 @@ from armflex.readings.chance import median_length, outlier_limit
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor, Shaft
 from armflex.rows import Rows
-from armflex.setup import Setup
 
 COUNT, STEP = 24, 1e-6
 SESSION = ("s",) * COUNT

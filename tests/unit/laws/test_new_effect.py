@@ -13,6 +13,7 @@ from support.effect_arms import arm_and, plain
 from support.stage import few, readings
 
 from armflex import calibrate, load_arm, read_measurements
+from armflex.arm import Setup
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects import Effect, Location, TwistLaw
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
@@ -22,7 +23,6 @@ from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.shapes import on_axis, own_position
 from armflex.plan.design import instead
 from armflex.plan.hypotheses import named_effect, spelled
-from armflex.setup import Setup
 from armflex.show.report.words import called, labelled, units_of
 from armflex.trace.accept import ENOUGH
 from armflex.trace.state import add, begin

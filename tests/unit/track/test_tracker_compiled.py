@@ -15,7 +15,7 @@ from armflex.track.estimate import Seen, estimate_of, take
 
 pytestmark = pytest.mark.slow
 
-TESTS = Path(__file__).parents[1]
+TESTS = Path(__file__).parents[2]
 
 FRESH = """
 import sys

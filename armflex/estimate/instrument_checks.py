@@ -13,7 +13,8 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.view import View
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.parameters import Kind
+from armflex.parameters import ParameterKind
+from armflex.readings.chance import chi_squared
 
 COARSE = {"m": 2e-3, "rad": 1e-3, "m/s^2": 1e-2}
 """What an arm may be off by, beyond its priors, before a sensor is suspected."""
@@ -56,7 +57,7 @@ def suspected(declared: View, placed: Fit, blocks: tuple[Block, ...]) -> tuple[F
         begun = np.array([known.get(one, 0.0) for one in free])
         values = LinearGaussian.of(flat, prior**-2.0).solve(flat.T @ residual.ravel() - prior**-2.0 * begun)
         left = np.abs(residual - (flat @ values).reshape(residual.shape))
-        own = [i for i, one in enumerate(free) if one.group.kind is Kind.SENSOR and np.isfinite(prior[i])]
+        own = [i for i, one in enumerate(free) if one.group.kind is ParameterKind.SENSOR and np.isfinite(prior[i])]
         pulled = float(np.abs((values + begun)[own] / prior[own]).max(initial=0.0))
         if max(float(np.median(left)), pulled / IMPLAUSIBLE) < IMPLAUSIBLE:
             continue
@@ -103,15 +104,8 @@ def moved(found: Fit, measurements: Measurements) -> Iterator[Flag]:
             best = max(best, (gain, first))
         gain, first = best
         ratio = found.freedom * float(np.log(whole / max(whole - gain, 1e-12 * whole)))
-        if starts and ratio > _unlikely(BY_CHANCE / len(starts), size):
+        if starts and ratio > chi_squared(size, BY_CHANCE / len(starts)):
             row = int(found.view.rows[first])
             where = measurements.places[row] if measurements.places else f"row {row}"
             text = f"{kind.title} reads otherwise from {where} on, as if it had been moved there"
             yield Flag("instrument_moved", f"{text}: give the rows from there on a session of their own")
-
-
-def _unlikely(probability: float, size: int) -> float:
-    """Return what a chi-squared number of so many degrees of freedom exceeds with a probability."""
-    from scipy.special import chdtri  # not needed to import the package
-
-    return float(chdtri(size, probability))

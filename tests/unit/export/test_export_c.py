@@ -312,7 +312,7 @@ def test_a_name_that_c_does_not_have_is_refused(name: str) -> None:
         export(bundled("heavy_six"), name)
 
 
-ARM = Path(__file__).parents[2] / "robots" / "heavy_six" / "arm.toml"
+ARM = Path(__file__).parents[3] / "robots" / "heavy_six" / "arm.toml"
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from support.command_line import Run, few_rows, fine, strict_json
 from support.small_arms import ROBOTS, random_compliance, three_joints
 
 from armflex import Arm, InputError, Measurements, load_arm, plan, predict, read_measurements, write_plan
+from armflex.arm import Measurement, Prior
 from armflex.errors import UnknownNameError, UnsupportedError
 from armflex.estimate import calibrate
 from armflex.files.effect_file import locations_on
@@ -30,7 +31,6 @@ from armflex.plan.drive import driving_order, motion
 from armflex.plan.hypotheses import named_effect, spelled
 from armflex.plan.picture import draw_plan
 from armflex.plan.planned_rows import Plan
-from armflex.prior import Measurement, Prior
 from armflex.rows import Rows
 
 BOOM = ROBOTS / "tarm_like" / "measured.toml"
