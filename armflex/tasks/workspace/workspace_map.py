@@ -22,7 +22,7 @@ from armflex.estimate.draw import draw_arms
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.laws.effects.in_arm import settled
 from armflex.mechanics.equilibrium import METHODS
-from armflex.parallel import Progress, in_order
+from armflex.parallel import Progress, in_order, in_pieces
 from armflex.result import Result
 from armflex.rows.wrench import Wrench
 from armflex.storage.digest import digest
@@ -341,7 +341,7 @@ def _uncertainties(
     Only these are asked for: an uncertainty takes as long as tens of displacements.
     """
     some = np.flatnonzero(tally.answered)
-    pieces = [some[first : first + WORST_AT_ONCE] for first in range(0, len(some), WORST_AT_ONCE)]
+    pieces = in_pieces(some, WORST_AT_ONCE)
     tasks = (partial(sigmas, question, tally.q[rows], tally.payload[rows]) for rows in pieces)
     sigma, flags, done = np.full(len(tally), np.nan), {}, 0
     for rows, (found, own) in zip(pieces, in_order(tasks, jobs), strict=True):
