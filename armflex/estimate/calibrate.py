@@ -22,7 +22,7 @@ from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
 from armflex.estimate.identify import Parameter, parameters
 from armflex.estimate.law_block import law_block
 from armflex.estimate.learn import fit_learning, with_posteriors
-from armflex.estimate.misread import check_conventions
+from armflex.estimate.misread import check_conventions, without_positions
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
 from armflex.estimate.suspect_sensors import moved, suspected
@@ -218,7 +218,12 @@ def calibrate(
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
     about = ()
     if declared.arm.sensors and not anyway:
-        about = suspected(look(declared, measurements, used), placed, tuple(blocks))
+        alone = not measurements.positioned[used].any()
+
+        def otherwise() -> tuple[str, ...]:
+            return without_positions(arm, measurements, used, keep) if alone else ()
+
+        about = suspected(look(declared, measurements, used), placed, tuple(blocks), otherwise)
     laws = None if keep else law_block(declared, placed.view, seen)
 
     begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS

@@ -97,7 +97,7 @@ class Robot:
 
 
 def load_robot(
-    urdf: str | Path,
+    urdf: str | Path | Urdf,
     tip: str | None = None,
     base: str | None = None,
     gravity: Array | None = None,
@@ -111,7 +111,8 @@ def load_robot(
     """Read and validate a robot; nothing reaches Pinocchio before it has passed.
 
     Args:
-        urdf: Path of a URDF, or of xacro, MJCF or SDF, see `armflex.robot.formats`; meshes are never opened.
+        urdf: Path of a URDF, or of xacro, MJCF or SDF, see `armflex.robot.formats`, or what was read of another file;
+            meshes are never opened.
         tip: Link whose motion is reported; the only leaf when not given.
         base: Link in whose frame results are meant; the root when not given. What lies above it is left out.
         gravity: (3,) in base axes [m/s^2]; standard gravity along -z when not given.
@@ -128,7 +129,7 @@ def load_robot(
         UnknownNameError: `tip`, `base` or a locked joint does not exist.
         JointLimitError: A joint is locked outside its limits.
     """
-    document = read_robot(Path(urdf), strict)
+    document = urdf if isinstance(urdf, Urdf) else read_robot(Path(urdf), strict)
     root = check_tree(document)
     base = base or root
     if base not in document.links:

@@ -169,14 +169,14 @@ class Told:
     Attributes:
         alike: Whether a tracker's campaign left both as one class.
         advised: Whether it was then said that a level or a wire would split it.
-        tracker: Whether the rows that were planned next told the truth, read by the tracker alone.
-        told: Whether they did, read by what `plan` mounted as well.
+        without: Standard deviations that `plan` expects between the two in as many rows at random by the tracker alone.
+        told: Whether what was found with the planned rows, read by what `plan` mounted as well, is the truth alone.
         text: In words.
     """
 
     alike: bool
     advised: bool
-    tracker: bool
+    without: float
     told: bool
     text: str
 
@@ -188,7 +188,7 @@ def one_of_a_pair(folder: Path, name: str, seed: int) -> Told:
     size = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.7, 1.4))
     full = np.array(tomllib.loads((ROBOTS / "heavy_six" / "arm.toml").read_text())["flexure"]["J2"]["compliance"])
 
-    def traced(rows: Rows, instruments: str = "", read: bool = False) -> tuple[Arm, Measurements, Trace]:
+    def traced(rows: Rows, instruments: str = "") -> tuple[Arm, Measurements, Trace]:
         """Return what is found in rows, of which those after the first campaign are read by further instruments."""
         arm = heavy(folder, instruments, prior=LOOSE)
         text = arm.read_text()
@@ -203,7 +203,7 @@ def one_of_a_pair(folder: Path, name: str, seed: int) -> Told:
             header, *lines = (line.split(",") for line in file.read_text().splitlines())
             name = instruments.partition("[instrument.")[2].partition("]")[0]
             own = {i for i, column in enumerate(header) if column.startswith(name)}
-            for line in lines if not read else lines[:FIRST]:
+            for line in lines[:FIRST]:
                 line[:] = ["" if i in own else cell for i, cell in enumerate(line)]
             file.write_text("\n".join(map(",".join, [header, *lines])) + "\n")
         loaded = load_arm(arm)
@@ -248,9 +248,9 @@ def one_of_a_pair(folder: Path, name: str, seed: int) -> Told:
     both.time = 300.0 * np.arange(count + NEXT)
     both.temperature = np.append(rows.temperature, more.covariates.get("temperature", np.full(NEXT, 20.0)))
     mounted = f"\n{declaration(sensor)}\n"
-    tracker, told = (traced(both, mounted, read)[2] for read in (False, True))
+    told = traced(both, mounted)[2]
     text = f"{truth} by {sensor.name}: {'; '.join(one.effect.title for one in told.found)}"
-    return Told(alike, advised, tells(tracker), tells(told), text)
+    return Told(alike, advised, chosen.mounts[0].without, tells(told), text)
 
 
 def pairs(folder: Path, machines: int, first: int = 0) -> dict[str, float]:
@@ -260,14 +260,14 @@ def pairs(folder: Path, machines: int, first: int = 0) -> dict[str, float]:
         name = list(PAIRS)[seed % len(PAIRS)]
         one = one_of_a_pair(folder / str(seed), name, seed)
         found.setdefault(name, []).append(one)
-        alone = "told by the tracker alone" if one.tracker else "not by the tracker alone"
+        alone = f"{one.without:.2g} standard deviations by the tracker alone"
         said = "a class" if one.alike else "no class"
         print(f"machine {seed}, {name}: {said}, {'told' if one.told else 'not told'}, {alone}, {one.text}", flush=True)
     shares = {"every pair": [one for several in found.values() for one in several], **found}
     return {
         f"{name}: {what}": float(np.mean([getattr(one, what) for one in own]))
         for name, own in shares.items()
-        for what in ("alike", "advised", "tracker", "told")
+        for what in ("alike", "advised", "told", "without")
     }
 
 
