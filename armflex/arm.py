@@ -308,10 +308,11 @@ class Arm:
         single = positions.ndim != 2
         count, given = 0 if single else len(positions), covariates.items() if covariates else ()
         known = {name: covariate_array(values, name, count) for name, values in given}
+        wrenches = tuple(one.under(self.robot.gravity) for one in wrenches)
         if v is not None or a is not None:
             self.robot.check_motion()
         if not single:
-            case = LoadCase(positions, v, a, tuple(wrenches), known)  # pyright: ignore[reportArgumentType] - checked there
+            case = LoadCase(positions, v, a, wrenches, known)  # pyright: ignore[reportArgumentType] - checked there
             return deflect_batch(self, payload, case, Asked(method, enforce_limits, allow_large, strict), jobs)
         if positions.ndim == 1 and self.within_limits(positions.tolist()):
             checked, flags = positions.copy(), ()
@@ -322,7 +323,7 @@ class Arm:
             check_rows(wrenches, None)
         if v is not None or a is not None:
             v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
-        found = deflect(loaded, LoadCase(checked, v, a, tuple(wrenches), known), flags, method, allow_large)
+        found = deflect(loaded, LoadCase(checked, v, a, wrenches, known), flags, method, allow_large)
         if strict:
             found.check_seen()
         return found
@@ -343,7 +344,8 @@ class Arm:
         Raises:
             UnknownNameError, InputError: No such payload, method or link.
         """
-        return Prepared(self.loaded(payload), method, enforce_limits, wrenches)
+        pulled = tuple(one.under(self.robot.gravity) for one in wrenches)
+        return Prepared(self.loaded(payload), method, enforce_limits, pulled)
 
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
         """Return q as (nq,) floats [rad or m] with the flags about it.
@@ -359,9 +361,9 @@ class Arm:
         outside = (checked < self.robot.lower - SLACK) | (checked > self.robot.upper + SLACK)
         beyond = [(self.robot.moving[i], float(checked[i])) for i in np.flatnonzero(outside)]
         # The first, or the first about which there is more to say.
-        joint, value = next((pair for pair in beyond if _other_unit(*pair)), beyond[0])
+        joint, value = next((pair for pair in beyond if other_unit(*pair)), beyond[0])
         text = f"joint {joint.name!r} at {value:.6g} is outside its limits [{joint.lower:.6g}, {joint.upper:.6g}]"
-        text += _other_unit(joint, value)
+        text += other_unit(joint, value)
         if enforce_limits:
             raise JointLimitError(text)
         return checked, (Flag("outside_limits", text),)
@@ -421,7 +423,7 @@ class Arm:
         return {}
 
 
-def _other_unit(joint: Joint, value: float) -> str:
+def other_unit(joint: Joint, value: float) -> str:
     """Return the question whether a position beyond a joint's limits is in degrees or mm, '' where it hardly is."""
     slides = joint.kind == "prismatic"
     far, factor, unit = (

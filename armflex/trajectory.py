@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,9 +14,9 @@ from armflex.arm import Arm, warn
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean
 from armflex.laws.effects.context import MASS
-from armflex.laws.effects.remember import check_approaches, check_covariates, derived_direction
+from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
 from armflex.measured.data_flags import check_joint_units, unit_flags
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_forces
+from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_loads
 from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.many_rows import rigid_tips
@@ -152,7 +152,7 @@ class Trajectory(Result):
             None if self.a is None else part(self.a),
             {name: known(name, values) for name, values in self.covariates.items()},
             None if self.target is None else part(self.target),
-            _each(self.wrenches, part),
+            tuple(one.each(part) for one in self.wrenches),
         )
 
     @property
@@ -180,14 +180,15 @@ class Trajectory(Result):
         Raises:
             InputError: Rows have loads already, or are beyond the table.
         """
-        if self.wrenches:
+        hung = tuple(one for one in self.wrenches if one.hangs)
+        if len(hung) < len(self.wrenches):
             raise InputError(f"rows name forces already, which those of {table.path} would be beside")
         lengths = self.lengths(arm)
         lost, flags = table.missed(lengths), ()
         if lost > NOTICED * max((one.sizes[0] for one in table.wrenches), default=0.0):
             text = f"loads are linear between rows, which leaves out up to {lost:.3g} N of {table.path}: give more rows"
             flags = (Flag("force_table", text),)
-        return replace(self, wrenches=table.at(lengths)), flags
+        return replace(self, wrenches=(*hung, *table.at(lengths))), flags
 
     def towards(self, desired: Trajectory) -> Trajectory:
         """Return the trajectory, as `for_arm` orders it, whose flexed tip is meant where `desired` has the rigid tip.
@@ -300,7 +301,7 @@ class Trajectory(Result):
         covariates = {name: insert(values, name.startswith(APPROACH)) for name, values in self.covariates.items()}
         v, a, target = (None if values is None else insert(values) for values in (self.v, self.a, self.target))
         time, q = insert(self.time), insert(self.q)
-        wrenches = _each(self.wrenches, insert)
+        wrenches = tuple(one.each(insert) for one in self.wrenches)
         return replace(
             self,
             time=time,
@@ -314,13 +315,6 @@ class Trajectory(Result):
             wrenches=wrenches,
             target=target,
         )
-
-
-def _each(wrenches: Sequence[Wrench], of: Callable[[Array], Array]) -> tuple[Wrench, ...]:
-    """Return wrenches with what a function makes of forces and moments of N rows; others are the same in all rows."""
-    return tuple(
-        one if one.rows is None else Wrench(one.frame, of(one.force), of(one.moment), one.axes) for one in wrenches
-    )
 
 
 def read_trajectory(path: str | Path, arm: Arm, unnamed: Unnamed = UNLOADED) -> Trajectory:
@@ -379,7 +373,7 @@ def read_trajectory(path: str | Path, arm: Arm, unnamed: Unnamed = UNLOADED) -> 
         moved["a"],
         covariates=covariates,
         places=places,
-        wrenches=read_forces(table, arm),
+        wrenches=read_loads(table, arm),
     )
 
 

@@ -19,8 +19,8 @@ from armflex.cli.terminal import complain, number, print_table, say, show_flags,
 from armflex.errors import FileError, InputError, enough_memory
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.in_arm import derived_directions
 from armflex.laws.effects.location import LINK
-from armflex.laws.effects.remember import derived_directions
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.parameters import numbered

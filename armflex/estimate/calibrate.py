@@ -31,7 +31,7 @@ from armflex.estimate.weigh import ROUNDS, Weighed
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.remember import derived_directions, without_direction
+from armflex.laws.effects.in_arm import derived_directions, without_direction
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows

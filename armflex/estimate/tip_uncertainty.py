@@ -13,7 +13,7 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.estimate.posterior import displacement_covariance, without_declared_uncertainty
-from armflex.laws.effects.remember import remembers
+from armflex.laws.effects.in_arm import remembers
 from armflex.mechanics.deflection import Deflection, DeflectionBatch
 from armflex.mechanics.loaded import Payload
 from armflex.rows import Rows

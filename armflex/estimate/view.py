@@ -13,8 +13,8 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
+from armflex.laws.effects.in_arm import directions
 from armflex.laws.effects.location import Location, link_of, same_site, site_of
-from armflex.laws.effects.remember import directions
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond

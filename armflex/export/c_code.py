@@ -21,8 +21,7 @@ from armflex.export.exported import Exported
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
-from armflex.laws.effects.in_arm import BoundTwist, Pulling
-from armflex.laws.effects.remember import depended_on
+from armflex.laws.effects.in_arm import BoundTwist, Pulling, depended_on
 from armflex.laws.effects.shapes import end_of, middle_of
 from armflex.laws.learned.seen import Seen
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Chain, link_frame

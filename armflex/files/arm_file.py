@@ -45,8 +45,7 @@ from armflex.mechanics.loaded import Payload
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
-from armflex.robot.reader import rotation_of
-from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
+from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of, rotation_of
 from armflex.setup import Setup
 from armflex.storage.whole_file import remove, write_whole
 
@@ -159,7 +158,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
         table.finish()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
-    sensors = read_sensors(root.subs("instrument"), robot)
+    sensors = read_sensors(root.subs("instrument"), robot) if root.has("instrument") else {}
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
     flags = [*robot.flags, *flags, *_questions(flexures, robot)]

@@ -212,7 +212,12 @@ KEYS: dict[str, dict[str, Key]] = {
 _ROW = {
     "time": Key("when: from any origin", "s", "the row's number"),
     "payload": Key("a payload of the arm.toml", default="`none`, also where the cell is empty"),
-    "q_JOINT": Key("the controller's position of every moving joint of the chain", "rad or m"),
+    "q_JOINT": Key(
+        "the controller's position of every moving joint of the chain; of one beside it, as of a second arm, where it "
+        "moves: its weight then bends what carries it",
+        "rad or m",
+        "**required** of the chain; beside it, where `[robot] locked` holds it",
+    ),
     "approach_JOINT": Key("-1, 0 or +1: the way the joint last moved", "", "from the order of the rows"),
     "force_fx": Key("known force from outside", "N", "0"),
     "force_fy": Key("the same along y", "N", "0"),

@@ -27,7 +27,7 @@ from armflex.measured.data_flags import (
     table_flags,
     unit_flags,
 )
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, read_forces
+from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, read_loads
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
@@ -347,7 +347,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
         hold=table.numbers("hold") if "hold" in table.columns else None,
         places=tuple(Place(table.path, line) for line in table.lines),
         derived=tuple(name for name in ("time", *directions) if name not in table.columns),
-        wrenches=read_forces(table, arm),
+        wrenches=read_loads(table, arm),
     )
 
 

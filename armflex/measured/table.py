@@ -241,11 +241,15 @@ def writing_table(path: str | Path) -> Iterator[Callable[[Mapping[str, Sequence[
 
 
 def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
-    """Return the kind of quantity of each joint's columns, such as q_A1 and v_A1 for prefixes "qv"."""
+    """Return the kind of quantity of each joint's columns, such as q_A1 and v_A1 for prefixes "qv".
+
+    Joints off the chain have positions alone.
+    """
+    beside = [(arm.robot.urdf.joints[name], "q") for name in arm.robot.locked if "q" in prefixes]
     return {
         f"{prefix}_{joint.name}": "length" if joint.kind == "prismatic" else "angle"
-        for joint in arm.robot.moving
-        for prefix in prefixes
+        for joint, some in (*((joint, prefixes) for joint in arm.robot.moving), *beside)
+        for prefix in some
     }
 
 

@@ -370,7 +370,10 @@ class Deflection(_Result[float]):
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
         """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm."""
         mechanics = self._mechanics
-        return mechanics.link_poses(mechanics.flexed(self.solved.rigid, magnification * self._at_rest[0]))
+        found = mechanics.link_poses(mechanics.flexed(self.solved.rigid, magnification * self._at_rest[0]))
+        for one in self.case.wrenches:
+            found |= one.links(found[one.frame])
+        return found
 
 
 def deflect(

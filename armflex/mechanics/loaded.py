@@ -222,7 +222,10 @@ class LoadedArm:
         for wrench in wrenches:
             if wrench.frame not in arm.link_names:
                 raise UnknownNameError("link", wrench.frame, arm.link_names)
-            if not wrench.dead:
+            if wrench.hangs and accelerated:
+                text = f"what hangs on {wrench.frame!r} beside the chain weighs, but is not accelerated"
+                flags.append(Flag("branch_at_rest", text))
+            if not (wrench.dead or wrench.hangs):
                 text = f"the load at {wrench.frame!r} turns with its link; buckling is checked, flutter is not"
                 flags.append(Flag("follower_load", text))
             size = wrench.sizes[0]

@@ -25,7 +25,7 @@ gravity, rnea, integrate, frame_jacobian = (
     pin.integrate,
     pin.computeFrameJacobian,
 )
-place_frames, log3, BASE_AXES = pin.framesForwardKinematics, pin.log3, pin.LOCAL_WORLD_ALIGNED
+place_frames, log3, BASE_AXES, LINK_AXES = pin.framesForwardKinematics, pin.log3, pin.LOCAL_WORLD_ALIGNED, pin.LOCAL
 
 BASE = np.eye(4)
 NOTHING_KNOWN: Mapping[str, Array] = {}
@@ -45,8 +45,13 @@ class Load(Protocol):
         ...
 
     @property
+    def follows(self) -> bool:
+        """Whether the wrench is the same in the axes of its link wherever that is: a follower load."""
+        ...
+
+    @property
     def sizes(self) -> tuple[float, float]:
-        """Of force [N] and moment [N m], of a dead load."""
+        """Of force [N] and moment [N m], of a dead or a follower load."""
         ...
 
     def at(self, pose: Array) -> Array:
@@ -130,22 +135,23 @@ class Mechanics:
             bare = moving
 
         loads = [(self._frames[load.frame], load) for load in (*case.wrenches, *self.pulls)]
-        dead = [(frame, load.at(BASE).dot) for frame, load in loads if load.dead]
-        turning = [(frame, load) for frame, load in loads if not load.dead]
+        axes = {True: BASE_AXES, False: LINK_AXES}
+        same = [(f, axes[load.dead], load.at(BASE).dot) for f, load in loads if load.dead or load.follows]
+        posed = [(frame, load) for frame, load in loads if not (load.dead or load.follows)]
 
-        if len(dead) == 1 and not turning:  # the usual, which a loop makes 2 % slower
-            (at, wrench), *_ = dead
+        if len(same) == 1 and not posed:  # the usual, which a loop makes 2 % slower
+            (at, whose, wrench), *_ = same
 
             def pushed(configuration: Array) -> Array:
-                return bare(configuration) - wrench(frame_jacobian(model, data, configuration, at, BASE_AXES))
+                return bare(configuration) - wrench(frame_jacobian(model, data, configuration, at, whose))
 
             return pushed
 
         def loaded(configuration: Array) -> Array:
             torque = bare(configuration)
-            for frame, wrench_times in dead:
-                torque -= wrench_times(frame_jacobian(model, data, configuration, frame, BASE_AXES))
-            for frame, load in turning:
+            for frame, whose, wrench_times in same:
+                torque -= wrench_times(frame_jacobian(model, data, configuration, frame, whose))
+            for frame, load in posed:
                 jacobian = frame_jacobian(model, data, configuration, frame, BASE_AXES)
                 torque -= load.at(self.frame_pose(configuration, frame).homogeneous).dot(jacobian)
             return torque

@@ -17,8 +17,19 @@ from lxml import etree
 
 from armflex.conventions import LARGEST, NUMBER, Array
 from armflex.errors import Flag, Place, UrdfError, did_you_mean, listing
-from armflex.robot.reader import Fault, parse_xml, rotation_of
-from armflex.robot.urdf import MAX_LINKS, MOVING, RESERVED, Inertial, Joint, Link, Urdf, read_urdf
+from armflex.robot.urdf import (
+    MAX_LINKS,
+    MOVING,
+    RESERVED,
+    Fault,
+    Inertial,
+    Joint,
+    Link,
+    Urdf,
+    parse_xml,
+    read_urdf,
+    rotation_of,
+)
 
 UNLIMITED = 1e15
 """Limits beyond this are how SDF says that there are none [rad or m]."""
@@ -27,18 +38,15 @@ FREE = (-np.inf, np.inf, np.inf, np.inf)
 """Lower and upper limit, effort and velocity of a joint of which nothing is said."""
 
 
-def read_robot(path: Path, strict: bool = True) -> Urdf:
-    """Read a robot from a URDF, a xacro file (by its suffix), MJCF or SDF (by their root elements).
+def read_other(path: Path, root: etree._Element, strict: bool = True) -> Urdf:
+    """Return the robot of a xacro file (by its suffix), MJCF or SDF (by their root elements).
 
     Raises:
         UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file.
     """
-    root = parse_xml(path)
     if path.suffix.lower() == ".xacro":
         return read_urdf(path, strict, parse_xml(path, _expanded(path)), translated=True)
-    if root.tag == "mujoco":
-        return _read_mjcf(path, root)
-    return _read_sdf(path, root) if root.tag == "sdf" else read_urdf(path, strict, root)
+    return _read_mjcf(path, root) if root.tag == "mujoco" else _read_sdf(path, root)
 
 
 def _expanded(path: Path) -> bytes:

@@ -15,7 +15,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
 from armflex.estimate.view import look, untold_shifts
-from armflex.laws.effects.remember import (
+from armflex.laws.effects.in_arm import (
     check_approaches,
     check_covariates,
     derived_direction,

@@ -18,8 +18,8 @@ from armflex.estimate.view import View, look
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.in_arm import without_direction
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.remember import without_direction
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond

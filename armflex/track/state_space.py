@@ -18,7 +18,7 @@ from armflex.estimate.fit import realise
 from armflex.estimate.law_block import learned_laws, with_laws
 from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.view import look, untold_shifts
-from armflex.laws.effects.remember import derived_directions
+from armflex.laws.effects.in_arm import derived_directions
 from armflex.parameters import FRAME, ArmParameter, Group, Kind, of_law
 from armflex.readings.instrument import Instrument
 from armflex.setup import Setup

@@ -33,7 +33,7 @@ from armflex.estimate.posterior import certainty_of
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
-from armflex.laws.effects.remember import settled
+from armflex.laws.effects.in_arm import settled
 from armflex.trace.accept import Proof
 from armflex.trace.findings import Found, Trace, write_traced
 from armflex.trace.state import State, begin, refit, with_random

@@ -14,6 +14,8 @@ from armflex import Arm, Wrench, predict, read_measurements
 from armflex.errors import ShapeError, TableError
 from armflex.laws import LinearLaw
 from armflex.measured.data_flags import duplicates
+from armflex.mechanics.laws import RowLaws
+from armflex.mechanics.many_rows import RowSolver
 from armflex.mechanics.response import respond
 from armflex.rows.wrench import wrenches_in
 
@@ -49,10 +51,11 @@ def test_a_wrench_for_each_row_is_that_of_the_row_alone(tmp_path: Path, axes: st
         np.testing.assert_allclose(found.covariance[i], one.covariance, rtol=1e-7, atol=1e-16)
 
 
-def test_a_wrench_for_each_row_with_payloads_and_responses() -> None:
+@pytest.mark.parametrize("axes", ["base", "frame"])
+def test_a_wrench_for_each_row_with_payloads_and_responses(axes: str) -> None:
     arm = bundled("heavy_six")
     q, payloads = positions(arm, 9), ["p200", "none", "p100"] * 3
-    wrenches = pushes((arm.link_names[3], "tool"), 9, "base")
+    wrenches = pushes((arm.link_names[3], "tool"), 9, axes)
     line = respond(arm, q, payloads, wrenches=wrenches)
     for i in range(9):
         one = arm.deflection(q[i], payloads[i], wrenches=wrenches_in(wrenches, i))
@@ -60,6 +63,17 @@ def test_a_wrench_for_each_row_with_payloads_and_responses() -> None:
         np.testing.assert_allclose(line.flexure_wrenches[i], one.wrenches, rtol=0, atol=1e-8)
         column = line.link_loads[i, line.link_names.index("tool")]
         np.testing.assert_allclose(column, one.compliance, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(line.joints[i], one.total_jacobian, rtol=0, atol=1e-9)
+
+
+def test_a_batch_is_proven_to_stay_under_loads_that_turn_with_their_links(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled code alone settles it, once, and no row's tangent is asked for: that took 70 times as long."""
+    arm = bundled("heavy_six")
+    solver = RowSolver(arm.loaded("p100"), True, pushes(("tool",), 50, "frame"))
+    assert solver.bound is not None and solver.bound.proven and not solver.needs_wrenches(RowLaws(arm.stack))
+    monkeypatch.setattr(RowSolver, "linearise", None)
+    monkeypatch.setattr(RowSolver, "_in_rounds", None)
+    arm.deflection(positions(arm, 50), "p100", wrenches=pushes(("tool",), 50, "frame"))
 
 
 def test_wrenches_for_other_rows_are_refused() -> None:

@@ -11,7 +11,7 @@ from support.measurement_rows import campaign, written
 
 from armflex import Arm, Measurements, calibrate, predict, read_measurements
 from armflex.errors import MissingCovariateError
-from armflex.laws.effects.remember import derived_directions
+from armflex.laws.effects.in_arm import derived_directions
 
 BACKLASH = 'name = "backlash"\nsite = "J2"\naxis = "ry"\nparameters = { gap = 3.6e-4 }'
 TIMED = {

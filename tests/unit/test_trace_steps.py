@@ -20,8 +20,8 @@ from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
+from armflex.laws.effects.in_arm import derived_directions
 from armflex.laws.effects.location import resolve
-from armflex.laws.effects.remember import derived_directions
 from armflex.laws.effects.shapes import told_from_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import Kind, of_motions

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.errors import InputError
-from armflex.laws.effects.remember import settled
+from armflex.laws.effects.in_arm import settled
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
 from armflex.rows.wrench import Wrench

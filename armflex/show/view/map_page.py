@@ -13,7 +13,7 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.conventions import number
 from armflex.errors import InputError
-from armflex.laws.effects.remember import settled
+from armflex.laws.effects.in_arm import settled
 from armflex.rows.wrench import Wrench
 from armflex.show.view.arm_scene import SCALE, VERDICTS, Motion, arm_scene
 from armflex.show.view.scene_3d import LegendRow, Node, Shape, frame_camera

@@ -18,7 +18,7 @@ from armflex.conventions import Array, number
 from armflex.errors import NO_ANSWER, Flag, InputError, UnknownNameError
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.laws.effects.remember import settled
+from armflex.laws.effects.in_arm import settled
 from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import in_order
 from armflex.rows.wrench import Wrench
