@@ -21,12 +21,12 @@ from itertools import combinations
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import STANDARD_GRAVITY, Array, in_mm
 from armflex.errors import ArmflexError, ConventionError
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.enough import placed_rigidly
+from armflex.estimate.placement import placed_rigidly
 from armflex.estimate.view import look
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere
@@ -34,10 +34,9 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.measured.repeats import repeats
 from armflex.mechanics.history import known_rows
-from armflex.parameters import FRAMES, ArmParameter, Kind
+from armflex.parameters import FRAMES, ArmParameter, ParameterKind
 from armflex.readings import Position
 from armflex.readings.instrument import Instrument
-from armflex.setup import Setup
 
 COARSE, FINE = 1e-3, 3e-5
 """Parts of the reach that an arm may be off by, beyond its priors, before conventions are thought of: of kinematics,
@@ -250,7 +249,7 @@ def _misfit(
         begun: dict[ArmParameter, float] = {}
         if not tracked:
             begun = sensor_start(view)
-            sensors = [one for one in declared_blocks(view.setup, measurements) if one.kind is Kind.SENSOR]
+            sensors = [one for one in declared_blocks(view.setup, measurements) if one.kind is ParameterKind.SENSOR]
             placed = view.setup
             for block in sensors:
                 placed = block.apply(placed, np.array([begun[one] for one in block.parameters]))

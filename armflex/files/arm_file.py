@@ -16,7 +16,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.arm import Arm, Flexure, warn
+from armflex.arguments import checked
+from armflex.arm import Arm, Flexure, Measurement, Prior, Setup, warn
 from armflex.conventions import SMALLEST_STD, STANDARD_GRAVITY, TWIST_NAMES
 from armflex.declaration import Declaration, Source, read_toml
 from armflex.errors import (
@@ -42,11 +43,9 @@ from armflex.laws.joint.linear import softness
 from armflex.laws.law import anywhere
 from armflex.laws.learned import read_learning
 from armflex.mechanics.loaded import Payload
-from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
 from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of, rotation_of
-from armflex.setup import Setup
 from armflex.storage.whole_file import remove, write_whole
 
 ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
@@ -62,6 +61,7 @@ LEVEL = 1e-3
 """Share of gravity by which it may differ from what a mount makes of it: so far are numbers rounded."""
 
 
+@checked
 def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
     """Read an arm.toml and the URDF it names.
 
@@ -91,6 +91,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
     return arm
 
 
+@checked
 def make_arm(
     urdf: str | Path,
     stiffness: Mapping[str, ArrayLike],

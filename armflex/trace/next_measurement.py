@@ -79,7 +79,7 @@ def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str
         read = np.isfinite(kind.sigma).all(axis=1) & state.measurements.measured
         kinds.append(kind.unread(OFFERED, np.median(kind.sigma[read], axis=0), kind.name))
     try:
-        view = look(setup, offer, np.arange(OFFERED), readings=Readings(OFFERED, tuple(kinds)))
+        view = look(setup, offer, readings=Readings(OFFERED, tuple(kinds)))
     except ArmflexError:  # a mixture of positions that the arm does not hold: no proposal is better than a wrong one
         return ()
     context, told = context_of(view, offer), []

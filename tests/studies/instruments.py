@@ -37,8 +37,9 @@ from support.instruments import LEVEL, PRIOR, WIRE, Machine, heavy, measured
 from support.plant import Push, Rows, State
 from support.small_arms import ROBOTS
 
-from armflex import Arm, Calibration, Measurements, calibrate, load_arm, plan, read_measurements, trace
+from armflex import Arm, Measurements, calibrate, load_arm, plan, read_measurements, trace
 from armflex.conventions import TWIST_NAMES
+from armflex.estimate import Calibration
 from armflex.plan.hypotheses import spelled
 from armflex.plan.instruments import declaration
 from armflex.readings.instrument import fit_frame
