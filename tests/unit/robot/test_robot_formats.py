@@ -206,13 +206,72 @@ def as_sdf(urdf: Path, related: bool) -> str:
     return "\n".join([*out, "</model>", "</sdf>"])
 
 
-@pytest.mark.parametrize("related", [False, True])
+def as_nested_sdf(urdf: Path) -> str:
+    """Return a URDF as SDF, degrees and quaternions in turn: the outer half of it is a model in the model.
+
+    That is placed by one of its frames, and stands for its second link, from which a frame hangs.
+    """
+    robot = load_robot(urdf, "tool")
+    places = {robot.base: pin.SE3.Identity()}
+    for joint in robot.chain:
+        places[joint.child] = places[joint.parent] * pin.SE3(joint.rotation, joint.origin)
+    inner = [joint.child for joint in robot.chain][3:]
+    wrist = pin.SE3(pin.exp3(np.array([0.3, -0.8, 0.2])), np.array([0.4, 0.1, -0.6]))
+    handle = pin.SE3(pin.exp3(np.array([-0.1, 0.5, 0.9])), np.array([0.0, 0.2, 0.3]))
+
+    def pose(value: pin.SE3, to: str = "", quaternion: bool = False) -> str:
+        parts = [*value.translation, *np.degrees(pin.rpy.matrixToRpy(value.rotation))]
+        how = 'degrees="true"'
+        if quaternion:
+            parts, how = pin.SE3ToXYZQUAT(value), 'rotation_format="quat_xyzw"'
+        related = f' relative_to="{to}"' if to else ""
+        return f"<pose {how}{related}>{' '.join(repr(float(x)) for x in parts)}</pose>"
+
+    def link(name: str, i: int) -> str:
+        body, text = robot.urdf.links[name].inertial, ""
+        if body is not None:
+            names = [(i, j) for i in range(3) for j in range(i, 3)]
+            matrix = "".join(f"<i{'xyz'[i]}{'xyz'[j]}>{body.inertia[i, j]!r}</i{'xyz'[i]}{'xyz'[j]}>" for i, j in names)
+            text = f"<mass>{body.mass!r}</mass><inertia>{matrix.replace('np.float64(', '').replace(')', '')}</inertia>"
+            text = f"<inertial>{pose(pin.SE3(body.rotation, body.origin), quaternion=i % 2 == 1)}{text}</inertial>"
+        here = wrist.inverse() * places[name] if name in inner else places[name]
+        return f'<link name="{name}">{pose(here, quaternion=i % 2 == 0)}{text}</link>'
+
+    def joint(one: object, parent: str, child: str, expressed: str) -> str:
+        turn = places[one.child].rotation if expressed == "__model__" else np.eye(3)
+        axis = (wrist.rotation.T @ turn if one.child in inner else turn) @ one.axis if expressed else one.axis
+        about = f' expressed_in="{expressed}"' if expressed else ""
+        limits = f"<lower>{one.lower!r}</lower><upper>{one.upper!r}</upper><effort>{one.effort!r}</effort>"
+        xyz = f"<xyz{about}>{' '.join(repr(float(x)) for x in axis)}</xyz>"
+        moving = f"<axis>{xyz}<limit>{limits}</limit></axis>" if one.kind != "fixed" else ""
+        ends = f"<parent>{parent}</parent><child>{child}</child>"
+        return f'<joint name="{one.name}" type="{one.kind}">{ends}{moving}</joint>'
+
+    out = ['<sdf version="1.10">', f'<model name="m">{pose(wrist)}', link(robot.base, 0)]
+    out += [link(one.child, i) for i, one in enumerate(robot.chain[:3])]
+    out += [joint(one, one.parent, one.child, "__model__") for one in robot.chain[:3]]
+    out += [joint(robot.chain[3], robot.chain[2].child, "wrist", "")]
+    # Where the handle is in the outer model, seen from a frame that stands elsewhere.
+    aside = pin.SE3(pin.exp3(np.array([0.0, 0.4, 0.0])), np.array([1.0, 2.0, 3.0]))
+    out += [f'<frame name="aside">{pose(aside)}</frame><model name="wrist" placement_frame="handle">']
+    out += [
+        pose(aside.inverse() * wrist * handle, "aside", quaternion=True),
+        f'<frame name="handle">{pose(handle)}</frame>',
+    ]
+    out += [link(name, i) for i, name in enumerate(inner)]
+    out += [joint(one, one.parent, one.child, "__model__") for one in robot.chain[4:]]
+    return "\n".join([*out, "</model>", "</model>", "</sdf>"])
+
+
+@pytest.mark.parametrize("form", ["plain", "related", "nested"])
 @pytest.mark.parametrize("name", ["heavy_six", "tarm_like"])
-def test_sdf_is_the_robot_that_its_urdf_is(tmp_path: Path, name: str, related: bool) -> None:
-    urdf = ROBOTS / name / "robot.urdf"
+def test_sdf_is_the_robot_that_its_urdf_is(tmp_path: Path, name: str, form: str) -> None:
+    urdf, tip = ROBOTS / name / "robot.urdf", "wrist::tool" if form == "nested" else "tool"
     one = Arm(load_robot(urdf, "tool"))
-    two = Arm(load_robot(write(tmp_path, as_sdf(urdf, related), "arm.sdf"), "tool"))
-    assert one.joint_names == two.joint_names
+    text = as_nested_sdf(urdf) if form == "nested" else as_sdf(urdf, form == "related")
+    two = Arm(load_robot(write(tmp_path, text, "arm.sdf"), tip))
+    inner = len(one.joint_names[:3]) if form == "nested" else 99
+    assert two.joint_names == tuple(f"wrist::{n}" if i > inner else n for i, n in enumerate(one.joint_names))
     np.testing.assert_array_equal(one.robot.upper, two.robot.upper)
     for q in some_q(one, 4):
         q = np.clip(q, one.robot.lower, one.robot.upper)
@@ -232,10 +291,36 @@ BAD_SDF = {
     "number": (("<mass>5<", "<mass>5kg<"), r"<mass> '5kg': expected a finite number", "<mass>"),
     "mass": (("<mass>5<", "<mass>-5<"), r"link 'arm': mass is -5 kg, expected more than 0", "<inertial>"),
     "pose": (("0 0 0.5 0 0 0", "0 0 0.5"), r"<pose> '0 0 0.5': expected 6 finite numbers", "0 0 0.5"),
-    "degrees": (
-        ("<pose>0 0", '<pose degrees="true">0 0'),
-        r"<pose degrees=...> is not supported: write metres, radians",
-        "degrees",
+    "degrees": (("<pose>0 0", '<pose degrees="yes">0 0'), r"<pose degrees='yes'>: expected false or true", "degrees"),
+    "grads": (("<pose>0 0", '<pose grads="true">0 0'), r"<pose grads=...> is not supported: write metres", "grads"),
+    "quaternion": (
+        ("<pose>0 0 0.5 0 0 0", '<pose rotation_format="quat_xyzw">0 0 0.5 0 0 0 0'),
+        r"a quaternion x y z w is a unit vector",
+        "quat",
+    ),
+    "nested circle": (
+        (
+            "</model>",
+            '<model name="n" canonical_link="f"><frame name="f"/></model>'
+            '<joint name="j" type="fixed"><parent>arm</parent><child>n</child></joint></model>',
+        ),
+        r"frames are attached in a circle: n -> n::f -> n",
+        '<joint name="j',
+    ),
+    "nested name": (
+        ('<frame name="tip" attached_to="arm"/>', '<model name="a::b"/>'),
+        r"model 'a::b': this name means something else in SDF",
+        '<model name="a::b',
+    ),
+    "static": (
+        ('<frame name="tip" attached_to="arm"/>', '<model name="n"><static>true</static></model>'),
+        r"model 'n' is static inside another: fix it by a joint",
+        '<model name="n',
+    ),
+    "mimic": (
+        ("<axis><xyz>0 1 0</xyz>", "<axis><mimic joint='x'/><xyz>0 1 0</xyz>"),
+        r"joint 'lift' follows another by <mimic>, which is not supported",
+        "lift",
     ),
     "relative": (("<pose>0 0", '<pose relative_to="bas">0 0'), r"no frame named 'bas', did you mean 'base'", ""),
     "circle": (
