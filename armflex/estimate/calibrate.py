@@ -23,7 +23,7 @@ from armflex.estimate.identify import FittedParameter, parameters
 from armflex.estimate.instrument_checks import moved, suspected
 from armflex.estimate.law_block import law_block
 from armflex.estimate.learn import fit_learning, with_posteriors
-from armflex.estimate.misread import check_conventions
+from armflex.estimate.misread import check_conventions, without_positions
 from armflex.estimate.placement import check_readings, placed_rigidly
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
@@ -220,7 +220,12 @@ def calibrate(
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
     judged, about = declared.arm.sensors and not anyway, ()
     if judged:
-        about = suspected(look(declared, measurements, used), placed, tuple(blocks))
+        alone = not measurements.positioned[used].any()
+
+        def otherwise() -> tuple[str, ...]:
+            return without_positions(arm, measurements, used, keep) if alone else ()
+
+        about = suspected(look(declared, measurements, used), placed, tuple(blocks), otherwise)
     laws = None if keep else law_block(declared, placed.view, seen)
 
     begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS

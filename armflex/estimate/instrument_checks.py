@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -31,16 +31,19 @@ FAR = 1.0
 """Prior standard deviation of how far a sensor was moved, in the units of its nuisances: what is not told stays."""
 
 
-def suspected(declared: View, placed: Fit, blocks: tuple[Block, ...]) -> tuple[Flag, ...]:
+def suspected(
+    declared: View, placed: Fit, blocks: tuple[Block, ...], otherwise: Callable[[], tuple[str, ...]]
+) -> tuple[Flag, ...]:
     """Return flags about sensors whose readings are far off all that [prior] explains.
 
     Args:
         declared: The rows as everything is declared.
         placed: The fit of where instruments stand.
         blocks: All that is free.
+        otherwise: Says in which other conventions of the arm and of its joints all readings are plausible.
 
     Raises:
-        ConventionError: What they read is plausible in another unit, with other axes, or from another place.
+        ConventionError: What they read is plausible in another unit, with other axes, from another place, or otherwise.
     """
     flags, places, free = [], declared.readings.placed, parameters_of(blocks)
     known = dict(zip(placed.parameters, placed.values.tolist(), strict=True))
@@ -65,8 +68,13 @@ def suspected(declared: View, placed: Fit, blocks: tuple[Block, ...]) -> tuple[F
         off = said_of(float(np.median(np.linalg.norm(own.residual(at), axis=1))), kind.unit)
         said = f"{kind.title}: what it read is {off} off, further than its declaration and [prior] explain"
         likely = own.implausible(at)
-        if likely is not None:
-            raise ConventionError(f"{said}: {likely}", [likely])
+        if likely is None:
+            place = own.elsewhere(at)
+            reasons = (*(() if place is None else (place,)), *otherwise())
+        else:
+            reasons = (likely,)
+        if reasons:
+            raise ConventionError(f"{said}: {'; or '.join(reasons)}", reasons)
         flags.append(Flag("instrument_implausible", f"{said}: is it where [instrument.{kind.name}] says?"))
     return tuple(flags)
 

@@ -32,6 +32,7 @@ from armflex.errors import (
 )
 from armflex.files.calibration_table import Campaign, calibration_table, read_calibration, with_certainty
 from armflex.files.certainty_table import with_covariance
+from armflex.files.dh_table import FLANGE, is_dh, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.sensor_table import read_sensors
 from armflex.laws import read_law
@@ -197,8 +198,9 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
 
 
 def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:
-    urdf = table.path.parent / table.text("urdf")
-    tip, base = table.text("tip"), table.text("base", "-")
+    by_dh = is_dh(table)
+    urdf = read_dh(table) if by_dh else table.path.parent / table.text("urdf")
+    tip, base = table.text("tip", FLANGE if by_dh else None), table.text("base", "-")
     gravity = table.numbers("gravity", (3,)) if table.has("gravity") else None
     tool, mount = (_read_pose(table, key, keys) for key, keys in (("tool", ("xyz", "rpy")), ("mount", ("rpy",))))
     rating = table.number("payload_rating") if table.has("payload_rating") else None

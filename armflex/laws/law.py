@@ -442,8 +442,9 @@ def split(laws: Sequence[Law], values: np.ndarray) -> list[np.ndarray]:
 
 def anywhere(robot: Robot) -> Row:
     """Return a row in the middle of every joint's travel, for what is the same of a law wherever it is asked."""
-    middle = 0.5 * (robot.lower + robot.upper)
-    return Row(np.where(np.isfinite(middle), middle, 0.0), {name: i for i, name in enumerate(robot.joint_names)})
+    limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
+    lower, upper = np.where(limited, robot.lower, 0.0), np.where(limited, robot.upper, 0.0)
+    return Row(0.5 * (lower + upper), {name: i for i, name in enumerate(robot.joint_names)})
 
 
 def by_wrench(twist: Callable[[Array, Row], Array], wrench: Array, row: Row) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -30,6 +31,9 @@ Tabular: TypeAlias = "str | Path | DataFrame"
 MAX_BYTES = 200_000_000
 BLOCK = 1 << 20
 """Letters of a file that are looked at together."""
+
+IN_BRACKETS = re.compile(r"(.*\S)\s*[\[(]\s*([^\[\]()]+?)\s*[\])]")
+"""A header that gives its unit as others do: `L [mm]`."""
 
 PLAIN = "0123456789+-.eE "
 """Letters of which all that `float()` takes is a `NUMBER` as well, but for blanks about it."""
@@ -239,7 +243,8 @@ def _split_unit(path: Path | Frame, header: str, kinds: Mapping[str, str]) -> tu
     name = header.strip()
     if name in kinds:
         return name, "", 1.0
-    base, _, unit = name.rpartition("_")
+    bracketed = IN_BRACKETS.fullmatch(name)
+    base, unit = bracketed.groups() if bracketed else (name.rpartition("_")[0], name.rpartition("_")[2])
     if base not in kinds:
         return name, "", 1.0
     units = UNITS[kinds[base]]

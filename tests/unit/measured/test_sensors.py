@@ -199,6 +199,40 @@ def test_conventions_of_sensors_are_named(tmp_path: Path, instruments: str, chan
         fitted(arm, rows)
 
 
+def _swap(one: str, other: str):
+    return lambda columns: {{one: other, other: one}.get(name, name): cells for name, cells in columns.items()}
+
+
+def _times(name: str, factor: float, shift: float = 0.0):
+    def change(columns: dict[str, list[str]]) -> None:
+        columns[name] = [repr(factor * float(cell) + shift) for cell in columns[name]]
+
+    return change
+
+
+def _late(columns: dict[str, list[str]]) -> None:
+    columns["wire1_mm"] = columns["wire1_mm"][-1:] + columns["wire1_mm"][:-1]
+
+
+@pytest.mark.parametrize(
+    ("instruments", "change", "said"),
+    [
+        ((WIRE,), _swap("q_J2", "q_J3"), "columns q_J2 and q_J3 are exchanged"),
+        ((WIRE,), _times("q_J2", -1.0), "sign of q_J2 is turned"),
+        ((WIRE,), _times("q_J3", 1.0, -0.5 * np.pi), r"home position of J3 is \+90 degrees"),
+        ((WIRE,), _late, "readings are those of the row (before|after)"),
+        ((WIRE, LEVEL), _times("q_J5", -1.0), "sign of q_J5 is turned"),
+        ((LEVEL,), _times("q_J3", -1.0), "sign of q_J3 is turned"),
+    ],
+)
+def test_conventions_of_joints_are_named_without_positions(tmp_path: Path, instruments, change, said: str) -> None:
+    """Nobody but a wire or a level looks: what the columns mean is asked all the same."""
+    _, arm, rows = campaign(tmp_path, *instruments, count=40)
+    assert not fitted(arm, rows).flags
+    with pytest.raises(ConventionError, match=said):
+        fitted(arm, rewritten(rows, change))
+
+
 def test_columns_and_instruments_go_together(tmp_path: Path) -> None:
     _, arm, rows = campaign(tmp_path, WIRE, LEVEL, count=20)
     loaded = load_arm(arm)
