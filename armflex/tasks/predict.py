@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
@@ -78,7 +78,7 @@ class Prediction(Result):
         return columns | dict(zip(TWIST_NAMES, self.displacement.T, strict=True))
 
 
-@checked
+@checked_kinds
 def predict(
     arm: Arm,
     rows: Measurements | Tabular,
