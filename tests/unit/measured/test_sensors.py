@@ -332,6 +332,23 @@ def test_a_plan_chooses_where_instruments_go(tmp_path: Path) -> None:
         plan(arm, 6, instruments=["levle"])
 
 
+@pytest.mark.parametrize(
+    "own", [(ACCELERATION,), (ENCODER,), (CAMERA,), (TARGET,)], ids=["acc", "encoder", "camera", "target"]
+)
+def test_a_tracker_takes_every_kind(tmp_path: Path, own: tuple[str, ...]) -> None:
+    """What each reads narrows what is known, and leads no further than its uncertainty from the truth."""
+    machine, arm, rows = campaign(tmp_path, *own, count=40)
+    loaded = load_arm(arm)
+    read, tracker = read_measurements(rows, loaded), Tracker(loaded)
+    before = dict(zip(tracker.labels, tracker.std, strict=True))
+    for row in range(len(read)):
+        tracker.update(Reading.of(read, row))
+    after = dict(zip(tracker.labels, zip(tracker.values, tracker.std, strict=True), strict=True))
+    joint = "joint_offset J2"
+    assert min(std / before[name] for name, (_, std) in after.items() if before[name]) < 0.3
+    assert abs(after[joint][0] - machine.plant.offset["J2"]) < 4.0 * after[joint][1]
+
+
 def test_a_tracker_follows_what_wires_and_levels_read(tmp_path: Path) -> None:
     """Reading by reading it comes to know what a calibration of all of them knows."""
     _, arm, rows = campaign(tmp_path, WIRE.replace("anchor_std = 0.01", "anchor_std = 1e-4"), LEVEL)
