@@ -23,7 +23,7 @@ from support.small_arms import LIMIT, ROBOTS, arm_of, joint, link, one_joint, ra
 from support.structures import nonlinear
 
 from armflex import Arm, Payload, Trajectory, compensate, load_arm
-from armflex.errors import InputError, UnstableEquilibriumError, UnsupportedError
+from armflex.errors import InputError, SmallDisplacementError, UnstableEquilibriumError, UnsupportedError
 from armflex.export.c_code import KEYWORDS, export
 from armflex.export.c_laws import SHAPES
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw
@@ -237,7 +237,35 @@ def test_a_covariate_that_was_not_set_has_a_code(tmp_path: Path) -> None:
     assert codes == [NOT_FINITE] and np.isnan(poses).all()
 
 
-@pytest.mark.parametrize(("softness", "expected"), [(0.02, FINE), (0.2, NO_EQUILIBRIUM)])
+def test_soft_arms_that_only_newton_settles(tmp_path: Path) -> None:
+    """Hanging under 200 kg: they swing from step to step of the fixed point, but stay; also when they compensate."""
+    arm = three_joints(tmp_path, [LinearLaw(random_compliance(i, 20.0)) for i in range(3)])
+    arm = dataclasses.replace(arm, payloads={"heavy": Payload(200.0, [0.1, 0.0, 0.0])})
+    code, rng = compiled(arm, tmp_path), np.random.default_rng(0)
+    q = np.array([0.0, 1.55, 0.0]) + rng.uniform([-3.0, -0.05, -0.05], [3.0, 0.05, 0.05], (1000, 3))
+    number = np.full(len(q), code.payloads.index("heavy"))
+    codes, poses = code.tips(q, number)
+    by_newton = 0
+    for row, pose, found in zip(q, poses, codes, strict=True):
+        try:
+            one = arm.deflection(row, "heavy")
+        except SmallDisplacementError:
+            assert found == TOO_LARGE
+            continue
+        by_newton += one.method == "newton"
+        assert found == FINE
+        np.testing.assert_allclose(pose, one.pose.homogeneous[:3], rtol=0, atol=CLOSE)
+    assert by_newton > 900
+    codes, moved = code.compensated(q[:100], number[:100])
+    held = codes == FINE
+    assert set(codes) <= {FINE, TOO_LARGE, UNREACHED} and held.sum() > 10
+    tips = [arm.deflection(row, "heavy", enforce_limits=False).pose.translation for row in moved[held]]
+    np.testing.assert_allclose(tips, [arm.rigid_pose(row).translation for row in q[:100][held]], rtol=0, atol=CLOSE)
+
+
+@pytest.mark.parametrize(
+    ("softness", "expected"), [(0.02, FINE), (0.0509, FINE), (0.0511, NO_EQUILIBRIUM), (0.2, NO_EQUILIBRIUM)]
+)
 def test_an_arm_that_would_buckle_has_no_equilibrium(tmp_path: Path, softness: float, expected: int) -> None:
     """2 kg straight above a joint 1 m below: it balances exactly, and falls once its compliance is 1 / (2 g)."""
     arm = standing(tmp_path, softness, 1.0)
