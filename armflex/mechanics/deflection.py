@@ -404,7 +404,7 @@ class DeflectionBatch(_Result[Array]):
         asked: How the question was answered.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
         twists: (N, n_flexures, 6) local deflections [m, rad].
-        found_wrenches: (N, n_flexures, 6) what `wrenches` are where they were found with the twists, else of no rows.
+        found_wrenches: (N, n_flexures, 6) `wrenches` [N, Nm] where they were found with the twists, else of no rows.
     """
 
     arm: Structure

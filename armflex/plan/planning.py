@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import SLACK, Arm
 from armflex.configurations import drawn_range
 from armflex.conventions import Array
@@ -59,7 +59,7 @@ SCATTER = 1.5
 """Noise over the stated one beyond which a plan that goes by it is doubtful."""
 
 
-@checked
+@checked_kinds
 def plan(
     arm: Arm,
     rows: int = 20,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm, warn
 from armflex.configurations import furthest
 from armflex.conventions import Array
@@ -117,7 +117,7 @@ class CheckReport(Result):
     rows: tuple[Point, ...] = ()
 
 
-@checked
+@checked_kinds
 def check(
     arm: Arm,
     trajectory: Trajectory | Tabular,

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import RESOLUTION, Array, as_pose, number, real_array
 from armflex.errors import Flag, InputError, UnreachableError, naming
@@ -124,7 +124,7 @@ class Compensation(Result):
         return most, max((row.sigma_m for row in self.rows if row.sigma_m is not None), default=None)
 
 
-@checked
+@checked_kinds
 def compensate(
     arm: Arm,
     trajectory: Trajectory | Tabular,

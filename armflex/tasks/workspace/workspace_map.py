@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.configurations import MOST_ROWS, Configurations, drawn_range, furthest
 from armflex.conventions import Array, number
@@ -157,7 +157,7 @@ class WorkspaceMap(Result):
         return np.where(uncertain, "uncertain", np.where(margin >= 0.0, "ok", "fail"))
 
 
-@checked
+@checked_kinds
 def map_workspace(
     arm: Arm,
     payloads: str | Sequence[str] = "none",
