@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.bench.cross_validation import FOLDS as CHOICE_FOLDS
 from armflex.bench.cross_validation import (
     OUTER,
@@ -33,6 +33,7 @@ from armflex.laws.law import Law
 from armflex.laws.law_file import TrainedLaw
 from armflex.measured.joint_data import JointData, as_joint_data
 from armflex.measured.table import Tabular
+from armflex.parallel import Progress
 from armflex.result import Result
 from armflex.sampling.diagnostics import Diagnostics, shortcomings
 from armflex.version import __version__
@@ -52,7 +53,6 @@ CHAIN_FOLDS = 5
 """Of a model that chains are run for: each fit takes seconds to a minute."""
 
 CHOICE = "the choice anew in every fold"
-Progress = Callable[[int, int], None]
 
 AGAINST = -0.5
 """Correlation of a deflection with its own load from which a sign is believed to be turned."""
@@ -102,7 +102,7 @@ class TrainResult(Result):
         return [{"model": name, "held_out_rms": errors} for name, errors in self.compared]
 
 
-@checked
+@checked_kinds
 def train(
     data: JointData | Tabular,
     model: str = "linear",

@@ -22,6 +22,7 @@ from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, lis
 from armflex.files.arm_file import load_arm
 from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
 from armflex.measured.points import read_points
+from armflex.result import plain
 from armflex.robot.robot import lock_side_joints
 from armflex.rows.wrench import Wrench
 from armflex.storage.whole_file import is_replaced, write_whole
@@ -141,14 +142,12 @@ def json_path() -> Path | None:
 
 
 def write_json(content: dict[str, Any], path: Path | None = None) -> None:
-    """Write a result as strict JSON to a path or `--json`, whole or not at all; nothing where neither is given."""
+    """Write a result to a path or `--json`, whole or not at all; nothing where neither is given.
+
+    It is strict JSON: arrays are lists, dataclasses their fields, and what is not finite null; see `plain`.
+    """
     if path := path or json_path():
-        write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
-
-
-def finite(value: float | None) -> float | None:
-    """Return a number as strict JSON has it: None where it is infinite, or none."""
-    return None if value is None or not np.isfinite(value) else float(value)
+        write_whole(path, (json.dumps(plain(content), indent=1, allow_nan=False) + "\n").encode())
 
 
 def conclude(content: dict[str, Any], flags: Sequence[Flag], arm: Arm | None = None) -> None:
@@ -225,11 +224,20 @@ anyway = click.option(
 
 
 def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command an arm and its campaign, and how both are taken: `keep`, `anyway`, `points`, `lax`."""
+    """Give a command an arm and its campaign, and how both are taken: `keep`, `anyway`, `points`, `lax`.
+
+    `unnamed` returns for the arm what loads rows that name none.
+    """
+
+    @functools.wraps(function)
+    def with_loads(payload: str, force_text: str | None, **rest: Any) -> Any:
+        return function(unnamed=lambda arm: unnamed_loads(arm, payload, force_text), **rest)
+
+    found = force_option(payload_option(with_loads))
     measured = click.argument("measurements_path", metavar="MEAS.csv", type=InputPath)
     for given in (points, lax, anyway, keep, measured, click.argument("arm_path", metavar="ARM", type=InputPath)):
-        function = given(function)
-    return function
+        found = given(found)
+    return found
 
 
 def declared_arm(path: Path, command: str, keep: bool = False, lax: bool = False) -> Arm:
@@ -325,15 +333,25 @@ def parse_positions(text: str, arm: Arm) -> tuple[Array, Arm]:
 def loads(function: Callable) -> Callable:
     """Add `--payload` and `--force` for rows that name none: the command gets them as `unnamed`, arm first."""
 
-    @click.option("--force", "force_text", metavar="fx=0,fz=-500N", help=f"Load from outside {UNNAMED}; {FORCE_HELP}.")
-    @click.option("--payload", default="none", show_default=True, metavar="NAME", help=f"Payload of ARM {UNNAMED}.")
     @functools.wraps(function)
     def with_loads(arm: Arm, payload: str, force_text: str | None, **rest: Any) -> Any:
-        arm.payload(payload)  # raises where there is none of that name
-        force = None if force_text is None else parse_force(force_text, arm)
-        return function(arm, unnamed=Unnamed(payload, force), **rest)
+        return function(arm, unnamed=unnamed_loads(arm, payload, force_text), **rest)
 
-    return with_loads
+    return force_option(payload_option(with_loads))
+
+
+def unnamed_loads(arm: Arm, payload: str, force_text: str | None) -> Unnamed:
+    """Return what loads rows that name none; raise where the arm has no such payload or link."""
+    arm.payload(payload)
+    return Unnamed(payload, None if force_text is None else parse_force(force_text, arm))
+
+
+force_option = click.option(
+    "--force", "force_text", metavar="fx=0,fz=-500N", help=f"Load from outside {UNNAMED}; {FORCE_HELP}."
+)
+payload_option = click.option(
+    "--payload", default="none", show_default=True, metavar="NAME", help=f"Payload of ARM {UNNAMED}."
+)
 
 
 force_table = click.option(

@@ -11,15 +11,18 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, say
 from armflex.errors import InputError
+from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
-from armflex.tasks.iso9283 import Characteristic, PosePerformance, iso9283
+from armflex.result import plain
+from armflex.tasks.iso9283 import PosePerformance, iso9283
 
 
 @click.command(cls=options.Command)
 @options.points
 @options.arm
 @click.argument("measurements_path", metavar="MEAS.csv", type=options.InputPath)
+@options.loads
 @click.option("--iso9283", "standard", is_flag=True, help="Pose accuracy, repeatability, directions and drift.")
 @click.option("--block", type=options.Quantity("time"), help="Time of one block of cycles, such as 10min: for drift.")
 @click.option("-o", "--output", type=options.OutputPath(), help="Page to write.")
@@ -30,6 +33,7 @@ def command(
     block: float | None,
     output: Path | None,
     points: PointExport | None,
+    unnamed: Unnamed,
 ) -> None:
     """Pose characteristics of a campaign with repeats, as ISO 9283 defines them.
 
@@ -37,7 +41,7 @@ def command(
     """
     if not standard:
         raise InputError("which report? --iso9283 is known; of a trace it is written by `armflex trace --report`")
-    measurements = read_measurements(measurements_path, arm, points=points)
+    measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed)
     found = iso9283(arm, measurements, block)
     columns = ["pose", "payload", "cycles", "AP mm", "\u00b1", "x", "y", "z", "RP mm", "\u00b1", "RP of noise"]
     modelled = any(one.predicted is not None for one in found.poses)
@@ -67,23 +71,19 @@ def _mm(value: float | None) -> str:
 
 def as_json(found: PosePerformance) -> dict[str, Any]:
     """Return pose characteristics for programs, SI."""
-
-    def figure(one: Characteristic) -> dict[str, float | None]:
-        return {"value": one.value, "std": one.std, "instrument": one.instrument}
-
     poses = [
         {
             "pose": one.pose,
             "payload": one.payload,
             "session": one.session,
-            "direction": one.direction and list(one.direction),
+            "direction": one.direction,
             "cycles": one.cycles,
-            "rows": one.rows.tolist(),
-            "ap_m": figure(one.accuracy),
-            "ap_xyz_m": one.offset.tolist(),
-            "rp_m": figure(one.repeatability),
-            "ap_abc_rad": None if one.rotation is None else one.rotation.tolist(),
-            "rp_abc_rad": None if one.rotation_repeatability is None else one.rotation_repeatability.tolist(),
+            "rows": one.rows,
+            "ap_m": one.accuracy,
+            "ap_xyz_m": one.offset,
+            "rp_m": one.repeatability,
+            "ap_abc_rad": one.rotation,
+            "rp_abc_rad": one.rotation_repeatability,
             "ap_with_model_m": one.predicted,
         }
         for one in found.poses
@@ -94,5 +94,6 @@ def as_json(found: PosePerformance) -> dict[str, Any]:
         {n: getattr(one, n) for n in named} | {"dap_m": one.accuracy, "drp_m": one.repeatability, "shift_m": one.shift}
         for one in found.drifts
     ]
-    return {"standard": "ISO 9283:1998", "poses": poses, "directions": directions, "drifts": drifts,
-            "remarks": list(found.remarks)}  # fmt: skip
+    told = {"standard": "ISO 9283:1998", "poses": poses, "directions": directions, "drifts": drifts,
+            "remarks": found.remarks}  # fmt: skip
+    return plain(told)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import Flag, listing
@@ -15,13 +15,10 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.view import View, look, untold_shifts
-from armflex.laws.effects.context import Context, survey
-from armflex.mechanics.history import known_rows
-from armflex.parameters import FRAMES, Kind, fitted_group
+from armflex.parameters import FRAMES, ParameterKind, fitted_group
 from armflex.readings import Orientation, Position, Readings, unread
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
-from armflex.setup import Setup
 
 OTHER_PARAMETERS = Flag(
     "no_certainty", "the arm no longer has every fitted parameter (another preset?): sigma leaves all of them out"
@@ -33,18 +30,19 @@ def certainty_of(fit: Fit) -> Certainty:
 
     Where the declared arm was fitted before, what is known of it stays known; only frames are of one campaign.
     """
-    random: list[Any] = [block for block in fit.blocks if block.kind is Kind.UNEXPLAINED]  # `PoseBlock`, made above
+    # A `PoseBlock`, which is made above.
+    random: list[Any] = [block for block in fit.blocks if block.kind is ParameterKind.UNEXPLAINED]
     every, known = parameters_of(fit.blocks), fit.posterior
     directions = known.null_space if len(known.null_space) else None
     unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None
     whole = Certainty(every, known.covariance, unexplained, directions, fit.misfit)
-    found = whole.part([i for i, one in enumerate(every) if one.group.kind is not Kind.UNEXPLAINED])
+    found = whole.part([i for i, one in enumerate(every) if one.group.kind is not ParameterKind.UNEXPLAINED])
     earlier = fit.declared.arm.certainty
     if earlier is None:
         return found
     kept = earlier.part([i for i, one in enumerate(earlier.parameters) if one.group.kind not in FRAMES])
     both = kept.beside(found)
-    effects = [one.group.kind is Kind.EFFECT for one in both.parameters]
+    effects = [one.group.kind is ParameterKind.EFFECT for one in both.parameters]
     return both.part(sorted(range(len(effects)), key=effects.__getitem__))  # declared parameters first
 
 
@@ -63,13 +61,13 @@ def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | N
         missing = Flag("no_certainty", "the file holds no covariance of the fitted parameters: sigma leaves them out")
         return None, (missing,) if arm.instrument is not None else ()
     setup = Setup(arm, arm.instrument or Instrument())
-    view = look(setup, rows, np.arange(len(rows)), readings=readings)
-    jacobian = _jacobian(arm.certainty, view, rows)
+    view = look(setup, rows, readings=readings)
+    jacobian = _jacobian(arm.certainty, view)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
     variance = np.einsum("ndp,pq,ndq->nd", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     left = arm.certainty.leaves_open(jacobian)
-    variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)
+    variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view)
     flags = (_open(arm.certainty),) if left.any() else ()
     return variance, (*flags, *_lacking(arm.certainty))
 
@@ -84,8 +82,8 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
     if arm.certainty is None:
         return None, ()
     tip = unread(len(rows), Position, Orientation)
-    view = look(Setup(arm, Instrument()), rows, np.arange(len(rows)), readings=tip)
-    jacobian = _jacobian(arm.certainty, view, rows)
+    view = look(Setup(arm, Instrument()), rows, readings=tip)
+    jacobian = _jacobian(arm.certainty, view)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
     jacobian = np.where([parameter.group.moves for parameter in arm.certainty.parameters], jacobian, 0.0)
@@ -130,10 +128,10 @@ def without_declared_uncertainty(arm: Arm) -> Arm:
     return replace(arm, flexures=tuple(replace(f, law=f.law.certain()) if own else f for f, own in pairs))
 
 
-def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
+def _unforeseen(arm: Arm, view: View) -> Array:
     """Return the (N, d) variance of what no fit can know: frames of new sessions, a twist without a cause."""
     prior, sessions = arm.prior, view.setup.instrument.sessions
-    new = np.array([bool(sessions) and session not in sessions for session in rows.session])
+    new = np.array([bool(sessions) and session not in sessions for session in view.sessions])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
     assert arm.certainty is not None
     variance = ((view.by_session * std) ** 2).sum(axis=2) * new[:, None]
@@ -143,7 +141,7 @@ def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
             # What was found of a sensor in other sessions is not known in a new one.
             sensor = arm.sensors[kind.name]
             unknown = np.array(
-                [bool(sensor.found) and not {"", session} & set(sensor.found) for session in rows.session]
+                [bool(sensor.found) and not {"", session} & set(sensor.found) for session in view.sessions]
             )
             variance[:, place] += ((kind.by_own(view.at) * sensor.std) ** 2).sum(axis=2) * unknown[:, None]
     if arm.certainty.unexplained is not None:
@@ -152,17 +150,10 @@ def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
     return variance
 
 
-def _jacobian(certainty: Certainty, view: View, rows: Rows) -> Array | None:
+def _jacobian(certainty: Certainty, view: View) -> Array | None:
     """Return (N, d, P) changes of what is read per fitted parameter, None where this arm has not all of them."""
-    moved = any(group.kind is Kind.EFFECT for group in certainty.groups)
-    blocks = blocks_of(certainty.parameters, view.setup, context_of(view, rows) if moved else None)
+    moved = any(group.kind is ParameterKind.EFFECT for group in certainty.groups)
+    blocks = blocks_of(certainty.parameters, view.setup, view.context if moved else None)
     if blocks is None:
         return None
     return np.concatenate([np.zeros((*view.residual.shape, 0)), *(block.jacobian(view) for block in blocks)], axis=2)
-
-
-def context_of(view: View, rows: Rows) -> Context:
-    """Return rows as the catalogue sees them, from a view of all of them."""
-    wrenches = {site: view.line.load_at(site) for site in view.line.sites}
-    known = known_rows(view.setup.arm, rows)
-    return survey(rows, view.setup.arm, known, wrenches, view.line.links[:, :, :3, 3])

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array
-from armflex.laws.effects.context import Context
+from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
 from armflex.laws.effects.in_arm import directions
 from armflex.laws.effects.location import Location, link_of, same_site, site_of
@@ -23,18 +23,16 @@ from armflex.readings.instrument import twist_per_value
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 from armflex.rows.wrench import wrenches_in
-from armflex.setup import Setup as Setup
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class View:
-    """A campaign at one setup, measured rows only.
+    """Rows driven at one setup: a campaign's measured ones, or such as could be read.
 
     Attributes:
         setup: The state it was computed at.
-        rows: (M,) numbers of the measured rows.
+        driven: All rows in the order driven.
+        rows: (M,) numbers of those that are looked at.
         line: The linearised arm at those rows.
         readings: What was read in those rows, or is to be: d numbers each.
         residual: (M, d) measured minus predicted, in the units of the readings.
@@ -42,6 +40,7 @@ class View:
     """
 
     setup: Setup
+    driven: Rows
     rows: np.ndarray
     line: Response
     readings: Readings
@@ -52,12 +51,20 @@ class View:
         """Return the view of (m,) of its rows, counted from 0, none of them twice."""
         line, readings = self.line.some(which), self.readings.some(which)
         sessions = tuple(self.sessions[i] for i in which)
-        return View(self.setup, self.rows[which], line, readings, self.residual[which], sessions)
+        return View(self.setup, self.driven, self.rows[which], line, readings, self.residual[which], sessions)
 
     @cached_property
     def at(self) -> Postures:
         """What the instruments look at."""
         return postures(self.setup, self.line, self.sessions)
+
+    @cached_property
+    def context(self) -> Context:
+        """What effects see of the rows driven, all of which must be looked at."""
+        assert len(self.rows) == len(self.driven)
+        wrenches = {site: self.line.load_at(site) for site in self.line.sites}
+        known = known_rows(self.arm, self.driven)
+        return survey(self.driven, self.arm, known, wrenches, self.line.links[:, :, :3, 3])
 
     @property
     def sigma(self) -> Array:
@@ -200,8 +207,7 @@ class View:
 def look(
     setup: Setup,
     rows: Rows,
-    some: np.ndarray,
-    progress: Progress | None = None,
+    some: np.ndarray | None = None,
     readings: Readings | None = None,
     line: Response | None = None,
 ) -> View:
@@ -210,20 +216,20 @@ def look(
     Args:
         setup: Arm and instrument.
         rows: All rows in the order driven.
-        some: (M,) numbers of those looked at.
-        progress: Told how many rows are done.
+        some: (M,) numbers of those looked at; all of them when not given.
         readings: What was read in all rows, or would be; what the rows themselves have where it is not given.
         line: The linearised arm at those rows, where it is known.
     """
+    some = np.arange(len(rows)) if some is None else some
     if line is None:
         payloads = [rows.payload[row] for row in some]
         known = {name: values[some] for name, values in known_rows(setup.arm, rows).items()}
-        line = respond(setup.arm, rows.q[some], payloads, known, progress, wrenches=wrenches_in(rows.wrenches, some))
+        line = respond(setup.arm, rows.q[some], payloads, known, wrenches=wrenches_in(rows.wrenches, some))
     sessions = tuple(rows.session[row] for row in some)
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))
     read, at = readings.some(some), postures(setup, line, sessions)
-    return View(setup, some, line, read, read.stacked(lambda kind: kind.residual(at)), sessions)
+    return View(setup, rows, some, line, read, read.stacked(lambda kind: kind.residual(at)), sessions)
 
 
 def postures(setup: Setup, line: Response, sessions: Sequence[str]) -> Postures:

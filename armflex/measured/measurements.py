@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arguments import checked, checked_init
+from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
@@ -176,7 +176,7 @@ def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> 
     return Readings(count, tuple(kinds))
 
 
-@checked
+@checked_kinds
 def read_measurements(
     path: Tabular,
     arm: Arm,
@@ -212,7 +212,7 @@ def read_measurements(
         if kind.unit == "m":
             read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & found.measured)
             check_one_unit(kind.values, read, found.places, kind.columns(kind.name) if kind.name else POSITION)
-    flags += (*table_flags(table, found), *_sensor_flags(table, found, arm), *force_flags(found, arm))
+    flags += (*table_flags(table, found), *_sensor_flags(found, arm), *force_flags(found, arm))
     flags += () if found.measured.any() else unit_flags(table, arm)  # else readings tell, when the arm is fitted
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
@@ -418,7 +418,7 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
     return tuple(found)
 
 
-def _sensor_flags(table: Table, found: Measurements, arm: Arm) -> Iterator[Flag]:
+def _sensor_flags(found: Measurements, arm: Arm) -> Iterator[Flag]:
     """Yield flags about instruments that nothing was read of, and about columns that look like one's."""
     read = {kind.name for kind in found.readings.kinds}
     for name, sensor in arm.sensors.items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ import numpy as np
 
 from armflex.conventions import LARGEST, NUMBER, UNITS, Array, unprintable
 from armflex.errors import Frame, Place, TableError, UnknownNameError, did_you_mean, listing, shown
-from armflex.measured.parquet import is_parquet, parquet_rows
+from armflex.measured.parquet import SUFFIXES, parquet_rows
 from armflex.storage.whole_file import writing
 
 if TYPE_CHECKING:
@@ -30,6 +31,9 @@ Tabular: TypeAlias = "str | Path | DataFrame"
 MAX_BYTES = 200_000_000
 BLOCK = 1 << 20
 """Letters of a file that are looked at together."""
+
+IN_BRACKETS = re.compile(r"(.*\S)\s*[\[(]\s*([^\[\]()]+?)\s*[\])]")
+"""A header that gives its unit as others do: `L [mm]`."""
 
 PLAIN = "0123456789+-.eE "
 """Letters of which all that `float()` takes is a `NUMBER` as well, but for blanks about it."""
@@ -140,8 +144,10 @@ def read_pieces(path: str | Path, kinds: Mapping[str, str], rows: int) -> Iterat
 
 def _frame_rows(table: DataFrame) -> tuple[Frame, Iterator[tuple[int, list[str]]]]:
     """Return a data frame as a source, and its rows of text, header first, as `_rows` gives those of a file."""
-    if not hasattr(table, "iloc"):
+    if hasattr(table, "to_pandas"):
         raise TableError(Place(Frame((), "")), "expected a data frame of pandas: to_pandas() makes one of others")
+    if not hasattr(table, "iloc"):
+        raise TypeError(f"expected the path of a table or a data frame, got {table!r}")
     header, columns = [str(name) for name in table.columns], []
     for i, name in enumerate(header):
         missing = table.iloc[:, i].isna()
@@ -192,7 +198,7 @@ def _tables(
 
 def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
     """Yield the line and the cells of every row that is not blank, header first."""
-    if is_parquet(path):
+    if path.suffix.lower() in SUFFIXES:
         yield from parquet_rows(path, most)
         return
     reader = csv.reader(text_lines(path), strict=True)
@@ -239,7 +245,8 @@ def _split_unit(path: Path | Frame, header: str, kinds: Mapping[str, str]) -> tu
     name = header.strip()
     if name in kinds:
         return name, "", 1.0
-    base, _, unit = name.rpartition("_")
+    bracketed = IN_BRACKETS.fullmatch(name)
+    base, unit = bracketed.groups() if bracketed else (name.rpartition("_")[0], name.rpartition("_")[2])
     if base not in kinds:
         return name, "", 1.0
     units = UNITS[kinds[base]]

@@ -16,12 +16,12 @@ from armflex.conventions import LARGEST, Array, finite_array
 from armflex.errors import Flag, InputError, PayloadError, UnknownNameError
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
-from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.effect import Manipulator
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.pinocchio_model import Load, Mechanics
-from armflex.robot import Corrections, FlexModel, Robot, Site, build_model
+from armflex.robot import Corrections, FlexModel, Site, build_model
 from armflex.rows.wrench import Wrench, check_rows, same_objects
 
 TOOL = "what is at the tool"
@@ -99,26 +99,21 @@ class Names:
     tip: str
 
 
-class Structure(Protocol):
-    """A manipulator with flexures, immutable.
+class Structure(Manipulator, Protocol):
+    """What mechanics knows of an arm beside what effects do; immutable.
 
     Attributes:
-        robot: The validated robot.
         corrections: Constant errors of its kinematics, bodies included.
         payload_rating: Heaviest rated payload [kg], None when not stated.
         flags: Flags about it as declared.
-        sites: Of its flexures, in order; `stack` has their laws.
-        pulls: Loads on its links.
-        effects: What it does beyond its flexures; those at work are in `stack` and `pulls`.
+        sites: Of its flexures, in order; `stack` has their laws, with the effects at work there.
+        pulls: Loads that effects put on its links.
         names: Of joints and flexures, base and tip.
         joint_index: Place of every joint in q.
         bounds: Least and largest positions of all joints that are within their limits and of sensible size.
         link_names: Links at and beyond the base.
-        weight: Of everything that moves [N].
     """
 
-    @property
-    def robot(self) -> Robot: ...
     @property
     def corrections(self) -> Corrections: ...
     @property
@@ -132,8 +127,6 @@ class Structure(Protocol):
     @property
     def pulls(self) -> Sequence[Load]: ...
     @property
-    def effects(self) -> Sequence[Effect]: ...
-    @property
     def names(self) -> Names: ...
     @property
     def joint_names(self) -> tuple[str, ...]: ...
@@ -143,8 +136,6 @@ class Structure(Protocol):
     def bounds(self) -> tuple[list[float], list[float]]: ...
     @property
     def link_names(self) -> tuple[str, ...]: ...
-    @property
-    def weight(self) -> float: ...
 
     def payload(self, payload: str | Payload | None) -> Payload:
         """Return a payload by name."""

@@ -7,14 +7,14 @@ inside the limits, with the Jacobian of the deflected arm. What cannot be reache
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import RESOLUTION, Array, as_pose, number, real_array
 from armflex.errors import Flag, InputError, UnreachableError, naming
@@ -24,7 +24,7 @@ from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
-from armflex.parallel import in_threads
+from armflex.parallel import Progress, in_pieces, in_threads
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.tasks.inverse_kinematics import (
@@ -36,7 +36,7 @@ from armflex.tasks.inverse_kinematics import (
     SETTLED,
     TOLERANCE,
     Corrector,
-    Point,
+    Trial,
 )
 from armflex.trajectory import Trajectory, as_trajectory
 
@@ -53,8 +53,6 @@ LARGEST_CHANGE = 0.5
 
 TO_BLAME = 1e-3
 """Joints are blamed whose way out of their limits has at least this part in the way the error would have to go."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -126,7 +124,7 @@ class Compensation(Result):
         return most, max((row.sigma_m for row in self.rows if row.sigma_m is not None), default=None)
 
 
-@checked
+@checked_kinds
 def compensate(
     arm: Arm,
     trajectory: Trajectory | Tabular,
@@ -244,8 +242,7 @@ def _with_sigmas(
         return list(zip(*(each.tolist() for each in sigmas), strict=True)), flags
 
     found: list[CompensatedRow] = []
-    every = np.arange(len(rows))
-    for pairs, flags in in_threads(uncertain, [every[i : i + TOGETHER] for i in range(0, len(every), TOGETHER)]):
+    for pairs, flags in in_threads(uncertain, in_pieces(np.arange(len(rows)), TOGETHER)):
         met |= dict.fromkeys(flags)
         found += [replace(rows[len(found) + i], sigma_m=m, sigma_rad=rad) for i, (m, rad) in enumerate(pairs)]
     if arm.flexure_names and any(row.sigma_m is None for row in found):
@@ -276,8 +273,7 @@ def _solve_each(
 ) -> tuple[tuple[CompensatedRow, ...], Trajectory]:
     """Return every row and the moved trajectory: many rows at once, one by one where that does not settle them."""
     rows: list[CompensatedRow] = []
-    every = np.arange(len(poses))
-    pieces = [every[first : first + TOGETHER] for first in range(0, len(every), TOGETHER)]
+    pieces = in_pieces(np.arange(len(poses)), TOGETHER)
     found = in_threads(lambda some: solver.together(some, poses[some[0] : some[-1] + 1]), pieces)
     for some, known in zip(pieces, found, strict=True):
         for i in some.tolist():
@@ -409,14 +405,14 @@ class _Solver:
         time, via = float(t.time[i]), t.via[i]
         return CompensatedRow(time, via, before, point.error, point.change, reached, reason, point.sigma_min, smallest)
 
-    def solve(self, i: int, target: pin.SE3, start: Array) -> tuple[Point, bool, str]:
+    def solve(self, i: int, target: pin.SE3, start: Array) -> tuple[Trial, bool, str]:
         """Return the best point, whether its change is shown to be the smallest, and what equilibrium was missed."""
 
         def ask(change: Array) -> tuple[Array, Array]:
             found = self.ask(i, self.trajectory.q[i] + change)
             return _error(found.pose, target), found.total_jacobian[: self.size]
 
-        def find(start: Array) -> tuple[Point | None, bool, str]:
+        def find(start: Array) -> tuple[Trial | None, bool, str]:
             corrector = Corrector(ask, *self.box(i), self.scale)
             return (*corrector.find(start), corrector.trouble)
 
@@ -439,7 +435,7 @@ class _Solver:
         """Return row i's joint positions after a change; rounding takes none past its limit."""
         return np.clip(self.trajectory.q[i] + change, self.arm.robot.lower, self.arm.robot.upper)
 
-    def explain(self, i: int, point: Point) -> str:
+    def explain(self, i: int, point: Trial) -> str:
         """Return why row i was not reached."""
         count, sigma = len(point.change), point.sigma_min
         if count < self.size == 6:
@@ -452,7 +448,7 @@ class _Solver:
             return f"joints: a position takes three, this arm has {count}"
         return "tolerance: the iteration stalled"
 
-    def blocked(self, i: int, point: Point) -> str:
+    def blocked(self, i: int, point: Trial) -> str:
         """Return which joints could lower the error if they were let further, and what holds them; '' if none."""
         (low, high), change = self.box(i), point.change
         pull = point.jacobian.T @ point.matched
@@ -479,8 +475,7 @@ def _gaps(arm: Arm, commanded: Trajectory, moved: Trajectory) -> Array:
     gaps, known = np.zeros(len(commanded) - 1), moved.prepared(arm)
     same = [one == other for one, other in pairwise(commanded.payload)]
     rigid = arm.loaded(None)
-    every = np.flatnonzero(same)
-    for some in (every[first : first + TOGETHER] for first in range(0, len(every), TOGETHER)):
+    for some in in_pieces(np.flatnonzero(same), TOGETHER):
         half = np.full(len(some), 0.5)
         target = rigid_tips(rigid.nominal or rigid.chain, commanded.between(some, half).q)
         middle = known.between(some, half)

@@ -21,11 +21,11 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from armflex.arguments import checked
-from armflex.arm import Arm
+from armflex.arguments import checked_kinds
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.errors import InputError, listing
-from armflex.estimate.enough import placed_rigidly
+from armflex.estimate.placement import placed_rigidly
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.repeats import REPEATED, repeats
 from armflex.measured.table import Tabular
@@ -33,7 +33,6 @@ from armflex.mechanics.many_rows import rigid_tips
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
 from armflex.rows.poses import numbered, same_positions
-from armflex.setup import Setup
 from armflex.tasks.predict import predict
 
 CYCLES, POSES = 30, 5
@@ -211,7 +210,7 @@ def _repeatability(attained: Array) -> Array:
     return distance.mean(axis=-1) + 3.0 * distance.std(axis=-1, ddof=1)
 
 
-@checked
+@checked_kinds
 def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None = None) -> PosePerformance:
     """Return the pose characteristics that the repeats of a campaign give.
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.parameters import ArmParameter, Kind
+from armflex.parameters import ArmParameter, ParameterKind
 from armflex.readings import Position
 from armflex.readings.chance import outlier_limit
 from armflex.result import Result
@@ -102,7 +102,7 @@ class Change(Result):
         told = []
         for parameter, size, std in zip(self.parameters, self.size, self.std, strict=True):
             unit = ""
-            if parameter.group.kind is Kind.COMPLIANCE:
+            if parameter.group.kind is ParameterKind.COMPLIANCE:
                 size, std, unit = 100.0 * np.expm1(size), 100.0 * np.exp(size) * std, " %"
             told.append(f"{parameter.name or ''} {size:+.3g} ± {std:.2g}{unit}".strip())
         return f"<Change: {self.name} since reading {self.since}, {self.probability:.3%} sure: {', '.join(told)}>"

@@ -20,7 +20,7 @@ from armflex.estimate.held_out import believed, held_out, pose_folds
 from armflex.estimate.identify import Parameter
 from armflex.estimate.view import View
 from armflex.measured.measurements import Measurements
-from armflex.parameters import FRAMES, Kind
+from armflex.parameters import FRAMES, ParameterKind
 from armflex.readings import Position
 from armflex.show.report.accuracy import Errors, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short, with_std
@@ -153,11 +153,11 @@ def parameter_rows(arm: Arm, found: Sequence[Parameter]) -> Table:
     """
     rows = []
     for one in found:
-        if one.kind in (*FRAMES, Kind.LAW, Kind.EFFECT, Kind.UNEXPLAINED):
+        if one.kind in (*FRAMES, ParameterKind.LAW, ParameterKind.EFFECT, ParameterKind.UNEXPLAINED):
             continue
         if not one.determined:
             rows.append((one.name, "not determined by these readings", ""))
-        elif one.kind is Kind.COMPLIANCE:
+        elif one.kind is ParameterKind.COMPLIANCE:
             factor = np.exp(one.value)
             change = f"{with_std(100.0 * (factor - 1.0), 100.0 * factor * one.std)} %".replace("-", "−")
             change = change if one.value < 0.0 else f"+{change}"

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.errors import ArmflexError, InputError, listing
@@ -117,7 +117,7 @@ def view(
     path: str | Path,
     **options: Unpack[ViewOptions],
 ) -> Path: ...
-@checked
+@checked_kinds
 def view(
     arm: Arm,
     q: ArrayLike | None = None,

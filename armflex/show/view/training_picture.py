@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,7 +51,8 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
     told = bool(np.isfinite(std).all()) and bool(std.any())
     draws = [law.draw(rng) for _ in range(DRAWS)] if told else []
     with picture(path, 11.0, 2.3 * size + 2.6, dpi=110.0) as figure:
-        upper, lower = np.ravel(figure.subfigures(2, 1, height_ratios=[2.3 * size, 2.6]))
+        parts: Any = figure.subfigures(2, 1, height_ratios=[2.3 * size, 2.6])
+        upper, lower = parts
         for column, (shown, rest, slopes) in enumerate(upper.subplots(size, 3, squeeze=False)):
             name, unit, factor = TWIST_NAMES[column], data.units[column], data.factors[column]
             component = _strongest(law, data, column)
