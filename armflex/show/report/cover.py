@@ -17,7 +17,7 @@ from armflex.arm import Arm
 from armflex.conventions import SHOWN, TWIST_NAMES, Array
 from armflex.estimate import Calibration
 from armflex.estimate.held_out import believed, held_out, pose_folds
-from armflex.estimate.identify import Parameter
+from armflex.estimate.identify import FittedParameter
 from armflex.estimate.view import View
 from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ParameterKind
@@ -146,7 +146,7 @@ def signed(value: float, std: float | None, unit: str) -> str:
     )
 
 
-def parameter_rows(arm: Arm, found: Sequence[Parameter]) -> Table:
+def parameter_rows(arm: Arm, found: Sequence[FittedParameter]) -> Table:
     """Return what was fitted of the arm itself: name, change against the declared value, and what it is now.
 
     A compliance changes by a factor; what it is now is said as a stiffness, of the axis by itself.
@@ -167,7 +167,7 @@ def parameter_rows(arm: Arm, found: Sequence[Parameter]) -> Table:
     return tuple(rows)
 
 
-def stiffness(arm: Arm, one: Parameter) -> str:
+def stiffness(arm: Arm, one: FittedParameter) -> str:
     """Return a fitted compliance as a stiffness people know, '' where the flexure's law has no one number for it."""
     axis = one.label.rpartition(" ")[2]
     law = next((flexure.law for flexure in arm.flexures if flexure.name == one.which.group.of), None)
