@@ -46,6 +46,7 @@ from armflex.parameters import (
     of_motions,
     of_offsets,
     of_sensor,
+    of_targets,
 )
 from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
@@ -198,6 +199,7 @@ class Arm:
         """
         sessions = self.instrument.sessions if self.instrument else ()
         known = [*FRAME, *of_motions(Kind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
+        known += of_targets(self.instrument.targets if self.instrument else ())
         known += of_motions(Kind.GEOMETRY, self.joint_names)
         known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:

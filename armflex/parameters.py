@@ -26,6 +26,7 @@ class Kind(StrEnum):
     SESSION = "session_frame"
     MOUNTING = "mounting"
     TOOL = "tool"
+    TARGET = "session_target"
     SENSOR = "sensor"
     OFFSET = "joint_offset"
     GEOMETRY = "geometry"
@@ -35,8 +36,11 @@ class Kind(StrEnum):
     UNEXPLAINED = "unexplained"
 
 
-FRAMES = (Kind.INSTRUMENT, Kind.SESSION, Kind.MOUNTING, Kind.SENSOR)
-"""Those of one campaign alone: frames that nothing says will be the same in the next."""
+FRAMES = (Kind.INSTRUMENT, Kind.SESSION, Kind.MOUNTING, Kind.SENSOR, Kind.TARGET)
+"""Those of one campaign alone: frames, and how targets were mounted, that nothing says will be the same in the next."""
+
+OF_SESSION = (Kind.SESSION, Kind.TARGET)
+"""Those of one session alone."""
 
 SEEN = (*FRAMES, Kind.TOOL)
 """Those that change what is read, not where the tip is."""
@@ -108,6 +112,11 @@ TARGET = of_motions(Kind.TOOL, axes=TWIST_NAMES[:3])
 
 MOUNTED = of_motions(Kind.MOUNTING, axes=TWIST_NAMES[3:])
 """How the target is turned on the tool."""
+
+
+def of_targets(sessions: Iterable[str], size: int = 6) -> tuple[ArmParameter, ...]:
+    """Return the shift [m] of a target that was mounted anew in every session, of six numbers its turn [rad] too."""
+    return of_motions(Kind.TARGET, (name or None for name in sessions), TWIST_NAMES[:size])
 
 
 def of_sensor(sensor: Sensor, sessions: Iterable[str]) -> tuple[ArmParameter, ...]:

@@ -22,6 +22,7 @@ class Prior:
         compliance: Every declared linear compliance, relative.
         tool: The target's place in the tip frame [m].
         geometry: Every fixed transform of the chain [m and rad].
+        session_target: The target's place in the tip frame between sessions, in each of which it was mounted anew [m].
         session_translation: Instrument frame between sessions [m].
         session_rotation: Instrument frame between sessions [rad].
     """
@@ -30,5 +31,6 @@ class Prior:
     compliance: float = 0.0
     tool: float = 0.0
     geometry: float = 0.0
+    session_target: float = 0.0
     session_translation: float = 0.0
     session_rotation: float = 0.0

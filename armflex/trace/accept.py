@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds, told_by_others
-from armflex.parameters import Kind
+from armflex.parameters import OF_SESSION
 from armflex.trace.candidates import Sifted
 from armflex.trace.polish import Polished
 
@@ -136,7 +136,7 @@ def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[n
     folds = np.array([names.index(session) for session in sessions])
     frames = [
         np.array(
-            [i for i, one in enumerate(fit.parameters) if one.group.kind is Kind.SESSION and one.group.of == name],
+            [i for i, one in enumerate(fit.parameters) if one.group.kind in OF_SESSION and one.group.of == name],
             dtype=int,
         )
         for name in names
