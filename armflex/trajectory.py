@@ -10,14 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armflex.arguments import checked, checked_init
 from armflex.arm import Arm, warn
-from armflex.conventions import Array
+from armflex.conventions import Array, real_array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
 from armflex.measured.data_flags import check_joint_units, unit_flags
 from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_loads
-from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
+from armflex.measured.table import Tabular, check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.result import Result
@@ -72,6 +73,7 @@ class Points(NamedTuple):
         return {"v": self.v, "a": self.a, "covariates": known, "wrenches": self.wrenches}
 
 
+@checked_init
 @dataclass(frozen=True, repr=False, eq=False)
 class Trajectory(Result):
     """A path through joint space; between rows it is straight.
@@ -106,6 +108,12 @@ class Trajectory(Result):
     target: Array | None = None
 
     def __post_init__(self) -> None:
+        for name in ("time", "q", "v", "a", "target"):
+            given: Any = getattr(self, name)
+            if given is not None or name in ("time", "q"):  # a list of rows is taken, too
+                object.__setattr__(self, name, real_array(given, f"trajectory {name}"))  # pyright: ignore[reportArgumentType]
+        if self.time.ndim != 1:
+            raise ShapeError(f"trajectory time: expected (N,), got {self.time.shape}")
         count = len(self.time)
         if count == 0 or self.q.shape != (count, len(self.joint_names)):
             raise ShapeError(f"trajectory q: expected ({count}, {len(self.joint_names)}), got {self.q.shape}")
@@ -317,11 +325,17 @@ class Trajectory(Result):
         )
 
 
-def read_trajectory(path: str | Path, arm: Arm, unnamed: Unnamed = UNLOADED) -> Trajectory:
-    """Read a trajectory.csv for an arm.
+def as_trajectory(found: Trajectory | Tabular, arm: Arm) -> Trajectory:
+    """Return a path as it is, or what `read_trajectory` makes of a file or a data frame."""
+    return found if isinstance(found, Trajectory) else read_trajectory(found, arm)
+
+
+@checked
+def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Trajectory:
+    """Read a trajectory.csv for an arm, or a data frame of the same columns.
 
     Args:
-        path: The file.
+        path: The file, or a pandas data frame.
         arm: The arm.
         unnamed: What loads rows that name no payload, or no force.
 
@@ -382,6 +396,7 @@ def misspelt(name: str, known: Iterable[str]) -> bool:
     return bool(difflib.get_close_matches(name.lower(), [one.lower() for one in known], n=1, cutoff=0.75))
 
 
+@checked
 def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:
     """Write a trajectory.csv, whole or not at all."""
     columns: dict[str, list] = {"time": trajectory.time.tolist()}

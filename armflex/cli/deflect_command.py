@@ -9,7 +9,6 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.options import finite
 from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.tip_uncertainty import total_covariance
@@ -45,12 +44,12 @@ def command(
     content = {
         "payload": payload,
         "method": found.method,
-        "joint_names": list(found.names.joints),
-        "flexure_names": list(found.names.flexures),
-        **{name: getattr(found, name).tolist() for name in (*arrays, "compliance")},
-        "covariance": None if covariance is None else [[finite(x) for x in row] for row in covariance.tolist()],
-        "pose": found.pose.homogeneous.tolist(),
-        "rigid_pose": found.rigid_pose.homogeneous.tolist(),
+        "joint_names": found.names.joints,
+        "flexure_names": found.names.flexures,
+        **{name: getattr(found, name) for name in (*arrays, "compliance")},
+        "covariance": covariance,
+        "pose": found.pose.homogeneous,
+        "rigid_pose": found.rigid_pose.homogeneous,
     }
     options.conclude(content, (*found.flags, *found.overload, *flags), arm)
 

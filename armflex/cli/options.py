@@ -22,6 +22,7 @@ from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, lis
 from armflex.files.arm_file import load_arm
 from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
 from armflex.measured.points import read_points
+from armflex.result import plain
 from armflex.robot.robot import lock_side_joints
 from armflex.rows.wrench import Wrench
 from armflex.storage.whole_file import is_replaced, write_whole
@@ -141,14 +142,12 @@ def json_path() -> Path | None:
 
 
 def write_json(content: dict[str, Any], path: Path | None = None) -> None:
-    """Write a result as strict JSON to a path or `--json`, whole or not at all; nothing where neither is given."""
+    """Write a result to a path or `--json`, whole or not at all; nothing where neither is given.
+
+    It is strict JSON: arrays are lists, dataclasses their fields, and what is not finite null; see `plain`.
+    """
     if path := path or json_path():
-        write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
-
-
-def finite(value: float | None) -> float | None:
-    """Return a number as strict JSON has it: None where it is infinite, or none."""
-    return None if value is None or not np.isfinite(value) else float(value)
+        write_whole(path, (json.dumps(plain(content), indent=1, allow_nan=False) + "\n").encode())
 
 
 def conclude(content: dict[str, Any], flags: Sequence[Flag], arm: Arm | None = None) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.arm import SLACK, Arm, other_unit
 from armflex.conventions import WRENCH_NAMES, Array
-from armflex.errors import InputError, Place, TableError, UnknownNameError, did_you_mean
+from armflex.errors import Frame, InputError, Place, TableError, UnknownNameError, did_you_mean
 from armflex.measured.table import Column, Table, read_table
 from armflex.rows.branch import Branch, branches
 from armflex.rows.wrench import Wrench
@@ -149,7 +149,7 @@ class ForceTable:
         wrenches: For all K rows each.
     """
 
-    path: Path
+    path: Path | Frame
     s: Array
     wrenches: tuple[Wrench, ...]
 

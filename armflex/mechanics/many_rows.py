@@ -24,6 +24,9 @@ from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.pinocchio_model import Load
 
+COMPILED = ("exact", "first_order")
+"""Methods that the kernel has."""
+
 AT_ONCE = 8192
 """Rows that are asked about together: their arrays stay near the processor, and memory does not grow with N."""
 

@@ -30,10 +30,8 @@ from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_threads
 from armflex.rows.wrench import Wrench, check_rows, wrenches_in
 
-Progress = Callable[[int, int], None]
-
 AT_ONCE = 1024
-"""Rows between two reports of progress, and whose tip's response to all loads is held at once."""
+"""Rows whose tip's response to all loads is held at once."""
 
 RESPONSES = ("joints", "sites", "motions", "gravity")
 """What depends on how loads redistribute."""
@@ -199,7 +197,6 @@ def respond(
     q: Array,
     payloads: Sequence[str | Payload],
     covariates: Mapping[str, Array] | None = None,
-    progress: Progress | None = None,
     allow_large: bool = False,
     wrenches: Sequence[Wrench] = (),
 ) -> Response:
@@ -210,7 +207,6 @@ def respond(
         q: Joint positions [rad or m]; limits are not looked at.
         payloads: (N) names or objects.
         covariates: (N,) each or numbers, by name.
-        progress: Told how many rows are done, of how many.
         allow_large: Whether flexures may turn by more than 0.1 rad.
         wrenches: Loads from outside at named links, the same in all rows or one for each.
 
@@ -219,7 +215,7 @@ def respond(
         ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: As `find_equilibrium`, for some row.
     """
     known = {name: np.asarray(values) for name, values in (covariates or {}).items()}
-    q, n, done, parts = np.ascontiguousarray(q), len(arm.sites), 0, []
+    q, n = np.ascontiguousarray(q), len(arm.sites)
     case = LoadCase(q, wrenches=tuple(one.under(arm.robot.gravity) for one in wrenches), covariates=known)
     loads, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
 
@@ -233,16 +229,12 @@ def respond(
     groups = by_payload(arm, payloads if len(q) else (None,), len(q))
     # No rows are a part, too.
     pieces = [(loaded, own[i : i + AT_ONCE]) for loaded, own in groups for i in range(0, max(len(own), 1), AT_ONCE)]
-    for part in in_threads(solved, pieces):
-        parts.append(part)
-        done += len(part.rows)
-        if progress and done:
-            progress(done, len(q))
+    parts = tuple(in_threads(solved, pieces))
     frames = parts[0].loaded
     named = (frames.link_frames.names, frames.sites.names)
     hung = tuple(one for one in case.wrenches if one.hangs)
     arrays = (loads, twists.reshape(len(q), 6 * n), laws)
-    return Response(Row(q, arm.joint_index, known), *arrays, *named, tuple(parts), hung=hung)
+    return Response(Row(q, arm.joint_index, known), *arrays, *named, parts, hung=hung)
 
 
 def _solved(

@@ -133,7 +133,7 @@ class Robot:
 
 
 def load_robot(
-    urdf: str | Path,
+    urdf: str | Path | Urdf,
     tip: str | None = None,
     base: str | None = None,
     gravity: Array | None = None,
@@ -147,7 +147,8 @@ def load_robot(
     """Read and validate a robot; nothing reaches Pinocchio before it has passed.
 
     Args:
-        urdf: Path of a URDF, or of xacro, MJCF or SDF, see `armflex.robot.formats`; meshes are never opened.
+        urdf: Path of a URDF, or of xacro, MJCF or SDF, see `armflex.robot.formats`, or what was read of another file;
+            meshes are never opened.
         tip: Link whose motion is reported; the only leaf when not given.
         base: Link in whose frame results are meant; the root when not given. What lies above it is left out.
         gravity: (3,) in base axes [m/s^2]; standard gravity along -z when not given.
@@ -164,10 +165,13 @@ def load_robot(
         UnknownNameError: `tip`, `base` or a locked joint does not exist.
         JointLimitError: A joint is locked outside its limits.
     """
-    path = Path(urdf)
-    element = parse_xml(path)
-    other = element.tag in ("mujoco", "sdf") or path.suffix.lower() == ".xacro"
-    document = read_other(path, element, strict) if other else read_urdf(path, strict, element)
+    if isinstance(urdf, Urdf):
+        document = urdf
+    else:
+        path = Path(urdf)
+        element = parse_xml(path)
+        other = element.tag in ("mujoco", "sdf") or path.suffix.lower() == ".xacro"
+        document = read_other(path, element, strict) if other else read_urdf(path, strict, element)
     root = check_tree(document)
     base = base or root
     if base not in document.links:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import is_
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from armflex.arguments import checked_init
 from armflex.conventions import Array, finite_array, real_array
 from armflex.errors import InputError, ShapeError
 
@@ -18,6 +20,7 @@ else:
     from functools import cached_property
 
 
+@checked_init
 @dataclass(frozen=True)
 class Wrench:
     """A load from outside, on the structure: the same in all rows, or one for each of N rows of a batch.
@@ -59,7 +62,7 @@ class Wrench:
     @property
     def follows(self) -> bool:
         """Whether it is the same in the axes of its link."""
-        return self.axes == "frame"
+        return self.axes == "frame" and not self.hangs
 
     @property
     def rows(self) -> int | None:
@@ -125,6 +128,11 @@ def wrenches_in(wrenches: Sequence[Wrench], rows: int | slice | np.ndarray) -> t
     """Return wrenches in one of N rows or in some of them, without those that are zero there."""
     found = (one if one.rows is None else one.some(rows) for one in wrenches)
     return tuple(one for one in found if any(one.sizes))
+
+
+def same_objects(some: Sequence[Wrench], others: Sequence[Wrench]) -> bool:
+    """Return whether all are the very same: what is known of one need not be found again."""
+    return len(some) == len(others) and all(map(is_, some, others))
 
 
 def check_rows(wrenches: Sequence[Wrench], count: int | None) -> None:

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.calibrate import Calibration
@@ -25,7 +26,6 @@ from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.parameters import numbers_of
 from armflex.rows.rows import POSE
-from armflex.setup import Setup
 from armflex.trace.accept import Step
 from armflex.trace.candidates import Bank, Candidate, bank, candidate_regressors, candidates_of
 from armflex.trace.polish import Polished, sensible, unusual

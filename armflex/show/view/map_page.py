@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import number
 from armflex.errors import InputError
@@ -28,6 +29,7 @@ FILLED = 0.45
 """Edge of a cube as a share of its voxel's: one sees through between them."""
 
 
+@checked
 def map_page(
     arm: Arm,
     found: WorkspaceMap,
