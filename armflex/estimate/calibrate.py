@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array, row_numbers, said_of
 from armflex.errors import ArmflexError, Flag, InputError, Place, UnsupportedError, listing
@@ -177,7 +177,7 @@ def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Pa
     return write_arm(declared, calibration.arm, campaign, path)
 
 
-@checked
+@checked_kinds
 def calibrate(
     arm: Arm,
     measurements: Measurements | Tabular,

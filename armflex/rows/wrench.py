@@ -84,7 +84,7 @@ class Wrench:
         return self
 
     def each(self, of: Callable[[Array], Array]) -> Wrench:
-        """Return it with what a function makes of its (N, 3) forces and moments [N, Nm]; one that is the same stays."""
+        """Return it with what `of` makes of its (N, 3) forces [N] and moments [N m]; the same in all rows stays."""
         return self if self.rows is None else replace(self, force=of(self.force), moment=of(self.moment))
 
     def some(self, rows: int | slice | np.ndarray) -> Wrench:
@@ -96,7 +96,7 @@ class Wrench:
         return np.zeros((*pose.shape[:-2], 6, 3))
 
     def links(self, pose: Array) -> dict[str, Array]:
-        """Return the (4, 4) poses [m] of links that stand elsewhere than the model has them, of one of its own link."""
+        """Return the (4, 4) poses of links that stand elsewhere than the model has them, of one of its own link."""
         return {}
 
     @cached_property

@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.errors import InputError, listing
@@ -210,7 +210,7 @@ def _repeatability(attained: Array) -> Array:
     return distance.mean(axis=-1) + 3.0 * distance.std(axis=-1, ddof=1)
 
 
-@checked
+@checked_kinds
 def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None = None) -> PosePerformance:
     """Return the pose characteristics that the repeats of a campaign give.
 
