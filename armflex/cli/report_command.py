@@ -15,7 +15,7 @@ from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.result import plain
-from armflex.tasks.iso9283 import Characteristic, PosePerformance, iso9283
+from armflex.tasks.iso9283 import PosePerformance, iso9283
 
 
 @click.command(cls=options.Command)
@@ -71,10 +71,6 @@ def _mm(value: float | None) -> str:
 
 def as_json(found: PosePerformance) -> dict[str, Any]:
     """Return pose characteristics for programs, SI."""
-
-    def figure(one: Characteristic) -> dict[str, float | None]:
-        return {"value": one.value, "std": one.std, "instrument": one.instrument}
-
     poses = [
         {
             "pose": one.pose,
@@ -83,9 +79,9 @@ def as_json(found: PosePerformance) -> dict[str, Any]:
             "direction": one.direction,
             "cycles": one.cycles,
             "rows": one.rows,
-            "ap_m": figure(one.accuracy),
+            "ap_m": one.accuracy,
             "ap_xyz_m": one.offset,
-            "rp_m": figure(one.repeatability),
+            "rp_m": one.repeatability,
             "ap_abc_rad": one.rotation,
             "rp_abc_rad": one.rotation_repeatability,
             "ap_with_model_m": one.predicted,
