@@ -50,6 +50,7 @@ from armflex.parameters import (
     of_motions,
     of_offsets,
     of_sensor,
+    of_targets,
 )
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
@@ -108,6 +109,7 @@ class Prior:
         compliance: Every declared linear compliance, relative.
         tool: The target's place in the tip frame [m].
         geometry: Every fixed transform of the chain [m and rad].
+        session_target: The target's place in the tip frame between sessions, in each of which it was mounted anew [m].
         session_translation: Instrument frame between sessions [m].
         session_rotation: Instrument frame between sessions [rad].
     """
@@ -116,6 +118,7 @@ class Prior:
     compliance: float = 0.0
     tool: float = 0.0
     geometry: float = 0.0
+    session_target: float = 0.0
     session_translation: float = 0.0
     session_rotation: float = 0.0
 
@@ -232,6 +235,7 @@ class Arm:
         """
         sessions = self.instrument.sessions if self.instrument else ()
         known = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
+        known += of_targets(self.instrument.targets if self.instrument else ())
         known += of_motions(ParameterKind.GEOMETRY, self.joint_names)
         known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:

@@ -135,6 +135,8 @@ def _unforeseen(arm: Arm, view: View) -> Array:
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
     assert arm.certainty is not None
     variance = ((view.by_session * std) ** 2).sum(axis=2) * new[:, None]
+    anew = np.array([session not in view.setup.instrument.targets for session in view.sessions])
+    variance += ((view.by_target * prior.session_target) ** 2).sum(axis=2) * anew[:, None]
     variance[:, view.foremost] += arm.certainty.misfit**2
     for kind, place in view.readings.placed:
         if kind.name:

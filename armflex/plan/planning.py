@@ -18,7 +18,7 @@ from armflex.laws.effects.context import MASS, TEMPERATURE
 from armflex.laws.effects.effect import Effect
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
-from armflex.parameters import ParameterKind
+from armflex.parameters import OF_SESSION
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.drive import driven
@@ -366,7 +366,7 @@ def _uncertainties(model: Model, tip: Array, every: Array, rows: Array, seed: in
 
     How the next session moves the instrument is no part of it: that is not of the arm.
     """
-    shown = tip * np.array([one.group.kind is not ParameterKind.SESSION for one in model.parameters])
+    shown = tip * np.array([one.group.kind not in OF_SESSION for one in model.parameters])
     states = {
         "known now": model.known,
         f"after {len(rows)} readings at random": model.known.with_rows(

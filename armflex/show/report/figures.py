@@ -29,7 +29,7 @@ def workspace(trace: Trace) -> str:
     """
     fit = trace.state.fit
     kept, tip = trace.believed, fit.view.line.tip
-    points = (tip[:, :3, 3] + tip[:, :3, :3] @ fit.setup.instrument.target)[kept]
+    points = fit.setup.instrument.in_base(tip, fit.view.sessions)[kept]
     before, after = (
         (residual[:, one.view.foremost] @ one.setup.instrument.pose.rotation)[kept]
         for one, residual in ((trace.before, trace.before.view.residual), (fit, trace.residual))

@@ -83,9 +83,10 @@ def further(trace: Trace) -> list[str]:
         said.append(trace.undecided.text)
     if trace.compared is not None:
         said.append(f"Of the error on poses not used: {trace.said_of_held_out}")
+    unit = trace.state.fit.view.readings.unit
     said += [
-        f"Withdrawn: {one.title}. With it poses not used are predicted to {change(*reversed(one.errors))} "
-        "(the calibrated arm)."
+        f"Withdrawn: {one.title}. With it poses not used are predicted to "
+        f"{change(one.errors[1], one.errors[0], unit)} (the calibrated arm)."
         for one in trace.withdrawn
     ]
     if trace.said_of_limit:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array, number
-from armflex.errors import ArmflexError, InputError, listing
+from armflex.errors import ArmflexError, InputError, listing, naming
 from armflex.laws.effects.in_arm import settled
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection
@@ -174,7 +174,8 @@ def motion_along(arm: Arm, trajectory: Trajectory) -> Motion:
     """Return every row, or every second, third ... of a long trajectory, its via-points and worst row kept."""
 
     def frame(i: int) -> Deflection:  # asked twice rather than kept: thousands of rows are many megabytes
-        return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.asked(i))
+        with naming(trajectory.where(i)):
+            return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.asked(i))
 
     rows = range(len(trajectory))
     worst = int(np.argmax([float(np.linalg.norm(frame(i).displacement[:3])) for i in rows]))
