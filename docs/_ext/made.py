@@ -44,13 +44,18 @@ GROUPS = {
 FURTHER = (
     *("mechanics.deflection.Deflection", "mechanics.deflection.DeflectionBatch", "robot.load_robot"),
     *("tasks.check.CheckReport", "tasks.compensate.Compensation", "tasks.predict.Prediction"),
-    *("estimate.Calibration", "estimate.bootstrap", "estimate.Bootstrap", "estimate.draw.draw_arms"),
+    *(
+        "estimate.Calibration",
+        "estimate.bootstrap.bootstrap",
+        "estimate.bootstrap.Bootstrap",
+        "estimate.draw.draw_arms",
+    ),
     *("trace.findings.Trace", "tasks.iso9283.PosePerformance", "measured.points.read_points"),
     *("measured.repeats.repeats", "measured.repeats.Repeats", "rows.poses.pose_groups", "rows.poses.leaked"),
-    *("plan.planned_rows.Plan", "plan.picture.draw_plan", "track.watch.Doubt"),
+    *("plan.planned_rows.Plan", "plan.picture.draw_plan", "track.watch.Change"),
     *("measured.joint_data.JointData", "bench.training.TrainResult"),
     *("tasks.workspace.WorkspaceMap", "tasks.workspace.draw_map", "tasks.workspace.read_map"),
-    *("tasks.workspace.write_map", "show.view.map_page"),
+    *("tasks.workspace.write_map", "show.view.map_page.map_page"),
 )
 """What the names of `armflex` return, and what is needed more rarely: imported from its module."""
 
