@@ -13,11 +13,11 @@ from armflex.estimate.robust import robust_limit
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places
-from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, sift
+from armflex.trace.candidates import Candidate, bank, best_per_spot, candidate_regressors, candidates_of, sift
 from armflex.trace.grow import accepted, settled
 from armflex.trace.polish import Polished, polish, unusual
 from armflex.trace.projection import Projection, evidence, projected, ridge_for
-from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, plainness
+from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, one_by_one, plainness
 from armflex.trace.state import State, add, candidate_of, information, moved_to, stands, without
 
 Spots = frozenset[tuple[str, str]]
@@ -32,8 +32,14 @@ PART = 0.5
 PAIRS = 3
 """Pairs that are taken out together."""
 
+SEVERAL = 2
+"""Effects that may come beside the one that takes an effect's or a family's place."""
+
 TRIALS, LEAST_TRIALS = 8000, 4
 """Rows times how often effects are taken out at most, and how often at least: each time is a search of its own."""
+
+SIZES = np.logspace(-3.0, 0.5, 15)
+"""Sizes at which a family is weighed, in its own."""
 
 COMPARED = 12
 """Best hypotheses whose inner parameters are refined."""
@@ -60,10 +66,19 @@ def worth_of(state: State, *indices: int) -> tuple[float, Projection]:
     """Return the evidence of some effects beside the others, and the projection without them.
 
     They are charged for all that the search chose, like the other hypotheses: also a moment or a number of waves, which
-    no fit moves.
+    no fit moves. A family is charged for what its members are told beyond their common size, at its best size here.
     """
     projection, own = leave_out(state, *indices)
-    gain = projection.gain(state.fit.regressors[:, own])[0]
+    columns = state.fit.regressors[:, own]
+    if len(indices) > 1 and indices in state.units:
+        usual = state.fit.prior[own]
+        values, axes = np.linalg.eigh(projection.information(columns * usual)[0])
+        variance = SIZES[:, None] ** 2
+        larger = 1.0 + variance * np.maximum(values, 0.0)
+        gains = (((projection.residual @ (columns * usual) @ axes) ** 2) * variance / larger).sum(axis=1)
+        worths = evidence(gains, projection.objective, projection.count, 0) - np.log(larger).sum(axis=1)
+        return float(np.max(worths)), projection
+    gain = projection.gain(columns)[0]
     parameters = sum(candidate_of(state.fitted[index]).parameters for index in indices)
     sizes = sum(
         unusual(candidate_of(one), one.acting, state.fit.view, state.context)
@@ -77,7 +92,8 @@ def hypotheses_of(state: State, *indices: int) -> tuple[float, tuple[Polished, .
 
     Those are of the catalogue, and for a shape without a name the same shape at every other place.
     """
-    themselves = [candidate_of(state.fitted[index]) for index in indices]
+    # One of a family may do by itself.
+    themselves = [] if len(indices) > 1 and indices in state.units else [candidate_of(state.fitted[i]) for i in indices]
     worth, projection = worth_of(state, *indices)
     shapes = [one for one in themselves if one.law.shape]
 
@@ -135,15 +151,15 @@ def exchanged(state: State) -> tuple[State, ...]:
     return passed if after is None else (*passed, after)
 
 
-def in_place(state: State, indices: Sequence[int], better: Sequence[Polished], margin: float) -> tuple[State, ...]:
+def in_place(state: State, indices: tuple[int, ...], better: Sequence[Polished], margin: float) -> tuple[State, ...]:
     """Return the states without effects, and with the first of some candidates in their place.
 
     None where it cannot stand there, or where the information criterion falls by less than a margin.
     """
     if not better:
         return ()
-    first, names = indices[0], " and ".join(state.effects[index].effect.name for index in indices)
-    state.say(f"trying {better[0].effect.name} for {names}")
+    first = indices[0]
+    state.say(f"trying {better[0].effect.name} for {_named(state, indices)}")
     try:
         rest = without(state, *indices)
         trial = moved_to(add(rest, better[0]), first)
@@ -155,22 +171,30 @@ def in_place(state: State, indices: Sequence[int], better: Sequence[Polished], m
         return ()
     step = state.steps[first]
     assert step is not None
-    return rest, replace(trial, steps=(*trial.steps[:first], replace(step, exchanged=True), *trial.steps[first + 1 :]))
+    step = replace(step, ranking=step.ranking or tuple(better), exchanged=True, kin=None)
+    return rest, replace(trial, steps=(*trial.steps[:first], step, *trial.steps[first + 1 :]))
+
+
+def _named(state: State, indices: tuple[int, ...]) -> str:
+    """Return the names of some effects, or what a family is."""
+    if len(indices) > 1 and indices in state.units:
+        return f"{state.effects[indices[0]].effect.law.name} at every drive"
+    return " and ".join(state.effects[index].effect.name for index in indices)
 
 
 def pruned(state: State) -> tuple[State, ...]:
-    """Return the states without one effect and another that is no longer worth `SAME`, none where all are."""
+    """Return the states without an effect or family and another that is no longer worth `SAME`, none where all are."""
     passed = []
-    while alone := [unit[0] for unit in state.units if len(unit) == 1]:
-        worths = [worth_of(state, i)[0] for i in alone]
-        weakest = alone[int(np.argmin(worths))]
+    while units := state.units:
+        worths = [worth_of(state, *unit)[0] for unit in units]
+        weakest = units[int(np.argmin(worths))]
         if min(worths) >= SAME:
             break
-        trial = without(state, weakest)
+        trial = without(state, *weakest)
         # The linear estimate misses how much the rest must bend.
         if _information(trial, state) > _information(state, state) + SAME:
             break
-        state.say(f"dropping {state.effects[weakest].effect.name}")
+        state.say(f"dropping {_named(state, weakest)}")
         state = trial
         passed.append(state)
     return tuple(passed)
@@ -181,41 +205,63 @@ def _spots(state: State, indices: Iterable[int]) -> Spots:
 
 
 def _suspects(state: State) -> tuple[tuple[int, ...], ...]:
-    """Return each effect, those first that the others could do without most easily, then pairs that share most."""
+    """Return each family and effect that the others could do without most easily, then pairs that share most."""
     alone = [unit[0] for unit in state.units if len(unit) == 1]
-    if len(alone) < 2:
+    families = [unit for unit in state.units if len(unit) > 1]
+    if len(alone) < 2 and not families:
         return ()
     worths = {i: worth_of(state, i)[0] for i in alone}
     # What a pair is worth beyond what its members are: either takes over when the other goes.
     shared = {pair: worth_of(state, *pair)[0] - worths[pair[0]] - worths[pair[1]] for pair in combinations(alone, 2)}
     pairs = sorted((pair for pair in shared if shared[pair] > SAME), key=lambda pair: -shared[pair])
-    return (*((i,) for i in sorted(alone, key=lambda i: worths[i])), *pairs[:PAIRS])
+    return (*families, *((i,) for i in sorted(alone, key=lambda i: worths[i])), *pairs[:PAIRS])
 
 
 def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
     """Return the states from one without some effects to one with better ones in their place, none where none is.
 
     What is plainer may be a little worse, what bends more must be clearly better; for a pair one effect may come, or
-    another pair.
+    another pair, for one effect or a family several.
     """
     worth, hypotheses = hypotheses_of(state, *indices)
-    first, *others = indices
-    if others:
-        passed = in_place(state, indices, [one for one in hypotheses if one.evidence > PART * worth], -np.inf)
-        now = _information(state, state)
-        if passed and _information(passed[-1], state) >= now:
-            more = accepted(passed[-1], passed[-1].looked)
-            better = more is not None and _information(more, state) < now - PREFERRED
-            passed = (*passed, more) if more is not None and better else ()
-        return passed
     best: tuple[State, ...] = ()
-    own = plainness(candidate_of(state.fitted[first]))
-    for one in [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]:
-        kind = plainness(one.candidate)
-        passed = in_place(state, indices, [one], -TIE if kind < own else TIE if kind == own else PREFERRED)
-        if passed and (not best or _information(passed[-1], state) < _information(best[-1], state)):
-            best = passed
-    return best
+    if len(indices) == 1:
+        own = plainness(candidate_of(state.fitted[indices[0]]))
+        for one in [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]:
+            kind = plainness(one.candidate)
+            passed = in_place(state, indices, [one], -TIE if kind < own else TIE if kind == own else PREFERRED)
+            if passed and (not best or _information(passed[-1], state) < _information(best[-1], state)):
+                best = passed
+    return best or _several_instead(state, indices, worth, [one for one in hypotheses if one.evidence > PART * worth])
+
+
+def _several_instead(
+    state: State, indices: tuple[int, ...], worth: float, better: Sequence[Polished]
+) -> tuple[State, ...]:
+    """Return the states to one with the first of some candidates, and what shows beside it, in place of effects.
+
+    What stands for several causes explains some of each, and hides them from one another: none of them takes its place
+    by itself. None where they explain no more together, as the linear problem says or the fits.
+    """
+    if not better:
+        return ()
+    most = SEVERAL if len(indices) == 1 or indices in state.units else 1
+    problem = leave_out(state, *indices)[0]
+    beside = problem.beside(candidate_regressors(better[0].candidate, state.fit, state.context))
+    named = better[0].evidence + sum(one.evidence for one in one_by_one(state.physical, beside, most))
+    if len(indices) != 2 and named < worth + (PREFERRED if len(indices) == 1 else -CLOSE):
+        return ()
+    passed, now = in_place(state, indices, better, -np.inf), _information(state, state)
+    for _ in range(most):
+        if not passed or _information(passed[-1], state) < now:
+            break
+        more = accepted(passed[-1], passed[-1].looked)
+        if more is None:
+            return ()
+        passed = (*passed, more)
+    # What was not the best by itself must be clearly better with others.
+    least = PREFERRED if len(passed) > 2 or len(indices) == 1 else 0.0
+    return passed if passed and _information(passed[-1], state) < now - least else ()
 
 
 def _information(trial: State, state: State) -> float:

@@ -20,6 +20,7 @@ from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.remember import without_direction
+from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
@@ -334,11 +335,15 @@ def information(state: State, limit: Array | float, below: bool = False) -> floa
 
     J is what the fit reached, not what its linear problem promises; not less than n, or where also what is `below`
     counts, J itself from there: noise is no smaller than stated. States are compared at one `limit` of lengths beyond
-    which rows count less (`robust_limit`).
+    which rows count less (`robust_limit`). A family takes what its members are told beyond their common size.
     """
     count = state.fit.view.count
-    searched = sum(candidate_of(effect).parameters for effect in state.fitted)
+    searched = sum(candidate_of(state.fitted[unit[0]]).parameters for unit in state.units if len(unit) == 1)
     sizes = sum(unusual(candidate_of(one), one.acting, state.fit.view, state.context) for one in state.fitted)
+    for unit in (unit for unit in state.units if len(unit) > 1):
+        own = np.concatenate([state.fit.places(state.effects[i]) for i in unit])
+        known = LinearGaussian(state.fit.told).with_precision(state.fit.precision).covariance[np.ix_(own, own)]
+        sizes += 2.0 * float(np.log(state.fit.prior[own]).sum()) - float(np.linalg.slogdet(known)[1])
     cost = state.fit.cost(limit)
     misfit = count * float(np.log(max(cost, count))) + (min(cost - count, 0.0) if below else 0.0)
     return misfit + searched * float(np.log(count)) + sizes
@@ -349,8 +354,12 @@ def candidate_of(effect: Effect) -> Candidate:
     return Candidate(effect.law, effect.location, effect.inner)
 
 
+def present(state: State, index: int) -> bool:
+    """Return whether an effect is still possible with what the fit made of it."""
+    effect = state.fitted[index]
+    return sensible(candidate_of(effect), effect.acting, state.fit, state.context, present=True)
+
+
 def stands(state: State) -> bool:
     """Return whether every effect is still possible with what the fit made of it."""
-    return all(
-        sensible(candidate_of(effect), effect.acting, state.fit, state.context, present=True) for effect in state.fitted
-    )
+    return all(present(state, index) for index in range(len(state.fitted)))
