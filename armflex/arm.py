@@ -1,10 +1,13 @@
-"""An arm: a robot, the laws of its flexures, and the payloads it knows; the question is `arm.deflection(q)`."""
+"""An arm: a robot, the laws of its flexures, and the payloads it knows; the question is `arm.deflection(q)`.
+
+A `Setup` is an arm and the instrument that looks at it.
+"""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
@@ -12,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from armflex.arguments import checked_init, checked_late
 from armflex.certainty import Certainty
 from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
 from armflex.errors import (
@@ -25,7 +29,7 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.laws.declared import Flexure as Flexure
-from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.effect import Effect, Model
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
 from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch
 from armflex.mechanics.laws import LawStack
@@ -37,7 +41,7 @@ from armflex.parameters import (
     MOUNTED,
     TARGET,
     ArmParameter,
-    Kind,
+    ParameterKind,
     named,
     numbers_of,
     of_compliance,
@@ -47,12 +51,11 @@ from armflex.parameters import (
     of_offsets,
     of_sensor,
 )
-from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.urdf import Joint
-from armflex.rows.wrench import Wrench, check_rows
+from armflex.rows.wrench import Wrench
 
 if TYPE_CHECKING:
     cached_property = property  # which a protocol may ask for; pyright takes the other for something that can be set
@@ -88,6 +91,36 @@ SLACK = 1e-9
 """How far beyond a limit [rad or m] a joint may stand: rounding is no fault."""
 
 
+@dataclass(frozen=True)
+class Measurement:
+    """The instrument: `frame` is "base" or "unknown", `gravity_in` is "base" or "measurement"."""
+
+    frame: str = "unknown"
+    gravity_in: str = "base"
+
+
+@dataclass(frozen=True)
+class Prior:
+    """One standard deviation of what calibration may move; 0 keeps it fixed.
+
+    Attributes:
+        joint_offset: Every joint [rad or m].
+        compliance: Every declared linear compliance, relative.
+        tool: The target's place in the tip frame [m].
+        geometry: Every fixed transform of the chain [m and rad].
+        session_translation: Instrument frame between sessions [m].
+        session_rotation: Instrument frame between sessions [rad].
+    """
+
+    joint_offset: float = 0.0
+    compliance: float = 0.0
+    tool: float = 0.0
+    geometry: float = 0.0
+    session_translation: float = 0.0
+    session_rotation: float = 0.0
+
+
+@checked_init
 @dataclass(frozen=True, repr=False, eq=False)
 class Arm:
     """A manipulator with joint compliance. Immutable: safe to share between threads.
@@ -191,14 +224,15 @@ class Arm:
         """All laws as one map."""
         return LawStack(self.flexure_names, tuple(flexure.law for flexure in self.modelled))
 
+    @checked_late
     def named(self, labels: Sequence[str]) -> tuple[ArmParameter, ...]:
         """Return the parameters of the arm and its instrument that labels name; see `armflex.parameters.named`.
 
         In files from before effects of one name were numbered, those of the second go by the name of the first.
         """
         sessions = self.instrument.sessions if self.instrument else ()
-        known = [*FRAME, *of_motions(Kind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
-        known += of_motions(Kind.GEOMETRY, self.joint_names)
+        known = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
+        known += of_motions(ParameterKind.GEOMETRY, self.joint_names)
         known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:
             known += of_compliance(flexure.name)
@@ -216,6 +250,7 @@ class Arm:
         """Weight of everything that moves [N]."""
         return self.loaded(None).mass * float(np.linalg.norm(self.robot.gravity))
 
+    @checked_late
     def payload(self, payload: str | Payload | None) -> Payload:
         """Return a payload by name; None and "none" mean nothing carried.
 
@@ -233,6 +268,7 @@ class Arm:
             raise UnknownNameError("payload", payload, (*self.payloads, "none"))
         return self.payloads[payload]
 
+    @checked_late
     def position(self, **joints: float) -> Array:
         """Return q (nq,) [rad or m] with the named joints set and the others at zero.
 
@@ -252,6 +288,7 @@ class Arm:
             q[self.joint_names.index(name)] = value
         return self.checked(q, "q")
 
+    @checked_late
     def rigid_pose(self, q: ArrayLike, enforce_limits: bool = True) -> pin.SE3:
         """Return the tip pose of the rigid arm at q (nq,) [rad or m] in the base frame."""
         checked, _ = self.check_position(q, enforce_limits)
@@ -265,6 +302,7 @@ class Arm:
     def deflection(
         self, q: ManyRows, payload: str | Payload | Sequence[str] | None = None, **options: Unpack[DeflectionOptions]
     ) -> DeflectionBatch: ...
+    @checked_late
     def deflection(
         self,
         q: ArrayLike,
@@ -308,25 +346,25 @@ class Arm:
         single = positions.ndim != 2
         count, given = 0 if single else len(positions), covariates.items() if covariates else ()
         known = {name: covariate_array(values, name, count) for name, values in given}
+        wrenches = tuple([one.under(self.robot.gravity) for one in wrenches]) if wrenches else ()
         if v is not None or a is not None:
             self.robot.check_motion()
         if not single:
-            case = LoadCase(positions, v, a, tuple(wrenches), known)  # pyright: ignore[reportArgumentType] - checked there
+            case = LoadCase(positions, v, a, wrenches, known)  # pyright: ignore[reportArgumentType] - checked there
             return deflect_batch(self, payload, case, Asked(method, enforce_limits, allow_large, strict), jobs)
         if positions.ndim == 1 and self.within_limits(positions.tolist()):
             checked, flags = positions.copy(), ()
         else:
             checked, flags = self.check_position(positions, enforce_limits)
         loaded = self.loaded(payload)  # pyright: ignore[reportArgumentType] - refused there
-        if wrenches:
-            check_rows(wrenches, None)
         if v is not None or a is not None:
             v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
-        found = deflect(loaded, LoadCase(checked, v, a, tuple(wrenches), known), flags, method, allow_large)
+        found = deflect(loaded, LoadCase(checked, v, a, wrenches, known), flags, method, allow_large)
         if strict:
             found.check_seen()
         return found
 
+    @checked_late
     def prepared(
         self,
         payload: str | Payload | None = None,
@@ -343,8 +381,10 @@ class Arm:
         Raises:
             UnknownNameError, InputError: No such payload, method or link.
         """
-        return Prepared(self.loaded(payload), method, enforce_limits, wrenches)
+        pulled = tuple(one.under(self.robot.gravity) for one in wrenches)
+        return Prepared(self.loaded(payload), method, enforce_limits, pulled)
 
+    @checked_late
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
         """Return q as (nq,) floats [rad or m] with the flags about it.
 
@@ -359,9 +399,9 @@ class Arm:
         outside = (checked < self.robot.lower - SLACK) | (checked > self.robot.upper + SLACK)
         beyond = [(self.robot.moving[i], float(checked[i])) for i in np.flatnonzero(outside)]
         # The first, or the first about which there is more to say.
-        joint, value = next((pair for pair in beyond if _other_unit(*pair)), beyond[0])
+        joint, value = next((pair for pair in beyond if other_unit(*pair)), beyond[0])
         text = f"joint {joint.name!r} at {value:.6g} is outside its limits [{joint.lower:.6g}, {joint.upper:.6g}]"
-        text += _other_unit(joint, value)
+        text += other_unit(joint, value)
         if enforce_limits:
             raise JointLimitError(text)
         return checked, (Flag("outside_limits", text),)
@@ -400,6 +440,7 @@ class Arm:
         """Place of every joint in q."""
         return {name: i for i, name in enumerate(self.joint_names)}
 
+    @checked_late
     def loaded(self, payload: str | Payload | None) -> LoadedArm:
         """Return the arm with a payload, whose models are kept; raises what `payload` does."""
         known = self._carried.get(payload) if payload is None or isinstance(payload, str) else None
@@ -421,7 +462,34 @@ class Arm:
         return {}
 
 
-def _other_unit(joint: Joint, value: float) -> str:
+@dataclass(frozen=True)
+class Setup:
+    """An arm and the instrument that looks at it: everything a fit may move."""
+
+    arm: Arm
+    instrument: Instrument
+
+    def placed(self, pose: pin.SE3) -> Setup:
+        """Return the setup with its instrument at another T_instrument_base [m].
+
+        `Robot.gravity` is in base axes. Where gravity is known in the frame of a level instrument it follows that: it
+        is turned by what the pose turns, whatever place it was turned to before.
+        """
+        arm, robot = self.arm, self.arm.robot
+        if arm.measurement.gravity_in == "measurement":
+            level = self.instrument.pose.rotation @ robot.gravity
+            arm = replace(arm, robot=replace(robot, gravity=pose.rotation.T @ level))
+        return Setup(arm, replace(self.instrument, pose=pose))
+
+    def with_effect(self, effect: Effect) -> Setup:
+        """Return the setup with one more effect in it, and with what the effect changes of the model."""
+        arm = self.arm
+        model = effect.law.change(effect, Model(arm.robot, arm.corrections, arm.payloads, self.instrument))
+        parts = {name: getattr(model, name) for name in ("robot", "corrections", "payloads")}
+        return Setup(replace(arm, effects=(*arm.effects, effect), **parts), model.instrument)
+
+
+def other_unit(joint: Joint, value: float) -> str:
     """Return the question whether a position beyond a joint's limits is in degrees or mm, '' where it hardly is."""
     slides = joint.kind == "prismatic"
     far, factor, unit = (

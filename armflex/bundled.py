@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from armflex.arguments import checked
 from armflex.errors import UnknownNameError
 
 ROBOTS = ("tarm_like", "heavy_six")
 
 
+@checked
 def bundled_robot(name: str) -> Path:
     """Return the folder of a bundled robot: in a checkout's `robots/`, or inside the installed package.
 

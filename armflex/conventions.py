@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from armflex.errors import ArrayTypeError, NotFiniteError, PoseError, ShapeError, UnitError, did_you_mean
+from armflex.errors import ArrayTypeError, NotFiniteError, PoseError, ShapeError, UnitError, did_you_mean, shown
 
 Array = NDArray[np.float64]
 
@@ -102,6 +102,14 @@ def real_array(values: ArrayLike, name: str) -> Array:
     if array.dtype.kind not in "fiu":
         raise ArrayTypeError(f"{name}: expected real numbers, got {array.dtype}")
     return array.astype(float, copy=False)
+
+
+def row_numbers(rows: ArrayLike, count: int) -> np.ndarray:
+    """Return (M,) numbers of rows of a table of `count`; raise `InputError` where they are none."""
+    numbers = real_array(rows, "rows")
+    if numbers.ndim != 1 or (numbers != np.round(numbers)).any() or not ((numbers > -1) & (numbers < count)).all():
+        raise ShapeError(f"rows: expected whole numbers of rows from 0 to {count - 1}, got {shown(rows, 60)}")
+    return numbers.astype(int)
 
 
 def finite_array(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:

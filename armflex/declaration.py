@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.conventions import LARGEST, Array, unprintable
+from armflex.conventions import LARGEST, UNITS, Array, unprintable
 from armflex.errors import ArmFileError, Place, did_you_mean, listing, shown
 
 _TOKEN = re.compile(
@@ -183,6 +183,20 @@ class Declaration:
         if default is not None and not self.has(key):
             return default
         return float(self._array(key, self.raw(key), ((),)))
+
+    def quantity(self, key: str, kind: str, default: float = 0.0) -> float:
+        """Return a number in SI, or `default`; the key may end in a unit of its kind, as a table's header: `d_mm`."""
+        given = [one for one in self.table if one == key or one.startswith(f"{key}_")]
+        self.known |= {key, *given}
+        if not given:
+            return default
+        if len(given) > 1:
+            raise self.fail(given[1], f"stands beside {given[0]!r}: give one of them")
+        unit = given[0].removeprefix(key).removeprefix("_")
+        if unit and unit not in UNITS[kind]:
+            hint = did_you_mean(unit, UNITS[kind])
+            raise self.fail(given[0], f"{unit!r} is no unit of {kind}{hint} ({', '.join(UNITS[kind])})")
+        return UNITS[kind].get(unit, 1.0) * self.number(given[0])
 
     def std(self, key: str, default: float | None = None) -> float:
         """Return a number that is not below 0."""

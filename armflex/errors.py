@@ -33,15 +33,41 @@ class InputError(ArmflexError, ValueError):
     """Something the user gave cannot be used."""
 
 
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A data frame as the source of rows; `index` names them, and what it holds is known by `sha256`."""
+
+    index: tuple[object, ...]
+    sha256: str
+    name: str = "data frame"
+
+    def __str__(self) -> str:
+        return self.name
+
+
 @dataclass(frozen=True)
 class Place:
-    """Where in a user's file something stands; `line` counts from 1, 0 when the whole file is meant."""
+    """Where in a user's file something stands; `line` counts from 1, 0 when the whole file is meant.
 
-    file: Path
+    Rows of a data frame count from 2, as if it were a file with a header, and are named by its index.
+    """
+
+    file: Path | Frame
     line: int = 0
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}" if self.line else str(self.file)
+        return self.within(str(self.file))
+
+    @property
+    def short(self) -> str:
+        """The same without the folder."""
+        return self.within(self.file.name)
+
+    def within(self, file: str) -> str:
+        """Return the place, the file called so."""
+        if isinstance(self.file, Frame):
+            return f"{file}, row {shown(self.file.index[self.line - 2], 60)}" if self.line > 1 else file
+        return f"{file}:{self.line}" if self.line else file
 
 
 class FileError(InputError):

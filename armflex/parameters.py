@@ -12,6 +12,7 @@ from enum import StrEnum
 from functools import cached_property
 
 from armflex.conventions import TWIST_NAMES
+from armflex.errors import UnknownNameError
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.effects.effect import Act, Effect
@@ -19,7 +20,7 @@ from armflex.readings.sensor import Sensor
 from armflex.robot import Robot
 
 
-class Kind(StrEnum):
+class ParameterKind(StrEnum):
     """What parameters are of, by what their labels begin with."""
 
     INSTRUMENT = "instrument"
@@ -35,10 +36,10 @@ class Kind(StrEnum):
     UNEXPLAINED = "unexplained"
 
 
-FRAMES = (Kind.INSTRUMENT, Kind.SESSION, Kind.MOUNTING, Kind.SENSOR)
+FRAMES = (ParameterKind.INSTRUMENT, ParameterKind.SESSION, ParameterKind.MOUNTING, ParameterKind.SENSOR)
 """Those of one campaign alone: frames that nothing says will be the same in the next."""
 
-SEEN = (*FRAMES, Kind.TOOL)
+SEEN = (*FRAMES, ParameterKind.TOOL)
 """Those that change what is read, not where the tip is."""
 
 
@@ -52,7 +53,7 @@ class Group:
         moves: Whether it moves the tip, rather than what is read of it.
     """
 
-    kind: Kind
+    kind: ParameterKind
     of: str | None = None
     moves: bool = field(default=True, compare=False)
 
@@ -64,7 +65,7 @@ class Group:
     @property
     def block(self) -> str:
         """Name of what a report has in one: all of a kind, but every effect by itself."""
-        return self.name if self.kind in (Kind.EFFECT, Kind.UNEXPLAINED) else str(self.kind)
+        return self.name if self.kind in (ParameterKind.EFFECT, ParameterKind.UNEXPLAINED) else str(self.kind)
 
 
 @dataclass(frozen=True)
@@ -93,49 +94,49 @@ class ArmParameter:
 
 
 def of_motions(
-    kind: Kind, names: Iterable[str | None] = (None,), axes: Sequence[str] = TWIST_NAMES
+    kind: ParameterKind, names: Iterable[str | None] = (None,), axes: Sequence[str] = TWIST_NAMES
 ) -> tuple[ArmParameter, ...]:
     """Return the axes of a small motion [m, rad] of every thing of a kind."""
     groups = (Group(kind, name, kind not in SEEN) for name in names)
     return tuple(ArmParameter(group, axis, "m" if axis[0] == "d" else "rad") for group in groups for axis in axes)
 
 
-FRAME = of_motions(Kind.INSTRUMENT)
+FRAME = of_motions(ParameterKind.INSTRUMENT)
 """Shift and rotation vector of the instrument's frame."""
 
-TARGET = of_motions(Kind.TOOL, axes=TWIST_NAMES[:3])
+TARGET = of_motions(ParameterKind.TOOL, axes=TWIST_NAMES[:3])
 """The measured point in the tip frame."""
 
-MOUNTED = of_motions(Kind.MOUNTING, axes=TWIST_NAMES[3:])
+MOUNTED = of_motions(ParameterKind.MOUNTING, axes=TWIST_NAMES[3:])
 """How the target is turned on the tool."""
 
 
 def of_sensor(sensor: Sensor, sessions: Iterable[str]) -> tuple[ArmParameter, ...]:
     """Return what a campaign has to find of a sensor, in every session anew; '' is one that holds for all."""
     free = [sensor.labels[i] for i in sensor.free.tolist()]
-    groups = (Group(Kind.SENSOR, f"{sensor.name} {session}".strip(), moves=False) for session in sessions)
+    groups = (Group(ParameterKind.SENSOR, f"{sensor.name} {session}".strip(), moves=False) for session in sessions)
     return tuple(ArmParameter(group, name, unit) for group in groups for name, unit in free)
 
 
 def of_offsets(robot: Robot) -> tuple[ArmParameter, ...]:
     """Return the constant error of every joint's position."""
     joints = ((joint.name, "m" if joint.kind == "prismatic" else "rad") for joint in robot.moving)
-    return tuple(ArmParameter(Group(Kind.OFFSET, name), unit=unit) for name, unit in joints)
+    return tuple(ArmParameter(Group(ParameterKind.OFFSET, name), unit=unit) for name, unit in joints)
 
 
 def of_compliance(flexure: str) -> tuple[ArmParameter, ...]:
     """Return the logarithmic factors on the axes of a flexure's compliance."""
-    return tuple(ArmParameter(Group(Kind.COMPLIANCE, flexure), axis) for axis in TWIST_NAMES)
+    return tuple(ArmParameter(Group(ParameterKind.COMPLIANCE, flexure), axis) for axis in TWIST_NAMES)
 
 
-def of_law(flexure: str, law: Law, kind: Kind = Kind.LAW) -> tuple[ArmParameter, ...]:
-    """Return the parameters of a flexure's law that was learned, or is scaled (`Kind.COMPLIANCE`)."""
+def of_law(flexure: str, law: Law, kind: ParameterKind = ParameterKind.LAW) -> tuple[ArmParameter, ...]:
+    """Return the parameters of a flexure's law that was learned, or is scaled (`ParameterKind.COMPLIANCE`)."""
     return tuple(ArmParameter(Group(kind, flexure), one.name) for one in law.parameters)
 
 
 def fitted_group(flexure: Flexure) -> Group:
     """Return what a fit of a flexure's law finds anything of."""
-    return Group(Kind.LAW if flexure.learned else Kind.COMPLIANCE, flexure.name)
+    return Group(ParameterKind.LAW if flexure.learned else ParameterKind.COMPLIANCE, flexure.name)
 
 
 def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
@@ -144,7 +145,7 @@ def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
     `number` is which of its name it is in an arm, see `numbers_of`.
     """
     moves = effect.law.act not in (Act.FRAME, Act.SCALE)
-    group, law = Group(Kind.EFFECT, f"{effect.name}{numbered(number)}", moves), effect.law
+    group, law = Group(ParameterKind.EFFECT, f"{effect.name}{numbered(number)}", moves), effect.law
     units = dict(zip(effect.named, effect.units, strict=True))
     amplitudes = tuple(
         ArmParameter(group, one.name, units[one.name]) for one in (law.amplitudes[i] for i in effect.location.terms)
@@ -186,7 +187,9 @@ def named(labels: Iterable[str], known: Sequence[tuple[ArmParameter, str]]) -> t
             last = found[-1].group if found else None
             some = [one for one in some if one.group == last] or [one for one in some if one not in found]
         if not some:
-            kind = next(kind for kind in Kind if label.startswith(f"{kind} "))
+            kind = next((kind for kind in ParameterKind if label.startswith(f"{kind} ")), None)
+            if kind is None:
+                raise UnknownNameError("parameter", label, called)
             some = [ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))]
         found.append(some[0])
     return tuple(found)

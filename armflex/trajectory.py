@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from armflex.arguments import checked, checked_init
 from armflex.arm import Arm, warn
-from armflex.conventions import Array
+from armflex.conventions import Array, real_array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean
 from armflex.laws.effects.context import MASS
-from armflex.laws.effects.remember import check_approaches, check_covariates, derived_direction
+from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
 from armflex.measured.data_flags import check_joint_units, unit_flags
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_forces
-from armflex.measured.table import check_payloads, joint_kinds, read_table, write_table
+from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_loads
+from armflex.measured.table import Tabular, check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.result import Result
@@ -72,6 +73,7 @@ class Points(NamedTuple):
         return {"v": self.v, "a": self.a, "covariates": known, "wrenches": self.wrenches}
 
 
+@checked_init
 @dataclass(frozen=True, repr=False, eq=False)
 class Trajectory(Result):
     """A path through joint space; between rows it is straight.
@@ -106,6 +108,12 @@ class Trajectory(Result):
     target: Array | None = None
 
     def __post_init__(self) -> None:
+        for name in ("time", "q", "v", "a", "target"):
+            given: Any = getattr(self, name)
+            if given is not None or name in ("time", "q"):  # a list of rows is taken, too
+                object.__setattr__(self, name, real_array(given, f"trajectory {name}"))  # pyright: ignore[reportArgumentType]
+        if self.time.ndim != 1:
+            raise ShapeError(f"trajectory time: expected (N,), got {self.time.shape}")
         count = len(self.time)
         if count == 0 or self.q.shape != (count, len(self.joint_names)):
             raise ShapeError(f"trajectory q: expected ({count}, {len(self.joint_names)}), got {self.q.shape}")
@@ -152,7 +160,7 @@ class Trajectory(Result):
             None if self.a is None else part(self.a),
             {name: known(name, values) for name, values in self.covariates.items()},
             None if self.target is None else part(self.target),
-            _each(self.wrenches, part),
+            tuple(one.each(part) for one in self.wrenches),
         )
 
     @property
@@ -180,14 +188,15 @@ class Trajectory(Result):
         Raises:
             InputError: Rows have loads already, or are beyond the table.
         """
-        if self.wrenches:
+        hung = tuple(one for one in self.wrenches if one.hangs)
+        if len(hung) < len(self.wrenches):
             raise InputError(f"rows name forces already, which those of {table.path} would be beside")
         lengths = self.lengths(arm)
         lost, flags = table.missed(lengths), ()
         if lost > NOTICED * max((one.sizes[0] for one in table.wrenches), default=0.0):
             text = f"loads are linear between rows, which leaves out up to {lost:.3g} N of {table.path}: give more rows"
             flags = (Flag("force_table", text),)
-        return replace(self, wrenches=table.at(lengths)), flags
+        return replace(self, wrenches=(*hung, *table.at(lengths))), flags
 
     def towards(self, desired: Trajectory) -> Trajectory:
         """Return the trajectory, as `for_arm` orders it, whose flexed tip is meant where `desired` has the rigid tip.
@@ -300,7 +309,7 @@ class Trajectory(Result):
         covariates = {name: insert(values, name.startswith(APPROACH)) for name, values in self.covariates.items()}
         v, a, target = (None if values is None else insert(values) for values in (self.v, self.a, self.target))
         time, q = insert(self.time), insert(self.q)
-        wrenches = _each(self.wrenches, insert)
+        wrenches = tuple(one.each(insert) for one in self.wrenches)
         return replace(
             self,
             time=time,
@@ -316,18 +325,17 @@ class Trajectory(Result):
         )
 
 
-def _each(wrenches: Sequence[Wrench], of: Callable[[Array], Array]) -> tuple[Wrench, ...]:
-    """Return wrenches with what a function makes of forces and moments of N rows; others are the same in all rows."""
-    return tuple(
-        one if one.rows is None else Wrench(one.frame, of(one.force), of(one.moment), one.axes) for one in wrenches
-    )
+def as_trajectory(found: Trajectory | Tabular, arm: Arm) -> Trajectory:
+    """Return a path as it is, or what `read_trajectory` makes of a file or a data frame."""
+    return found if isinstance(found, Trajectory) else read_trajectory(found, arm)
 
 
-def read_trajectory(path: str | Path, arm: Arm, unnamed: Unnamed = UNLOADED) -> Trajectory:
-    """Read a trajectory.csv for an arm.
+@checked
+def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Trajectory:
+    """Read a trajectory.csv for an arm, or a data frame of the same columns.
 
     Args:
-        path: The file.
+        path: The file, or a pandas data frame.
         arm: The arm.
         unnamed: What loads rows that name no payload, or no force.
 
@@ -379,7 +387,7 @@ def read_trajectory(path: str | Path, arm: Arm, unnamed: Unnamed = UNLOADED) -> 
         moved["a"],
         covariates=covariates,
         places=places,
-        wrenches=read_forces(table, arm),
+        wrenches=read_loads(table, arm),
     )
 
 
@@ -388,6 +396,7 @@ def misspelt(name: str, known: Iterable[str]) -> bool:
     return bool(difflib.get_close_matches(name.lower(), [one.lower() for one in known], n=1, cutoff=0.75))
 
 
+@checked
 def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:
     """Write a trajectory.csv, whole or not at all."""
     columns: dict[str, list] = {"time": trajectory.time.tolist()}

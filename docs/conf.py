@@ -24,7 +24,7 @@ extensions = [
     "mathml",
     "made",
 ]
-exclude_patterns = ["_build", "_made/*.md", "results", "notebooks", "formats"]
+exclude_patterns = ["_build", "_made/*.md", "results", "notebooks", "formats", "paper"]
 templates_path: list[str] = []
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]

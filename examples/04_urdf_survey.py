@@ -6,7 +6,8 @@ from importlib.metadata import distribution
 from pathlib import Path
 
 from armflex import Arm, ArmflexWarning, InputError, load_arm
-from armflex.robot.urdf import MOVING, check_tree, read_urdf
+from armflex.robot.robot import check_tree
+from armflex.robot.urdf import MOVING, read_urdf
 
 
 def main() -> tuple[list[str], dict[str, str]]:

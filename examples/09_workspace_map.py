@@ -5,6 +5,7 @@ import sys
 import numpy as np
 
 import armflex
+from armflex.tasks.workspace import draw_map
 
 
 def main(picture: str = "workspace.png", rows: int = 2048) -> dict[str, float]:
@@ -19,7 +20,7 @@ def main(picture: str = "workspace.png", rows: int = 2048) -> dict[str, float]:
     shares = {name: float(np.mean(verdicts == name)) for name in ("ok", "uncertain", "fail")}
     print(", ".join(f"{share:.0%} of {len(found)} voxels {name}" for name, share in shares.items()))
 
-    armflex.draw_map(arm, found, picture, tolerance=0.1)
+    draw_map(arm, found, picture, tolerance=0.1)
     # With dask.distributed installed, the same map from a cluster:
     #   with joblib.parallel_config(backend="dask"): armflex.map_workspace(arm, ..., store="chunks")
     return shares | {"worst": float(found.worst[worst])}

@@ -3,6 +3,7 @@
 import sys
 
 import armflex
+from armflex.plan.picture import draw_plan
 
 
 def main(table: str = "poses.csv", picture: str = "plan.png", rows: int = 20) -> float:
@@ -16,7 +17,7 @@ def main(table: str = "poses.csv", picture: str = "plan.png", rows: int = 20) ->
         print(line)
 
     armflex.write_plan(found, table)  # a measurements.csv whose x y z are to be filled in
-    armflex.draw_plan(found, picture)
+    draw_plan(found, picture)
     # Afterwards: armflex.plan(arm, 10, after=campaign, between=("backlash:A2", "encoder_eccentricity:A2"))
     return float(after)
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 import armflex
+from armflex.arm import Measurement, Prior
 from armflex.laws.joint.carried import scaled
-from armflex.prior import Measurement, Prior
 
 READINGS, SIGMA, SOFTER = 300, 2e-4, 0.2
 BOLTED = {"measurement": Measurement(frame="base"), "prior": Prior(joint_offset=1e-3, compliance=0.2, tool=5e-3)}

@@ -347,7 +347,7 @@ class Collapsed:
         return np.concatenate([weights[: self._split], np.log(noise)])
 
 
-def maximum(density: Collapsed, start: Array, iterations: int = 400) -> Array:
+def maximum(density: Collapsed, start: Array) -> Array:
     """Return the (d,) maximum of the density near a start, by quasi-Newton steps (L-BFGS).
 
     Raises:
@@ -360,19 +360,20 @@ def maximum(density: Collapsed, start: Array, iterations: int = 400) -> Array:
 
     if not np.isfinite(density(start)[0]):
         raise NotFiniteError("log density of a network is not finite where the search for its maximum starts")
-    options = {"maxiter": iterations, "maxcor": 30}
+    options = {"maxiter": 400, "maxcor": 30}
     found = minimize(falling, start, jac=True, method="L-BFGS-B", options=options).x
     if not np.isfinite(density(found)[0]):
         raise NotFiniteError("log density of a network is not finite where the search for its maximum ended")
     return found
 
 
-def whitening(density: Collapsed, theta: Array, step: float = 1e-5) -> Array:
+def whitening(density: Collapsed, theta: Array) -> Array:
     """Return the (d, d) W for which theta + W z has about unit curvature in every direction of z.
 
     The Hessian comes from central differences of the gradient. Curvatures of the wrong sign, as a search that ended
     early leaves them, count by their size.
     """
+    step = 1e-5
     moves = step * np.eye(len(theta))
     hessian = np.array([density(theta - move)[1] - density(theta + move)[1] for move in moves]) / (2.0 * step)
     values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))

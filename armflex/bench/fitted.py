@@ -10,11 +10,8 @@ import numpy as np
 
 from armflex.conventions import WRENCH_NAMES, Array
 from armflex.errors import IdentifiabilityError
-from armflex.laws.law import Law, Row
+from armflex.laws.law import NOWHERE, Law
 from armflex.sampling.diagnostics import Diagnostics
-
-NOWHERE = Row(np.zeros(0), {})
-"""A bench has no joint positions."""
 
 WORST_CONDITION = 1e6
 """Of columns of equal length; beyond it some mixture of them is as good as zero on all rows."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.bench.cross_validation import FOLDS as CHOICE_FOLDS
 from armflex.bench.cross_validation import (
     OUTER,
@@ -30,7 +31,9 @@ from armflex.errors import Flag, InputError, LawError, UnknownNameError, listing
 from armflex.laws.joint.linear import LinearLaw, softness
 from armflex.laws.law import Law
 from armflex.laws.law_file import TrainedLaw
-from armflex.measured.joint_data import JointData
+from armflex.measured.joint_data import JointData, as_joint_data
+from armflex.measured.table import Tabular
+from armflex.parallel import Progress
 from armflex.result import Result
 from armflex.sampling.diagnostics import Diagnostics, shortcomings
 from armflex.version import __version__
@@ -50,7 +53,6 @@ CHAIN_FOLDS = 5
 """Of a model that chains are run for: each fit takes seconds to a minute."""
 
 CHOICE = "the choice anew in every fold"
-Progress = Callable[[int, int], None]
 
 AGAINST = -0.5
 """Correlation of a deflection with its own load from which a sign is believed to be turned."""
@@ -100,8 +102,9 @@ class TrainResult(Result):
         return [{"model": name, "held_out_rms": errors} for name, errors in self.compared]
 
 
+@checked
 def train(
-    data: JointData,
+    data: JointData | Tabular,
     model: str = "linear",
     structure: str = "full",
     options: Options | None = None,
@@ -123,6 +126,7 @@ def train(
         InputError: The loads do not determine the model, or the table cannot be that of a joint.
         ConvergenceError: A chain has not converged and `allow_unconverged` is not set.
     """
+    data = as_joint_data(data)
     if not isinstance(data, JointData):
         raise InputError(f"expected JointData, such as read_joint_data gives, got {type(data).__name__}")
     if model not in MODELS:

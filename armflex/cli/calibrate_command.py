@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +15,15 @@ from armflex.conventions import RESOLUTION, SHOWN
 from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
 from armflex.estimate.calibrate import write_calibrated
-from armflex.estimate.identify import Parameter
+from armflex.estimate.identify import FittedParameter
 from armflex.estimate.law_block import learned_laws
-from armflex.estimate.learned import LearnedAxis, learned_axes
+from armflex.estimate.learn import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
-from armflex.parameters import Kind
-from armflex.readings import Kind as Reading
-from armflex.readings import Position
+from armflex.parameters import ParameterKind
+from armflex.readings import Kind, Position
+from armflex.result import plain
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 
 SCATTERED = 1.5
@@ -63,14 +62,14 @@ def command(
         with progress("sampling") as tick:
             samples = sample_laws(found.fit, sample, progress=tick)
     axes: tuple[LearnedAxis, ...] = ()
-    if any(p.kind is Kind.LAW for p in found.parameters):  # else they stay as an earlier campaign taught them
+    if any(p.kind is ParameterKind.LAW for p in found.parameters):  # else they stay as an earlier campaign taught them
         fitted = {name: law for name, law in learned_laws(found.arm).items() if law.posterior is not None}
         axes = learned_axes(found.fit, fitted, samples) if fitted else ()
     print_calibration(found, show_all)
     if axes:
         print_laws(axes, samples)
     show_flags((*measurements.flags, *found.flags))
-    options.write_json(as_json(found) | {"laws": [asdict(axis) | {"told": axis.told} for axis in axes]})
+    options.write_json(as_json(found) | {"laws": [{**vars(axis), "told": axis.told} for axis in axes]})
     write_calibrated(arm_path, found, output)
     say(f"Written to {output}.")
 
@@ -93,12 +92,12 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
             count = int(np.isfinite(kind.sigma).any(axis=1).sum())
             rows.append([kind.title, str(count), *(number(size * factor) for size in sizes), unit])
         print_table("By instrument, RMS", ["", "rows", "declared", "calibrated", "stated noise", "unit"], rows)
-    known = [p for p in found.parameters if np.isfinite(p.prior) and p.kind is not Kind.LAW]
+    known = [p for p in found.parameters if np.isfinite(p.prior) and p.kind is not ParameterKind.LAW]
     chosen = found.parameters if show_all else sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
     if chosen:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "the data say"]
         print_table("Parameters" if show_all else "Moved most, against their priors", columns, map(_cells, chosen))
-    blind = [p for p in found.undetermined if p.kind is not Kind.LAW]
+    blind = [p for p in found.undetermined if p.kind is not ParameterKind.LAW]
     if blind:
         columns = ["not told from its prior", "can be exchanged for"]
         cells = [[p.name, ", ".join(p.trades_against) or "moves the readings too little"] for p in blind[:12]]
@@ -117,7 +116,7 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         say(f"outlier: {outlier.place}, {number(outlier.error_m * factor, 3)} {unit} off{by}")
 
 
-def _cells(parameter: Parameter) -> list[str]:
+def _cells(parameter: FittedParameter) -> list[str]:
     pull = number(parameter.pull, 2) if np.isfinite(parameter.prior) else "-"
     says = "wrong as declared" if parameter.surprising else "this" if parameter.determined else "nothing"
     if parameter.combined:
@@ -146,13 +145,13 @@ def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
         say(f"Sampled: R-hat {found.rhat_max:.3f}, {found.ess_min:.0f} effective draws or more.")
 
 
-def _by_kind(sizes: tuple[Reading, float, float, float]) -> dict[str, Any]:
+def _by_kind(sizes: tuple[Kind, float, float, float]) -> dict[str, Any]:
     kind, declared, calibrated, noise = sizes
     return {
         "name": kind.name,
         "kind": type(kind).__name__.lower(),
         "unit": kind.unit,
-        "rows": int(np.isfinite(kind.sigma).any(axis=1).sum()),
+        "rows": np.isfinite(kind.sigma).any(axis=1).sum(),
         "rms": {"declared": declared, "calibrated": calibrated},
         "noise_rms": noise,
     }
@@ -161,7 +160,7 @@ def _by_kind(sizes: tuple[Reading, float, float, float]) -> dict[str, Any]:
 def as_json(found: Calibration) -> dict[str, Any]:
     """Return a calibration for programs; RMS in mm like that of trace, null where nothing but angles was read."""
     stages, per = ("declared", "calibrated"), 1e3 if found.fit.view.readings.unit == "m" else None
-    return {
+    told = {
         "format": "armflex-calibrate-1",
         "rows": len(found.fit.view.rows),
         "noise_rms_mm": per and found.noise_rms * per,
@@ -175,19 +174,17 @@ def as_json(found: Calibration) -> dict[str, Any]:
             {
                 "name": p.name,
                 "value": p.value,
-                "std": p.std if np.isfinite(p.std) else None,
+                "std": p.std,
                 "unit": p.unit,
-                "prior": p.prior if np.isfinite(p.prior) else None,
+                "prior": p.prior,
                 "determined": p.determined,
-                "only_combined_with": list(p.trades_against) if p.combined else None,
+                "only_combined_with": p.trades_against if p.combined else None,
             }
             for p in found.parameters
         ],
         "findings": [p.name for p in found.findings],
-        "not_identifiable": [
-            {"parameter": p.name, "trades_against": list(p.trades_against)} for p in found.undetermined
-        ],
-        "flags": [str(flag) for flag in found.flags],
+        "not_identifiable": [{"parameter": p.name, "trades_against": p.trades_against} for p in found.undetermined],
+        "flags": found.flags,
         "outliers": [
             {"row": o.row, "place": str(o.place)}
             | ({"instrument": o.instrument} if o.instrument else {})
@@ -195,3 +192,4 @@ def as_json(found: Calibration) -> dict[str, Any]:
             for o in found.outliers
         ],
     }
+    return plain(told)

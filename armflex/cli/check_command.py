@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +53,8 @@ def command(
     meant = "" if desired_path is None else f"; against the rigid tip on {desired_path}"
     say(f"base {arm.robot.base}, tip {arm.robot.tip}{meant}", "")
     print_check(report, "moves" if against is None else "off by")
-    as_they_are = ("ok", "tolerance_m", "angle_rad", "samples")
-    told = {name: getattr(report, name) for name in as_they_are} | {"via_points": [_json(p) for p in report.via_points]}
-    told |= {"path_worst": _json(report.path_worst)} | ({} if against is None else {"against": str(desired_path)})
+    names = ("ok", "tolerance_m", "angle_rad", "samples", "via_points", "path_worst")
+    told = {name: getattr(report, name) for name in names} | ({} if against is None else {"against": str(desired_path)})
     options.conclude(told, report.flags, arm)
     return 0 if report.ok else 1
 
@@ -83,10 +81,6 @@ def print_check(report: CheckReport, moves: str = "moves") -> None:
             say(f"{point.name or 'between'} at {point.time:g} s: {point.reason}")
     verdict = "within tolerance" if report.ok else "NOT within tolerance"
     say(f"The path is {verdict} ({report.samples} configurations evaluated).")
-
-
-def _json(point: Point) -> dict[str, Any]:
-    return {**asdict(point), "sigma_m": options.finite(point.sigma_m)}
 
 
 def _row(point: Point, name: str) -> list[str]:

@@ -53,15 +53,9 @@ def command(
         found = compensate(arm, trajectory, match, progress=tick, **asked)
     say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
     print_compensation(found)
-    rows = [
-        {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(row).items()}
-        | {name: options.finite(getattr(row, name)) for name in ("sigma_m", "sigma_rad")}
-        for row in found.rows
-    ]
     remains, sigma = found.remains_m
     summary = {"ok": found.ok, "match": found.match, "between_m": found.between_m}
-    summary |= {"remains_m": remains, "sigma_m": options.finite(sigma)}
-    options.conclude(summary | {"rows": rows}, found.flags, arm)
+    options.conclude(summary | {"remains_m": remains, "sigma_m": sigma, "rows": found.rows}, found.flags, arm)
     if found.ok or best_effort:
         write_trajectory(found.trajectory, output)
         say(f"Written to {output}.")

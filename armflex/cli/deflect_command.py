@@ -9,11 +9,10 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.options import finite
 from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.tip_uncertainty import total_covariance
-from armflex.laws.effects.remember import settled
+from armflex.laws.effects.in_arm import settled
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
 
@@ -37,7 +36,7 @@ def command(
     A temperature that an effect of the arm lags behind is taken as settled.
     """
     wrenches = [options.parse_force(text, arm) for text in forces]
-    q = options.parse_positions(positions, arm)
+    q, arm = options.parse_positions(positions, arm)
     found = arm.deflection(q, payload, covariates=settled(arm, covariates), wrenches=wrenches, **how)
     covariance, flags = total_covariance(found)
     print_deflection(arm, found, covariance)
@@ -45,12 +44,12 @@ def command(
     content = {
         "payload": payload,
         "method": found.method,
-        "joint_names": list(found.names.joints),
-        "flexure_names": list(found.names.flexures),
-        **{name: getattr(found, name).tolist() for name in (*arrays, "compliance")},
-        "covariance": None if covariance is None else [[finite(x) for x in row] for row in covariance.tolist()],
-        "pose": found.pose.homogeneous.tolist(),
-        "rigid_pose": found.rigid_pose.homogeneous.tolist(),
+        "joint_names": found.names.joints,
+        "flexure_names": found.names.flexures,
+        **{name: getattr(found, name) for name in (*arrays, "compliance")},
+        "covariance": covariance,
+        "pose": found.pose.homogeneous,
+        "rigid_pose": found.rigid_pose.homogeneous,
     }
     options.conclude(content, (*found.flags, *found.overload, *flags), arm)
 

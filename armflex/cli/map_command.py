@@ -16,6 +16,7 @@ from armflex.conventions import parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
 from armflex.plotting import SUFFIXES as PICTURES
+from armflex.result import plain
 from armflex.show.view.map_page import map_page
 from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write_map
 from armflex.tasks.workspace.map_file import SUFFIXES
@@ -121,31 +122,31 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
     """Return the summary of a map for programs, SI."""
     here, drawn = found.worst_voxel if found.answered.any() else None, found.worst_of_draws
     summary = {
-        "joint_names": list(found.joints),
-        "payloads": list(found.payloads),
+        "joint_names": found.joints,
+        "payloads": found.payloads,
         "rows": found.rows,
         "seed": found.seed,
         "draws": found.draws,
         "voxel_m": found.voxel,
         "voxels": len(found),
-        "answered": int(found.answered.sum()),
-        "refused": dict(zip(found.reasons, found.refused.sum(axis=0).tolist(), strict=True)),
-        "mean_m": None if here is None else float(np.nansum(found.mean * found.answered) / found.answered.sum()),
+        "answered": found.answered.sum(),
+        "refused": dict(zip(found.reasons, found.refused.sum(axis=0), strict=True)),
+        "mean_m": None if here is None else np.nansum(found.mean * found.answered) / found.answered.sum(),
         "worst": None
         if here is None
         else {
-            "displacement_m": float(found.worst[here]),
-            "sigma_m": None if found.sigma is None else options.finite(found.sigma[here]),
-            "centre": found.centres[here].tolist(),
-            "q": found.worst_q[here].tolist(),
+            "displacement_m": found.worst[here],
+            "sigma_m": None if found.sigma is None else found.sigma[here],
+            "centre": found.centres[here],
+            "q": found.worst_q[here],
             "payload": found.payloads[found.worst_payload[here]],
-            "worst_of_draws_m": None if drawn is None else options.finite(drawn[here]),
+            "worst_of_draws_m": None if drawn is None else drawn[here],
         },
-        "worst_of_draws_m": None if drawn is None else options.finite(drawn.max()),
+        "worst_of_draws_m": None if drawn is None else drawn.max(),
     }
     if tolerance is not None:
         summary |= {"tolerance_m": tolerance, "verdicts": _verdicts(found, tolerance)}
-    return summary
+    return plain(summary)
 
 
 def _verdicts(found: WorkspaceMap, tolerance: float) -> dict[str, int]:

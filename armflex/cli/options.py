@@ -7,6 +7,7 @@ import json
 import os
 import tomllib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, lis
 from armflex.files.arm_file import load_arm
 from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
 from armflex.measured.points import read_points
+from armflex.result import plain
+from armflex.robot.robot import lock_side_joints
 from armflex.rows.wrench import Wrench
 from armflex.storage.whole_file import is_replaced, write_whole
 from armflex.trajectory import Trajectory, read_trajectory
@@ -139,14 +142,12 @@ def json_path() -> Path | None:
 
 
 def write_json(content: dict[str, Any], path: Path | None = None) -> None:
-    """Write a result as strict JSON to a path or `--json`, whole or not at all; nothing where neither is given."""
+    """Write a result to a path or `--json`, whole or not at all; nothing where neither is given.
+
+    It is strict JSON: arrays are lists, dataclasses their fields, and what is not finite null; see `plain`.
+    """
     if path := path or json_path():
-        write_whole(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
-
-
-def finite(value: float | None) -> float | None:
-    """Return a number as strict JSON has it: None where it is infinite, or none."""
-    return None if value is None or not np.isfinite(value) else float(value)
+        write_whole(path, (json.dumps(plain(content), indent=1, allow_nan=False) + "\n").encode())
 
 
 def conclude(content: dict[str, Any], flags: Sequence[Flag], arm: Arm | None = None) -> None:
@@ -286,29 +287,38 @@ def points(function: Callable) -> Callable:
     return with_points
 
 
-def parse_positions(text: str, arm: Arm) -> Array:
-    """Return q (nq,) from 'A1=0.3,A4=-10deg'; for joints not named see `Arm.position`.
+def parse_positions(text: str, arm: Arm) -> tuple[Array, Arm]:
+    """Return q (nq,) from 'A1=0.3,A4=-10deg', and the arm with its joints off the chain where the text has them.
+
+    For joints of the chain that are not named see `Arm.position`.
 
     Raises:
-        InputError: Not of that form; UnknownNameError, UnitError for names and units.
+        InputError: Not of that form; UnknownNameError, UnitError for names and units; JointLimitError off the chain.
     """
     positions: dict[str, float] = {}
-    kinds = {joint.name: joint.kind for joint in arm.robot.moving}
+    robot, beside = arm.robot, [arm.robot.urdf.joints[name] for name in arm.robot.locked if arm.robot.stem(name)]
+    kinds = {joint.name: joint.kind for joint in (*robot.moving, *beside)}
     for part in filter(None, (part.strip() for part in text.split(","))):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not equals:
             raise InputError(f"--q: {part!r} is not of the form JOINT=POSITION")
         if name in positions:
             raise InputError(f"--q: joint {name!r} is given twice")
-        if name not in arm.joint_names:
-            raise UnknownNameError("joint", name, arm.joint_names)
+        if name not in kinds:
+            raise UnknownNameError("joint", name, kinds)
         kind, unit = ("length", "m") if kinds[name] == "prismatic" else ("angle", "rad")
         positions[name] = parse_quantity(value if value[-1:].isalpha() else value + unit, kind)
         parts = positions[name] / RADIANS * 12.0  # of pi, as written
         if value.endswith("deg") and parts and abs(parts - round(parts)) < NEAR_PI and 0 < abs(round(parts)) <= 24:
             text = f"--q: {name} at {value} is {round(parts)}/12 of pi as a number: radians? Then leave deg out"
             warn([Flag("radians", text)])
-    return arm.position(**positions)
+    held = {name: positions.pop(name) for name in (joint.name for joint in beside) if name in positions}
+    if held:
+        # What is locked anew must be within its limits, and what mimics it follows.
+        lock_side_joints(robot.urdf, robot.base, robot.chain, held)
+        moved = {name: float(at) for name, at in robot.side_positions(held).items()}
+        arm = replace(arm, robot=replace(robot, locked={**robot.locked, **moved}))
+    return arm.position(**positions), arm
 
 
 def loads(function: Callable) -> Callable:

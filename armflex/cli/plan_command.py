@@ -15,11 +15,12 @@ from armflex.conventions import NUMBER
 from armflex.errors import InputError
 from armflex.files.arm_file import load_arm
 from armflex.measured.measurements import read_measurements
-from armflex.parameters import Kind
+from armflex.parameters import ParameterKind
 from armflex.plan.drive import write_plan
 from armflex.plan.instruments import Mounted, declaration
 from armflex.plan.planning import plan
 from armflex.plotting import check_ending
+from armflex.result import plain
 from armflex.trajectory import read_trajectory
 
 if TYPE_CHECKING:
@@ -161,7 +162,7 @@ def print_plan(found: Plan) -> None:
         named = zip(hypothesis.candidate.labels, hypothesis.size, hypothesis.candidate.units, strict=True)
         sizes = ", ".join(f"{label} {value:.3g} {unit}" for label, value, unit in named if value)
         say(f"{hypothesis.name} {sizes}, {hypothesis.source}")
-    places = (Kind.INSTRUMENT, Kind.SESSION)  # where the instrument stands is no gain
+    places = (ParameterKind.INSTRUMENT, ParameterKind.SESSION)  # where the instrument stands is no gain
     others = {one.label for one in found.model.parameters if one.group.kind in places}
     gaining = [one for one in _parameters(found) if one["name"] not in others and not found.hypotheses]
     gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:MOST_LINES]
@@ -197,34 +198,34 @@ def _mount(mount: Mounted) -> dict[str, Any]:
 
 def as_json(found: Plan) -> dict[str, Any]:
     """Return a plan for programs, SI; what was reached is as the terminal shows it."""
-    goal, rows, read = found.goal, found.rows, iter(found.worth.tolist())
+    goal, rows, read = found.goal, found.rows, iter(found.worth)
     worth = [next(read) if measured else None for measured in rows.measured]
-    return {
+    told = {
         "rows": len(found.worth),
         "stops": [
             {
                 "pose": rows.pose[i],
                 "read": worth[i] is not None,
                 "payload": rows.payload[i],
-                "q": dict(zip(rows.joint_names, rows.q[i].tolist(), strict=True)),
+                "q": dict(zip(rows.joint_names, rows.q[i], strict=True)),
                 "worth": worth[i],
             }
             for i in range(len(rows))
         ],
-        "sigma_m": found.reach.sigma.tolist(),
+        "sigma_m": found.reach.sigma,
         "goal": goal.title,
         "expected": {
-            "reached": np.asarray(goal.shown(found.reached)).tolist(),
-            "random": np.asarray(goal.shown(found.random.mean(axis=0))).tolist(),
-            "everything": float(goal.shown(found.everything)),
+            "reached": goal.shown(found.reached),
+            "random": goal.shown(found.random.mean(axis=0)),
+            "everything": goal.shown(found.everything),
             "random_rows": found.random_rows,
         },
         "parameters": _parameters(found),
-        "separation_sigmas": float(goal.shown(found.reached[-1])) if found.hypotheses else None,
+        "separation_sigmas": goal.shown(found.reached[-1]) if found.hypotheses else None,
         "between": [
             {
                 "name": hypothesis.name,
-                "size": dict(zip(hypothesis.candidate.labels, hypothesis.size.tolist(), strict=True)),
+                "size": dict(zip(hypothesis.candidate.labels, hypothesis.size, strict=True)),
                 "source": hypothesis.source,
             }
             for hypothesis in found.hypotheses
@@ -233,13 +234,14 @@ def as_json(found: Plan) -> dict[str, Any]:
             {
                 "parameter": blind.name,
                 "moves_mm": blind.moves * 1e3,
-                "trades_against": list(blind.partners),
+                "trades_against": blind.partners,
                 "instead": blind.instead,
             }
             for blind in found.blind
         ],
-        "advice": list(found.advice),
+        "advice": found.advice,
         "left_out": dict(found.offered.dropped),
         **({"instruments": [*map(_mount, found.mounts)]} if found.mounts else {}),
         "motion": {"ordered": found.way[0], "as_chosen": found.way[1]},
     }
+    return plain(told)

@@ -13,6 +13,7 @@ from armflex.cli.terminal import number, print_table, say
 from armflex.errors import InputError
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
+from armflex.result import plain
 from armflex.tasks.iso9283 import Characteristic, PosePerformance, iso9283
 
 
@@ -76,14 +77,14 @@ def as_json(found: PosePerformance) -> dict[str, Any]:
             "pose": one.pose,
             "payload": one.payload,
             "session": one.session,
-            "direction": one.direction and list(one.direction),
+            "direction": one.direction,
             "cycles": one.cycles,
-            "rows": one.rows.tolist(),
+            "rows": one.rows,
             "ap_m": figure(one.accuracy),
-            "ap_xyz_m": one.offset.tolist(),
+            "ap_xyz_m": one.offset,
             "rp_m": figure(one.repeatability),
-            "ap_abc_rad": None if one.rotation is None else one.rotation.tolist(),
-            "rp_abc_rad": None if one.rotation_repeatability is None else one.rotation_repeatability.tolist(),
+            "ap_abc_rad": one.rotation,
+            "rp_abc_rad": one.rotation_repeatability,
             "ap_with_model_m": one.predicted,
         }
         for one in found.poses
@@ -94,5 +95,6 @@ def as_json(found: PosePerformance) -> dict[str, Any]:
         {n: getattr(one, n) for n in named} | {"dap_m": one.accuracy, "drp_m": one.repeatability, "shift_m": one.shift}
         for one in found.drifts
     ]
-    return {"standard": "ISO 9283:1998", "poses": poses, "directions": directions, "drifts": drifts,
-            "remarks": list(found.remarks)}  # fmt: skip
+    told = {"standard": "ISO 9283:1998", "poses": poses, "directions": directions, "drifts": drifts,
+            "remarks": found.remarks}  # fmt: skip
+    return plain(told)

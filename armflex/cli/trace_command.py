@@ -19,18 +19,19 @@ from armflex.cli.terminal import complain, number, print_table, say, show_flags,
 from armflex.errors import FileError, InputError, enough_memory
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.in_arm import derived_directions
 from armflex.laws.effects.location import LINK
-from armflex.laws.effects.remember import derived_directions
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.parameters import numbered
 from armflex.readings import Position
+from armflex.result import plain
 from armflex.show.report import write_report
 from armflex.trace import trace
 from armflex.trace.findings import write_traced
 
 if TYPE_CHECKING:
-    from armflex.trace.findings import Family, Found, Trace
+    from armflex.trace.findings import Found, FoundFamily, Trace
     from armflex.trace.telling import Doing
 
 MOST_LINES = 8
@@ -303,7 +304,7 @@ def _remarks(found: Trace) -> Iterator[str]:
 def as_json(found: Trace) -> dict[str, Any]:
     """Return a trace for programs: RMS in mm, parameters SI."""
     left = found.unexplained
-    return {
+    told = {
         "format": "armflex-trace-1",
         **({"unfinished": True} if found.unfinished else {}),
         **({} if found.stopped_at is None else {"stopped_at_limit": found.stopped_at}),
@@ -328,7 +329,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         "not_identifiable": [
             {"effect": one.effect, "site": one.site, "reason": one.reason} for one in found.not_identifiable
         ],
-        "next_measurement": list(found.next_measurement),
+        "next_measurement": found.next_measurement,
         "smallest_shown_mm": {one.effect: {"least": one.least * 1e3, "most": one.most * 1e3} for one in found.smallest},
         "noise_over_stated": found.noise,
         "outliers": [
@@ -360,6 +361,7 @@ def as_json(found: Trace) -> dict[str, Any]:
             for one in found.withdrawn
         ],
     }
+    return plain(told)
 
 
 def _effect_json(found: Found) -> dict[str, Any]:
@@ -379,7 +381,7 @@ def _effect_json(found: Found) -> dict[str, Any]:
     }
 
 
-def _family_json(found: Family) -> dict[str, Any]:
+def _family_json(found: FoundFamily) -> dict[str, Any]:
     proof = found.proof
     return {
         "family": found.kin.number,
@@ -394,10 +396,9 @@ def _family_json(found: Family) -> dict[str, Any]:
 
 
 def _values_json(effect: Effect, stds: Mapping[str, float]) -> dict[str, Any]:
-    """Return every value with its standard uncertainty, None where nothing determines it."""
-    std = {name: one for name, one in stds.items() if np.isfinite(one)}
+    """Return every value with its standard uncertainty, infinite where nothing determines it."""
     return {
-        name: {"value": value, "std": std.get(name), "unit": unit}
+        name: {"value": value, "std": stds.get(name), "unit": unit}
         for (name, value), unit in zip(effect.named.items(), effect.units, strict=True)
     }
 
@@ -405,5 +406,5 @@ def _values_json(effect: Effect, stds: Mapping[str, float]) -> dict[str, Any]:
 def _place_json(effect: Effect) -> dict[str, Any]:
     """Return which law acts where; `shape` and `partner` only where there is one."""
     (name, shape), location = names_of(effect.law), effect.location
-    place = {"effect": name, "site": location.place, "axis": location.axis, "covariates": list(location.covariates)}
+    place = {"effect": name, "site": location.place, "axis": location.axis, "covariates": location.covariates}
     return place | ({"shape": shape} if shape else {}) | ({"partner": location.partner} if location.partner else {})

@@ -21,6 +21,7 @@ from armflex.errors import InputError
 from armflex.laws.declared import read_assembly
 from armflex.laws.law_file import save_law
 from armflex.measured.joint_data import read_joint_data
+from armflex.result import plain
 
 
 def learning_options(command: Callable) -> Callable:
@@ -139,21 +140,15 @@ def as_json(result: TrainResult) -> dict[str, Any]:
     sampled = asdict(result.diagnostics)
     always = {name: sampled.pop(name) for name in ("rhat_max", "ess_min")} | {"coverage_95": result.coverage_95}
     diagnostics = always | {name: value for name, value in sampled.items() if value is not None}
-    return {
+    told = {
         "model": result.trained.model,
         "rows": result.rows,
         "unit": units[0] if len(units) == 1 else units,
-        "train_rms": result.train_rms.tolist(),
-        "held_out_rms": result.held_out_rms.tolist(),
+        "train_rms": result.train_rms,
+        "held_out_rms": result.held_out_rms,
         "held_out": result.held_out,
-        "parameters": dict(result.parameters),
-        "diagnostics": {name: _finite(value) for name, value in diagnostics.items()},
-        "compared": [{"model": name, "held_out_rms": [_finite(x) for x in rms]} for name, rms in result.compared],
+        "parameters": result.parameters,
+        "diagnostics": diagnostics,
+        "compared": [{"model": name, "held_out_rms": rms} for name, rms in result.compared],
     }
-
-
-def _finite(value: float | None) -> float | None:
-    """Return a number for JSON, null for one that is not finite: of a model that could not be fitted, a stuck chain."""
-    if value is None or isinstance(value, int):
-        return value
-    return float(value) if np.isfinite(value) else None
+    return plain(told)

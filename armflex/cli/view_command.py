@@ -45,7 +45,7 @@ def command(
     path, covariates = shown["path"], shown["covariates"]
     if trajectory_path is None:
         pulled = () if unnamed.force is None else (unnamed.force,)
-        q = options.parse_positions(positions, arm) if positions else None
+        q, arm = options.parse_positions(positions, arm) if positions else (None, arm)
         view(arm, q, unnamed.payload, wrenches=pulled, **shown)
     else:
         trajectory = read_trajectory(trajectory_path, arm, unnamed)

@@ -7,16 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.estimate.view import View
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import EffectLaw
-from armflex.parameters import ArmParameter, Kind
-from armflex.setup import Setup
-
-LEAST = 0.1
-"""What a draw leaves at least of a compliance."""
+from armflex.parameters import ArmParameter, ParameterKind
 
 
 class Block(ABC):
@@ -24,6 +21,9 @@ class Block(ABC):
 
     logarithmic: bool = False
     """Whether a parameter is the logarithm of a factor: its column then changes as fast as what it stands for."""
+
+    curved: bool = False
+    """Whether readings change otherwise than in a straight line where a value moves by a tenth."""
 
     by_row: bool = True
     """Whether the columns of a row depend on that row alone."""
@@ -47,25 +47,16 @@ class Block(ABC):
         """(k,) values of the arm as it is."""
         return np.zeros(len(self.parameters))
 
-    @property
-    def curved(self) -> bool:
-        """Whether readings change otherwise than in a straight line where a value moves by a tenth."""
-        return self.logarithmic
-
     def of_rows(self, context: Context | None) -> Block:
         """Return the block as it is asked about other rows, as effects see them."""
         return self
 
     def stepped(self, setup: Setup, step: Array) -> Setup:
-        """Return the setup a (k,) step away, to first order in how the arm bends.
-
-        Factors of compliances are stepped, not their logarithms: what several do against each other cancels in a
-        straight line alone, and no reading told the rest.
-        """
-        return self.apply(setup, np.log(np.maximum(1.0 + step, LEAST)) if self.logarithmic else step)
+        """Return the setup a (k,) step away, to first order in how the arm bends."""
+        return self.apply(setup, step)
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> ParameterKind:
         """What the parameters are of."""
         return self.parameters[0].group.kind
 

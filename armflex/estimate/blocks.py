@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.effect_block import EffectBlock
@@ -26,7 +27,7 @@ from armflex.parameters import (
     MOUNTED,
     TARGET,
     ArmParameter,
-    Kind,
+    ParameterKind,
     numbers_of,
     of_effect,
     of_motions,
@@ -35,7 +36,6 @@ from armflex.parameters import (
 )
 from armflex.readings import Orientation, Position
 from armflex.readings.instrument import twist_per_value
-from armflex.setup import Setup
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ def session_block(setup: Setup, sessions: tuple[str, ...], translation: float = 
 
     about = np.repeat([translation, rotation], 3)
     std = np.concatenate([np.full(6, np.inf) if name in guess else about for name in sessions])
-    return RigidBlock(of_motions(Kind.SESSION, sessions), std, changes, moved)
+    return RigidBlock(of_motions(ParameterKind.SESSION, sessions), std, changes, moved)
 
 
 def target_block(std: float = 0.0) -> Block:
@@ -188,7 +188,7 @@ def geometry_block(setup: Setup, std: float = 0.0) -> Block:
     def moved(setup: Setup, values: Array) -> Setup:
         return _corrected(setup, "geometry", dict(zip(joints, values.reshape(-1, 6), strict=True)))
 
-    return RigidBlock(of_motions(Kind.GEOMETRY, joints), np.full(6 * len(joints), std), changes, moved)
+    return RigidBlock(of_motions(ParameterKind.GEOMETRY, joints), np.full(6 * len(joints), std), changes, moved)
 
 
 def _corrected(setup: Setup, part: str, steps: dict[str, Any]) -> Setup:
@@ -241,20 +241,20 @@ def blocks_of(parameters: Sequence[ArmParameter], setup: Setup, context: Context
     return blocks if parameters_of(blocks) == tuple(parameters) else None
 
 
-def _of_kind(kind: Kind, parameters: list[ArmParameter], setup: Setup, context: Context | None) -> list[Block]:
+def _of_kind(kind: ParameterKind, parameters: list[ArmParameter], setup: Setup, context: Context | None) -> list[Block]:
     """Return the blocks of one kind that come nearest to some parameters."""
     arm = setup.arm
     names = tuple(dict.fromkeys(str(parameter.group.of) for parameter in parameters))
-    if kind is Kind.LAW:
+    if kind is ParameterKind.LAW:
         laws = learned_laws(arm)
         return [LawBlock(tuple(laws), tuple(laws.values()))] if laws else []
-    if kind is Kind.COMPLIANCE:
+    if kind is ParameterKind.COMPLIANCE:
         axes = {name: [one.name for one in parameters if one.group.of == name] for name in names}
         known = set(names) <= {flexure.name for flexure in arm.flexures}
         if not known or any(axis not in TWIST_NAMES for some in axes.values() for axis in some):
             return []
         return [factor_block(arm, {name: tuple(map(TWIST_NAMES.index, some)) for name, some in axes.items()})]
-    if kind is Kind.EFFECT:
+    if kind is ParameterKind.EFFECT:
         blocks: list[Block] = []
         for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
             own = of_effect(effect, number)
@@ -262,7 +262,7 @@ def _of_kind(kind: Kind, parameters: list[ArmParameter], setup: Setup, context: 
                 free = tuple(i for i, one in enumerate(own[len(effect.location.terms) :]) if one in parameters)
                 blocks.append(EffectBlock(effect, free, context, ordinal, np.zeros(0), number))
         return blocks
-    if kind is Kind.SENSOR:
+    if kind is ParameterKind.SENSOR:
         return [
             sensor_block(setup, sensor.name, sessions)
             for sensor in arm.sensors.values()
@@ -272,12 +272,12 @@ def _of_kind(kind: Kind, parameters: list[ArmParameter], setup: Setup, context: 
                 )
             )
         ]
-    rigid: dict[Kind, Callable[[], Block]] = {
-        Kind.INSTRUMENT: lambda: frame_block(setup),
-        Kind.SESSION: lambda: session_block(setup, names),
-        Kind.TOOL: target_block,
-        Kind.MOUNTING: lambda: mounting_block(setup),
-        Kind.OFFSET: lambda: offset_block(setup),
-        Kind.GEOMETRY: lambda: geometry_block(setup),
+    rigid: dict[ParameterKind, Callable[[], Block]] = {
+        ParameterKind.INSTRUMENT: lambda: frame_block(setup),
+        ParameterKind.SESSION: lambda: session_block(setup, names),
+        ParameterKind.TOOL: target_block,
+        ParameterKind.MOUNTING: lambda: mounting_block(setup),
+        ParameterKind.OFFSET: lambda: offset_block(setup),
+        ParameterKind.GEOMETRY: lambda: geometry_block(setup),
     }
     return [rigid[kind]()]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -12,27 +11,27 @@ from typing import Any
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import FileError, InputError, Place, naming
 from armflex.estimate.calibrate import FEWEST_ROWS, calibrate, loads_seen
 from armflex.laws.learned import Seen
-from armflex.measured.measurements import Measurements
-from armflex.parallel import in_order
-from armflex.parameters import Kind
+from armflex.measured.measurements import Measurements, as_measurements
+from armflex.measured.table import Tabular
+from armflex.parallel import Progress, in_order
+from armflex.parameters import ParameterKind
 from armflex.result import Result
 from armflex.storage.array_file import Layout
 from armflex.storage.digest import digest
-from armflex.storage.kept import Form, open_kept
 from armflex.storage.schema import Numbers
+from armflex.storage.store import PieceForm, open_store
 from armflex.version import __version__
-
-Progress = Callable[[int, int], None]
 
 Fitted = tuple[tuple[str, ...], Array]
 """Names of the parameters, and their (P,) values."""
 
-FORM: Form[Fitted] = Form(
+FORM: PieceForm[Fitted] = PieceForm(
     Layout(
         "a fit of a bootstrap",
         "armflex-bootstrap-fit-2",
@@ -83,9 +82,10 @@ class Bootstrap(Result):
         return np.quantile(self.values, [0.5 - 0.5 * coverage, 0.5 + 0.5 * coverage], axis=0)
 
 
+@checked
 def bootstrap(
     arm: Arm,
-    measurements: Measurements,
+    measurements: Measurements | Tabular,
     draws: int = 200,
     seed: int = 0,
     jobs: int | None = None,
@@ -112,6 +112,7 @@ def bootstrap(
         FileError: The store belongs to another bootstrap or cannot be used.
         ConvergenceError: A fit did not settle; its number is named.
     """
+    measurements = as_measurements(measurements, arm)
     if draws < 2:
         raise InputError(f"{draws} draws: expected 2 or more")
     used = np.flatnonzero(measurements.measured)
@@ -128,7 +129,7 @@ def bootstrap(
     if store is not None:  # named by everything that a fit depends on
         asked = {"format": "armflex-bootstrap-2", "arm": digest(arm), "measurements": digest(measurements)}
         versions = {"armflex": __version__, "numpy": np.__version__}
-        kept = open_kept(Path(store), {**asked, "seed": seed, **versions}, FORM)
+        kept = open_store(Path(store), {**asked, "seed": seed, **versions}, FORM)
     names = [f"fit-{i:07d}" for i in range(draws)]
     fits: list[Fitted] = []
     with closing(
@@ -155,5 +156,5 @@ def _fitted(
     chosen = np.random.default_rng(seed).integers(len(poses), size=len(poses))
     with naming(f"resampled campaign {number}"):
         found = calibrate(arm, measurements, rows=np.concatenate([poses[i] for i in chosen]), seen=seen, anyway=True)
-    kept = [parameter for parameter in found.parameters if parameter.kind is not Kind.INSTRUMENT]
+    kept = [parameter for parameter in found.parameters if parameter.kind is not ParameterKind.INSTRUMENT]
     return tuple(parameter.name for parameter in kept), np.array([parameter.value for parameter in kept])

@@ -11,37 +11,37 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arm import Arm
-from armflex.conventions import Array, said_of
+from armflex.arguments import checked
+from armflex.arm import Arm, Setup
+from armflex.conventions import Array, row_numbers, said_of
 from armflex.errors import ArmflexError, Flag, InputError, Place, UnsupportedError, listing
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.enough import check_readings, placed_rigidly
-from armflex.estimate.fit import Fit, fit
+from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
-from armflex.estimate.identify import Parameter, parameters
+from armflex.estimate.identify import FittedParameter, parameters
+from armflex.estimate.instrument_checks import moved, suspected
 from armflex.estimate.law_block import law_block
 from armflex.estimate.learn import fit_learning, with_posteriors
-from armflex.estimate.misread import check_conventions
+from armflex.estimate.misread import check_conventions, without_positions
+from armflex.estimate.placement import check_readings, placed_rigidly
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
-from armflex.estimate.suspect_sensors import moved, suspected
-from armflex.estimate.view import Progress, View, look
-from armflex.estimate.weigh import ROUNDS, Weighed
+from armflex.estimate.view import View, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.remember import derived_directions, without_direction
+from armflex.laws.effects.in_arm import derived_directions, without_direction
 from armflex.laws.learned import Seen
-from armflex.measured.measurements import Measurements
+from armflex.measured.measurements import Measurements, as_measurements
+from armflex.measured.table import Tabular
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
-from armflex.parameters import FRAMES
-from armflex.parameters import Kind as ParameterKind
+from armflex.parallel import Progress
+from armflex.parameters import FRAMES, ParameterKind
 from armflex.readings import Kind
 from armflex.readings.instrument import Instrument, fit_mounting
 from armflex.result import Result
-from armflex.setup import Setup
 
 OUTLIER = 0.5
 """Robust weight below which a row is listed as an outlier."""
@@ -135,17 +135,17 @@ class Calibration(Result):
         return self.weighed * self.fit.noise
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
+    def parameters(self) -> tuple[FittedParameter, ...]:
         """Every fitted parameter."""
         return parameters(self.fit)
 
     @property
-    def findings(self) -> tuple[Parameter, ...]:
+    def findings(self) -> tuple[FittedParameter, ...]:
         """Parameters that moved by more than their prior allows."""
         return tuple(parameter for parameter in self.parameters if parameter.surprising)
 
     @property
-    def undetermined(self) -> tuple[Parameter, ...]:
+    def undetermined(self) -> tuple[FittedParameter, ...]:
         """Parameters that these data say nothing about."""
         return tuple(parameter for parameter in self.parameters if not parameter.determined)
 
@@ -176,9 +176,10 @@ def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Pa
     return write_arm(declared, calibration.arm, campaign, path)
 
 
+@checked
 def calibrate(
     arm: Arm,
-    measurements: Measurements,
+    measurements: Measurements | Tabular,
     rows: np.ndarray | None = None,
     progress: Progress | None = None,
     keep: bool = False,
@@ -211,14 +212,20 @@ def calibrate(
         UnsupportedError: The arm has effects that change masses, gravity or the instrument.
         ConvergenceError: The fit did not settle.
     """
+    measurements = as_measurements(measurements, arm)
     used, derived = _usable(arm, measurements, rows)
     if not anyway:
         check_conventions(arm, measurements, used, keep, searched=as_stated)
     declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
-    about = ()
-    if declared.arm.sensors and not anyway:
-        about = suspected(look(declared, measurements, used), placed, tuple(blocks))
+    judged, about = declared.arm.sensors and not anyway, ()
+    if judged:
+        alone = not measurements.positioned[used].any()
+
+        def otherwise() -> tuple[str, ...]:
+            return without_positions(arm, measurements, used, keep) if alone else ()
+
+        about = suspected(look(declared, measurements, used), placed, tuple(blocks), otherwise)
     laws = None if keep else law_block(declared, placed.view, seen)
 
     begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS
@@ -234,7 +241,7 @@ def calibrate(
         *about,
         *(_apart(declared) if declared.arm.measurement.frame != "base" else ()),
         *flags,
-        *(() if anyway else moved(found, measurements)),
+        *(moved(found, measurements) if judged else ()),
         *_worse(errors, found.view.readings.unit),
     )
     return Calibration(calibrated, found, placed.view, measurements, flags, errors)
@@ -319,7 +326,7 @@ def _worse(errors: tuple[float, float] | None, unit: str) -> Iterator[Flag]:
 
 def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tuple[np.ndarray, tuple[Flag, ...]]:
     """Return the rows that an arm can be fitted to, and flags about them; raise where it cannot, see `calibrate`."""
-    asked = np.flatnonzero(measurements.measured) if rows is None else rows
+    asked = np.flatnonzero(measurements.measured) if rows is None else row_numbers(rows, len(measurements))
     untold = without_direction([effect for effect in arm.effects if effect.derived], measurements)[asked]
     used = asked[~untold]
     if len(used) < FEWEST_ROWS:

@@ -9,7 +9,8 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armflex.arm import Arm
+from armflex.arguments import checked
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array, covariate_array, real_array
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
 from armflex.estimate.blocks import blocks_of
@@ -17,13 +18,11 @@ from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.linear_gaussian import root_of_covariance
 from armflex.mechanics.deflection import check_positions
 from armflex.mechanics.loaded import Payload
-from armflex.mechanics.many_rows import draw_laws
+from armflex.mechanics.many_rows import COMPILED, draw_laws
 from armflex.readings.instrument import Instrument
-from armflex.setup import Setup
-
-METHODS = ("exact", "first_order")
 
 
+@checked
 def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     """Return arms drawn from what is known of one.
 
@@ -70,6 +69,7 @@ def check_draws(draws: int, seed: int) -> tuple[int, int]:
     return int(draws), int(seed)
 
 
+@checked
 def ensemble(
     arm: Arm,
     q: ArrayLike,
@@ -103,8 +103,9 @@ def ensemble(
     """
     draws, seed = check_draws(draws, seed)
     arm.loaded(payload)  # what is wrong with it is no draw's fault
-    if method not in METHODS:
-        raise InputError(f"method {method!r} is not known{did_you_mean(method, METHODS)} (known: {', '.join(METHODS)})")
+    if method not in COMPILED:
+        known = ", ".join(COMPILED)
+        raise InputError(f"method {method!r} is not known{did_you_mean(method, COMPILED)} (known: {known})")
     positions = real_array(q, "q")
     if positions.ndim not in (1, 2):
         raise ShapeError(f"q: expected shape (nq,) or (N, nq), got {positions.shape}")

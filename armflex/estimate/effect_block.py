@@ -7,13 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
+from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect, EffectLaw, full
 from armflex.parameters import ArmParameter, of_effect
-from armflex.setup import Setup
 
 LARGEST_MOTION = 0.03
 """RMS of the tip's motion that is expected of a missing effect at most, by how far the arm reaches: one standard

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
 from armflex.estimate.block import Block, parameters_of, places_of
 from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_regressors, whitened_residual
-from armflex.estimate.view import Progress, View, look
+from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
+from armflex.parallel import Progress
 from armflex.parameters import ArmParameter
 from armflex.readings import Position
-from armflex.setup import Setup
 
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""
@@ -40,6 +41,12 @@ RESISTING = 3
 
 FLAT = 1e-2
 """Fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as stated."""
+
+CHANCE = 4.0
+"""Standard deviations of its cube root (Wilson and Hilferty 1931) by which a sum of squares is too large for chance."""
+
+EVEN, ROUNDS = 0.05, 5
+"""Change of the factor below which readings need not be weighed once more, and how often they are at most."""
 
 
 @dataclass(frozen=True)
@@ -186,6 +193,31 @@ class Fit:
         """Return the (k,) values of the block of a name, in their parameters' units."""
         named = {candidate.name: candidate for candidate in reversed(self.blocks)}
         return self.values[self.places(named[block])]
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Readings with a factor on their stated standard deviations, 1 or more."""
+
+    stated: Measurements
+    factor: float = 1.0
+
+    @cached_property
+    def measurements(self) -> Measurements:
+        """The readings with these standard deviations."""
+        if self.factor == 1.0:
+            return self.stated
+        return replace(self.stated, readings=self.stated.readings.scaled(self.factor))
+
+    def again(self, found: Fit) -> Weighed:
+        """Return the readings weighed by how they scatter about a fit to these."""
+        scatter, spread = self.factor * found.noise, 2.0 / (9.0 * found.freedom)
+        by_chance = scatter ** (2.0 / 3.0) <= 1.0 - spread + CHANCE * np.sqrt(spread)
+        return replace(self, factor=1.0 if by_chance else max(scatter, 1.0))
+
+    def close_to(self, other: Weighed) -> bool:
+        """Return whether nothing is gained by one after the other."""
+        return abs(np.log(self.factor / other.factor)) <= EVEN
 
 
 def prior_of(blocks: Sequence[Block]) -> Array:

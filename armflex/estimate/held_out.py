@@ -109,9 +109,9 @@ def _of_others(parts: Sequence[Array]) -> list[Array]:
     return [one + other for one, other in zip(before, after, strict=True)]
 
 
-def pose_folds(groups: np.ndarray, count: int = FOLDS, seed: int = 0) -> np.ndarray:
+def pose_folds(groups: np.ndarray) -> np.ndarray:
     """Return (M,) folds that keep the rows of a pose together."""
     poses = np.unique(groups)
-    order = np.random.default_rng(seed).permutation(len(poses))
-    fold = dict(zip(poses[order].tolist(), (np.arange(len(poses)) % min(count, len(poses))).tolist(), strict=True))
+    order = np.random.default_rng(0).permutation(len(poses))
+    fold = dict(zip(poses[order].tolist(), (np.arange(len(poses)) % min(FOLDS, len(poses))).tolist(), strict=True))
     return np.array([fold[group] for group in groups.tolist()])

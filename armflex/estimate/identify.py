@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import LinearGaussian
-from armflex.parameters import ArmParameter, Kind
+from armflex.parameters import ArmParameter, ParameterKind
 
 UNDETERMINED = 0.9
 """Posterior over prior standard deviation above which the data has said nothing about a parameter."""
@@ -29,7 +29,7 @@ PARTNER = 0.25
 
 
 @dataclass(frozen=True)
-class Parameter:
+class FittedParameter:
     """One fitted number.
 
     Attributes:
@@ -51,7 +51,7 @@ class Parameter:
     combined: bool = False
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> ParameterKind:
         """What it is of."""
         return self.which.group.kind
 
@@ -86,7 +86,7 @@ class Parameter:
         return self.determined and abs(self.pull) > SURPRISING
 
 
-def parameters(fit: Fit) -> tuple[Parameter, ...]:
+def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     """Return every parameter of a fit with what is known about it."""
     std, names = fit.posterior.std, [which.label for which in fit.parameters]
     determined = std < UNDETERMINED * fit.prior
@@ -95,7 +95,7 @@ def parameters(fit: Fit) -> tuple[Parameter, ...]:
     asked = [combined[i] or not determined[i] for i in range(len(names))]
     partners = [partners_of(fit.told, known, i, names) if asked[i] else () for i in range(len(names))]
     numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
-    return tuple(Parameter(*found) for found in zip(fit.parameters, *numbers, partners, combined, strict=True))
+    return tuple(FittedParameter(*found) for found in zip(fit.parameters, *numbers, partners, combined, strict=True))
 
 
 def _only_combined(fit: Fit, index: int) -> bool:

@@ -9,16 +9,16 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.joint.carried import ScaledLaw, scaled
+from armflex.laws.law import split
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
-from armflex.parameters import ArmParameter, Kind, of_law
-from armflex.setup import Setup
+from armflex.parameters import ArmParameter, ParameterKind, of_law
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +32,12 @@ class LawsBlock(Block):
 
     flexures: tuple[str, ...]
     laws: tuple[Law, ...]
-
-    @property
-    def curved(self) -> bool:
-        return True
+    curved = True
 
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
-        kind, pairs = Kind.COMPLIANCE if self.logarithmic else Kind.LAW, zip(self.flexures, self.laws, strict=True)
+        kind = ParameterKind.COMPLIANCE if self.logarithmic else ParameterKind.LAW
+        pairs = zip(self.flexures, self.laws, strict=True)
         return tuple(one for name, law in pairs for one in of_law(name, law, kind))
 
     @property
@@ -69,7 +67,7 @@ class LawsBlock(Block):
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
         """Return every law's part of (k,) values."""
-        return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
+        return split(self.laws, values)
 
     @abstractmethod
     def _free(self, place: int, law: Law) -> Law:

@@ -1,4 +1,4 @@
-"""Laws learned on the whole arm, with how far they may be from what was declared found by evidence.
+"""Laws learned on the whole arm, with how far they may be from what was declared found by evidence, and what they say.
 
 How large couplings, terms or a network's output are to be expected nobody knows beforehand. Each group's prior standard
 deviation is the one under which the readings are most probable (MacKay 1992, "Bayesian interpolation": the sum of
@@ -7,20 +7,20 @@ squares over the number of values that the data determine), so that what a joint
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.arm import Arm
-from armflex.conventions import Array
+from armflex.arm import Arm, Setup
+from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ConvergenceError, Flag
 from armflex.estimate.block import Block
-from armflex.estimate.fit import Effort, Fit, fit
+from armflex.estimate.fit import Effort, Fit, Weighed, fit
 from armflex.estimate.law_block import LawBlock, learned_laws, with_laws
-from armflex.estimate.view import Progress
-from armflex.estimate.weigh import Weighed
-from armflex.setup import Setup
+from armflex.estimate.sample import LawSamples
+from armflex.laws.learned import LearnedLaw
+from armflex.parallel import Progress
 
 FIRM = 4.0
 """How many values' worth the expected size of a group is: a scale that the data hardly tell must not run to nothing,
@@ -42,6 +42,9 @@ only where nothing is gained but rounding it is no matter where one ends."""
 
 SETTLED = 0.2
 """Logarithm of a change of every scale below which the search ends."""
+
+TOLD = 0.5
+"""Part of the declared law's uncertainty that must be gone for an axis to count as told by the readings."""
 
 NEARLY, FAR = 0.5, 10.0
 """Falls of the cost still to be had beyond which it is said that the laws might fit better, and beyond which they are
@@ -141,3 +144,59 @@ def rescaled(block: LawBlock, values: Array, variance: Array) -> LawBlock:
                 scales[i] = min(float(np.sqrt(squares / (determined + FIRM))), MOST * expected.prior)
         laws.append(replace(law, scales=tuple(scales)))
     return replace(block, laws=tuple(laws))
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedAxis:
+    """One axis of a learned law over the loads of the campaign; RMS over its rows [m or rad].
+
+    Attributes:
+        flexure, axis: Which.
+        declared: Twist of the law as declared.
+        learned: Twist of the law as learned.
+        change: What was learned, learned minus declared.
+        correction: The part of it that no compliance can express.
+        std: Standard uncertainty of the learned twist.
+        before: The same of the law as declared, by what was expected of its parameters before the campaign.
+        sampled: Standard deviation of the twist among sampled laws, None where none were.
+    """
+
+    flexure: str
+    axis: str
+    declared: float
+    learned: float
+    change: float
+    correction: float
+    std: float
+    before: float
+    sampled: float | None = None
+
+    @property
+    def told(self) -> bool:
+        """Whether the readings say anything about it; else its prior holds it."""
+        return self.std < TOLD * self.before
+
+
+def learned_axes(fit: Fit, laws: Mapping[str, LearnedLaw], samples: LawSamples | None) -> tuple[LearnedAxis, ...]:
+    """Return every axis of every learned law that gives at all.
+
+    Args:
+        fit: The fit.
+        laws: The laws with the covariance of their values, by flexure.
+        samples: Sampled laws, None where none were drawn.
+    """
+    line, names, found = fit.view.line, fit.setup.arm.flexure_names, []
+    for name, law in laws.items():
+        loads, row, start = line.flexure_wrenches[:, names.index(name)], line.row, law.at(law.start)
+        declared, learned = start.twist(loads, row), law.twist(loads, row)
+        correction = np.zeros_like(loads) if law.correction is None else law.correction.twist(loads, row)
+        assert law.posterior is not None
+        expected = np.diag([one.prior**2 for one in law.expected])
+        std, before = law.std(law.posterior, loads, row), start.std(expected, loads, row)
+        drawn = [] if samples is None else [samples.twists(name, loads, row).std(axis=0)]
+        columns = (declared, learned, learned - declared, correction, std, before, *drawn)
+        rms = np.sqrt([(values**2).mean(axis=0) for values in columns])
+        for i, axis in enumerate(TWIST_NAMES):
+            if rms[0, i] > 0.0:
+                found.append(LearnedAxis(name, axis, *rms[:, i].tolist()))
+    return tuple(found)

@@ -21,11 +21,12 @@ from itertools import combinations
 
 import numpy as np
 
-from armflex.arm import Arm
-from armflex.conventions import Array, in_mm
+from armflex.arm import Arm, Setup
+from armflex.conventions import STANDARD_GRAVITY, Array, in_mm
 from armflex.errors import ArmflexError, ConventionError
-from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.enough import placed_rigidly
+from armflex.estimate.block import parameters_of
+from armflex.estimate.blocks import declared_blocks, sensor_start
+from armflex.estimate.placement import placed_rigidly
 from armflex.estimate.view import look
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere
@@ -33,9 +34,9 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.measured.repeats import repeats
 from armflex.mechanics.history import known_rows
-from armflex.parameters import FRAMES
+from armflex.parameters import FRAMES, ArmParameter, ParameterKind
+from armflex.readings import Position
 from armflex.readings.instrument import Instrument
-from armflex.setup import Setup
 
 COARSE, FINE = 1e-3, 3e-5
 """Parts of the reach that an arm may be off by, beyond its priors, before conventions are thought of: of kinematics,
@@ -78,6 +79,7 @@ class Hypothesis:
         told: The arm and the campaign as they were then meant.
         axes: Whether it is about the axes of x, y and z, of which `check_axes` says more.
         loads: Whether it is about what bends the arm, and how far.
+        tracked: Whether it is about x, y and z alone.
     """
 
     name: str
@@ -85,6 +87,7 @@ class Hypothesis:
     told: Callable[[Arm, Measurements], Told]
     axes: bool = False
     loads: bool = False
+    tracked: bool = False
 
 
 def check_conventions(
@@ -107,7 +110,7 @@ def check_conventions(
     rows = rows[measurements.positioned[rows]]
     if not len(rows):
         return
-    some = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))] if len(rows) > MOST_ROWS else rows
+    some = _spread(rows)
     found = _misfit(arm, measurements, some, keep, in_general=True)
     likely = [] if found is not None and found.ratio < IMPLAUSIBLE else _likely(arm, measurements, some, keep, found)
     if likely and not all(one.axes for _, one in likely):
@@ -121,16 +124,40 @@ def check_conventions(
             raise ConventionError(f"{text} ({more})", ["[prior] frees nothing"])
 
 
+def without_positions(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False) -> tuple[str, ...]:
+    """Return in words the conventions in which what sensors alone read becomes plausible, the likeliest first.
+
+    Where they stand is found anew for each, so some do as much as another place of theirs would.
+
+    Args:
+        arm, measurements, rows, keep: As of `check_conventions`.
+    """
+    some = _spread(rows)
+    found = _misfit(arm, measurements, some, keep, in_general=True)
+    if found is not None and found.ratio < IMPLAUSIBLE:
+        return ()
+    return tuple(f"{one.name} ({one.remedy})" for _, one in _likely(arm, measurements, some, keep, found))
+
+
+def _spread(rows: np.ndarray) -> np.ndarray:
+    """Return at most `MOST_ROWS` of some rows."""
+    return rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))] if len(rows) > MOST_ROWS else rows
+
+
 def _likely(
     arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, found: _Misfit | None
 ) -> list[tuple[_Misfit, Hypothesis]]:
     """Return the hypotheses that explain nearly all that the table as it stands does not, the likeliest first."""
-    tried, as_it_stands = [], _placed_off(arm, measurements, rows)
+    tried, placed = [], measurements.positioned[rows].all()
+    as_it_stands = _placed_off(arm, measurements, rows) if placed else np.inf
     for hypothesis in hypotheses(arm, measurements):
+        if hypothesis.tracked and not placed:
+            continue
         said = hypothesis.told(arm, measurements)
         # Kinematics that do not bring the points nearer to their places cannot explain them: most need no fit.
         able = found is None or hypothesis.loads or found.coarse >= IMPLAUSIBLE
-        if not able or (found is not None and not hypothesis.loads and _placed_off(*said, rows) > as_it_stands):
+        quick = placed and found is not None and not hypothesis.loads
+        if not able or (quick and _placed_off(*said, rows) > as_it_stands):
             continue
         other, least = _misfit(*said, rows, keep), DROP_OF_LOADS if hypothesis.loads else DROP
         if other is not None and (found is None or least * other.ratio < found.ratio):
@@ -168,12 +195,14 @@ def hypotheses(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
             yield Hypothesis(f"{what} in radians", "take _deg from the header", in_radians)
     for step, whose in ((1, "before"), (-1, "after")):
         if measurements.measured.sum() > abs(step):
-            remedy = "move x, y, z by one row against the joints"
-            yield Hypothesis(f"x, y, z are those of the row {whose}", remedy, _read_apart(step))
-    yield Hypothesis("x, y, z are a left-handed frame's", "exchange two of the columns x, y, z", _mirrored, axes=True)
+            read = "x, y, z" if measurements.positioned.any() else "readings"
+            remedy = f"move {read} by one row against the joints"
+            yield Hypothesis(f"{read} are those of the row {whose}", remedy, _read_apart(step))
+    remedy = "exchange two of the columns x, y, z"
+    yield Hypothesis("x, y, z are a left-handed frame's", remedy, _mirrored, axes=True, tracked=True)
     if arm.measurement.frame == "base":
         remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
-        yield Hypothesis("x, y, z are not in the arm's base frame", remedy, _placed_anywhere)
+        yield Hypothesis("x, y, z are not in the arm's base frame", remedy, _placed_anywhere, tracked=True)
     named = sorted({name for name in measurements.payload if name in arm.payloads})
     for one, other in combinations(named, 2):
         name = f"the payloads {one!r} and {other!r} are exchanged"
@@ -213,47 +242,65 @@ def _misfit(
     arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, in_general: bool = False
 ) -> _Misfit | None:
     """Return how badly rows fit, None where the arm has no equilibrium there or does not know what they are."""
+    tracked = bool(measurements.positioned[rows].all())
     try:
         view = look(Setup(arm, arm.instrument or Instrument()), measurements, rows)
         base = view.setup.instrument.in_base(view.line.tip)
-        if arm.measurement.frame != "base":
+        begun: dict[ArmParameter, float] = {}
+        if not tracked:
+            begun = sensor_start(view)
+            sensors = [one for one in declared_blocks(view.setup, measurements) if one.kind is ParameterKind.SENSOR]
+            placed = view.setup
+            for block in sensors:
+                placed = block.apply(placed, np.array([begun[one] for one in block.parameters]))
+            view = look(placed, measurements, rows, line=view.line)
+        elif arm.measurement.frame != "base":
             placed = placed_rigidly(view.setup, base, measurements, rows)
             turned = not np.allclose(placed.arm.robot.gravity, arm.robot.gravity)
             view = look(placed, measurements, rows, line=None if turned else view.line)
         blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
-        parts = [block.jacobian(view)[:, view.foremost] for block in blocks]
+        where = view.foremost if tracked else slice(None)
+        parts = [block.jacobian(view)[:, where] for block in blocks]
     except ArmflexError:
         return None
-    residual = view.residual[:, view.foremost]
+    residual = view.residual[:, where]
     jacobian = np.concatenate([np.zeros((*residual.shape, 0)), *parts], axis=2)
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
     if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
         return None
-    reach, stated = float(np.linalg.norm(base, axis=1).max()), view.sigma[:, view.foremost]
-    fine, coarse = np.minimum(stated, COARSE * reach), np.maximum(stated, COARSE * reach)
-    fine = np.maximum(fine, FINE * reach)
-    ratio, rest = _explained(jacobian / fine[:, :, None], precision, residual / fine)
-    wide = _explained(jacobian / coarse[:, :, None], precision, residual / coarse)[0] if in_general else ratio
-    left = float(np.median(np.linalg.norm(rest * fine, axis=1)))
-    placed = float(np.sqrt(np.median((residual**2).sum(axis=1))))
+    reach, stated = float(np.linalg.norm(base, axis=1).max()), view.sigma[:, where]
+    sizes = {"m": reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY}
+    size = np.concatenate([np.full(kind.dimension, sizes[kind.unit]) for kind in view.readings.kinds])[where]
+    fine = np.maximum(np.minimum(stated, COARSE * size), FINE * size)
+    coarse = np.maximum(stated, COARSE * size)
+    fine[np.isinf(stated)] = np.inf
+    start = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
+    ratio, rest = _explained(jacobian / fine[:, :, None], precision, residual / fine, start)
+    wide = _explained(jacobian / coarse[:, :, None], precision, residual / coarse, start)[0] if in_general else ratio
+    left = float(np.median(np.linalg.norm(np.where(np.isinf(fine), 0.0, rest * fine), axis=1)))
+    placed_off = float(np.sqrt(np.median((residual**2).sum(axis=1))))
     free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
-    return _Misfit(ratio, wide, placed, left, reach, free)
+    return _Misfit(ratio, wide, placed_off, left, reach, free)
 
 
-def _explained(jacobian: Array, precision: Array, residual: Array) -> tuple[float, Array]:
-    """Return the misfit of (M, n) whitened residuals, and what is left of them; lost beams count less."""
+def _explained(jacobian: Array, precision: Array, residual: Array, start: Array) -> tuple[float, Array]:
+    """Return the misfit of (M, n) whitened residuals, and what is left of them; lost beams count less.
+
+    The priors are about values that are (P,) `start` less than those at which the residuals are.
+    """
     weights, left = np.ones(len(residual)), residual
     values, flat = np.zeros(len(precision)), jacobian.reshape(residual.size, len(precision))
     for _ in range(ROUNDS):
         root = np.repeat(np.sqrt(weights), residual.shape[1])
         if len(precision):
             weighted = flat * root[:, None]
-            values = LinearGaussian.of(weighted, precision).solve(weighted.T @ (residual.ravel() * root))
+            score = weighted.T @ (residual.ravel() * root) - precision * start
+            values = LinearGaussian.of(weighted, precision).solve(score)
         left = residual - jacobian @ values
         length = np.linalg.norm(left, axis=1)
         weights = np.minimum(1.0, 3.0 * max(float(np.median(length)), 1e-9) / np.maximum(length, 1e-300)) ** 2
     misfit = (weights[:, None] * left**2).sum() / (residual.shape[1] * weights.sum())
-    return float(misfit + (precision * values**2).sum() / residual.size), left
+    return float(misfit + (precision * (values + start) ** 2).sum() / residual.size), left
 
 
 def _placed_off(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float:
@@ -304,10 +351,14 @@ def _rewritten(by: Array, shift: Array | float = 0.0) -> Callable[[Arm, Measurem
 
 def _read_apart(step: int) -> Callable[[Arm, Measurements], Told]:
     def told(arm: Arm, measurements: Measurements) -> Told:
-        measured = np.flatnonzero(measurements.measured)
-        position = np.array(measurements.position)
-        position[measured] = np.roll(position[measured], -step, axis=0)
-        return arm, replace(measurements, position=position)
+        measured, kinds = np.flatnonzero(measurements.measured), []
+        for kind in measurements.readings.kinds:  # an orientation has a row of its own, as ever
+            if isinstance(kind, Position) or kind.name:
+                after = np.arange(len(measurements))
+                after[measured] = np.roll(measured, -step)
+                kind = replace(kind, values=kind.values[after], sigma=kind.sigma[after] if kind.name else kind.sigma)
+            kinds.append(kind)
+        return arm, Measurements.of(measurements, replace(measurements.readings, kinds=tuple(kinds)))
 
     return told
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import Flag, listing
@@ -17,11 +17,10 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.view import View, look, untold_shifts
 from armflex.laws.effects.context import Context, survey
 from armflex.mechanics.history import known_rows
-from armflex.parameters import FRAMES, Kind, fitted_group
+from armflex.parameters import FRAMES, ParameterKind, fitted_group
 from armflex.readings import Orientation, Position, Readings, unread
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows
-from armflex.setup import Setup
 
 OTHER_PARAMETERS = Flag(
     "no_certainty", "the arm no longer has every fitted parameter (another preset?): sigma leaves all of them out"
@@ -33,18 +32,19 @@ def certainty_of(fit: Fit) -> Certainty:
 
     Where the declared arm was fitted before, what is known of it stays known; only frames are of one campaign.
     """
-    random: list[Any] = [block for block in fit.blocks if block.kind is Kind.UNEXPLAINED]  # `PoseBlock`, made above
+    # A `PoseBlock`, which is made above.
+    random: list[Any] = [block for block in fit.blocks if block.kind is ParameterKind.UNEXPLAINED]
     every, known = parameters_of(fit.blocks), fit.posterior
     directions = known.null_space if len(known.null_space) else None
     unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None
     whole = Certainty(every, known.covariance, unexplained, directions, fit.misfit)
-    found = whole.part([i for i, one in enumerate(every) if one.group.kind is not Kind.UNEXPLAINED])
+    found = whole.part([i for i, one in enumerate(every) if one.group.kind is not ParameterKind.UNEXPLAINED])
     earlier = fit.declared.arm.certainty
     if earlier is None:
         return found
     kept = earlier.part([i for i, one in enumerate(earlier.parameters) if one.group.kind not in FRAMES])
     both = kept.beside(found)
-    effects = [one.group.kind is Kind.EFFECT for one in both.parameters]
+    effects = [one.group.kind is ParameterKind.EFFECT for one in both.parameters]
     return both.part(sorted(range(len(effects)), key=effects.__getitem__))  # declared parameters first
 
 
@@ -63,7 +63,7 @@ def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | N
         missing = Flag("no_certainty", "the file holds no covariance of the fitted parameters: sigma leaves them out")
         return None, (missing,) if arm.instrument is not None else ()
     setup = Setup(arm, arm.instrument or Instrument())
-    view = look(setup, rows, np.arange(len(rows)), readings=readings)
+    view = look(setup, rows, readings=readings)
     jacobian = _jacobian(arm.certainty, view, rows)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
@@ -84,7 +84,7 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
     if arm.certainty is None:
         return None, ()
     tip = unread(len(rows), Position, Orientation)
-    view = look(Setup(arm, Instrument()), rows, np.arange(len(rows)), readings=tip)
+    view = look(Setup(arm, Instrument()), rows, readings=tip)
     jacobian = _jacobian(arm.certainty, view, rows)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
@@ -154,7 +154,7 @@ def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
 
 def _jacobian(certainty: Certainty, view: View, rows: Rows) -> Array | None:
     """Return (N, d, P) changes of what is read per fitted parameter, None where this arm has not all of them."""
-    moved = any(group.kind is Kind.EFFECT for group in certainty.groups)
+    moved = any(group.kind is ParameterKind.EFFECT for group in certainty.groups)
     blocks = blocks_of(certainty.parameters, view.setup, context_of(view, rows) if moved else None)
     if blocks is None:
         return None

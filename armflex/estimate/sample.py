@@ -14,10 +14,10 @@ from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.estimate.fit import Fit
 from armflex.estimate.law_block import LawBlock, learned_laws
-from armflex.estimate.view import Progress
 from armflex.laws import Row
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import ROUNDING
+from armflex.parallel import Progress
 from armflex.sampling.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 
 CHAINS = 4

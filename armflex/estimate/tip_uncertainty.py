@@ -9,11 +9,12 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.estimate.posterior import displacement_covariance, without_declared_uncertainty
-from armflex.laws.effects.remember import remembers
+from armflex.laws.effects.in_arm import remembers
 from armflex.mechanics.deflection import Deflection, DeflectionBatch
 from armflex.mechanics.loaded import Payload
 from armflex.rows import Rows
@@ -31,6 +32,7 @@ REMEMBERED = (
 """For effects that lag, or depend on the rows before."""
 
 
+@checked
 def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return the covariance of the tip's displacement, of the laws and of what the arm was fitted to, and flags.
 

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
+from armflex.laws.effects.in_arm import directions
 from armflex.laws.effects.location import Location, link_of, same_site, site_of
-from armflex.laws.effects.remember import directions
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
@@ -23,9 +23,6 @@ from armflex.readings.instrument import twist_per_value
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 from armflex.rows.wrench import wrenches_in
-from armflex.setup import Setup as Setup
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -200,8 +197,7 @@ class View:
 def look(
     setup: Setup,
     rows: Rows,
-    some: np.ndarray,
-    progress: Progress | None = None,
+    some: np.ndarray | None = None,
     readings: Readings | None = None,
     line: Response | None = None,
 ) -> View:
@@ -210,15 +206,15 @@ def look(
     Args:
         setup: Arm and instrument.
         rows: All rows in the order driven.
-        some: (M,) numbers of those looked at.
-        progress: Told how many rows are done.
+        some: (M,) numbers of those looked at; all of them when not given.
         readings: What was read in all rows, or would be; what the rows themselves have where it is not given.
         line: The linearised arm at those rows, where it is known.
     """
+    some = np.arange(len(rows)) if some is None else some
     if line is None:
         payloads = [rows.payload[row] for row in some]
         known = {name: values[some] for name, values in known_rows(setup.arm, rows).items()}
-        line = respond(setup.arm, rows.q[some], payloads, known, progress, wrenches=wrenches_in(rows.wrenches, some))
+        line = respond(setup.arm, rows.q[some], payloads, known, wrenches=wrenches_in(rows.wrenches, some))
     sessions = tuple(rows.session[row] for row in some)
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))

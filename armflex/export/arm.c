@@ -105,7 +105,14 @@ static const double REACHED = 1e-11;         /* m, of each coordinate of the tip
 static const double SETTLED = 1e-8;          /* rad or m, of the last change of the joints */
 static const double DAMPING = 1e-14;         /* m^2, of the tip's Jacobian times its transpose */
 static const double PROBE = 1e-6;            /* rad or m, by which an equilibrium is disturbed */
-#if STRAIGHTENED
+#if UNPROVEN
+enum { COORDINATES = 6 * FLEXURES, MOST_NEWTON = 50, MOST_HALVINGS = 8, PATIENCE = 3 };
+static const double SLOWEST = 0.5;           /* of a squared step by the one before it: Newton is quicker */
+static const double BALANCED = 1e-12;        /* rad or m, of an equilibrium's residual */
+static const double TWISTED_BY = 1e-6;       /* rad or m, for derivatives by the twists */
+static const double STIFF = 1e-9;            /* part of the softest axis' compliance that a rigid one may have */
+#endif
+#if LOADED
 static const double LOADED_BY = 1e-6;        /* part of a load, for derivatives by it */
 #endif
 static const double DIFFERENCE = 1e-7;       /* rad or m, for derivatives by the joints */
@@ -132,6 +139,9 @@ typedef struct {
 #endif
 #if PULLS
     double point[PULLS][3]; /* where the pulled points of the rigid arm are [m] */
+#endif
+#if UNPROVEN
+    double (*room)[6 * FLEXURES]; /* memory for a matrix of all coordinates */
 #endif
 } arm_state;
 
@@ -624,8 +634,9 @@ static double step_of(arm_state *s, twists moved)
     return square;
 }
 
-/* Move the state's twists to rest: the fixed point of loads and laws, which stiff arms are drawn to in a few steps. */
-static int settle(arm_state *s)
+/* Move the state's twists to rest: the fixed point of loads and laws, which stiff arms are drawn to in a few steps.
+ * A squared step may, after some, be so many times as long as the one before it. */
+static int draw(arm_state *s, double slowest, int patience)
 {
     twists moved;
     double before = HUGE_VAL;
@@ -641,11 +652,266 @@ static int settle(arm_state *s)
             code = FINE;
             break;
         }
-        if (!(square < RUNS_AWAY * before) && (step > 0)) { /* not a number is not less, either */
+        if (!(square < slowest * before) && (step >= patience)) { /* not a number is not less, either */
             break;
         }
         before = square;
     }
+    return code;
+}
+#if UNPROVEN
+
+/* Write the change of the loads per change of the twists about the state. */
+static void loads_by_twist(arm_state *s)
+{
+    twists load;
+    weigh(s);
+    for (int k = 0; k < FLEXURES; k++) {
+        for (int a = 0; a < 6; a++) {
+            load[k][a] = s->load[k][a];
+        }
+    }
+    for (int j = 0; j < COORDINATES; j++) {
+        double kept = s->twist[j / 6][j % 6];
+        s->twist[j / 6][j % 6] = kept + TWISTED_BY;
+        weigh(s);
+        s->twist[j / 6][j % 6] = kept;
+        for (int i = 0; i < COORDINATES; i++) {
+            s->room[i][j] = (s->load[i / 6][i % 6] - load[i / 6][i % 6]) / TWISTED_BY;
+        }
+    }
+    weigh(s);
+}
+
+/* Write the change of every flexure's twist per change of its load: the tangents of the laws. */
+static void twists_by_load(arm_state *s, double by[FLEXURES][6][6])
+{
+    twists here, there;
+    deform(s, here);
+    for (int b = 0; b < 6; b++) {
+        double kept[FLEXURES], step[FLEXURES];
+        for (int k = 0; k < FLEXURES; k++) {
+            double least = 1.0;
+            for (int a = 0; a < 6; a++) {
+                least = fmax(least, fabs(s->load[k][a]));
+            }
+            kept[k] = s->load[k][b];
+            step[k] = LOADED_BY * fmax(fabs(kept[k]), 1e-3 * least);
+            s->load[k][b] += step[k];
+        }
+        deform(s, there);
+        for (int k = 0; k < FLEXURES; k++) {
+            s->load[k][b] = kept[k];
+            for (int a = 0; a < 6; a++) {
+                by[k][a][b] = (there[k][a] - here[k][a]) / step[k];
+            }
+        }
+    }
+}
+
+/* Multiply the rows of every flexure in the matrix by minus a matrix of its own, and add the unit matrix. */
+static void complete(arm_state *s, double by[FLEXURES][6][6])
+{
+    for (int k = 0; k < FLEXURES; k++) {
+        for (int j = 0; j < COORDINATES; j++) {
+            double column[6];
+            for (int b = 0; b < 6; b++) {
+                column[b] = s->room[6 * k + b][j];
+            }
+            for (int a = 0; a < 6; a++) {
+                s->room[6 * k + a][j] = ((6 * k + a == j) ? 1.0 : 0.0) - dot6(by[k][a], column);
+            }
+        }
+    }
+}
+
+/* Solve the linear system of the matrix, by Gauss with the largest pivots. */
+static int solve(arm_state *s, double right[COORDINATES])
+{
+    for (int k = 0; k < COORDINATES; k++) {
+        int best = k;
+        double swap;
+        for (int i = k + 1; i < COORDINATES; i++) {
+            best = (fabs(s->room[i][k]) > fabs(s->room[best][k])) ? i : best;
+        }
+        if (!(fabs(s->room[best][k]) > 0.0)) {
+            return NO_EQUILIBRIUM;
+        }
+        for (int j = k; j < COORDINATES; j++) {
+            swap = s->room[k][j];
+            s->room[k][j] = s->room[best][j];
+            s->room[best][j] = swap;
+        }
+        swap = right[k];
+        right[k] = right[best];
+        right[best] = swap;
+        for (int i = k + 1; i < COORDINATES; i++) {
+            double times = s->room[i][k] / s->room[k][k];
+            for (int j = k + 1; j < COORDINATES; j++) {
+                s->room[i][j] -= times * s->room[k][j];
+            }
+            right[i] -= times * right[k];
+        }
+    }
+    for (int k = COORDINATES - 1; k >= 0; k--) {
+        for (int i = k + 1; i < COORDINATES; i++) {
+            right[k] -= s->room[k][i] * right[i];
+        }
+        right[k] /= s->room[k][k];
+    }
+    return FINE;
+}
+
+/* Write how far the laws would move the twists; return the farthest of all, endless where it is no number. */
+static double residual(arm_state *s, twists left)
+{
+    double largest = 0.0;
+    (void)step_of(s, left);
+    for (int k = 0; k < FLEXURES; k++) {
+        for (int a = 0; a < 6; a++) {
+            left[k][a] -= s->twist[k][a];
+            largest = (fabs(left[k][a]) < HUGE_VAL) ? fmax(largest, fabs(left[k][a])) : HUGE_VAL;
+        }
+    }
+    return largest;
+}
+
+/* Move the twists to rest by Newton's method, whose steps are halved until the residual shrinks. */
+static int newton(arm_state *s)
+{
+    twists left, from;
+    double by[FLEXURES][6][6], step[COORDINATES], largest = residual(s, left);
+    int polished = 0;
+    for (int pass = 0; pass < MOST_NEWTON; pass++) {
+        double factor = 1.0, before = largest, most = 0.0;
+        if (!(largest < HUGE_VAL) || ((largest <= BALANCED) && ((polished != 0) || (largest <= 0.01 * BALANCED)))) {
+            break;
+        }
+        polished = (largest <= BALANCED) ? 1 : 0;
+        loads_by_twist(s);
+        twists_by_load(s, by);
+        complete(s, by);
+        for (int j = 0; j < COORDINATES; j++) {
+            step[j] = left[j / 6][j % 6];
+            from[j / 6][j % 6] = s->twist[j / 6][j % 6];
+        }
+        if (solve(s, step) != FINE) {
+            return NO_EQUILIBRIUM;
+        }
+        for (int j = 0; j < COORDINATES; j++) {
+            most = fmax(most, fabs(step[j]));
+        }
+        factor = fmin(1.0, 1.0 / fmax(most, 1e-300)); /* a turn must not come near pi */
+        for (int half = 0; half < MOST_HALVINGS; half++) {
+            for (int j = 0; j < COORDINATES; j++) {
+                s->twist[j / 6][j % 6] = from[j / 6][j % 6] + factor * step[j];
+            }
+            largest = residual(s, left);
+            if ((largest < before) || (before < 10.0 * BALANCED)) {
+                break;
+            }
+            factor *= 0.5;
+        }
+    }
+    return (largest <= BALANCED) ? FINE : NO_EQUILIBRIUM;
+}
+
+/* Factor a positive matrix into a lower triangle times its transpose, in place; return whether it is positive. */
+static int factored(double *matrix, int size, int stride)
+{
+    for (int k = 0; k < size; k++) {
+        for (int j = 0; j <= k; j++) {
+            double sum = matrix[k * stride + j];
+            for (int c = 0; c < j; c++) {
+                sum -= matrix[k * stride + c] * matrix[j * stride + c];
+            }
+            if (j < k) {
+                matrix[k * stride + j] = sum / matrix[j * stride + j];
+            } else if (sum > 0.0) {
+                matrix[k * stride + k] = sqrt(sum);
+            } else {
+                return 0;
+            }
+        }
+    }
+    return 1;
+}
+
+/* Return whether the energy has its least where the arm rests: with C = L L' of every flexure's law, and G the change
+ * of minus the loads by the twists, I + L' G L is positive. For a law that is not symmetric this is enough, and more. */
+static int least_energy(arm_state *s)
+{
+    double by[FLEXURES][6][6], root[FLEXURES][6][6];
+    loads_by_twist(s);
+    twists_by_load(s, by);
+    for (int k = 0; k < FLEXURES; k++) {
+        double given[6][6];
+        for (int a = 0; a < 6; a++) {
+            int first = (a < 3) ? 0 : 3;
+            double softest = fmax(fmax(by[k][first][first], by[k][first + 1][first + 1]), by[k][first + 2][first + 2]);
+            for (int b = 0; b < 6; b++) {
+                given[a][b] = by[k][a][b];
+                root[k][a][b] = 0.5 * (by[k][a][b] + by[k][b][a]);
+            }
+            root[k][a][a] += STIFF * fmax(softest, STIFF * STIFF);
+        }
+        if (factored(root[k][0], 6, 6) == 0) {
+            return 0;
+        }
+        for (int b = 0; b < 6; b++) { /* the triangle's inverse times the law's tangent */
+            for (int a = 0; a < 6; a++) {
+                double sum = given[a][b];
+                for (int c = 0; c < a; c++) {
+                    sum -= root[k][a][c] * by[k][c][b];
+                }
+                by[k][a][b] = sum / root[k][a][a];
+            }
+        }
+    }
+    for (int i = 0; i < COORDINATES; i++) {
+        for (int k = 0; k < FLEXURES; k++) {
+            for (int b = 0; b < 6; b++) {
+                double sum = 0.0;
+                for (int c = b; c < 6; c++) {
+                    sum += s->room[i][6 * k + c] * root[k][c][b];
+                }
+                s->room[i][6 * k + b] = sum;
+            }
+        }
+    }
+    complete(s, by);
+    for (int i = 0; i < COORDINATES; i++) {
+        for (int j = 0; j < i; j++) {
+            s->room[i][j] = 0.5 * (s->room[i][j] + s->room[j][i]);
+        }
+    }
+    return factored(s->room[0], COORDINATES, COORDINATES);
+}
+#endif
+
+/* Move the state's twists to rest. */
+static int settle(arm_state *s)
+{
+#if UNPROVEN
+    twists begin_at;
+    int code;
+    for (int k = 0; k < FLEXURES; k++) {
+        for (int a = 0; a < 6; a++) {
+            begin_at[k][a] = s->twist[k][a];
+        }
+    }
+    code = draw(s, SLOWEST, PATIENCE);
+    for (int trial = 0; (trial < 2) && (code != FINE); trial++) { /* a law that is not smooth is no matter for Newton */
+        for (int k = 0; k < FLEXURES; k++) {
+            for (int a = 0; a < 6; a++) {
+                s->twist[k][a] = begin_at[k][a];
+            }
+        }
+        code = (trial == 0) ? newton(s) : draw(s, RUNS_AWAY, 1);
+    }
+#else
+    int code = draw(s, RUNS_AWAY, 1);
+#endif
     for (int k = 0; (code == FINE) && (k < FLEXURES); k++) {
         if (!(dot3(&s->twist[k][3], &s->twist[k][3]) <= LARGEST_TURN * LARGEST_TURN)) {
             code = TOO_LARGE;
@@ -701,6 +967,11 @@ static int stays(arm_state *s)
             s->twist[k][a] = rest[k][a];
         }
     }
+#if UNPROVEN
+    if (!(ratio < 1.0) && (least_energy(s) != 0)) { /* it is stiffened by the load, and swings from probe to probe */
+        ratio = 0.0;
+    }
+#endif
     return (ratio < 1.0) ? FINE : NO_EQUILIBRIUM;
 }
 
@@ -769,7 +1040,13 @@ static int begin(arm_state *s, const double *q, int payload)
 int NAME_tip(const double *q, int payload, double *pose)
 {
     arm_state s;
+#if UNPROVEN
+    double room[COORDINATES][COORDINATES];
+#endif
     int code = begin(&s, q, payload);
+#if UNPROVEN
+    s.room = room;
+#endif
     if (code == FINE) {
         code = rest_at(&s);
     }
@@ -893,7 +1170,13 @@ int NAME_compensate(const double *q, int payload, double *out)
     double goal[3], turn[3][3], tip[3], change[JOINTS] = {0.0}, low[JOINTS], high[JOINTS], jacobian[3][JOINTS];
     twists slope[JOINTS] = {{{0.0}}};
     double length = HUGE_VAL;
+#if UNPROVEN
+    double room[COORDINATES][COORDINATES];
+#endif
     int code = begin(&s, q, payload);
+#if UNPROVEN
+    s.room = room;
+#endif
     if (code != FINE) {
         return code;
     }

@@ -21,8 +21,7 @@ from armflex.export.exported import Exported
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
-from armflex.laws.effects.in_arm import BoundTwist, Pulling
-from armflex.laws.effects.remember import depended_on
+from armflex.laws.effects.in_arm import BoundTwist, Pulling, depended_on
 from armflex.laws.effects.shapes import end_of, middle_of
 from armflex.laws.learned.seen import Seen
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Chain, link_frame
@@ -65,19 +64,19 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     text = _chosen(text, counts)
     flexures, joints = counts["FLEXURES"], counts["JOINTS"]
     state = 8 * (joints + 12 + 79 * flexures + counts["FACTORS"] + 3 * counts["PULLS"])
+    matrix = 8 * (36 * flexures + 216) * flexures if counts["UNPROVEN"] else 0
     # What functions hold beside states: changes of the twists per joint, some sets of twists, and tangents.
     stack = {
-        "tip": state + 48 * 6 * flexures + 1024,
-        "compensate": 2 * state + 48 * (joints + 6) * flexures + 336 * counts["STRAIGHTENED"] + 2048,
+        "tip": matrix + state + 48 * 6 * flexures + 1024,
+        "compensate": matrix + 2 * state + 48 * (joints + 6) * flexures + 336 * counts["STRAIGHTENED"] + 2048,
     }
     text = text.replace("/*@head*/", _head(arm, tables, stack)).replace("/*@constants*/", _constants(arm, tables))
     text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", text)
     told = [f"{arm!r} as C, payloads {', '.join(tables.payloads)}"]
     if tables.covariates:
         told.append(f"set {name}_covariates before you ask: {', '.join(tables.covariates)}")
-    for payload, proven in zip(tables.payloads, tables.proven, strict=True):
-        if not proven:
-            told.append(f"payload {payload!r}: no bound proves that the arm cannot buckle; every answer is probed")
+    for payload in tables.unproven:
+        told.append(f"payload {payload!r}: no bound proves that the arm cannot buckle; every answer is probed")
     outside = [effect.name for effect in arm.effects if effect.law.act in (Act.FRAME, Act.SCALE)]
     if outside:
         told.append(f"of the instrument, and so not in it: {', '.join(outside)}")
@@ -119,6 +118,11 @@ class _Tables:
     steady: bool = True
 
     @property
+    def unproven(self) -> list[str]:
+        """Payloads with which the arm may be too soft, for all that is known beforehand."""
+        return [name for name, proven in zip(self.payloads, self.proven, strict=True) if not proven]
+
+    @property
     def counts(self) -> dict[str, tuple[int, str]]:
         """How many of each there are, and what they are."""
         return {
@@ -133,6 +137,8 @@ class _Tables:
             "TERMS": (len(self.terms), "parts of laws that are not straight in the load"),
             "CURVED": (len(self.curved), "laws that have such parts"),
             "STRAIGHTENED": (len(self.curved) * self.steady, "the same, where none goes with a joint's position"),
+            "LOADED": (len(self.curved) * self.steady + len(self.unproven), ""),
+            "UNPROVEN": (len(self.unproven), "payloads with which no bound proves that the arm cannot buckle"),
             "FORMS": (len(self.forms), "quadratic forms of the load"),
             "WINDOWS": (len(self.windows), "learned corrections"),
             "NOMINAL": (len(self.nominal), "elements of the chain as the controller knows it, where that is another"),
@@ -359,6 +365,14 @@ def _head(arm: Arm, tables: _Tables, stack: dict[str, int]) -> str:
         "threads may ask at once. The covariates, where there are any, are read alone.",
         "Every loop is bounded: NAME_tip weighs the arm MOST_STEPS + PROBES times at most, and NAME_compensate",
         "(MOST_JUMPS + 1) (JOINTS + 1) MOST_STEPS + PROBES times; some 5 and some 100 times are usual.",
+        *(
+            [
+                "Where no bound proves that the arm cannot buckle, Newton's method may take the place of MOST_STEPS:",
+                "it weighs MOST_NEWTON (6 FLEXURES + MOST_HALVINGS + 2) times at most, 4 (6 FLEXURES + 3) usually.",
+            ]
+            if tables.unproven
+            else []
+        ),
         f"Stack: NAME_tip takes up to {stack['tip']} bytes, NAME_compensate up to {stack['compensate']}.",
     ]
     return "\n".join(
@@ -367,7 +381,7 @@ def _head(arm: Arm, tables: _Tables, stack: dict[str, int]) -> str:
 
 
 def _constants(arm: Arm, tables: _Tables) -> str:
-    counts = [f"    {name} = {count}, /* {what} */" for name, (count, what) in tables.counts.items()]
+    counts = [f"    {name} = {count}, /* {what} */" for name, (count, what) in tables.counts.items() if what]
     bodies = [arm.payload(name) for name in tables.payloads]
     ends = (np.clip(end, -LARGEST_POSITION, LARGEST_POSITION) for end in (arm.robot.lower, arm.robot.upper))
     limits = zip(arm.joint_names, *ends, strict=True)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array, number, printable
 from armflex.errors import listing
 from armflex.estimate.posterior import OTHER_PARAMETERS, blocks_of
@@ -38,11 +38,10 @@ from armflex.export.rigid import (
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act
 from armflex.measured.measurements import read_measurements
-from armflex.parameters import Kind, fitted_group
+from armflex.parameters import ParameterKind, fitted_group
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 from armflex.robot.urdf import drive_of
-from armflex.setup import Setup
 
 NEARLY_PARALLEL = 0.1
 """Sine of the angle between axes below which the row is Hayati's: without it an error of an axis' place or direction is
@@ -204,7 +203,7 @@ def uncertainties(
     for block in blocks:
         for i, parameter in enumerate(block.parameters):
             column = np.zeros(len(values))
-            if parameter.group.moves or parameter.group.kind is Kind.TOOL:
+            if parameter.group.moves or parameter.group.kind is ParameterKind.TOOL:
                 step = np.zeros(len(block.parameters))
                 step[i] = min(1e-2 * size[place], 1e-3) or 1e-6
                 ends = [numbers(block.stepped(setup, side * step), splits) for side in (1.0, -1.0)]

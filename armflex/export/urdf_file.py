@@ -14,8 +14,7 @@ from armflex.errors import UnsupportedError
 from armflex.export.exported import Exported
 from armflex.export.rigid import left_out, with_constants
 from armflex.measured.measurements import read_measurements
-from armflex.robot.reader import parse_xml
-from armflex.robot.urdf import MOVING, Urdf
+from armflex.robot.urdf import MOVING, Urdf, parse_xml
 
 
 def export(arm: Arm, over: Path | None = None) -> Exported:

@@ -16,7 +16,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.arm import Arm, Flexure, warn
+from armflex.arguments import checked
+from armflex.arm import Arm, Flexure, Measurement, Prior, Setup, warn
 from armflex.conventions import SMALLEST_STD, STANDARD_GRAVITY, TWIST_NAMES
 from armflex.declaration import Declaration, Source, read_toml
 from armflex.errors import (
@@ -31,6 +32,7 @@ from armflex.errors import (
 )
 from armflex.files.calibration_table import Campaign, calibration_table, read_calibration, with_certainty
 from armflex.files.certainty_table import with_covariance
+from armflex.files.dh_table import FLANGE, is_dh, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.sensor_table import read_sensors
 from armflex.laws import read_law
@@ -41,12 +43,9 @@ from armflex.laws.joint.linear import softness
 from armflex.laws.law import anywhere
 from armflex.laws.learned import read_learning
 from armflex.mechanics.loaded import Payload
-from armflex.prior import Measurement, Prior
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
-from armflex.robot.reader import rotation_of
-from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
-from armflex.setup import Setup
+from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of, rotation_of
 from armflex.storage.whole_file import remove, write_whole
 
 ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
@@ -62,6 +61,7 @@ LEVEL = 1e-3
 """Share of gravity by which it may differ from what a mount makes of it: so far are numbers rounded."""
 
 
+@checked
 def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
     """Read an arm.toml and the URDF it names.
 
@@ -91,6 +91,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
     return arm
 
 
+@checked
 def make_arm(
     urdf: str | Path,
     stiffness: Mapping[str, ArrayLike],
@@ -158,7 +159,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
         table.finish()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
-    sensors = read_sensors(root.subs("instrument"), robot)
+    sensors = read_sensors(root.subs("instrument"), robot) if root.has("instrument") else {}
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
     flags = [*robot.flags, *flags, *_questions(flexures, robot)]
@@ -197,8 +198,9 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
 
 
 def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:
-    urdf = table.path.parent / table.text("urdf")
-    tip, base = table.text("tip"), table.text("base", "-")
+    by_dh = is_dh(table)
+    urdf = read_dh(table) if by_dh else table.path.parent / table.text("urdf")
+    tip, base = table.text("tip", FLANGE if by_dh else None), table.text("base", "-")
     gravity = table.numbers("gravity", (3,)) if table.has("gravity") else None
     tool, mount = (_read_pose(table, key, keys) for key, keys in (("tool", ("xyz", "rpy")), ("mount", ("rpy",))))
     rating = table.number("payload_rating") if table.has("payload_rating") else None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean
@@ -20,7 +20,6 @@ from armflex.laws.learned.correction import NEAREST
 from armflex.parameters import of_law
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
-from armflex.setup import Setup
 
 LARGEST_LOGARITHM = 200.0
 """Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""

@@ -20,14 +20,14 @@ from armflex.declaration import Declaration
 from armflex.errors import FileError, did_you_mean, listing
 from armflex.laws.effects.location import site_names
 from armflex.linear_gaussian import covariance_fault
-from armflex.parameters import Kind
+from armflex.parameters import ParameterKind
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
 
 MOST_ROWS = 150
 """Parameters from which on their covariance stands in a file of its own: as text it would take seconds to read."""
 
-BLOCKS = tuple(kind.value for kind in Kind if kind is not Kind.UNEXPLAINED)
+BLOCKS = tuple(kind.value for kind in ParameterKind if kind is not ParameterKind.UNEXPLAINED)
 """What the name of every fitted parameter begins with."""
 
 LAYOUT = Layout(

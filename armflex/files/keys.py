@@ -55,8 +55,10 @@ KEYS: dict[str, dict[str, Key]] = {
         "calibration": Key("what `calibrate` or `trace` found; written, not meant to be edited"),
     },
     "robot": {
-        "urdf": Key("the robot's URDF, relative to this file"),
-        "tip": Key("the link whose motion is reported"),
+        "urdf": Key("the robot's URDF, relative to this file", default="**required** without `dh`"),
+        "dh": Key("instead of a URDF: the form of the rows `[robot.joint.NAME]`"),
+        "joint": Key("with `dh`: a row for every joint, base to tip"),
+        "tip": Key("the link whose motion is reported", default="**required**; with `dh`: `flange`"),
         "base": Key("the link in whose frame positions, loads and results are meant", default="the URDF's root"),
         "gravity": Key("acceleration of gravity in the base frame", "m/s²", "0 0 -9.81, and that is said"),
         "tool": Key(
@@ -66,6 +68,18 @@ KEYS: dict[str, dict[str, Key]] = {
         "payload_rating": Key("heaviest payload that is not remarked upon", "kg", "none"),
         "locked": Key("joints beside the chain, or of it, held still at a position", "rad or m"),
         "allow_massless": Key("take links without mass on the chain as they are"),
+    },
+    "robot.joint.NAME": {
+        "theta": Key("Denavit and Hartenberg's, to which the position of a turning joint adds", "rad", "0"),
+        "d": Key("the same, to which the position of a sliding joint adds", "m", "0"),
+        "a": Key("the same", "m", "0"),
+        "alpha": Key("the same", "rad", "0"),
+        "beta": Key("Hayati's, between nearly parallel axes", "rad", "0"),
+        "kind": Key("how the joint moves, along its z"),
+        "lower": Key("lowest position", "rad or m", "none"),
+        "upper": Key("highest position", "rad or m", "none"),
+        "mass": Key("of the link that it moves", "kg"),
+        "com": Key("its centre of mass, where the joint is, x and z as its row begins to turn", "m", "0 0 0"),
     },
     "robot.tool": {
         "xyz": Key("place of the tool's tip in the link `tip`", "m"),
@@ -198,7 +212,12 @@ KEYS: dict[str, dict[str, Key]] = {
 _ROW = {
     "time": Key("when: from any origin", "s", "the row's number"),
     "payload": Key("a payload of the arm.toml", default="`none`, also where the cell is empty"),
-    "q_JOINT": Key("the controller's position of every moving joint of the chain", "rad or m"),
+    "q_JOINT": Key(
+        "the controller's position of every moving joint of the chain; of one beside it, as of a second arm, where it "
+        "moves: its weight then bends what carries it",
+        "rad or m",
+        "**required** of the chain; beside it, where `[robot] locked` holds it",
+    ),
     "approach_JOINT": Key("-1, 0 or +1: the way the joint last moved", "", "from the order of the rows"),
     "force_fx": Key("known force from outside", "N", "0"),
     "force_fy": Key("the same along y", "N", "0"),

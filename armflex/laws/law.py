@@ -378,12 +378,8 @@ class Composed(Law):
     def values(self) -> Array:
         return np.concatenate([np.zeros(0), *(law.values for law in self.laws)])
 
-    def split(self, values: Array) -> list[Array]:
-        """Return every law's part of (k,) values."""
-        return np.split(values, np.cumsum([len(law.values) for law in self.laws])[:-1])
-
     def at(self, values: Array) -> Law:
-        return self.with_laws([law.at(own) for law, own in zip(self.laws, self.split(values), strict=True)])
+        return self.with_laws([law.at(own) for law, own in zip(self.laws, split(self.laws, values), strict=True)])
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         shares = zip(self.laws, self.shares(wrench, row), strict=True)
@@ -439,10 +435,16 @@ class Composed(Law):
         return tuple(flag for law, (_, load) in asked for flag in law.flags(load, row))
 
 
+def split(laws: Sequence[Law], values: np.ndarray) -> list[np.ndarray]:
+    """Return every law's part of the (k,) values, or numbers of them, of several laws."""
+    return np.split(values, np.cumsum([len(law.values) for law in laws])[:-1])
+
+
 def anywhere(robot: Robot) -> Row:
     """Return a row in the middle of every joint's travel, for what is the same of a law wherever it is asked."""
-    middle = 0.5 * (robot.lower + robot.upper)
-    return Row(np.where(np.isfinite(middle), middle, 0.0), {name: i for i, name in enumerate(robot.joint_names)})
+    limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
+    lower, upper = np.where(limited, robot.lower, 0.0), np.where(limited, robot.upper, 0.0)
+    return Row(0.5 * (lower + upper), {name: i for i, name in enumerate(robot.joint_names)})
 
 
 def by_wrench(twist: Callable[[Array, Row], Array], wrench: Array, row: Row) -> Array:

@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import SLACK, Arm, other_unit
 from armflex.conventions import WRENCH_NAMES, Array
-from armflex.errors import InputError, Place, TableError, UnknownNameError, did_you_mean
+from armflex.errors import Frame, InputError, Place, TableError, UnknownNameError, did_you_mean
 from armflex.measured.table import Column, Table, read_table
+from armflex.rows.branch import Branch, branches
 from armflex.rows.wrench import Wrench
 
 FORCES = tuple(f"force_{name}" for name in WRENCH_NAMES)
@@ -76,6 +77,39 @@ def read_forces(table: Table, arm: Arm) -> tuple[Wrench, ...]:
     return tuple(found)
 
 
+def read_loads(table: Table, arm: Arm) -> tuple[Wrench, ...]:
+    """Return what loads a table's rows beside their payloads: known forces, and branches whose joints have columns.
+
+    Raises:
+        TableError: As `read_forces`; a position off the chain is no number or beyond its joint's limits, or its joint
+            carries none of the chain, or moves what is read or pulled at.
+    """
+    forces, robot = read_forces(table, arm), arm.robot
+    given: dict[str, Array] = {}
+    for name in (name for name in robot.locked if f"q_{name}" in table.columns):
+        joint, header = robot.urdf.joints[name], table.columns[f"q_{name}"].header
+        if joint.faults:
+            raise joint.faults[0].error
+        if robot.stem(name) is None:
+            text = f"column {header!r}: joint {name!r} does not hang on the chain from {robot.base!r} to {robot.tip!r}"
+            raise TableError(Place(table.path, 1), f"{text}: leave it out")
+        given[name] = table.numbers(f"q_{name}")
+        outside = ~((given[name] >= joint.lower - SLACK) & (given[name] <= joint.upper + SLACK))
+        for i in np.flatnonzero(outside)[:1]:
+            text = (
+                f"joint {name!r} at {given[name][i]:.6g} is outside its limits [{joint.lower:.6g}, {joint.upper:.6g}]"
+            )
+            more = other_unit(joint, float(given[name][i]))
+            raise TableError(Place(table.path, table.lines[i]), f"column {header!r}: {text}{more}")
+        moved = set(robot.urdf.below(joint.child))
+        read = {f"[instrument.{one.name}]": {one.link, one.seen_from} for one in arm.sensors.values()}
+        for what, links in {**read, "force_frame": {one.frame for one in forces}}.items():
+            if there := sorted(link for link in links if link in moved):
+                text = f"{what} is at {there[0]!r}, which joint {name!r} off the chain moves"
+                raise TableError(Place(table.path, 1), f"column {header!r}: {text}: that is not supported")
+    return (*forces, *branches(robot, given)) if given else forces
+
+
 class Unnamed(NamedTuple):
     """What loads rows that name none: a payload's name, and a load from outside that is the same in all, or None."""
 
@@ -115,7 +149,7 @@ class ForceTable:
         wrenches: For all K rows each.
     """
 
-    path: Path
+    path: Path | Frame
     s: Array
     wrenches: tuple[Wrench, ...]
 
@@ -177,8 +211,10 @@ def force_columns(wrenches: Sequence[Wrench], count: int) -> dict[str, list]:
         InputError: Two of them act in one row at different links or in different axes, for which there are no columns.
     """
     loads, frames, axes = np.zeros((count, 6)), [""] * count, [""] * count
+    hung = [one.positions.items() for one in wrenches if isinstance(one, Branch)]
+    held = {f"q_{name}": np.broadcast_to(at, count).tolist() for some in hung for name, at in some}
     names = {meant: name for name, meant in FORCE_AXES.items()}
-    for one in wrenches:
+    for one in (one for one in wrenches if not one.hangs):
         own = np.broadcast_to(np.hstack([one.force, one.moment]), (count, 6))
         for i in np.flatnonzero(own.any(axis=1)).tolist():
             here = (one.frame, names[one.axes])
@@ -187,6 +223,6 @@ def force_columns(wrenches: Sequence[Wrench], count: int) -> dict[str, list]:
                 raise InputError(f"row {i} has two loads from outside, {text}: a table has columns for one")
             (frames[i], axes[i]), loads[i] = here, loads[i] + own[i]
     if not any(frames):
-        return {}
-    columns: dict[str, list] = {name: loads[:, i].tolist() for i, name in enumerate(FORCES)}
+        return held
+    columns: dict[str, list] = held | {name: loads[:, i].tolist() for i, name in enumerate(FORCES)}
     return columns | dict(zip(FORCE_TEXTS, (frames, axes), strict=True))

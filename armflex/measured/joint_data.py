@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import difflib
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.conventions import TWIST_NAMES, UNITS, WRENCH_NAMES, Array, finite_array
-from armflex.errors import NotFiniteError, Place, ShapeError, TableError, UnitError, did_you_mean, listing
-from armflex.measured.table import Table, read_table
+from armflex.errors import Frame, NotFiniteError, Place, ShapeError, TableError, UnitError, did_you_mean, listing
+from armflex.measured.table import Table, Tabular, read_table
+from armflex.result import Result
 
 KINDS = {
     **dict.fromkeys(WRENCH_NAMES[:3], "force"),
@@ -26,8 +28,8 @@ LARGEST = 1e12
 TOO_LARGE = "which no bench reaches"
 
 
-@dataclass(frozen=True)
-class JointData:
+@dataclass(frozen=True, repr=False)
+class JointData(Result):
     """Loads and the deflections they gave.
 
     Attributes:
@@ -36,7 +38,7 @@ class JointData:
         units: Unit of each deflection column as the file has it.
         factors: (k,) of those units to SI.
         sha256: Of the file.
-        path: Where it was read from.
+        path: Where it was read from: a file, or a data frame.
         covariates: Further columns, as text.
 
     Raises:
@@ -49,8 +51,17 @@ class JointData:
     units: tuple[str, ...]
     factors: Array
     sha256: str
-    path: Path
+    path: Path | Frame
     covariates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    TOLD = ("table", "units", "sha256")
+    ROWS = "table"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Loads [N, Nm], deflections [m, rad] and further columns, (N,) each."""
+        loads = dict(zip(WRENCH_NAMES, self.loads.T, strict=False))
+        return loads | dict(zip(TWIST_NAMES, self.deflections.T, strict=False)) | dict(self.covariates)
 
     def __post_init__(self) -> None:
         shape = np.shape(self.loads)
@@ -73,11 +84,13 @@ class JointData:
         return self.loads.shape[1]
 
 
-def read_joint_data(path: str | Path, read_as: Mapping[str, str] | None = None) -> JointData:
-    """Read a joint_data.csv.
+@checked
+def read_joint_data(path: Tabular, read_as: Mapping[str, str] | None = None) -> JointData:
+    """Read a joint_data.csv, or a data frame of the same columns.
 
     Args:
-        path: Columns fx fy fz [mx my mz] and dx dy dz [rx ry rz], each with its unit as a suffix.
+        path: The file or data frame: columns fx fy fz [mx my mz] and dx dy dz [rx ry rz], each with its unit as a
+            suffix.
         read_as: Units to be taken for others, such as {"mm": "um"}, where a header is believed to be wrong.
 
     Raises:
@@ -114,10 +127,15 @@ def read_joint_data(path: str | Path, read_as: Mapping[str, str] | None = None) 
         _matrix(table, deflections, factors),
         tuple(units[name] for name in deflections),
         np.array([factors[name] for name in deflections]),
-        hashlib.sha256(table.path.read_bytes()).hexdigest(),
+        table.sha256,
         table.path,
         {name: table.texts(name) for name in others},
     )
+
+
+def as_joint_data(found: JointData | Tabular) -> JointData:
+    """Return a bench table as it is, or what `read_joint_data` makes of a file or a data frame."""
+    return found if isinstance(found, JointData) else read_joint_data(found)
 
 
 def _unit(table: Table, name: str, read_as: Mapping[str, str]) -> str:

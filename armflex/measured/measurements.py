@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from armflex.arguments import checked, checked_init
 from armflex.arm import Arm, warn
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
@@ -27,18 +28,19 @@ from armflex.measured.data_flags import (
     table_flags,
     unit_flags,
 )
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, read_forces
+from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, read_loads
 from armflex.measured.points import PointExport, read_points, with_points
-from armflex.measured.table import Table, check_payloads, joint_kinds, read_pieces, read_table
+from armflex.measured.table import Table, Tabular, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
+from armflex.result import Result
 from armflex.rows import Rows
 from armflex.rows.rows import MOST_LEVELS, last_motion, level_columns
 
-POSITION, ROTATION = ("x", "y", "z"), ("rx", "ry", "rz")
+POSITION, ROTATION, EACH = ("x", "y", "z"), ("rx", "ry", "rz"), ("sigma_x", "sigma_y", "sigma_z")
 KINDS = {
     **dict.fromkeys(POSITION, "length"),
     **dict.fromkeys(ROTATION, "angle"),
-    **dict.fromkeys(("sigma", "sigma_x", "sigma_y", "sigma_z"), "length"),
+    **dict.fromkeys(("sigma", *EACH), "length"),
     "sigma_r": "angle",
     "time": "time",
     "hold": "time",
@@ -47,8 +49,9 @@ KINDS = {
 TEXTS = ("pose", "session", "payload", *FORCE_TEXTS)
 
 
+@checked_init
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Measurements(Rows):
+class Measurements(Rows, Result):
     """A campaign: rows in the order taken, and what was read there.
 
     Positions and orientations can be given, and replaced, by themselves: `position` with `sigma`, `rotation` with
@@ -65,6 +68,29 @@ class Measurements(Rows):
     sha256: str = ""
     flags: tuple[Flag, ...] = ()
     frame: str = ""
+
+    TOLD = ("table", "sha256", "frame", "flags")
+    ROWS = "table"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """The columns of a measurements.csv in SI, (N,) each; None where nothing was read."""
+        columns: dict[str, Any] = {"pose": self.pose, "session": self.session, "payload": self.payload}
+        columns |= {f"q_{name}": self.q[:, i] for i, name in enumerate(self.joint_names)}
+        columns |= {} if "time" in self.derived else {"time": self.time}
+        for kind in self.readings.kinds:
+            named = {Position: (POSITION, EACH), Orientation: (ROTATION, ("sigma_r",))}
+            own = kind.columns(kind.name), (f"sigma_{kind.name}",)
+            names, stds = own if kind.name else named.get(type(kind), own)
+            read = np.where(np.isfinite(kind.sigma) & self.measured[:, None], kind.values, np.nan)
+            columns |= dict(zip(names, read.T, strict=True))
+            columns |= dict(zip(stds, np.where(np.isfinite(kind.sigma), kind.sigma, np.nan).T, strict=False))
+        return columns | dict(self.covariates)
+
+    def __repr__(self) -> str:
+        """One line: a campaign is too much to print."""
+        read = ", ".join(kind.title for kind in self.readings.kinds) or "nothing"
+        return f"<Measurements: {len(self)} rows, {int(self.measured.sum())} measured, {read}>"
 
     def __init__(
         self,
@@ -150,17 +176,18 @@ def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> 
     return Readings(count, tuple(kinds))
 
 
+@checked
 def read_measurements(
-    path: str | Path,
+    path: Tabular,
     arm: Arm,
     inputs_only: bool = False,
     points: str | Path | PointExport | None = None,
     unnamed: Unnamed = UNLOADED,
 ) -> Measurements:
-    """Read a campaign for an arm, from CSV or Parquet.
+    """Read a campaign for an arm, from CSV, Parquet or a pandas data frame.
 
     Args:
-        path: The rows; see the column table of the file format.
+        path: The rows, a file or a data frame; see the column table of the file format.
         arm: The arm it was taken on.
         inputs_only: Accept a table without measured positions, such as rows to be predicted.
         points: The positions, where the instrument's program exported them apart: the file, or what `read_points`
@@ -178,14 +205,14 @@ def read_measurements(
         table, flags = with_points(table, export)
     found = _measurements(table, arm)
     covariates = {name: _covariate(table, name) for name in table.columns if name not in known}
-    sha256, frame = hashlib.sha256(table.path.read_bytes()).hexdigest(), ""
+    sha256, frame = table.sha256, ""
     found = replace(found, covariates=covariates)
     check_joint_units(found.q, arm, found.places)
     for kind in found.readings.kinds:
         if kind.unit == "m":
             read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & found.measured)
             check_one_unit(kind.values, read, found.places, kind.columns(kind.name) if kind.name else POSITION)
-    flags += (*table_flags(table, found), *_sensor_flags(table, found, arm), *force_flags(found, arm))
+    flags += (*table_flags(table, found), *_sensor_flags(found, arm), *force_flags(found, arm))
     flags += () if found.measured.any() else unit_flags(table, arm)  # else readings tell, when the arm is fitted
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
@@ -194,6 +221,11 @@ def read_measurements(
             text = f"points are in frame {frame!r}; the arm file says that measurements are in its base {base!r}"
             flags += (Flag("points_frame", text),)
     return replace(found, flags=flags, sha256=sha256, frame=frame)
+
+
+def as_measurements(found: Measurements | Tabular, arm: Arm, inputs_only: bool = False) -> Measurements:
+    """Return a campaign as it is, or what `read_measurements` makes of a file or a data frame."""
+    return found if isinstance(found, Measurements) else read_measurements(found, arm, inputs_only)
 
 
 def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLOADED) -> Iterator[Measurements]:
@@ -327,8 +359,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
                 row = int(bad.argmax())
                 problem = f"{name} is {approach[row, index]:g}, not -1, 0 or 1"
                 raise TableError(Place(table.path, table.lines[row]), problem)
-    each = ("sigma_x", "sigma_y", "sigma_z")
-    names = each if "sigma" not in table.columns and any(name in table.columns for name in each) else ("sigma",)
+    names = EACH if "sigma" not in table.columns and any(name in table.columns for name in EACH) else ("sigma",)
     sigma = _deviations(table, names, measured, "the positions", "m", 1.0)
     return Measurements(
         joint_names=arm.joint_names,
@@ -347,7 +378,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
         hold=table.numbers("hold") if "hold" in table.columns else None,
         places=tuple(Place(table.path, line) for line in table.lines),
         derived=tuple(name for name in ("time", *directions) if name not in table.columns),
-        wrenches=read_forces(table, arm),
+        wrenches=read_loads(table, arm),
     )
 
 
@@ -387,7 +418,7 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
     return tuple(found)
 
 
-def _sensor_flags(table: Table, found: Measurements, arm: Arm) -> Iterator[Flag]:
+def _sensor_flags(found: Measurements, arm: Arm) -> Iterator[Flag]:
     """Yield flags about instruments that nothing was read of, and about columns that look like one's."""
     read = {kind.name for kind in found.readings.kinds}
     for name, sensor in arm.sensors.items():

@@ -15,10 +15,7 @@ MAX_CELLS = 20_000_000
 MAX_BYTES = 200_000_000
 """Of a file's columns unpacked, as it says itself."""
 
-
-def is_parquet(path: Path) -> bool:
-    """Return whether a file's name says that it is Parquet."""
-    return path.suffix.lower() in (".parquet", ".pq")
+SUFFIXES = (".parquet", ".pq")
 
 
 def parquet_rows(path: Path, most: int | None = None) -> Iterator[tuple[int, list[str]]]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.measured.measurements import Measurements
+from armflex.result import Result
 from armflex.rows.poses import numbered, same_positions
 
 REPEATED = 2e-5
@@ -50,8 +53,8 @@ class Scatter:
         return float(1.0 / np.sqrt(2.0 * self.freedom))
 
 
-@dataclass(frozen=True, eq=False)
-class Repeats:
+@dataclass(frozen=True, repr=False, eq=False)
+class Repeats(Result):
     """What repeats say about noise.
 
     Attributes:
@@ -67,7 +70,21 @@ class Repeats:
     across_sessions: Scatter | None
     flags: tuple[Flag, ...]
 
+    TOLD = ("same_session", "same_approach", "across_sessions", "flags")
+    ROWS = "table"
 
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """A row for each kind of repeats there is: its pooled standard deviations [m] and degrees of freedom."""
+        kinds = {name: getattr(self, name) for name in ("same_session", "same_approach", "across_sessions")}
+        return [
+            {"repeats": name, "sigma": one.sigma, "stated": one.stated, "freedom": one.freedom, "groups": one.groups}
+            for name, one in kinds.items()
+            if one is not None
+        ]
+
+
+@checked
 def repeats(measurements: Measurements, tolerance: float = REPEATED) -> Repeats | None:
     """Return the noise that repeated readings show, or None where nothing was repeated.
 

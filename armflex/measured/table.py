@@ -3,27 +3,37 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from armflex.conventions import LARGEST, NUMBER, UNITS, Array, unprintable
-from armflex.errors import Place, TableError, UnknownNameError, did_you_mean, listing, shown
-from armflex.measured.parquet import is_parquet, parquet_rows
+from armflex.errors import Frame, Place, TableError, UnknownNameError, did_you_mean, listing, shown
+from armflex.measured.parquet import SUFFIXES, parquet_rows
 from armflex.storage.whole_file import writing
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from armflex.arm import Arm
+
+Tabular: TypeAlias = "str | Path | DataFrame"
+"""Where a table is: the name of a file, CSV or Parquet, or a pandas data frame of the same columns."""
 
 MAX_BYTES = 200_000_000
 BLOCK = 1 << 20
 """Letters of a file that are looked at together."""
+
+IN_BRACKETS = re.compile(r"(.*\S)\s*[\[(]\s*([^\[\]()]+?)\s*[\])]")
+"""A header that gives its unit as others do: `L [mm]`."""
 
 PLAIN = "0123456789+-.eE "
 """Letters of which all that `float()` takes is a `NUMBER` as well, but for blanks about it."""
@@ -44,14 +54,21 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: columns by name without unit suffix, and the line of each row (of a Parquet file: as if it were CSV)."""
+    """A table: columns by name without unit suffix, and the line of each row (of all but CSV: as if it were CSV)."""
 
-    path: Path
+    path: Path | Frame
     columns: Mapping[str, Column]
     lines: tuple[int, ...]
 
     def __len__(self) -> int:
         return len(self.lines)
+
+    @property
+    def sha256(self) -> str:
+        """Of the file, or of what the data frame holds."""
+        if isinstance(self.path, Frame):
+            return self.path.sha256
+        return hashlib.sha256(self.path.read_bytes()).hexdigest()
 
     def numbers(self, name: str, beyond: str = BEYOND) -> Array:
         """Return a column in SI; raise `TableError` naming the first cell that is no finite number up to `LARGEST`.
@@ -103,17 +120,20 @@ class Table:
             raise TableError(Place(self.path, 1), f"has no column {listing(map(repr, missing))}{hint} ({seen})")
 
 
-def read_table(path: str | Path, kinds: Mapping[str, str]) -> Table:
-    """Read a CSV file with a header row, or a Parquet file (`.parquet`), whose nulls are empty cells.
+def read_table(path: Tabular, kinds: Mapping[str, str]) -> Table:
+    """Read a CSV file with a header row, a Parquet file (`.parquet`) or a data frame, whose nulls are empty cells.
 
     Args:
-        path: The file; CSV is UTF-8, comma separated.
+        path: The file, CSV is UTF-8, comma separated; or a pandas data frame, whose columns are named as the file's.
         kinds: Kind of quantity ('length', 'angle', ...; see `UNITS`) of each column that may carry a unit suffix.
 
     Raises:
         TableError: Missing, empty, too large, not UTF-8, not comma separated, without header, a duplicate column, a
             row of the wrong length, a unit of the wrong kind, or Parquet where pyarrow is not installed.
     """
+    if not isinstance(path, str | Path):
+        frame, found = _frame_rows(path)
+        return next(_tables(frame, kinds, found, None))
     return next(_tables(Path(path), kinds, iter(list(_rows(Path(path), None))), None))
 
 
@@ -122,8 +142,35 @@ def read_pieces(path: str | Path, kinds: Mapping[str, str], rows: int) -> Iterat
     yield from _tables(Path(path), kinds, _rows(Path(path), rows), rows)
 
 
+def _frame_rows(table: DataFrame) -> tuple[Frame, Iterator[tuple[int, list[str]]]]:
+    """Return a data frame as a source, and its rows of text, header first, as `_rows` gives those of a file."""
+    if not hasattr(table, "iloc"):
+        raise TableError(Place(Frame((), "")), "expected a data frame of pandas: to_pandas() makes one of others")
+    header, columns = [str(name) for name in table.columns], []
+    for i, name in enumerate(header):
+        missing = table.iloc[:, i].isna()
+        columns.append(["" if no else _cell(name, value) for no, value in zip(missing, table.iloc[:, i], strict=True)])
+    rows = [header, *(list(cells) for cells in zip(*columns, strict=True))]
+    text = "\n".join("\0".join(cells) for cells in rows)
+    frame = Frame(tuple(table.index), hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest())
+    for line, cells in enumerate(rows, 1):
+        if found := next(filter(None, map(unprintable, cells)), None):
+            raise TableError(Place(frame, line), found[1])
+    return frame, ((line, cells) for line, cells in enumerate(rows, 1) if any(map(str.strip, cells)))
+
+
+def _cell(column: str, value: object) -> str:
+    """Return a value of a data frame as a file has it, no digit lost."""
+    if isinstance(value, float | np.floating):
+        return repr(float(value))
+    if isinstance(value, bool | int | str | np.integer | np.bool_) or hasattr(value, "isoformat"):
+        return value.isoformat() if hasattr(value, "isoformat") else str(value)  # pyright: ignore
+    what = f"column {column!r} holds {shown(value, 60)}, expected numbers and texts"
+    raise TableError(Place(Frame((), "")), what)
+
+
 def _tables(
-    path: Path, kinds: Mapping[str, str], rows: Iterator[tuple[int, list[str]]], most: int | None
+    path: Path | Frame, kinds: Mapping[str, str], rows: Iterator[tuple[int, list[str]]], most: int | None
 ) -> Iterator[Table]:
     _, header = next(rows, (0, None))
     if header is None:
@@ -149,7 +196,7 @@ def _tables(
 
 def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
     """Yield the line and the cells of every row that is not blank, header first."""
-    if is_parquet(path):
+    if path.suffix.lower() in SUFFIXES:
         yield from parquet_rows(path, most)
         return
     reader = csv.reader(text_lines(path), strict=True)
@@ -179,7 +226,7 @@ def text_lines(path: Path) -> Iterator[str]:
         raise TableError(Place(path), "is not UTF-8 text") from None
 
 
-def _check_header(path: Path, header: list[str], expected: Iterable[str]) -> None:
+def _check_header(path: Path | Frame, header: list[str], expected: Iterable[str]) -> None:
     wanted = f"expected columns such as {listing(expected)}; found: {listing(header)}"
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and mark in header[0]:
@@ -192,11 +239,12 @@ def _check_header(path: Path, header: list[str], expected: Iterable[str]) -> Non
         raise TableError(Place(path, 1), f"column {', '.join(blank)} has no name")
 
 
-def _split_unit(path: Path, header: str, kinds: Mapping[str, str]) -> tuple[str, str, float]:
+def _split_unit(path: Path | Frame, header: str, kinds: Mapping[str, str]) -> tuple[str, str, float]:
     name = header.strip()
     if name in kinds:
         return name, "", 1.0
-    base, _, unit = name.rpartition("_")
+    bracketed = IN_BRACKETS.fullmatch(name)
+    base, unit = bracketed.groups() if bracketed else (name.rpartition("_")[0], name.rpartition("_")[2])
     if base not in kinds:
         return name, "", 1.0
     units = UNITS[kinds[base]]
@@ -236,11 +284,15 @@ def writing_table(path: str | Path) -> Iterator[Callable[[Mapping[str, Sequence[
 
 
 def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
-    """Return the kind of quantity of each joint's columns, such as q_A1 and v_A1 for prefixes "qv"."""
+    """Return the kind of quantity of each joint's columns, such as q_A1 and v_A1 for prefixes "qv".
+
+    Joints off the chain have positions alone.
+    """
+    beside = [(arm.robot.urdf.joints[name], "q") for name in arm.robot.locked if "q" in prefixes]
     return {
         f"{prefix}_{joint.name}": "length" if joint.kind == "prismatic" else "angle"
-        for joint in arm.robot.moving
-        for prefix in prefixes
+        for joint, some in (*((joint, prefixes) for joint in arm.robot.moving), *beside)
+        for prefix in some
     }
 
 

@@ -10,7 +10,11 @@ their distances from it, at most. A small motion (dv, dr) of flexure j changes t
     j at or inboard of i:  force g M_i |dr|,  moment g S_i |dr|             (all that i carries turns as one body)
     j outboard of i:       moment g M_j |dv| + g S_j |dr|                   (what j carries moves against i)
 
-A dead force on a link is a weight more, and a dead moment, which has no arm, adds its size to g S.
+A dead force on a link is a weight more, and a dead moment, which has no arm, adds its size to g S. A force f that
+follows its link, at most s away from the flexure with its moment m, is the same to a flexure that turns with all that
+it carries; only what moves against the flexure changes its load:
+
+    j outboard of i:       force f |dr|,  moment f |dv| + (f s + m) |dr|    (m, s of i)
 
 With the norms of C's blocks this bounds every 3 x 3 block of C G E, and `max_i (sum_j N_ij x_j) / x_i` bounds the
 whole in the norm `max |part_i| / x_i`, whatever the positive x; the best x is the eigenvector of N. Distances are those
@@ -49,7 +53,8 @@ class StabilityBound:
         reference: (n, 2) the norm's shift [m] and turn [rad] of each flexure.
         parts: Of each flexure the laws that add up, each with (2, 2) bounds of its tangent's blocks, None without.
         compliance_bound: (n, 2, 2) sums of these.
-        per_load: Link -> (2, n, 2) `change` per dead force [1/N] and per dead moment [1/(N m)] at its origin.
+        per_load: Link, and whether a load follows it -> (2, n, 2) `change` per force [1/N] and per moment [1/(N m)] at
+            its origin.
         ranges: Of the joints.
     """
 
@@ -57,7 +62,7 @@ class StabilityBound:
     reference: Array
     parts: tuple[tuple[tuple[Law, Array | None], ...], ...]
     compliance_bound: Array
-    per_load: Callable[[str], Array]
+    per_load: Callable[[str, bool], Array]
     ranges: Ranges
 
     @cached_property
@@ -80,7 +85,7 @@ class StabilityBound:
         return self._share(self.change[None])[0]
 
     @cached_property
-    def _most_per_load(self) -> dict[str, list[float]]:
+    def _most_per_load(self) -> dict[tuple[str, bool], list[float]]:
         return {}
 
     def _share(self, changes: Array) -> list[float]:
@@ -93,12 +98,12 @@ class StabilityBound:
             return False
         share, known = self._most, self._most_per_load
         for load in loads:
-            if not load.dead:
+            if not (load.dead or load.follows):
                 return False
-            if load.frame not in known:
-                known[load.frame] = self._share(self.per_load(load.frame))
-            per_force, per_moment = known[load.frame]
-            force, moment = load.sizes
+            here = load.frame, load.follows
+            if here not in known:
+                known[here] = self._share(self.per_load(*here))
+            (per_force, per_moment), (force, moment) = known[here], load.sizes
             share += force * per_force + moment * per_moment
         return share <= SHARE
 
@@ -107,12 +112,12 @@ class StabilityBound:
         return StabilityBound(self.change, self.reference, *_steepest(stack, self.ranges), self.per_load, self.ranges)
 
     def under(self, loads: Sequence[Load]) -> StabilityBound | None:
-        """Return the bound under further loads; None where one is not dead, or they are no numbers."""
+        """Return the bound under further loads; None where one depends on more than its axes, or is no number."""
         change = self.change
         for load in loads:
-            if not load.dead:
+            if not (load.dead or load.follows):
                 return None
-            (force, moment), per_load = load.sizes, self.per_load(load.frame)
+            (force, moment), per_load = load.sizes, self.per_load(load.frame, load.follows)
             change = change + (force * per_load[0] + moment * per_load[1])
         if not math.isfinite(change.sum()):
             return None
@@ -188,11 +193,12 @@ def bound_stability(
             reference = np.maximum(reference / reference.max(initial=1e-300), 1e-12)
 
         @cache
-        def per_load(link: str) -> Array:
+        def per_load(link: str, follows: bool) -> Array:
             joint, point = links(link)
             arms = np.where(places <= joint, along[joint] - along[places] + float(np.linalg.norm(point)), 0.0)
             carried = (places <= joint).astype(float)
-            both = (_changes(places, carried, arms), _changes(places, 0.0 * carried, carried))
+            of = _changes_following if follows else _changes
+            both = (of(places, carried, arms), of(places, 0.0 * carried, carried))
             return np.einsum("lipjq,jq->lip", both, reference)
 
         change = np.einsum("ipjq,jq->ip", whole, reference)
@@ -219,6 +225,22 @@ def _changes(places: np.ndarray, weight: Array, moment: Array) -> Array:
     total[:, 0, :, 1] = np.where(inboard, weight[:, None], 0.0)
     total[:, 1, :, 0] = np.where(inboard, 0.0, weight[None, :])
     total[:, 1, :, 1] = np.where(inboard, moment[:, None], moment[None, :])
-    # exp6's derivative turns by no more than it is turned, and shifts what is turned by half the flexure's own shift.
+    return _per_coordinate(total)
+
+
+def _changes_following(places: np.ndarray, force: Array, moment: Array) -> Array:
+    """Return the same for a load that follows its link, (n,) force and moment at most on each flexure [N, N m]."""
+    outboard = (places[None, :] > places[:, None]) & ((force > 0.0) | (moment > 0.0))[None, :]  # of i, and carrying it
+    total = np.zeros((len(places), 2, len(places), 2))
+    total[:, 0, :, 1] = total[:, 1, :, 0] = np.where(outboard, force[:, None], 0.0)
+    total[:, 1, :, 1] = np.where(outboard, moment[:, None], 0.0)
+    return _per_coordinate(total)
+
+
+def _per_coordinate(total: Array) -> Array:
+    """Return changes per shift and turn as per coordinates of exp6.
+
+    Its derivative turns by no more than it is turned, and shifts what is turned by half the flexure's own shift.
+    """
     total[..., 1] += 0.5 * BALL * total[..., 0]
     return total

@@ -25,6 +25,7 @@ from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
 from armflex.mechanics.many_rows import (
     AT_ONCE,
+    COMPILED,
     NO_CHANGES,
     Pushes,
     RowSolver,
@@ -47,9 +48,6 @@ PIECE = 16384
 
 CHUNK = 512
 """Rows whose covariances are found together."""
-
-COMPILED = ("exact", "first_order")
-"""Methods that the kernel has."""
 
 
 class Asked(NamedTuple):
@@ -370,7 +368,10 @@ class Deflection(_Result[float]):
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
         """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm."""
         mechanics = self._mechanics
-        return mechanics.link_poses(mechanics.flexed(self.solved.rigid, magnification * self._at_rest[0]))
+        found = mechanics.link_poses(mechanics.flexed(self.solved.rigid, magnification * self._at_rest[0]))
+        for one in self.case.wrenches:
+            found |= one.links(found[one.frame])
+        return found
 
 
 def deflect(
@@ -381,7 +382,10 @@ def deflect(
     Raises:
         As `find_equilibrium`.
     """
-    known = loaded.flags_under(case.wrenches, case.a is not None) if case.wrenches or case.moves else loaded.flags
+    if case.a is not None:
+        known = loaded.flags_under(case.wrenches, accelerated=True)
+    else:
+        known = loaded.outside(case.wrenches).flags if case.wrenches else loaded.flags
     # Beyond its limits a joint may be farther out than the proof of stability knows of.
     found = find_equilibrium(loaded, case, method, allow_large, within=not flags)
     return Deflection(found, (*known, *flags) if flags else known)

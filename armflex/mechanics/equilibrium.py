@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armflex.conventions import LARGEST, Array
+from armflex.conventions import Array
 from armflex.errors import (
     ConvergenceError,
     InputError,
@@ -107,9 +107,7 @@ def find_equilibrium(
     # To look for what runs away takes as long as a quarter of a step. Laws that are not curved do not under the weight,
     # nor under loads of a size that a quantity may have.
     weight, found = load is mechanics.weight, None
-    tame = laws.tame and not laws.curved and not case.moves
-    for one in () if weight else (*case.wrenches, *mechanics.pulls):
-        tame = tame and max(one.sizes) < LARGEST
+    tame = laws.tame and not laws.curved and (weight or (not case.moves and loaded.outside(case.wrenches).moderate))
     if method == "first_order":
         torque = load(rigid)
         found = Equilibrium(loaded, case, rigid, law(torque), torque, method, ())
@@ -228,7 +226,7 @@ def _proven(bound: StabilityBound, found: Equilibrium, load: Callable[[Array], A
     if found.case.moves:
         return False
     if wrenches:
-        if bound.proven_under(wrenches):
+        if loaded.outside(wrenches).proven:
             return True
         under = bound.under(wrenches)
         if under is None:
@@ -237,7 +235,7 @@ def _proven(bound: StabilityBound, found: Equilibrium, load: Callable[[Array], A
     if bound.proven:
         return True
     # What is affine gives the same under every load, so they need not be known.
-    torque = load(integrate(loaded.flex.model, found.rigid, found.motion)) if laws.curved else found.motion
+    torque = load(integrate(loaded.flex.model, found.rigid, found.motion)) if laws.bent else found.motion
     return bool(bound.stays(-torque[loaded.flex.flexure_v], laws.tangent))
 
 

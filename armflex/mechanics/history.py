@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,7 @@ from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.laws import Row
 from armflex.laws.effects.context import known_columns
-from armflex.laws.effects.effect import Effect, Manipulator
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import resolve
 from armflex.mechanics.deflection import Asked, Deflection, deflect_batch
 from armflex.mechanics.loaded import Structure
@@ -22,11 +22,7 @@ from armflex.mechanics.response import respond
 from armflex.rows import Driven
 
 
-class Affected(Structure, Manipulator, Protocol):
-    """A structure with effects."""
-
-
-def known_rows(arm: Affected, rows: Driven) -> dict[str, Array]:
+def known_rows(arm: Structure, rows: Driven) -> dict[str, Array]:
     """Return every (N,) column of rows by name, with the states that the arm's effects remember.
 
     A state that is among the columns already is taken as it is.
@@ -51,7 +47,7 @@ def known_rows(arm: Affected, rows: Driven) -> dict[str, Array]:
     return known | states
 
 
-def _wrenches(arm: Affected, rows: Driven, known: Mapping[str, Array], effects: Sequence[Effect]) -> dict[str, Array]:
+def _wrenches(arm: Structure, rows: Driven, known: Mapping[str, Array], effects: Sequence[Effect]) -> dict[str, Array]:
     """Return (N, 6) loads at the sites of effects that remember loads, as they are without those effects."""
     found = {effect.location.site: np.zeros((len(rows.q), 6)) for effect in effects}
     loaded = [effect.location.site for effect in effects if effect.law.remembers_load(effect.location)]
@@ -71,7 +67,7 @@ def _wrenches(arm: Affected, rows: Driven, known: Mapping[str, Array], effects: 
     return found | {site: np.array([_load_beyond(one, plain, site) for one in ones]) for site in loaded}
 
 
-def _load_beyond(found: Deflection, arm: Affected, joint: str) -> Array:
+def _load_beyond(found: Deflection, arm: Structure, joint: str) -> Array:
     """Return the (6,) wrench just outboard of a joint's flexures, where effects act."""
     load = pin.Force(found.joint_loads[arm.joint_names.index(joint)])
     for site, twist in zip(arm.sites, found.twists, strict=True):

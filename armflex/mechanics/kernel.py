@@ -21,7 +21,8 @@ flexures inboard of s make the spatial motion (V, R). What comes out is linear i
     of v:  F x R          of w:  M x R + F x V - sum over the bodies outboard of s (f_b x d_b + m_b x r_b)
 
 where (F, M) is the load on all that is outboard of s, about the base's origin. That is one pass out and one back, in
-place of a geometric stiffness. A load that changes by K with its link's motion adds K' (d_b, r_b) as a wrench there.
+place of a geometric stiffness. A load that follows its link is left out of that sum, since flexures that carry it find
+it turned as they are. One that changes by K with its link's motion adds K' (d_b, r_b) as a wrench there.
 With L this map, W_i the spatial motion per change of flexure i's coordinates (exp6's derivative in it) and C_i its
 law's tangent, the tip per change of a law B and per change of a load `B C` obey
 
@@ -61,7 +62,7 @@ in_order = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 class Arm(NamedTuple):
-    """Numbers of an arm with a payload, and the dead wrenches on its links; see `Chain` and `Pushes`."""
+    """Numbers of an arm with a payload, and the wrenches on its links; see `Chain` and `Pushes`."""
 
     elements: Array
     kinds: Array
@@ -85,8 +86,8 @@ class Room(NamedTuple):
 
     turn, origin: Of every flexure in the rigid arm; three rows of `turn` each. moment: first moment about the base of
     what is between it and the next flexure. tip: where the rigid arm has it. frame: three rows, the frame that is
-    walked with. points: where the rigid arm has the loaded links. screws: two rows of each flexure, what `_screw`
-    returns at the twists that were weighed last. The others are what is worked with.
+    walked with. points, pushes: where the rigid arm has the loaded links, and their wrenches. screws: two rows of each
+    flexure, what `_screw` returns at the twists that were weighed last. The others are what is worked with.
     """
 
     turn: Array
@@ -105,12 +106,13 @@ class Room(NamedTuple):
     quaternion: Array
     lane: Array
     points: Array
+    pushes: Array
     hidden: Array
 
 
 def room_for(flexures: int, links: int, lanes: int, rooms: int = 1) -> Array:
     """Return memory for some times a `Room`, in rows of six: to cut it into others takes longer than to fill it."""
-    return np.empty((rooms, 12 * flexures + 8 + links, 6, lanes))
+    return np.empty((rooms, 12 * flexures + 8 + 2 * links, 6, lanes))
 
 
 def packed(*arrays: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -134,16 +136,17 @@ def solve_one(numbers, counts, exact, q, twists, displacement):
     for j in range(len(q)):
         if not bounds[j] <= q[j] <= bounds[len(q) + j]:
             return False
-    k, g = 3 + 4 * m, 3 + 4 * m + 2 * many
-    chain, kinds, links = numbers[:a].reshape((m + 1, 20)), counts[3:k].reshape((4, m)), counts[k:g].reshape((many, 2))
+    k, g = 3 + 4 * m, 3 + 4 * m + 3 * many
+    chain, kinds, links = numbers[:a].reshape((m + 1, 20)), counts[3:k].reshape((4, m)), counts[k:g].reshape((many, 3))
     arm = Arm(chain, kinds, n, links, numbers[a:c].reshape((1, many, 9)))
     compliance, offset = numbers[c:d].reshape((1, n, 6, 6)), numbers[d:e].reshape((1, n, 6))
     hardening = numbers[f : f + 42 * n].reshape((n, 7, 6))
     laws = Laws(compliance, offset, numbers[e:f].reshape((neurons, 13)), counts[g:], hardening)
-    memory, rows = bounds[2 * len(q) :], 12 * n + 8 + many
-    here = _divided(memory[: 6 * rows].reshape((rows, 6, 1)), memory[6 * rows :], n)
+    memory, rows = bounds[2 * len(q) :], 12 * n + 8 + 2 * many
+    here = _divided(memory[: 6 * rows].reshape((rows, 6, 1)), memory[6 * rows :], n, many)
+    _gather(arm, here, 0, ONE)
     _place(arm, here, q.reshape(1, -1), 0, ONE)
-    _weigh(arm, here, False, 0, ONE)
+    _weigh(arm, here, False, ONE)
     _solve(arm, laws, here, 0, exact, ONE)
     for i in range(len(twists)):
         for a in range(6):
@@ -168,13 +171,14 @@ def solve_many(
     arm = Arm(elements, kinds, n, links, wrenches)
     laws = Laws(compliance, offset, neurons, starts, hardening)
     for first in range(0, len(q), len(lanes)):
-        here = _divided(rooms[min(first // len(lanes), len(rooms) - 1)], hidden, n)
+        here = _divided(rooms[min(first // len(lanes), len(rooms) - 1)], hidden, n, len(links))
+        _gather(arm, here, first, lanes)
         if not ready:
             _place(arm, here, q, first, lanes)
-            _weigh(arm, here, False, first, lanes)
+            _weigh(arm, here, False, lanes)
         _solve(arm, laws, here, first, exact, lanes)
         if exact and len(loads) > 0:
-            _weigh(arm, here, True, first, lanes)
+            _weigh(arm, here, True, lanes)
         _displace(arm, here, lanes)
         for c in range(min(len(lanes), len(q) - first)):
             row = first + c
@@ -188,7 +192,7 @@ def solve_many(
 
 
 @inner
-def _divided(room, hidden, n):
+def _divided(room, hidden, n, links):
     """Return memory divided into the arrays of some lanes."""
     last = room[12 * n :]
     return Room(
@@ -207,7 +211,8 @@ def _divided(room, hidden, n):
         wrench=last[5],
         quaternion=last[6],
         lane=last[7],
-        points=last[8:],
+        points=last[8 : 8 + links],
+        pushes=last[8 + links :],
         hidden=hidden,
     )
 
@@ -242,7 +247,7 @@ def _iterate(arm, laws, room, first, lanes):
                 for a in range(6):
                     twists[i, a, c] = 0.0
     for _ in range(STEPS):
-        _weigh(arm, room, True, first, lanes)
+        _weigh(arm, room, True, lanes)
         _deform(laws, room, moved, first, lanes)
         for i in range(len(twists)):
             for a in range(6):
@@ -438,7 +443,22 @@ def _place(arm, room, q, first, lanes):
                     for c in range(len(lanes)):
                         room.points[j, i, c] = tip[0, i, c]
                 _shift(room.points, j, here, arm.wrenches[0, j, 0], arm.wrenches[0, j, 1], arm.wrenches[0, j, 2], lanes)
+                for i in range(6 if arm.links[j, 2] else 0):
+                    for c in range(len(lanes)):
+                        own, b = arm.wrenches[min(first + c, len(arm.wrenches) - 1), j], i % 3
+                        along = here[b, 0, c] * own[3 + i - b] + here[b, 1, c] * own[4 + i - b]
+                        room.pushes[j, i, c] = along + here[b, 2, c] * own[5 + i - b]
     _shift(tip, 0, here, elements[m, 9], elements[m, 10], elements[m, 11], lanes)
+
+
+@inner
+def _gather(arm, room, first, lanes):
+    """Fill the wrenches that do not follow their links."""
+    last = len(arm.wrenches) - 1
+    for j in range(len(arm.links)):
+        for i in range(0 if arm.links[j, 2] else 6):
+            for c in range(len(lanes)):
+                room.pushes[j, i, c] = arm.wrenches[min(first + c, last), j, 3 + i]
 
 
 @inner
@@ -541,7 +561,7 @@ def _screw(room, k, c):
 
 
 @inner
-def _weigh(arm, room, flexed, first, lanes):
+def _weigh(arm, room, flexed, lanes):
     """Fill the loads on the flexures under the weight and the wrenches; without `flexed` those of the rigid arm."""
     moments, n, last = room.moments, arm.flexures, arm.kinds.shape[1]
     for i in range(3):
@@ -566,10 +586,10 @@ def _weigh(arm, room, flexed, first, lanes):
     for step in range(n):
         k = arm.kinds[2, step]
         if flexed:
-            _lean(room.pull, 0, room, k, lanes)
+            _lean(room.pull, 0, room, k, -1.0, lanes)
         _load(arm.elements[k, 19], room, k, lanes)
     for j in range(len(arm.links)):
-        _push(arm, room, j, flexed, first, lanes)
+        _push(arm, room, j, flexed, lanes)
 
 
 @inner
@@ -596,16 +616,16 @@ def _carry(mass, room, k, before, lanes):
 
 
 @inner
-def _lean(vectors, first, room, k, lanes):
-    """Turn three rows back by flexure k, instead of everything outboard of it forth."""
+def _lean(vectors, first, room, k, sense, lanes):
+    """Turn three rows by flexure k: back, -1, instead of everything outboard of it forth, or forth, 1."""
     for c in range(len(lanes)):
         x, y, z = vectors[first, c], vectors[first + 1, c], vectors[first + 2, c]
         _, _, _, wx, wy, wz, b, t, s = _kept(room, k, c)
-        a = 1.0 - t * s
+        a = sense * (1.0 - t * s)
         ox, oy, oz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
-        vectors[first, c] = x + b * (wy * oz - wz * oy) - a * ox
-        vectors[first + 1, c] = y + b * (wz * ox - wx * oz) - a * oy
-        vectors[first + 2, c] = z + b * (wx * oy - wy * ox) - a * oz
+        vectors[first, c] = x + b * (wy * oz - wz * oy) + a * ox
+        vectors[first + 1, c] = y + b * (wz * ox - wx * oz) + a * oy
+        vectors[first + 2, c] = z + b * (wx * oy - wy * ox) + a * oz
 
 
 @inner
@@ -625,48 +645,72 @@ def _load(mass, room, k, lanes):
 
 
 @called
-def _push(arm, room, j, flexed, first, lanes):
-    """Add to the loads those of the dead wrench on link j.
+def _push(arm, room, j, flexed, lanes):
+    """Add to the loads those of the wrench on link j.
 
-    As with the weight its point is moved by the flexures between it and the one that it loads, and it is turned back by
-    that one and those inboard of it.
+    Its point is moved by the flexures between it and the one that it loads. As the weight it is turned back by that one
+    and those inboard of it; one that follows its link is turned forth as the point is moved.
     """
-    wrench, seen, last = room.wrench, room.seen, len(arm.wrenches) - 1
-    for i in range(3):
-        for c in range(len(lanes)):
-            wrench[i, c] = room.points[j, i, c]
-    for step in range(arm.links[j, 1] - 1, -1, -1):
-        for c in range(len(lanes)):
-            x, y, z = wrench[0, c], wrench[1, c], wrench[2, c]
-            seen[step, 0, c], seen[step, 1, c], seen[step, 2, c] = x, y, z
-            if flexed and step > 0:
-                vx, vy, vz, wx, wy, wz, b, t, _ = _kept(room, arm.kinds[2, step], c)
-                ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-                ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-                wrench[0, c] = x + ux + b * ox + t * (wy * oz - wz * oy)
-                wrench[1, c] = y + uy + b * oy + t * (wz * ox - wx * oz)
-                wrench[2, c] = z + uz + b * oz + t * (wx * oy - wy * ox)
+    wrench, follows, outmost = room.wrench, arm.links[j, 2] != 0, arm.links[j, 1] - 1
+    if outmost < 0:
+        return
     turned = False
     for i in range(6):
         for c in range(len(lanes)):
-            wrench[i, c] = arm.wrenches[min(first + c, last), j, 3 + i]
+            wrench[i, c] = room.pushes[j, i, c]
             turned |= i > 2 and wrench[i, c] != 0.0
-    for step in range(arm.links[j, 1]):
+    for i in range(3):
+        for c in range(len(lanes)):
+            room.seen[outmost, i, c] = room.points[j, i, c]
+    for step in range(outmost, -1, -1):
+        k = arm.kinds[2, step]
+        if follows:
+            _bear(room, step, k, lanes)
+        if step > 0:
+            _see(room, step, k, flexed, lanes)
+            if flexed and follows:
+                _lean(wrench, 0, room, k, 1.0, lanes)
+                if turned:
+                    _lean(wrench, 3, room, k, 1.0, lanes)
+    for step in range(0 if follows else outmost + 1):
         k = arm.kinds[2, step]
         if flexed:
-            _lean(wrench, 0, room, k, lanes)
+            _lean(wrench, 0, room, k, -1.0, lanes)
             if turned:
-                _lean(wrench, 3, room, k, lanes)
-        for c in range(len(lanes)):
-            fx, fy, fz, mx, my, mz = wrench[0, c], wrench[1, c], wrench[2, c], wrench[3, c], wrench[4, c], wrench[5, c]
-            x = seen[step, 0, c] - room.origin[k, 0, c]
-            y = seen[step, 1, c] - room.origin[k, 1, c]
-            z = seen[step, 2, c] - room.origin[k, 2, c]
-            mx, my, mz = mx + y * fz - z * fy, my + z * fx - x * fz, mz + x * fy - y * fx
-            for i in range(3):
-                r0, r1, r2 = room.turn[3 * k, i, c], room.turn[3 * k + 1, i, c], room.turn[3 * k + 2, i, c]
-                room.loads[k, i, c] += r0 * fx + r1 * fy + r2 * fz
-                room.loads[k, 3 + i, c] += r0 * mx + r1 * my + r2 * mz
+                _lean(wrench, 3, room, k, -1.0, lanes)
+        _bear(room, step, k, lanes)
+
+
+@inner
+def _see(room, step, k, flexed, lanes):
+    """Fill where the flexure before step sees the point of a wrench, which flexure k moves."""
+    seen = room.seen
+    for c in range(len(lanes)):
+        x, y, z = seen[step, 0, c], seen[step, 1, c], seen[step, 2, c]
+        if flexed:
+            vx, vy, vz, wx, wy, wz, b, t, _ = _kept(room, k, c)
+            ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+            ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
+            x += ux + b * ox + t * (wy * oz - wz * oy)
+            y += uy + b * oy + t * (wz * ox - wx * oz)
+            z += uz + b * oz + t * (wx * oy - wy * ox)
+        seen[step - 1, 0, c], seen[step - 1, 1, c], seen[step - 1, 2, c] = x, y, z
+
+
+@inner
+def _bear(room, step, k, lanes):
+    """Add a wrench at the point that is seen to the load on flexure k."""
+    wrench, seen = room.wrench, room.seen
+    for c in range(len(lanes)):
+        fx, fy, fz, mx, my, mz = wrench[0, c], wrench[1, c], wrench[2, c], wrench[3, c], wrench[4, c], wrench[5, c]
+        x = seen[step, 0, c] - room.origin[k, 0, c]
+        y = seen[step, 1, c] - room.origin[k, 1, c]
+        z = seen[step, 2, c] - room.origin[k, 2, c]
+        mx, my, mz = mx + y * fz - z * fy, my + z * fx - x * fz, mz + x * fy - y * fx
+        for i in range(3):
+            r0, r1, r2 = room.turn[3 * k, i, c], room.turn[3 * k + 1, i, c], room.turn[3 * k + 2, i, c]
+            room.loads[k, i, c] += r0 * fx + r1 * fy + r2 * fz
+            room.loads[k, 3 + i, c] += r0 * mx + r1 * my + r2 * mz
 
 
 @inner
@@ -842,7 +886,7 @@ def responses(
 @jit
 def rigid_tips(elements, kinds, q, poses):
     """Fill the (N, 4, 4) poses of the rigid arm's tip at (N, nq) joint positions."""
-    arm = Arm(elements, kinds, 0, np.empty((0, 2), dtype=np.int64), np.empty((1, 0, 9)))
+    arm = Arm(elements, kinds, 0, np.empty((0, 3), dtype=np.int64), np.empty((1, 0, 9)))
     here, m = _flexed_room(arm), kinds.shape[1]
     none, turn = np.empty((0, 6)), np.empty((3, 3))
     for row in range(len(q)):
@@ -903,7 +947,7 @@ def _flexed_room(arm):
 def _flex(arm, here, q, twists, row):
     """Place the flexed arm, and find the loads on all that is outboard of each element."""
     elements, kinds, m = arm.elements, arm.kinds, arm.kinds.shape[1]
-    turn, origin, local, moved = here.turn, here.origin, np.empty(12), np.empty(6)
+    turn, origin, local, moved, pushed = here.turn, here.origin, np.empty(12), np.empty(6), np.empty(6)
     turn[0], origin[0] = np.eye(3), 0.0
     for k in range(1, m):
         kind, own = kinds[0, k] & 3, kinds[1, k]
@@ -935,14 +979,19 @@ def _flex(arm, here, q, twists, row):
             if arm.links[j, 0] == k:
                 wrench, point = arm.wrenches[min(row, len(arm.wrenches) - 1), j], here.points[j]
                 for i in range(3):
-                    point[i] = origin[k, i]
+                    point[i], pushed[i], pushed[3 + i] = origin[k, i], wrench[3 + i], wrench[6 + i]
+                    if arm.links[j, 2]:
+                        pushed[i] = pushed[3 + i] = 0.0
                     for a in range(3):
                         point[i] += turn[k, i, a] * wrench[a]
-                    load[i] += wrench[3 + i]
-                    load[3 + i] += wrench[6 + i]
-                load[3] += point[1] * wrench[5] - point[2] * wrench[4]
-                load[4] += point[2] * wrench[3] - point[0] * wrench[5]
-                load[5] += point[0] * wrench[4] - point[1] * wrench[3]
+                        if arm.links[j, 2]:
+                            pushed[i] += turn[k, i, a] * wrench[3 + a]
+                            pushed[3 + i] += turn[k, i, a] * wrench[6 + a]
+                    load[i] += pushed[i]
+                    load[3 + i] += pushed[3 + i]
+                load[3] += point[1] * pushed[2] - point[2] * pushed[1]
+                load[4] += point[2] * pushed[0] - point[0] * pushed[2]
+                load[5] += point[0] * pushed[1] - point[1] * pushed[0]
         if k < m - 1:
             for a in range(6):
                 load[a] += here.load[k + 1, a]
@@ -1128,7 +1177,9 @@ def _push_back(arm, here, changes, row):
 
 @called
 def _pair_link(arm, here, j, own, changes, row, push):
-    """Add what a loaded link gives to the (6, W) push: its dead wrench, and how that changes with its motion."""
+    """Add what a loaded link gives to the (6, W) push: its wrench, and how that changes with its motion."""
+    if arm.links[j, 2]:
+        return
     wrench, point = arm.wrenches[min(row, len(arm.wrenches) - 1), j], here.points[j]
     x, y, z = point[0], point[1], point[2]
     motion, given = np.empty((6, WIDTH)), np.empty((6, WIDTH))
@@ -1206,8 +1257,8 @@ def _shifted_mass(here, gravity):
 
 def compile_everything() -> None:
     """Compile what is not yet kept, by asking about no rows: it takes some seconds, and is better done beforehand."""
-    whole = np.zeros((0, 2), dtype=np.int64)
-    arm = (np.zeros((1, 20)), np.zeros((4, 0), dtype=np.int64), whole, np.zeros((1, 0, 9)))
+    links = np.zeros((0, 3), dtype=np.int64)
+    arm = (np.zeros((1, 20)), np.zeros((4, 0), dtype=np.int64), links, np.zeros((1, 0, 9)))
     laws = (np.zeros((1, 0, 6, 6)), np.zeros((1, 0, 6)), np.zeros((0, 13)), np.zeros(1, dtype=np.int64))
     laws += (np.zeros((0, 7, 6)),)
     q, twists, changes, tip = np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6)), np.zeros((0, 6))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -220,18 +220,19 @@ class RowLaws:
 class PlacedLaws:
     """The laws at one row as a map from Pinocchio's generalized torques to velocities: no gathering, no signs to turn.
 
-        v = matrix tau + gains tanh(units tau + bias) + offset + what is curved gives
+        v = matrix tau + gains tanh(units tau + bias) + what hardens gives + offset + what is curved gives
 
     A torque is minus the load that deforms. Velocities of joints are zero, and torques on them do not count.
 
     Attributes:
         motion: (nv,) generalized torques to the (nv,) twists, among zeros, that the laws give at the row that is known.
-        curved: Whether their tangents depend on the load there.
+        curved: Whether laws must be asked under every load.
+        bent: Whether tangents depend on the load.
         tame: Whether no weight can give twists whose squares overflow, by what of them is the same everywhere.
     """
 
     def __init__(self, stack: LawStack, places: np.ndarray, size: int) -> None:
-        (compliance, offset, neurons, starts, _), matrix = stack.numbers, np.zeros((size, size))
+        (compliance, offset, neurons, starts, hardening), matrix = stack.numbers, np.zeros((size, size))
         units, gains = np.zeros((len(neurons), size)), np.zeros((size, len(neurons) + 1))
         for here, block in zip(places, compliance[0], strict=True):
             matrix[np.ix_(here, here)] = -block
@@ -239,18 +240,17 @@ class PlacedLaws:
         np.put_along_axis(units, own, -neurons[:, :6], axis=1)
         np.put_along_axis(gains[:, :-1].T, own, neurons[:, 7:], axis=1)
         gains[places, -1] = offset[0]
-        self._networks = _networks(units, neurons[:, 6].copy(), gains) if len(neurons) else None
-        diagonal, linear = np.diag(matrix).copy(), matrix.dot if matrix.any() else None
-        if linear and np.count_nonzero(matrix) == np.count_nonzero(diagonal):  # as usual, and a third of the time
-            linear = partial(np.multiply, diagonal)
-        self.motion = self._usual = _sum(linear, self._networks)
+        networks = _networks(units, neurons[:, 6].copy(), gains) if len(neurons) else None
+        hardened, softest = _hardened(hardening, places, size) if stack.hardened else (None, 0.0)
+        self._bent = [part for part in (networks, hardened) if part]
+        self.motion = self._usual = _sum([_times(matrix)] * bool(matrix.any()) + self._bent)
         self._stack, self._size, self._same, self._matrix = stack, size, matrix, matrix.copy()
         self._places = [slice(int(here[0]), int(here[5]) + 1) for here in places]
         self._softer: list[slice] = []
         self._row = NOWHERE
         self._known: dict[int, Array] = {}
-        self.changing, self.curved = bool(stack.changing), False
-        self.tame = max(abs(matrix).max(initial=0.0), abs(gains).max(initial=0.0)) < TAME
+        self.changing, self.curved, self.bent = bool(stack.asked), False, bool(self._bent)
+        self.tame = max(abs(matrix).max(initial=0.0), abs(gains).max(initial=0.0), softest) < TAME
 
     def know(self, row: Row) -> None:
         """Take in the row of the questions to come; needed where laws depend on more than the load."""
@@ -258,7 +258,7 @@ class PlacedLaws:
         for here in self._softer:
             self._matrix[here, here] = self._same[here, here]
         self._softer = []
-        for i, law in self._stack.changing:
+        for i, law in self._stack.asked:
             here, found = self._places[i], law.affine(row)
             if found is None:
                 curved.append((here, law))
@@ -270,8 +270,8 @@ class PlacedLaws:
             if compliance is not UNLOADED:
                 self._matrix[here, here] -= compliance
                 self._softer.append(here)
-        self.curved = bool(curved)
-        together = _sum(self._matrix.dot, self._networks) if self._softer else self._usual
+        self.curved, self.bent = bool(curved), bool(curved or self._bent)
+        together = _sum([self._matrix.dot, *self._bent]) if self._softer else self._usual
 
         def motion(torque: Array) -> Array:
             found = together(torque)
@@ -302,12 +302,40 @@ def _networks(units: Array, bias: Array, gains: Array) -> Motion:
     return networks
 
 
-def _sum(linear: Motion | None, networks: Motion | None) -> Motion:
+def _hardened(hardening: Array, places: np.ndarray, size: int) -> tuple[Motion, float]:
+    """Return the map of all laws that harden together, `LawStack.numbers`' (n, 7, 6), and the largest of their C."""
+    matrix, rates, owner = np.zeros((size, size)), np.zeros((len(places), size)), np.zeros(size, dtype=np.intp)
+    for i, here in enumerate(places):
+        matrix[np.ix_(here, here)], rates[i, here], owner[here] = -hardening[i, :6], -hardening[i, 6, 0], i
+    straight, energies = _times(matrix), rates.dot
+
+    def hardened(torque: Array) -> Array:
+        found = straight(torque)
+        more = energies(torque * found)
+        more += 1.0
+        found /= np.sqrt(more, more)[owner]
+        return found
+
+    return hardened, float(abs(matrix).max())
+
+
+def _times(matrix: Array) -> Motion:
+    """Return the map that a matrix is; a diagonal one, as is usual, takes a third of the time."""
+    diagonal = np.diag(matrix).copy()
+    same = np.count_nonzero(matrix) == np.count_nonzero(diagonal)
+    return partial(np.multiply, diagonal) if same else matrix.dot
+
+
+def _sum(motions: Sequence[Motion]) -> Motion:
     """Return the map of the laws that need not be asked one by one."""
-    if linear is None or networks is None:
-        return networks or linear or np.zeros_like
+    if len(motions) < 2:
+        return motions[0] if motions else np.zeros_like
+    first, *others = motions
 
-    def both(torque: Array) -> Array:
-        return linear(torque) + networks(torque)
+    def together(torque: Array) -> Array:
+        found = first(torque)
+        for one in others:
+            found += one(torque)
+        return found
 
-    return both
+    return together

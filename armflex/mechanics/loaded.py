@@ -12,17 +12,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.conventions import Array, finite_array
+from armflex.conventions import LARGEST, Array, finite_array
 from armflex.errors import Flag, InputError, PayloadError, UnknownNameError
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
-from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.effect import Manipulator
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.pinocchio_model import Load, Mechanics
-from armflex.robot import Corrections, FlexModel, Robot, Site, build_model
-from armflex.rows.wrench import Wrench
+from armflex.robot import Corrections, FlexModel, Site, build_model
+from armflex.rows.wrench import Wrench, check_rows, same_objects
 
 TOOL = "what is at the tool"
 
@@ -99,26 +99,21 @@ class Names:
     tip: str
 
 
-class Structure(Protocol):
-    """A manipulator with flexures, immutable.
+class Structure(Manipulator, Protocol):
+    """What mechanics knows of an arm beside what effects do; immutable.
 
     Attributes:
-        robot: The validated robot.
         corrections: Constant errors of its kinematics, bodies included.
         payload_rating: Heaviest rated payload [kg], None when not stated.
         flags: Flags about it as declared.
-        sites: Of its flexures, in order; `stack` has their laws.
-        pulls: Loads on its links.
-        effects: What it does beyond its flexures; those at work are in `stack` and `pulls`.
+        sites: Of its flexures, in order; `stack` has their laws, with the effects at work there.
+        pulls: Loads that effects put on its links.
         names: Of joints and flexures, base and tip.
         joint_index: Place of every joint in q.
         bounds: Least and largest positions of all joints that are within their limits and of sensible size.
         link_names: Links at and beyond the base.
-        weight: Of everything that moves [N].
     """
 
-    @property
-    def robot(self) -> Robot: ...
     @property
     def corrections(self) -> Corrections: ...
     @property
@@ -132,8 +127,6 @@ class Structure(Protocol):
     @property
     def pulls(self) -> Sequence[Load]: ...
     @property
-    def effects(self) -> Sequence[Effect]: ...
-    @property
     def names(self) -> Names: ...
     @property
     def joint_names(self) -> tuple[str, ...]: ...
@@ -143,8 +136,6 @@ class Structure(Protocol):
     def bounds(self) -> tuple[list[float], list[float]]: ...
     @property
     def link_names(self) -> tuple[str, ...]: ...
-    @property
-    def weight(self) -> float: ...
 
     def payload(self, payload: str | Payload | None) -> Payload:
         """Return a payload by name."""
@@ -161,6 +152,30 @@ class Structure(Protocol):
     def checked(self, values: ArrayLike, name: str) -> Array:
         """Return an (nq,) copy of a number for each joint [rad or m]."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class Outside:
+    """Loads from outside on an arm with its payload, the same in all rows, and what is known of them beforehand."""
+
+    loaded: LoadedArm
+    wrenches: tuple[Wrench, ...]
+
+    @cached_property
+    def flags(self) -> tuple[Flag, ...]:
+        """See `LoadedArm.flags_under`."""
+        return self.loaded.flags_under(self.wrenches, accelerated=False)
+
+    @cached_property
+    def moderate(self) -> bool:
+        """Whether these and what pulls at the arm are of a size that a quantity may have."""
+        return all(max(one.sizes) < LARGEST for one in (*self.wrenches, *self.loaded.arm.pulls))
+
+    @cached_property
+    def proven(self) -> bool:
+        """Whether the bound alone proves that the arm stays under them, wherever its joints are."""
+        bound = self.loaded.stability_bound
+        return bound is not None and bound.proven_under(self.wrenches)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +237,10 @@ class LoadedArm:
         for wrench in wrenches:
             if wrench.frame not in arm.link_names:
                 raise UnknownNameError("link", wrench.frame, arm.link_names)
-            if not wrench.dead:
+            if wrench.hangs and accelerated:
+                text = f"what hangs on {wrench.frame!r} beside the chain weighs, but is not accelerated"
+                flags.append(Flag("branch_at_rest", text))
+            if not (wrench.dead or wrench.hangs):
                 text = f"the load at {wrench.frame!r} turns with its link; buckling is checked, flutter is not"
                 flags.append(Flag("follower_load", text))
             size = wrench.sizes[0]
@@ -230,6 +248,18 @@ class LoadedArm:
                 text = f"{size:.3g} N at {wrench.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
                 flags.append(Flag("large_force", text))
         return (*known, *flags) if flags else known
+
+    def outside(self, wrenches: tuple[Wrench, ...]) -> Outside:
+        """Return loads from outside with what is known of them; of those that were asked about last it is kept.
+
+        Raises:
+            ShapeError: One is for rows of a batch.
+        """
+        known: Outside | None = getattr(self._local, "outside", None)
+        if known is None or not same_objects(known.wrenches, wrenches):
+            check_rows(wrenches, None)
+            known = self._local.outside = Outside(self, wrenches)
+        return known
 
     def sag_flags(self, displacement: Array) -> tuple[Flag, ...]:
         """Return a flag where the tip's (6,) displacement [m, rad] is a good part of the reach."""

@@ -1,9 +1,9 @@
 """Where a loaded arm comes to rest in many rows: compiled code, and rounds about it for what is no plain number.
 
-The kernel settles arms exactly whose laws are affine in the load, harden or are networks, under dead wrenches. A law
-that is curved in another way is put to it as its affine expansion about the loads so far, a load that depends on its
-link's pose as the wrench that it is there; both are renewed until they are what they were taken for, which takes two to
-four rounds. Every law and every load is asked once a round for all rows.
+The kernel settles arms exactly whose laws are affine in the load, harden or are networks, under wrenches that are dead
+or follow their links. A law that is curved in another way is put to it as its affine expansion about the loads so far,
+a load that depends on its link's pose otherwise as the wrench that it is there; both are renewed until they are what
+they were taken for, which takes two to four rounds. Every law and every load is asked once a round for all rows.
 """
 
 from __future__ import annotations
@@ -24,11 +24,14 @@ from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.pinocchio_model import Load
 
+COMPILED = ("exact", "first_order")
+"""Methods that the kernel has."""
+
 AT_ONCE = 8192
 """Rows that are asked about together: their arrays stay near the processor, and memory does not grow with N."""
 
 ROUNDS = 16
-"""A row whose curved laws or turning loads are not settled after so many is left to the reference."""
+"""A row whose curved laws or posed loads are not settled after so many is left to the reference."""
 
 SETTLED = 1e-13
 """Change between two rounds: of all flexures' twists [m, rad], and of a wrench by its size."""
@@ -38,7 +41,7 @@ NO_CHANGES = np.zeros((0, 0, 6, 6))
 Pushed = tuple[np.ndarray, Array, Array]
 """Links, (1 or N, L, 9) wrenches and (0 or N, L, 6, 6) changes of them; see `Pushes`."""
 
-NOT_PUSHED: Pushed = (np.zeros((0, 2), dtype=np.int64), np.zeros((1, 0, 9)), NO_CHANGES)
+NOT_PUSHED: Pushed = (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)), NO_CHANGES)
 
 
 @cache
@@ -74,8 +77,9 @@ class Pushes:
     """Wrenches on a loaded arm, and what its effects put on its links, in numbers for the kernel.
 
     Attributes:
-        links: (L, 2) element of a chain that each link is fixed to, and how many flexures move it.
-        turning: Numbers of the loads that depend on their links' poses.
+        links: (L, 3) element of a chain that each link is fixed to, how many flexures move it, and whether its wrench
+            follows it: is in the element's axes.
+        posed: Numbers of the loads that depend on their links' poses otherwise.
     """
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Load] = (), sited: bool = False) -> None:
@@ -85,35 +89,37 @@ class Pushes:
         self._frames = own = frames.some([frames.names.index(load.frame) for load in loads])
         elements = own.places[0]
         inboard = [self._chain.flexures_inboard(int(element)) for element in elements]
-        self.links = np.array([elements, inboard], dtype=np.int64).reshape(2, -1).T.copy()
-        self.turning = [j for j, load in enumerate(loads) if not load.dead]
-        dead = {j: load.at(np.eye(4)) for j, load in enumerate(loads) if load.dead}
-        each = max((len(load) for load in dead.values() if load.ndim == 2), default=1)
-        self._dead = np.zeros((each, len(loads), 9))
-        self._dead[:, :, :3] = own.numbers[:, 9:]
-        for j, load in dead.items():
-            self._dead[:, j, 3:] = load
+        following = [load.follows for load in loads]
+        self.links = np.array([elements, inboard, following], dtype=np.int64).reshape(3, -1).T.copy()
+        self.posed = [j for j, load in enumerate(loads) if not (load.dead or load.follows)]
+        same = {j: load.at(np.eye(4)) for j, load in enumerate(loads) if j not in self.posed}
+        each = max((len(load) for load in same.values() if load.ndim == 2), default=1)
+        self._same = np.zeros((each, len(loads), 9))
+        self._same[:, :, :3] = own.numbers[:, 9:]
+        for j, load in same.items():
+            turn = np.kron(np.eye(2), own.numbers[j, :9].reshape(3, 3).T)
+            self._same[:, j, 3:] = load @ turn if following[j] else load
 
     def wrenches(self, q: Array, twists: Array | None = None) -> Array:
-        """Return (1 or N, L, 9) where on its element each acts [m], and the wrench in base axes [N, Nm].
+        """Return (1 or N, L, 9) where on its element each acts [m], and the wrench [N, Nm] in base or element axes.
 
         Args:
             q: (N, nq) joint positions [rad or m].
             twists: (N, n, 6) of the flexures, zero where not given.
         """
-        if not self.turning:
-            return self._dead
-        poses, found = self._poses(q, twists), np.broadcast_to(self._dead, (len(q), *self._dead.shape[1:])).copy()
-        for j in self.turning:
+        if not self.posed:
+            return self._same
+        poses, found = self._poses(q, twists), np.broadcast_to(self._same, (len(q), *self._same.shape[1:])).copy()
+        for j in self.posed:
             found[:, j, 3:] = self._loads[j].at(poses[:, j])
         return found
 
     def changes(self, q: Array, twists: Array) -> Array:
-        """Return the (N, L, 6, 6) change of the wrenches with their links' motion; no rows where none changes."""
-        if not self.turning:
+        """Return the (N, L, 6, 6) change of posed wrenches with their links' motion; no rows where there are none."""
+        if not self.posed:
             return NO_CHANGES
         poses, found = self._poses(q, twists), np.zeros((len(q), len(self._loads), 6, 6))
-        for j in self.turning:
+        for j in self.posed:
             found[:, j] = self._loads[j].change(poses[:, j])
         return found
 
@@ -174,7 +180,7 @@ class RowSolver:
 
     def needs_wrenches(self, laws: RowLaws) -> bool:
         """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
-        plain = not (laws.curved or self.pushes.turning)
+        plain = not (laws.curved or self.pushes.posed)
         return not plain or (self._exact and (laws.bent or not (self.bound and self.bound.proven)))
 
     @cached_property
@@ -199,7 +205,7 @@ class RowSolver:
             rooms: Memory that was asked for here; one of its own where not given.
             ready: Whether it holds what a call left there of the same rows, from where it then goes on.
         """
-        q, later = np.ascontiguousarray(row.q), bool(laws.curved or self.pushes.turning)
+        q, later = np.ascontiguousarray(row.q), bool(laws.curved or self.pushes.posed)
         if rooms is None:
             rooms = self.rooms(len(q) if later else 1)
         if later:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -17,15 +17,20 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.mechanics.laws import LawStack, PlacedLaws
 from armflex.robot import FlexModel
-from armflex.rows.wrench import Wrench, wrenches_in
+from armflex.rows.wrench import Wrench, same_objects, wrenches_in
 
-gravity, rnea, integrate, frame_jacobian = (
+gravity, static_torque, rnea, integrate = (
     pin.computeGeneralizedGravity,
+    pin.computeStaticTorque,
     pin.rnea,
     pin.integrate,
+)
+place_frames, place_joints, frame_jacobian = (
+    pin.framesForwardKinematics,
+    pin.forwardKinematics,
     pin.computeFrameJacobian,
 )
-place_frames, log3, BASE_AXES = pin.framesForwardKinematics, pin.log3, pin.LOCAL_WORLD_ALIGNED
+log3, dot, BASE_AXES = pin.log3, np.dot, pin.LOCAL_WORLD_ALIGNED
 
 BASE = np.eye(4)
 NOTHING_KNOWN: Mapping[str, Array] = {}
@@ -45,8 +50,13 @@ class Load(Protocol):
         ...
 
     @property
+    def follows(self) -> bool:
+        """Whether the wrench is the same in the axes of its link wherever that is: a follower load."""
+        ...
+
+    @property
     def sizes(self) -> tuple[float, float]:
-        """Of force [N] and moment [N m], of a dead load."""
+        """Of force [N] and moment [N m], of a dead or a follower load."""
         ...
 
     def at(self, pose: Array) -> Array:
@@ -94,11 +104,14 @@ class Mechanics:
         self.model, self.data, self._rigid_data = flex.model, flex.model.createData(), rigid.model.createData()
         self.laws = PlacedLaws(stack, flex.flexure_v.reshape(-1, 6), flex.model.nv)
         self._frames = {link: flex.frame(link) for link in flex.links}
+        self._carriers: dict[str, tuple[int, Array, Array]] = {}
+        # Views into Pinocchio's own memory: to ask for them costs more than to compute what they show.
+        self._turns = [self.data.oMi[at].rotation.T.reshape(9) for at in range(self.model.njoints)]
         self.weight = partial(gravity, self.model, self.data)
         self.flexures = np.ix_(flex.flexure_v, flex.flexure_v)
-        # Views into Pinocchio's own memory: to ask for them costs more than to compute what they show.
         tip, rigid_tip = self.data.oMf[flex.tip], self._rigid_data.oMf[rigid.tip]
         self._shift, self._turn = tip.translation, tip.rotation
+        self._last = (), self._loaded((), static_torque)
         self._rigid_shift, self._rigid_turn = rigid_tip.translation, rigid_tip.rotation.T
 
     def rigid_configuration(self, q: Array) -> Array:
@@ -119,38 +132,63 @@ class Mechanics:
         moves = case.v is not None or case.a is not None
         if not (moves or case.wrenches or self.pulls):
             return self.weight
-        model, data = self.model, self.data
-        bare: Callable[[Array], Array] = self.weight
         if moves:
             v, a = self._velocities(case)
+            return self._loaded(case.wrenches, partial(_accelerated, v, a))
+        if not same_objects(self._last[0], case.wrenches):
+            self._last = case.wrenches, self._loaded(case.wrenches, static_torque)
+        return self._last[1]
 
-            def moving(configuration: Array) -> Array:
-                return rnea(model, data, configuration, v, a)
-
-            bare = moving
-
-        loads = [(self._frames[load.frame], load) for load in (*case.wrenches, *self.pulls)]
-        dead = [(frame, load.at(BASE).dot) for frame, load in loads if load.dead]
-        turning = [(frame, load) for frame, load in loads if not load.dead]
-
-        if len(dead) == 1 and not turning:  # the usual, which a loop makes 2 % slower
-            (at, wrench), *_ = dead
-
-            def pushed(configuration: Array) -> Array:
-                return bare(configuration) - wrench(frame_jacobian(model, data, configuration, at, BASE_AXES))
-
-            return pushed
+    def _loaded(self, wrenches: tuple[Wrench, ...], hold: Callable[..., Array]) -> Callable[[Array], Array]:
+        """Return the map for what holds the arm under forces on Pinocchio's joints, in their axes."""
+        model, data, forces = self.model, self.data, pin.StdVec_Force()
+        forces.extend([pin.Force.Zero()] * model.njoints)
+        # What follows its link stands in the joint's axes; of what is dead the joint's rotation is a factor.
+        standing: dict[int, Array] = {}
+        dead: dict[int, Array] = {}
+        posed = []
+        for load in (*wrenches, *self.pulls):
+            at, by_turn, by_link = self._carriers.get(load.frame) or self._carrier(load.frame)
+            if load.follows:
+                standing[at] = standing.get(at, 0.0) + load.at(BASE).dot(by_link)
+            elif load.dead:
+                dead[at] = dead.get(at, 0.0) + load.at(BASE).dot(by_turn)
+            else:
+                posed.append((load, self._frames[load.frame], forces[at].vector))
+                dead.setdefault(at, np.zeros(54))
+        for at, force in standing.items():
+            forces[at].vector[:] = force
+        turning = [
+            (part.reshape(6, 9), self._turns[at], standing.get(at), forces[at].vector) for at, part in dead.items()
+        ]
+        if not turning:
+            return lambda configuration: hold(model, data, configuration, forces)
 
         def loaded(configuration: Array) -> Array:
-            torque = bare(configuration)
-            for frame, wrench_times in dead:
-                torque -= wrench_times(frame_jacobian(model, data, configuration, frame, BASE_AXES))
-            for frame, load in turning:
-                jacobian = frame_jacobian(model, data, configuration, frame, BASE_AXES)
-                torque -= load.at(self.frame_pose(configuration, frame).homogeneous).dot(jacobian)
-            return torque
+            place_joints(model, data, configuration)
+            for per_turn, turn, same, here in turning:
+                dot(per_turn, turn, here)
+                if same is not None:
+                    here += same
+            for load, frame, here in posed:
+                pose = pin.updateFramePlacement(model, data, frame)
+                here += model.frames[frame].placement.act(_in_axes_of(pose, load)).vector
+            return hold(model, data, configuration, forces)
 
         return loaded
+
+    def _carrier(self, link: str) -> tuple[int, Array, Array]:
+        """Return the Pinocchio joint of a link, and what makes a wrench on it a force on that, in its axes.
+
+        (6, 54) by which a wrench in base axes is to be multiplied for the force per entry of the joint's rotation, by
+        columns, and (6, 6) for one in axes of the link.
+        """
+        frame = self.model.frames[self._frames[link]]
+        lever, lines = pin.skew(frame.placement.translation), np.eye(6).reshape(6, 2, 3)
+        turned = [[np.kron(np.eye(3), part) for part in line] for line in lines]
+        by_turn = np.array([np.vstack([force, moment + lever @ force]).ravel() for force, moment in turned])
+        self._carriers[link] = found = frame.parentJoint, by_turn, frame.placement.inverse().action
+        return found
 
     def stiffness(self, configuration: Array, case: LoadCase) -> Array:
         """Return the (nv, nv) change of the torque per body motion of joints and flexures: the geometric stiffness."""
@@ -226,6 +264,12 @@ class Mechanics:
             local = _in_axes_of(self.frame_pose(configuration, frame), load)
             forces[owner.parentJoint] = forces[owner.parentJoint] + owner.placement.act(local)
         return forces
+
+
+def _accelerated(v: Array, a: Array, *asked: Any) -> Array:
+    """Return the torque that holds a moving arm under forces on its joints."""
+    model, data, configuration, forces = asked
+    return rnea(model, data, configuration, v, a, forces)
 
 
 def _in_axes_of(pose: pin.SE3, load: Load) -> pin.Force:

@@ -15,13 +15,10 @@ from armflex.mechanics.deflection import deflect
 from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.many_rows import ROUNDS, SETTLED, RowSolver, kernel, turned
+from armflex.mechanics.many_rows import COMPILED, ROUNDS, SETTLED, RowSolver, kernel, turned
 from armflex.mechanics.pinocchio_model import Load, LoadCase
 from armflex.robot import build_model
 from armflex.rows.wrench import Wrench, check_rows
-
-COMPILED = ("exact", "first_order")
-"""Methods that the kernel has."""
 
 FLOAT = np.dtype(float)
 
@@ -36,9 +33,9 @@ class Prepared:
     """`loop = arm.prepared("p300")`, then `loop(q)` at every tick: the tip's displacement, nothing else computed.
 
     The answers and the errors are those of `arm.deflection(q, "p300")`, to 1e-13 m and rad; flags that are no errors
-    are not looked for. No answer depends on those before it. Laws that are affine in the load, networks and dead loads
-    are the quickest; other laws and loads take some rounds each. It has its own workspace and remembers its last
-    answer: one object for each thread.
+    are not looked for. No answer depends on those before it. Laws that are affine in the load, networks, and wrenches
+    in base or link axes are the quickest; other laws and loads take some rounds each. It has its own workspace and
+    remembers its last answer: one object for each thread.
     """
 
     def __init__(
@@ -118,7 +115,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
     bounds, shape = np.array(arm.bounds), (len(arm.joint_names),)
     solver, middle = RowSolver(loaded, exact, wrenches), bounds.mean(axis=0)
     laws, pushes, bound, chain = RowLaws(stack), solver.pushes, solver.bound, loaded.chain.numbers
-    room, dead = compiled.room_for(n, len(pushes.links), lanes=1)[0], not pushes.turning
+    room, settled = compiled.room_for(n, len(pushes.links), lanes=1)[0], not pushes.posed
     own = (laws.compliance, laws.offset, laws.neurons, laws.hardening)
     kept = (chain[0], pushes.wrenches(middle[None]), *own, bounds, room, laws.neurons[:, 0])
     numbers, (_, pushed, laws.compliance, laws.offset, *_, room, _) = compiled.packed(*kept)
@@ -140,14 +137,14 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
         here, twists, displacement = q.copy(), empty(size), empty(6)
         row = loaded.row(here, {name: covariate_array(value, name, 0) for name, value in covariates.items()})
         laws.know(row)
-        if dead and not laws.curved:
+        if settled and not laws.curved:
             fine = solve(numbers, counts, exact, here, twists, displacement)
         else:
             fine = settle(row, here, twists, displacement)
         return (here, twists, displacement) if fine and (proven or stays(row, here, twists)) else None
 
     def settle(row: Row, here: Array, twists: Array, displacement: Array) -> bool:
-        """Renew what the curved laws give and the turning loads until both are what they were taken for.
+        """Renew what the curved laws give and the posed loads until both are what they were taken for.
 
         One configuration needs a round or two more without the laws' tangents, which are as dear as those rounds.
         """
@@ -185,7 +182,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
         return bool(distance[0] < 1.0)
 
     solve(numbers, counts, exact, middle, empty(size), empty(6))  # compiled now, not in the loop
-    quick = plainly if proven and not stack.asked and not pushes.turning else in_rounds
+    quick = plainly if proven and not stack.asked and settled else in_rounds
     return quick if loaded.nominal is None else _from_nominal(loaded, quick)
 
 

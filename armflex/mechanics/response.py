@@ -28,12 +28,10 @@ from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.many_rows import Pushed, Pushes, RowSolver, Solution, by_payload, flexed, kernel
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_threads
-from armflex.rows.wrench import Wrench, check_rows
-
-Progress = Callable[[int, int], None]
+from armflex.rows.wrench import Wrench, check_rows, wrenches_in
 
 AT_ONCE = 1024
-"""Rows between two reports of progress, and whose tip's response to all loads is held at once."""
+"""Rows whose tip's response to all loads is held at once."""
 
 RESPONSES = ("joints", "sites", "motions", "gravity")
 """What depends on how loads redistribute."""
@@ -68,6 +66,7 @@ class Response:
         link_names: Links at and beyond the base.
         sites: Names of the sites in order: 'base', 'link:A2' (before A2's motion), 'A2' (after it), ..., 'tool'.
         end: The link whose origin is meant wherever a motion is of the tip, None where it is the tip; see `of`.
+        hung: What weighs beside the chain elsewhere than the model has it; see `Branch`.
     """
 
     row: Row
@@ -78,6 +77,7 @@ class Response:
     sites: tuple[str, ...]
     _parts: tuple[_Part, ...]
     end: str | None = None
+    hung: tuple[Wrench, ...] = ()
 
     def of(self, link: str | None) -> Response:
         """Return the same rows with the motions of another link's origin in place of the tip's; None is the tip."""
@@ -109,7 +109,8 @@ class Response:
         every = [whole.among(number) for whole in self._parts]
         parts = tuple(part for part in every if len(part.rows)) or (every[0],)
         arrays = self.flexure_wrenches[rows], self.flexure_twists[rows], self.laws[rows]
-        found = Response(self.row.some(rows), *arrays, self.link_names, self.sites, parts, self.end)
+        hung = wrenches_in(self.hung, rows)
+        found = Response(self.row.some(rows), *arrays, self.link_names, self.sites, parts, self.end, hung)
         for link, one in self._ends.items():
             found._ends[link] = replace(found, laws=one.laws[rows], end=link)
         return found
@@ -157,7 +158,11 @@ class Response:
     @cached_property
     def gravity(self) -> Array:
         """(N, 6, 3) motion of the tip per change of gravity in base axes [per m/s^2]."""
-        return self._asked("gravity")
+        found = self._asked("gravity")
+        for one in self.hung:
+            place = self.link_names.index(one.frame)
+            found += self.link_loads[:, place] @ one.by_gravity(self.links[:, place])
+        return found
 
     def site(self, name: str) -> Array:
         """Return the (N, 6, 6) motion of the tip per body twist at a site."""
@@ -192,7 +197,6 @@ def respond(
     q: Array,
     payloads: Sequence[str | Payload],
     covariates: Mapping[str, Array] | None = None,
-    progress: Progress | None = None,
     allow_large: bool = False,
     wrenches: Sequence[Wrench] = (),
 ) -> Response:
@@ -203,7 +207,6 @@ def respond(
         q: Joint positions [rad or m]; limits are not looked at.
         payloads: (N) names or objects.
         covariates: (N,) each or numbers, by name.
-        progress: Told how many rows are done, of how many.
         allow_large: Whether flexures may turn by more than 0.1 rad.
         wrenches: Loads from outside at named links, the same in all rows or one for each.
 
@@ -212,8 +215,8 @@ def respond(
         ConvergenceError, UnstableEquilibriumError, SmallDisplacementError: As `find_equilibrium`, for some row.
     """
     known = {name: np.asarray(values) for name, values in (covariates or {}).items()}
-    q, n, done, parts = np.ascontiguousarray(q), len(arm.sites), 0, []
-    case = LoadCase(q, wrenches=tuple(wrenches), covariates=known)
+    q, n = np.ascontiguousarray(q), len(arm.sites)
+    case = LoadCase(q, wrenches=tuple(one.under(arm.robot.gravity) for one in wrenches), covariates=known)
     loads, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
 
     def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part:
@@ -226,14 +229,12 @@ def respond(
     groups = by_payload(arm, payloads if len(q) else (None,), len(q))
     # No rows are a part, too.
     pieces = [(loaded, own[i : i + AT_ONCE]) for loaded, own in groups for i in range(0, max(len(own), 1), AT_ONCE)]
-    for part in in_threads(solved, pieces):
-        parts.append(part)
-        done += len(part.rows)
-        if progress and done:
-            progress(done, len(q))
+    parts = tuple(in_threads(solved, pieces))
     frames = parts[0].loaded
     named = (frames.link_frames.names, frames.sites.names)
-    return Response(Row(q, arm.joint_index, known), loads, twists.reshape(len(q), 6 * n), laws, *named, tuple(parts))
+    hung = tuple(one for one in case.wrenches if one.hangs)
+    arrays = (loads, twists.reshape(len(q), 6 * n), laws)
+    return Response(Row(q, arm.joint_index, known), *arrays, *named, parts, hung=hung)
 
 
 def _solved(

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.certainty import Certainty
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
@@ -26,11 +26,10 @@ from armflex.laws.effects.effect import Effect
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.parameters import FRAMES, ArmParameter, Group, Kind, numbers_of
+from armflex.parameters import FRAMES, ArmParameter, Group, ParameterKind, numbers_of
 from armflex.plan.offer import Offer
 from armflex.readings import Readings
 from armflex.readings.instrument import Instrument
-from armflex.setup import Setup
 
 NOWHERE = -1
 """Place of an effect that the arm has not among its own."""
@@ -83,7 +82,7 @@ class Before:
         """Return the same as another arm or instrument has it."""
         if self.told is None:
             return replace(self, setup=setup)
-        view = look(setup, self.told.campaign, np.arange(len(self.told.campaign)))
+        view = look(setup, self.told.campaign)
         told = replace(self.told, view=view, context=context_of(view, self.told.campaign))
         return replace(self, setup=setup, told=told)
 
@@ -102,7 +101,7 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     found = calibrate(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
     fitted, weights = found.fit, np.zeros((len(after), found.fit.view.readings.size))
     weights[fitted.view.rows] = fitted.weights
-    view = look(fitted.setup, after, np.arange(len(after)))
+    view = look(fitted.setup, after)
     told = Told(after, view, context_of(view, after), weights, fitted)
     return Before(fitted.setup, told, max(found.scatter, 1.0), found.flags)
 
@@ -239,7 +238,7 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
     learned laws, or none.
     """
     arm, laws = setup.arm, learned_laws(setup.arm)
-    new = {name: law for name, law in laws.items() if Group(Kind.LAW, name) not in certainty.groups}
+    new = {name: law for name, law in laws.items() if Group(ParameterKind.LAW, name) not in certainty.groups}
     if new and len(new) < len(laws):
         old = listing(laws.keys() - new.keys())
         text = f"{listing(new)} is to be learned, but the arm was calibrated with the learned laws of {old} alone"
@@ -248,7 +247,7 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
     if blocks_of(parameters, setup) is None:
         raise InputError(OTHER_PARAMETERS.text)
     anew = {candidate.parameters[0].group for candidate in candidates if candidate.ordinal != NOWHERE}
-    anew |= {Group(Kind.COMPLIANCE, name) for name in new}
+    anew |= {Group(ParameterKind.COMPLIANCE, name) for name in new}
     known = certainty.part(
         [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in anew]
     )
@@ -266,7 +265,7 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
     normal[inside, inside] = np.linalg.inv(known.covariance / np.outer(std, std))
     prior = [
         block.prior
-        if block.kind is Kind.LAW
+        if block.kind is ParameterKind.LAW
         else np.full(len(block.parameters), getattr(arm.prior, block.kind, 0.0) or np.inf)
         for block in blocks
     ]

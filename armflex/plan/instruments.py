@@ -29,8 +29,9 @@ USUAL: dict[str, Usual] = {
 }
 """By the word for each: what it reads, one standard deviation of that, and of what is open of it, as is usual."""
 
-ANCHORS, AWAY, HEIGHTS = 8, 0.8, (0.0, 0.6)
-"""Directions about the base in which anchors are offered, how far and at which heights, in parts of the reach."""
+ANCHORS, AWAY, HEIGHTS, FEWER = 8, 0.8, (0.0, 0.6), 5
+"""Directions about the base in which anchors are offered, how far and at which heights, in parts of the reach; every so
+many-th of them for a wire to another link than the tip."""
 
 
 @dataclass(frozen=True)
@@ -79,13 +80,13 @@ def usual(arm: Arm, word: str) -> tuple[Sensor, ...]:
         return Sensor(f"{word}_{name}", own, link, sigma, np.concatenate(declared), np.concatenate(spread), shaft=shaft)
 
     if word == "wire":
-        reach, found = arm.robot.reach, []
-        for i in range(ANCHORS):
-            for height in HEIGHTS:
-                angle = 2.0 * np.pi * i / ANCHORS
-                anchor = reach * np.array([AWAY * np.cos(angle), AWAY * np.sin(angle), height])
-                found.append(sensor(f"{len(found) + 1}", arm.robot.tip, {"anchor": np.round(anchor, 2)}))
-        return tuple(found)
+        angles = 2.0 * np.pi * np.arange(ANCHORS) / ANCHORS
+        ends = [(AWAY * np.cos(angle), AWAY * np.sin(angle), height) for angle in angles for height in HEIGHTS]
+        anchors = [{"anchor": np.round(arm.robot.reach * np.array(end), 2)} for end in ends]
+        found = [sensor(f"{i + 1}", arm.robot.tip, anchor) for i, anchor in enumerate(anchors)]
+        carried = [joint.child for joint in arm.robot.moving[1:] if joint.child != arm.robot.tip]
+        some = list(enumerate(anchors))[::FEWER]
+        return (*found, *(sensor(f"{link}_{i + 1}", link, anchor) for link in carried for i, anchor in some))
     if word == "encoder":
         found = []
         for joint in arm.robot.moving:

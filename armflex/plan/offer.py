@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.configurations import Configurations
 from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, InputError, listing
@@ -19,7 +19,6 @@ from armflex.mechanics.history import known_rows
 from armflex.readings import Kind, Position, Readings
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
-from armflex.setup import Setup
 
 OVERSHOOT = 0.02
 """Share of its range by which a joint goes past a pose to come back to it from the wanted side."""
@@ -137,7 +136,7 @@ class Offer:
 
     def seen_by(self, setup: Setup) -> Offer:
         """Return the same rows as another arm or instrument has them."""
-        view = look(setup, self.rows, np.arange(len(self.rows)), readings=self.view.readings)
+        view = look(setup, self.rows, readings=self.view.readings)
         return replace(self, view=view, context=context_of(view, self.rows))
 
 
@@ -173,7 +172,7 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
     rows = reach.rows(box)
     held, dropped = _held(setup.arm, rows)
     rows, readings = rows.some(held), reach.unread(len(held))
-    view = look(setup, rows, np.arange(len(held)), readings=readings)
+    view = look(setup, rows, readings=readings)
     lowest, clear = _clearances(setup.arm, rows, view)
     high, beside = lowest >= reach.floor, clear >= THICK * setup.arm.robot.reach
     dropped[FLOOR] += int((~high).sum())
@@ -186,7 +185,7 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
         raise InputError(f"every one of {int(high.sum())} rows has a link or the payload in the arm's own base column")
     if len(able) < len(held):
         held, rows = held[able], rows.some(able)
-        view = look(setup, rows, np.arange(len(held)), readings=readings.some(able))
+        view = look(setup, rows, readings=readings.some(able))
     view = replace(view, readings=view.readings.within_range(view.at))
     return Offer(box[held], rows, view, context_of(view, rows), +dropped)
 

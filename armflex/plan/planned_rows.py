@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from armflex.plan.design_model import CandidateBlock, Model
 from armflex.plan.hypotheses import Hypothesis
 from armflex.plan.instruments import Mounted
 from armflex.plan.offer import Offer, Reach
+from armflex.result import Result
 from armflex.rows import Rows
 
 TOLD = 3.0
@@ -78,7 +80,7 @@ def blind_spots(model: Model, rows: Array, tip: Array) -> tuple[Blind, ...]:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Plan:
+class Plan(Result):
     """Rows to measure, in the order to drive them, and what they are expected to tell.
 
     Attributes:
@@ -117,6 +119,16 @@ class Plan:
     way: tuple[float, float]
     flags: tuple[Flag, ...]
     mounts: tuple[Mounted, ...] = ()
+
+    TOLD = ("table", "reached", "random_rows", "advice", "flags")
+    ROWS = "table"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Every stop in the order to drive them: pose, payload, joints [rad or m], whether something is read there."""
+        rows = self.rows
+        q = {f"q_{name}": rows.q[:, i] for i, name in enumerate(rows.joint_names)}
+        return {"pose": rows.pose, "payload": rows.payload, **q, "measured": rows.measured}
 
     def __repr__(self) -> str:
         """One line: how much is to be read, and what it will give."""

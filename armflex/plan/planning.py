@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.arm import SLACK, Arm
 from armflex.configurations import drawn_range
 from armflex.conventions import Array
@@ -16,8 +17,9 @@ from armflex.estimate.posterior import context_of
 from armflex.estimate.view import look
 from armflex.laws.effects.context import MASS, TEMPERATURE
 from armflex.laws.effects.effect import Effect
-from armflex.measured.measurements import Measurements
-from armflex.parameters import Kind
+from armflex.measured.measurements import Measurements, as_measurements
+from armflex.measured.table import Tabular
+from armflex.parameters import ParameterKind
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.drive import driven
@@ -28,7 +30,7 @@ from armflex.plan.planned_rows import TOLD, UNKNOWN, Plan, blind_spots
 from armflex.readings import Position, unread
 from armflex.readings.sensor import LONGEST, Sensor
 from armflex.rows.rows import APPROACH
-from armflex.trajectory import Trajectory
+from armflex.trajectory import Trajectory, as_trajectory
 
 MOST_ROWS = 500
 
@@ -58,12 +60,13 @@ SCATTER = 1.5
 """Noise over the stated one beyond which a plan that goes by it is doubtful."""
 
 
+@checked
 def plan(
     arm: Arm,
     rows: int = 20,
     *,
-    after: Measurements | None = None,
-    along: Trajectory | None = None,
+    after: Measurements | Tabular | None = None,
+    along: Trajectory | Tabular | None = None,
     between: tuple[str, str] | None = None,
     payloads: Sequence[str] | None = None,
     covariates: Mapping[str, Sequence[float]] | None = None,
@@ -101,6 +104,8 @@ def plan(
         UnsupportedError: What an effect in question does depends on the rows before.
         ArmflexError: The campaign cannot be that of this arm, see `calibrate`.
     """
+    after = None if after is None else as_measurements(after, arm)
+    along = None if along is None else as_trajectory(along, arm)
     settable, tick = covariates or {}, progress or (lambda done, total: None)
     _check(rows, along, between, sigma, floor, settable)
     effects = [named_effect(text, arm, tuple(settable)) for text in between or ()]
@@ -307,7 +312,7 @@ def _goal(
     ordered = along.for_arm(before.setup.arm)
     known = {name: values[some] for name, values in ordered.known.items()}
     rows = rows_at(before.setup.arm, ordered.q[some], tuple(along.payload[i] for i in some), known)
-    view = look(before.setup, rows, np.arange(len(some)), readings=unread(len(some), Position))
+    view = look(before.setup, rows, readings=unread(len(some), Position))
     seen = answers(model.blocks, view, context_of(view, rows)) * model.scale
     return IOptimal(np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some))
 
@@ -364,7 +369,7 @@ def _uncertainties(model: Model, tip: Array, every: Array, rows: Array, seed: in
 
     How the next session moves the instrument is no part of it: that is not of the arm.
     """
-    shown = tip * np.array([one.group.kind is not Kind.SESSION for one in model.parameters])
+    shown = tip * np.array([one.group.kind is not ParameterKind.SESSION for one in model.parameters])
     states = {
         "known now": model.known,
         f"after {len(rows)} readings at random": model.known.with_rows(

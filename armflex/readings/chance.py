@@ -11,16 +11,17 @@ RARE = 1e-3
 @cache
 def outlier_limit(size: int) -> float:
     """Return the whitened length of so many numbers beyond which they count less, to one decimal: 4.0 of three."""
-    return round(_quantile(size, RARE), 1)
+    return round(chi_squared(size, RARE) ** 0.5, 1)
 
 
 @cache
 def median_length(size: int) -> float:
     """Return the median length of so many standard normal numbers, to three decimals."""
-    return round(_quantile(size, 0.5), 3)
+    return round(chi_squared(size, 0.5) ** 0.5, 3)
 
 
-def _quantile(size: int, beyond: float) -> float:
+def chi_squared(size: int, probability: float) -> float:
+    """Return what a chi-squared number of so many degrees of freedom exceeds with a probability."""
     from scipy.special import chdtri  # not needed to import the package
 
-    return float(chdtri(size, beyond)) ** 0.5
+    return float(chdtri(size, probability))

@@ -104,11 +104,14 @@ class Distance(Kind):
         return found
 
     def implausible(self, at: Postures) -> str | None:
-        sensor, predicted = at.sensors[self.name], self.predicted(at)
-        ratio = float(np.median(self.values) / max(np.median(predicted), 1e-9))
+        ratio = float(np.median(self.values) / max(np.median(self.predicted(at)), 1e-9))
         for unit, factor in (("mm", 1e3), ("cm", 1e2), ("inches", 39.37)):
             if abs(np.log(ratio / factor)) < 0.3:
                 return f"lengths are {factor:g} times the arm's: in {unit}, not m? (write the unit into the header)"
+        return None
+
+    def elsewhere(self, at: Postures) -> str | None:
+        sensor = at.sensors[self.name]
         # Wherever the anchor may be, its zero as declared.
         free = np.concatenate([np.full(3, ANYWHERE), sensor.std[3:]])
         found = self.start(replace(at, sensors={self.name: replace(sensor, std=free)}))

@@ -125,6 +125,10 @@ class Kind(ABC):
         """Return what readings look like that are all read and far from what is predicted; None is nothing known."""
         return None
 
+    def elsewhere(self, at: Postures) -> str | None:
+        """Return where the instrument might stand instead, for the same readings; None where that is no question."""
+        return None
+
 
 def point_of(at: Postures, link: str | None, own: Array) -> tuple[Array, Array]:
     """Return the (N, 3) place in the base [m] of (N, 3) points of a link, and its (N, 3, 6) change with its motion."""

@@ -17,28 +17,42 @@ from lxml import etree
 
 from armflex.conventions import LARGEST, NUMBER, Array
 from armflex.errors import Flag, Place, UrdfError, did_you_mean, listing
-from armflex.robot.reader import Fault, parse_xml, rotation_of
-from armflex.robot.urdf import MAX_LINKS, MOVING, RESERVED, Inertial, Joint, Link, Urdf, read_urdf
+from armflex.robot.urdf import (
+    MAX_LINKS,
+    MOVING,
+    RESERVED,
+    Fault,
+    Inertial,
+    Joint,
+    Link,
+    Urdf,
+    parse_xml,
+    read_urdf,
+    rotation_of,
+)
 
 UNLIMITED = 1e15
 """Limits beyond this are how SDF says that there are none [rad or m]."""
+
+MODEL = "__model__"
+"""What SDF calls the model that something is in."""
+
+ROUNDED = 1e-3
+"""How far from 1 the length of a quaternion may be that was written with few digits."""
 
 FREE = (-np.inf, np.inf, np.inf, np.inf)
 """Lower and upper limit, effort and velocity of a joint of which nothing is said."""
 
 
-def read_robot(path: Path, strict: bool = True) -> Urdf:
-    """Read a robot from a URDF, a xacro file (by its suffix), MJCF or SDF (by their root elements).
+def read_other(path: Path, root: etree._Element, strict: bool = True) -> Urdf:
+    """Return the robot of a xacro file (by its suffix), MJCF or SDF (by their root elements).
 
     Raises:
         UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file.
     """
-    root = parse_xml(path)
     if path.suffix.lower() == ".xacro":
         return read_urdf(path, strict, parse_xml(path, _expanded(path)), translated=True)
-    if root.tag == "mujoco":
-        return _read_mjcf(path, root)
-    return _read_sdf(path, root) if root.tag == "sdf" else read_urdf(path, strict, root)
+    return _read_mjcf(path, root) if root.tag == "mujoco" else _read_sdf(path, root)
 
 
 def _expanded(path: Path) -> bytes:
@@ -260,7 +274,7 @@ def _turn(quaternion: Array) -> Array:
 
 
 def _read_sdf(path: Path, root: etree._Element) -> Urdf:
-    """Return the links and joints of the one model of an SDF."""
+    """Return the links and joints of the one model of an SDF; those of a model inside it are named `model::link`."""
 
     def fail(element: etree._Element, problem: str) -> UrdfError:
         return UrdfError(Place(path, element.sourceline or 0), problem)
@@ -268,7 +282,8 @@ def _read_sdf(path: Path, root: etree._Element) -> Urdf:
     def numbers(element: etree._Element | None, count: int, default: str) -> Array:
         words = ((element.text if element is not None else None) or default).split()
         tag = "" if element is None else element.tag
-        if element is not None and (odd := set(map(str, element.attrib)) - {"relative_to", "expressed_in"}):
+        known = {"relative_to", "expressed_in", "frame", "degrees", "rotation_format"}
+        if element is not None and (odd := set(map(str, element.attrib)) - known):
             raise fail(element, f"<{tag} {min(odd)}=...> is not supported: write metres, radians, roll pitch yaw")
         fine = [NUMBER.fullmatch(word) is not None and abs(float(word)) <= LARGEST for word in words]
         if len(words) != count or not all(fine):
@@ -282,58 +297,124 @@ def _read_sdf(path: Path, root: etree._Element) -> Urdf:
             raise fail(parent, f"<{parent.tag}> needs <{tag}>")
         return float(numbers(element, 1, default or "0")[0])
 
+    def chosen(element: etree._Element, key: str, choices: dict[str, Any]) -> Any:
+        """Return what one of the words that an attribute may be stands for; the first is meant where it is absent."""
+        word = element.get(key) or next(iter(choices))
+        if word not in choices:
+            raise fail(element, f"<{element.tag} {key}={word!r}>: expected {' or '.join(choices)}")
+        return choices[word]
+
+    def relative(element: etree._Element) -> str:
+        given = element.find("pose")
+        return "" if given is None else (given.get("relative_to") or given.get("frame") or "")
+
     def posed(element: etree._Element) -> pin.SE3:
-        values = numbers(element.find("pose"), 6, "0 0 0 0 0 0")
-        return pin.SE3(rotation_of(values[3:]), values[:3])
+        given = element.find("pose")
+        if given is None:
+            return pin.SE3.Identity()
+        unit = chosen(given, "degrees", {"false": 1.0, "true": np.pi / 180.0, "0": 1.0, "1": np.pi / 180.0})
+        if chosen(given, "rotation_format", {"euler_rpy": True, "quat_xyzw": False}):
+            values = numbers(given, 6, "0 0 0 0 0 0")
+            return pin.SE3(rotation_of(unit * values[3:]), values[:3])
+        values = numbers(given, 7, "0 0 0 0 0 0 1")
+        if unit != 1.0 or abs(np.linalg.norm(values[3:]) - 1.0) > ROUNDED:
+            raise fail(given, "a quaternion x y z w is a unit vector, and has no degrees")
+        return pin.SE3(_turn(values[[6, 3, 4, 5]]), values[:3])
 
     models = [*root.findall("model"), *root.findall("world/model")]
     if len(models) != 1:
         raise fail(root, f"has {len(models)} models, expected one")
-    model = models[0]
-    for nested in (*model.findall("include"), *model.findall("model")):
-        raise fail(nested, f"<{nested.tag}> inside <model> is not supported: merge the models into one first")
     parts: dict[str, etree._Element] = {}
-    for element in (*model.findall("link"), *model.findall("joint"), *model.findall("frame")):
-        if not (name := (element.get("name") or "").strip()):
-            raise fail(element, f"<{element.tag}> needs a non-empty 'name'")
-        if name in parts:
-            raise fail(element, f"second {element.tag} or frame named {name!r}; the first is at line "
-                                f"{parts[name].sourceline}")  # fmt: skip
-        parts[name] = element
+    scopes: dict[str, str] = {}
 
-    def end(joint: etree._Element, tag: str) -> str:
-        name = (joint.findtext(tag) or "").strip()
+    def collect(model: etree._Element, scope: str) -> None:
+        for nested in model.findall("include"):
+            raise fail(nested, f"<{nested.tag}> inside <model> is not supported: merge the models into one first")
+        for kind in ("link", "joint", "frame", "model"):
+            for element in model.findall(kind):
+                if not (name := (element.get("name") or "").strip()):
+                    raise fail(element, f"<{element.tag}> needs a non-empty 'name'")
+                if "::" in name or name in ("world", MODEL):
+                    raise fail(element, f"{element.tag} {name!r}: this name means something else in SDF")
+                if scope + name in parts:
+                    raise fail(element, f"second {element.tag} or frame named {scope + name!r}; the first is at line "
+                                        f"{parts[scope + name].sourceline}")  # fmt: skip
+                parts[scope + name], scopes[scope + name] = element, scope
+                if kind == "model":
+                    if (element.findtext("static") or "").strip() in ("1", "true"):
+                        raise fail(element, f"model {scope + name!r} is static inside another: fix it by a joint")
+                    collect(element, f"{scope}{name}::")
+
+    def named(scope: str, name: str) -> str:
+        """Return what a name means inside a model, whose own is the scope without the colons at its end."""
+        if name in ("", MODEL):
+            return scope[:-2] or MODEL
+        return name if name == "world" else scope + name
+
+    def canonical(name: str) -> str:
+        """Return the link that a model stands for."""
+        element, scope = (models[0], "") if name == MODEL else (parts[name], f"{name}::")
+        if given := element.get("canonical_link"):
+            return named(scope, given)
+        links = [one for one, part in parts.items() if part.tag == "link" and one.startswith(scope)]
+        return next((one for one in links if scopes[one] == scope), (links or [name])[0])
+
+    collect(models[0], "")
+
+    def end(joint: str, tag: str) -> str:
+        text = (parts[joint].findtext(tag) or "").strip()
+        name = named(scopes[joint], text) if text else ""
         seen = [name]
-        while name in parts and parts[name].tag == "frame":
-            name = parts[name].get("attached_to") or "__model__"
+        while name == MODEL or (name in parts and parts[name].tag in ("frame", "model")):
+            frame = name != MODEL and parts[name].tag == "frame"
+            name = named(scopes[name], parts[name].get("attached_to") or "") if frame else canonical(name)
             if name in seen:
-                raise fail(joint, f"frames are attached in a circle: {' -> '.join([*seen, name])}")
+                raise fail(parts[joint], f"frames are attached in a circle: {' -> '.join([*seen, name])}")
             seen.append(name)
         if name != "world" and (name not in parts or parts[name].tag != "link"):
             known = [one for one, element in parts.items() if element.tag == "link"]
             hint = f"{did_you_mean(name, known)} (known: {listing(known)})"
-            raise fail(joint, f"joint {joint.get('name')!r}, {tag}: no link named {name!r}{hint}")
+            raise fail(parts[joint], f"joint {joint!r}, {tag}: no link named {name!r}{hint}")
         return name
 
-    places: dict[str, pin.SE3] = {"__model__": pin.SE3.Identity(), "world": posed(model)}
-    places["world"] = places["world"].inverse()
+    places: dict[str, pin.SE3] = {MODEL: pin.SE3.Identity()}
 
     def place(name: str, asked: tuple[str, ...] = ()) -> pin.SE3:
         """Return the pose of a part in the model."""
         if name in places:
             return places[name]
-        if name not in parts:
-            raise fail(model, f"no frame named {name!r}{did_you_mean(name, parts)}")
+        if name not in parts and name != "world":
+            raise fail(models[0], f"no frame named {name!r}{did_you_mean(name, parts)}")
         if name in asked:
             raise fail(parts[name], f"poses are relative to each other in a circle: {' -> '.join([*asked, name])}")
-        element = parts[name]
-        given = element.find("pose")
-        relative = "" if given is None else (given.get("relative_to") or given.get("frame") or "")
-        if not relative and element.tag == "joint":
-            relative = end(element, "child")
-        relative = relative or (element.get("attached_to") if element.tag == "frame" else "") or "__model__"
-        places[name] = place(relative, (*asked, name)) * posed(element)
-        return places[name]
+        if name == "world":
+            if relative(models[0]) not in ("", "world"):
+                raise fail(models[0], f"the model's pose is relative to {relative(models[0])!r}, expected the world")
+            places[name] = through(models[0], "", asked) * posed(models[0]).inverse()
+            return places[name]
+        element, scope = parts[name], scopes[name]
+        if given := relative(element):
+            origin = named(scope, given)
+        elif element.tag == "joint":
+            origin = end(name, "child")
+        else:
+            origin = named(scope, (element.get("attached_to") or "") if element.tag == "frame" else "")
+        found = place(origin, (*asked, name)) * posed(element)
+        if element.tag == "model":
+            found = found * through(element, f"{name}::", (*asked, name)).inverse()
+        places[name] = found
+        return found
+
+    def through(model: etree._Element, scope: str, asked: tuple[str, ...]) -> pin.SE3:
+        """Return where in a model the frame is that its pose is of."""
+        if not (frame := model.get("placement_frame")):
+            return pin.SE3.Identity()
+        before = dict(places)
+        places[named(scope, "")] = pin.SE3.Identity()
+        found = place(named(scope, frame), asked)
+        places.clear()
+        places.update(before)
+        return found
 
     tree = _Tree(path)
     for name, element in parts.items():
@@ -341,6 +422,8 @@ def _read_sdf(path: Path, root: etree._Element) -> Urdf:
             continue
         inertial, given = None, element.find("inertial")
         if given is not None:
+            if relative(given):
+                raise fail(given, f"link {name!r}: the pose of <inertial> is in the link, not relative to another")
             pose, inertia, matrix = posed(given), given.find("inertia"), np.zeros((3, 3))
             for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
                 tag = f"i{'xyz'[i]}{'xyz'[j]}"
@@ -355,7 +438,7 @@ def _read_sdf(path: Path, root: etree._Element) -> Urdf:
     for name, element in parts.items():
         if element.tag != "joint":
             continue
-        parent, child, kind = end(element, "parent"), end(element, "child"), element.get("type") or ""
+        parent, child, kind = end(name, "parent"), end(name, "child"), element.get("type") or ""
         if parent == "world" and "world" not in tree.links:
             tree.link("world", None)
         axis, limits, problem, given = np.eye(3)[0], FREE, "", element.find("axis")
@@ -369,10 +452,14 @@ def _read_sdf(path: Path, root: etree._Element) -> Urdf:
             axis = numbers(xyz, 3, "0 0 1")
             if not (size := float(np.linalg.norm(axis))):
                 raise fail(given, f"joint {name!r}: axis is zero")
-            frame = None if xyz is None else xyz.get("expressed_in")
+            frame = None if xyz is None else xyz.get("expressed_in") or None
             if (given.findtext("use_parent_model_frame") or "").strip() in ("1", "true"):
-                frame = "__model__"
-            turn = np.eye(3) if frame is None else place(name).rotation.T @ place(frame).rotation
+                frame = MODEL
+            turn = np.eye(3)
+            if frame is not None:
+                turn = place(name).rotation.T @ place(named(scopes[name], frame)).rotation
+            if given.find("mimic") is not None:
+                problem = f"joint {name!r} follows another by <mimic>, which is not supported"
             axis, limit = turn @ axis / size, given.find("limit")
             if limit is not None:
                 lower, upper = number(limit, "lower", "-1e16"), number(limit, "upper", "1e16")
@@ -385,4 +472,8 @@ def _read_sdf(path: Path, root: etree._Element) -> Urdf:
         at = place(parent).inverse() * place(name)
         rest = place(name).inverse() * place(child)
         tree.joint(name, kind, (parent, child), at, rest, axis, limits, element.sourceline or 0, problem)
-    return tree.robot(model.get("name") or path.stem)
+    light = [one.child for one in tree.joints.values() if one.child in parts and tree.links[one.child].inertial is None]
+    if light:
+        text = f"{path}: {listing(light)}: no <inertial>, which SDF takes for 1 kg; here they weigh nothing"
+        tree.flags.append(Flag("default_mass", text))
+    return tree.robot(models[0].get("name") or path.stem)

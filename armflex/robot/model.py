@@ -148,8 +148,7 @@ def build_model(
             return flexed(joint.name, parent, here)
         if joint.name not in on_chain:
             return parent, here * joint.motion(robot.locked[joint.name])
-        zero = joint.motion(corrections.joint_offset.get(joint.name, 0.0))
-        added = model.addJoint(parent, _joint_model(joint), here * zero, joint.name)
+        added = model.addJoint(parent, _joint_model(joint), here * corrections.zero(joint), joint.name)
         return flexed(joint.name, added, pin.SE3.Identity())
 
     stack = [(robot.base, *flexed(None, 0, pin.SE3.Identity()))]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from operator import is_
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from armflex.arguments import checked_init
 from armflex.conventions import Array, finite_array, real_array
 from armflex.errors import InputError, ShapeError
 
@@ -18,6 +20,7 @@ else:
     from functools import cached_property
 
 
+@checked_init
 @dataclass(frozen=True)
 class Wrench:
     """A load from outside, on the structure: the same in all rows, or one for each of N rows of a batch.
@@ -38,6 +41,9 @@ class Wrench:
     moment: Array
     axes: str = "base"
 
+    hangs: ClassVar[bool] = False
+    """Whether it is the weight of something, which has a potential; see `Branch`."""
+
     def __post_init__(self) -> None:
         given = {name: real_array(getattr(self, name), name) for name in ("force", "moment")}
         rows = next((len(values) for values in given.values() if values.ndim == 2), None)
@@ -54,6 +60,11 @@ class Wrench:
         return self.axes == "base"
 
     @property
+    def follows(self) -> bool:
+        """Whether it is the same in the axes of its link."""
+        return self.axes == "frame" and not self.hangs
+
+    @property
     def rows(self) -> int | None:
         """How many rows it has one for, None where it is the same in all."""
         return None if self.force.ndim == 1 else len(self.force)
@@ -63,8 +74,30 @@ class Wrench:
         """Of force [N] and moment [N m], the greatest of all rows."""
         if self.rows is None:
             return math.hypot(*self.force.tolist()), math.hypot(*self.moment.tolist())
-        force, moment = (float(np.linalg.norm(part, axis=1).max(initial=0.0)) for part in (self.force, self.moment))
+        with np.errstate(over="ignore"):
+            squares = (np.einsum("ij,ij->i", part, part).max(initial=0.0) for part in (self.force, self.moment))
+            force, moment = (math.sqrt(square) for square in squares)
         return force, moment
+
+    def under(self, gravity: Array) -> Wrench:
+        """Return it under a (3,) gravity in base axes [m/s^2]: the same, but for what hangs."""
+        return self
+
+    def each(self, of: Callable[[Array], Array]) -> Wrench:
+        """Return it with what a function makes of the numbers of its N rows; one that is the same in all stays."""
+        return self if self.rows is None else replace(self, force=of(self.force), moment=of(self.moment))
+
+    def some(self, rows: int | slice | np.ndarray) -> Wrench:
+        """Return it in one of its N rows, or in some of them."""
+        return replace(self, force=self.force[rows], moment=self.moment[rows])
+
+    def by_gravity(self, pose: Array) -> Array:
+        """Return the (..., 6, 3) change of the wrench per change of gravity in base axes [m/s^2]: none."""
+        return np.zeros((*pose.shape[:-2], 6, 3))
+
+    def links(self, pose: Array) -> dict[str, Array]:
+        """Return the (4, 4) poses of links that stand elsewhere than the model has them, of one of its own link."""
+        return {}
 
     @cached_property
     def _whole(self) -> Array:
@@ -93,10 +126,13 @@ class Wrench:
 
 def wrenches_in(wrenches: Sequence[Wrench], rows: int | slice | np.ndarray) -> tuple[Wrench, ...]:
     """Return wrenches in one of N rows or in some of them, without those that are zero there."""
-    found = (
-        one if one.rows is None else Wrench(one.frame, one.force[rows], one.moment[rows], one.axes) for one in wrenches
-    )
+    found = (one if one.rows is None else one.some(rows) for one in wrenches)
     return tuple(one for one in found if any(one.sizes))
+
+
+def same_objects(some: Sequence[Wrench], others: Sequence[Wrench]) -> bool:
+    """Return whether all are the very same: what is known of one need not be found again."""
+    return len(some) == len(others) and all(map(is_, some, others))
 
 
 def check_rows(wrenches: Sequence[Wrench], count: int | None) -> None:

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arguments import checked
+from armflex.arm import Arm, warn
+from armflex.configurations import furthest
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import AT_REST, tip_covariance
+from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
+from armflex.mechanics.equilibrium import MAX_ROTATION
 from armflex.mechanics.many_rows import displaced_from, rigid_tips
-from armflex.parallel import in_threads
+from armflex.parallel import Progress, in_threads
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
-from armflex.trajectory import Points, Trajectory
+from armflex.trajectory import Points, Trajectory, as_trajectory
 
 COVERAGE = 2.0
 """A margin inside this many standard uncertainties is neither ok nor fail."""
@@ -39,8 +43,6 @@ CLOSEST = 1e-6
 
 ENDLESS = 1e9
 """Tolerances that an infinite uncertainty is taken for."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -112,15 +114,16 @@ class CheckReport(Result):
     rows: tuple[Point, ...] = ()
 
 
+@checked
 def check(
     arm: Arm,
-    trajectory: Trajectory,
+    trajectory: Trajectory | Tabular,
     tolerance: float,
     angle: float | None = None,
     method: str = "exact",
     progress: Progress | None = None,
     covariates: Mapping[str, float] | None = None,
-    against: Trajectory | None = None,
+    against: Trajectory | Tabular | None = None,
 ) -> CheckReport:
     """Hold the tip's displacement along a trajectory against a tolerance.
 
@@ -144,6 +147,10 @@ def check(
             The rows of `against` are others: in number, time or via-point.
         MissingCovariateError: An effect depends on something that was not given.
     """
+    doubts = doubtful_tolerance(tolerance, furthest(arm, *np.array(arm.bounds)))
+    warn(doubts)
+    trajectory = as_trajectory(trajectory, arm)
+    against = None if against is None else as_trajectory(against, arm)
     if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
         raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
     trajectory = trajectory.with_constants(arm, covariates or {})
@@ -179,8 +186,19 @@ def check(
     vias = sorted((row for row in rows if row.name), key=lambda point: point.badness)
     worst = min(points, key=lambda point: point.badness)
     ok = all(point.verdict == "ok" for point in points)
-    flags = (*derived, *met.values())
+    flags = (*doubts, *derived, *met.values())
     return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, samples, flags, tuple(rows))
+
+
+def doubtful_tolerance(tolerance: float, reach: float) -> tuple[Flag, ...]:
+    """Return the question whether a tolerance [m] is in millimetres, where it is a tenth of the reach [m] or more.
+
+    A tip that moves so far has flexures that turn by more than what they are computed for.
+    """
+    if tolerance < MAX_ROTATION * reach:
+        return ()
+    text = f"a tolerance of {tolerance:g} m for an arm of {reach:.3g} m: lengths are metres, {tolerance:g} mm are"
+    return (Flag("tolerance", f"{text} {tolerance * 1e-3:g}"),)
 
 
 WORST_LAST = ("fail", "uncertain", "ok")

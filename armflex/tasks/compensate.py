@@ -7,22 +7,24 @@ inside the limits, with the Jacobian of the deflected arm. What cannot be reache
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
+from armflex.arguments import checked
 from armflex.arm import Arm
-from armflex.conventions import RESOLUTION, Array, as_pose, number
+from armflex.conventions import RESOLUTION, Array, as_pose, number, real_array
 from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import total_covariance
+from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
-from armflex.parallel import in_threads
+from armflex.parallel import Progress, in_threads
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.tasks.inverse_kinematics import (
@@ -34,9 +36,9 @@ from armflex.tasks.inverse_kinematics import (
     SETTLED,
     TOLERANCE,
     Corrector,
-    Point,
+    Trial,
 )
-from armflex.trajectory import Trajectory
+from armflex.trajectory import Trajectory, as_trajectory
 
 TOGETHER = 1024
 """Rows that are solved together."""
@@ -51,8 +53,6 @@ LARGEST_CHANGE = 0.5
 
 TO_BLAME = 1e-3
 """Joints are blamed whose way out of their limits has at least this part in the way the error would have to go."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -124,9 +124,10 @@ class Compensation(Result):
         return most, max((row.sigma_m for row in self.rows if row.sigma_m is not None), default=None)
 
 
+@checked
 def compensate(
     arm: Arm,
-    trajectory: Trajectory,
+    trajectory: Trajectory | Tabular,
     match: str = "position",
     targets: Sequence[object] | None = None,
     weights: Array | None = None,
@@ -156,12 +157,13 @@ def compensate(
         UnreachableError: Some row cannot be reached; its `report` is the `Compensation`.
         InputError: Bad targets, weights or positions, or a covariate that no effect depends on.
     """
+    trajectory = as_trajectory(trajectory, arm)
     if match not in ("position", "pose"):
         raise InputError(f"match is {match!r}, expected 'position' or 'pose'")
     if between is not None and not between > 0.0:
         raise InputError(f"between must be positive, got {between} m")
     trajectory = trajectory.with_constants(arm, covariates or {})
-    costs = np.ones(len(arm.joint_names)) if weights is None else np.asarray(weights, dtype=float)
+    costs = np.ones(len(arm.joint_names)) if weights is None else real_array(weights, "weights")
     if costs.shape != (len(arm.joint_names),) or not (costs > 0.0).all() or not np.isfinite(costs).all():
         raise InputError(f"weights: expected {len(arm.joint_names)} positive numbers")
     scale = np.sqrt(costs.min() / costs)
@@ -405,14 +407,14 @@ class _Solver:
         time, via = float(t.time[i]), t.via[i]
         return CompensatedRow(time, via, before, point.error, point.change, reached, reason, point.sigma_min, smallest)
 
-    def solve(self, i: int, target: pin.SE3, start: Array) -> tuple[Point, bool, str]:
+    def solve(self, i: int, target: pin.SE3, start: Array) -> tuple[Trial, bool, str]:
         """Return the best point, whether its change is shown to be the smallest, and what equilibrium was missed."""
 
         def ask(change: Array) -> tuple[Array, Array]:
             found = self.ask(i, self.trajectory.q[i] + change)
             return _error(found.pose, target), found.total_jacobian[: self.size]
 
-        def find(start: Array) -> tuple[Point | None, bool, str]:
+        def find(start: Array) -> tuple[Trial | None, bool, str]:
             corrector = Corrector(ask, *self.box(i), self.scale)
             return (*corrector.find(start), corrector.trouble)
 
@@ -435,7 +437,7 @@ class _Solver:
         """Return row i's joint positions after a change; rounding takes none past its limit."""
         return np.clip(self.trajectory.q[i] + change, self.arm.robot.lower, self.arm.robot.upper)
 
-    def explain(self, i: int, point: Point) -> str:
+    def explain(self, i: int, point: Trial) -> str:
         """Return why row i was not reached."""
         count, sigma = len(point.change), point.sigma_min
         if count < self.size == 6:
@@ -448,7 +450,7 @@ class _Solver:
             return f"joints: a position takes three, this arm has {count}"
         return "tolerance: the iteration stalled"
 
-    def blocked(self, i: int, point: Point) -> str:
+    def blocked(self, i: int, point: Trial) -> str:
         """Return which joints could lower the error if they were let further, and what holds them; '' if none."""
         (low, high), change = self.box(i), point.change
         pull = point.jacobian.T @ point.matched

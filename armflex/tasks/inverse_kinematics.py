@@ -35,7 +35,7 @@ NO_EQUILIBRIUM = (ConvergenceError, UnstableEquilibriumError, SmallDisplacementE
 
 
 @dataclass(frozen=True)
-class Point:
+class Trial:
     """A change (nq,) of the joints, the (6,) error it leaves and the Jacobian (3 or 6, nq) of the part that counts."""
 
     change: Array
@@ -77,7 +77,7 @@ class Corrector:
     calls: int = 0
     trouble: str = ""
 
-    def find(self, start: Array) -> tuple[Point | None, bool]:
+    def find(self, start: Array) -> tuple[Trial | None, bool]:
         """Return the best change found and whether it is shown to be the smallest near by; None without equilibrium."""
         first = self.at(start) or self.at(np.zeros_like(start))
         if first is None:
@@ -89,19 +89,19 @@ class Corrector:
                 point, converged = self.shrink(point)
         return point, converged and point.left <= TOLERANCE
 
-    def at(self, change: Array) -> Point | None:
+    def at(self, change: Array) -> Trial | None:
         """Return what a change leaves, None where the arm finds no equilibrium."""
         change = np.clip(change, self.low, self.high)
         self.calls += 1
         try:
-            found = Point(change, *self.ask(change))
+            found = Trial(change, *self.ask(change))
         except NO_EQUILIBRIUM as error:
             self.trouble = f"equilibrium: {error}"
             return None
         self.trouble = ""
         return found
 
-    def jump(self, point: Point) -> tuple[Point, bool]:
+    def jump(self, point: Trial) -> tuple[Trial, bool]:
         """Jump from linearised solution to linearised solution while errors or jumps keep shrinking."""
         best, last = point, np.inf
         for _ in range(MAX_JUMPS):
@@ -116,7 +116,7 @@ class Corrector:
             best = min(best, point, key=lambda one: one.left)
         return best, False
 
-    def restore(self, point: Point, most: int) -> Point:
+    def restore(self, point: Trial, most: int) -> Trial:
         """Bring the error down with the shortest steps that do, until it is gone or no step helps."""
         for _ in range(most):
             if point.left <= AIMED_AT:
@@ -130,7 +130,7 @@ class Corrector:
                 break
         return point
 
-    def descend(self, point: Point, step: Array) -> Point | None:
+    def descend(self, point: Trial, step: Array) -> Trial | None:
         """Return the first of ever shorter steps that lowers the error."""
         size, share = np.linalg.norm(point.matched), 1.0
         while share > 1e-3 and self.calls < MAX_CALLS:
@@ -140,7 +140,7 @@ class Corrector:
             share *= 0.5
         return None
 
-    def shrink(self, point: Point) -> tuple[Point, bool]:
+    def shrink(self, point: Trial) -> tuple[Trial, bool]:
         """Walk to smaller changes that leave no error either; True once none is near."""
         share = 1.0
         while self.calls < MAX_CALLS and share > 1e-4:
@@ -161,15 +161,15 @@ class Corrector:
         """Return the squared size of a change."""
         return float(np.sum((change / self.scale) ** 2))
 
-    def cost(self, point: Point) -> float:
+    def cost(self, point: Trial) -> float:
         """Return the squared size of a change once the last of its error is gone; that last would drown the gain."""
         return self.size(point.change + self.step(point))
 
-    def aim(self, point: Point) -> Array:
+    def aim(self, point: Trial) -> Array:
         """Return the smallest change that solves the linearised problem as well as can be."""
         return self.smallest(point.jacobian, point.change + self.step(point))
 
-    def step(self, point: Point) -> Array:
+    def step(self, point: Trial) -> Array:
         """Return the bounded least-squares step against the error, damped where near singular.
 
         The damping fades with the error: Newton's fast end is kept while large errors make no huge steps.

@@ -16,21 +16,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 
-from armflex.arm import Arm
+from armflex.arguments import checked
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.errors import InputError, listing
-from armflex.estimate.enough import placed_rigidly
-from armflex.measured.measurements import Measurements
+from armflex.estimate.placement import placed_rigidly
+from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.repeats import REPEATED, repeats
+from armflex.measured.table import Tabular
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.readings.instrument import Instrument
+from armflex.result import Result
 from armflex.rows.poses import numbered, same_positions
-from armflex.setup import Setup
 from armflex.tasks.predict import predict
 
 CYCLES, POSES = 30, 5
@@ -120,8 +122,8 @@ class Variation:
     shift: float
 
 
-@dataclass(frozen=True, eq=False)
-class PosePerformance:
+@dataclass(frozen=True, repr=False, eq=False)
+class PosePerformance(Result):
     """ISO 9283 pose characteristics of a campaign.
 
     Attributes:
@@ -138,6 +140,21 @@ class PosePerformance:
     directions: tuple[Variation, ...]
     drifts: tuple[Variation, ...]
     remarks: tuple[str, ...]
+
+    TOLD = ("poses", "directions", "drifts", "remarks")
+    ROWS = "table"
+
+    @property
+    def table(self) -> list[dict[str, Any]]:
+        """A row for each of `poses`: its cycles, AP_P and RP_l with their standard uncertainties [m]."""
+        return [
+            {
+                **{name: getattr(one, name) for name in ("pose", "payload", "session", "cycles")},
+                **{"AP": one.accuracy.value, "AP_std": one.accuracy.std},
+                **{"RP": one.repeatability.value, "RP_std": one.repeatability.std},
+            }
+            for one in self.poses
+        ]
 
 
 def pose_accuracy(commanded: Array, attained: Array, sigma: Array) -> Characteristic:
@@ -193,7 +210,8 @@ def _repeatability(attained: Array) -> Array:
     return distance.mean(axis=-1) + 3.0 * distance.std(axis=-1, ddof=1)
 
 
-def iso9283(arm: Arm, measurements: Measurements, block: float | None = None) -> PosePerformance:
+@checked
+def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None = None) -> PosePerformance:
     """Return the pose characteristics that the repeats of a campaign give.
 
     The commanded pose is where the controller believes the tip: the arm's rigid kinematics as declared, without what
@@ -210,6 +228,7 @@ def iso9283(arm: Arm, measurements: Measurements, block: float | None = None) ->
         InputError: No pose was measured twice within a session, or `block` is not positive.
         ArmflexError: As `predict`, of a calibrated arm.
     """
+    measurements = as_measurements(measurements, arm)
     if block is not None and not block > 0.0:
         raise InputError(f"block = {block:g} s: expected a positive time, that of the cycles of one block")
     rows = np.flatnonzero(measurements.measured)

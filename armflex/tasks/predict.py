@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arguments import checked
+from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
 from armflex.estimate.view import look, untold_shifts
-from armflex.laws.effects.remember import (
+from armflex.laws.effects.in_arm import (
     check_approaches,
     check_covariates,
     derived_direction,
@@ -24,15 +25,14 @@ from armflex.laws.effects.remember import (
     remembers,
 )
 from armflex.measured.forces import UNLOADED, Unnamed
-from armflex.measured.measurements import Measurements, read_measurements, stream_inputs
-from armflex.measured.table import writing_table
+from armflex.measured.measurements import Measurements, as_measurements, read_measurements, stream_inputs
+from armflex.measured.table import Tabular, writing_table
 from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
 from armflex.readings import Kind, Orientation, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
-from armflex.setup import Setup
 
 TOGETHER = 2048
 """Rows that are predicted together, and of a file are in memory at a time: each takes some ten kilobytes."""
@@ -78,8 +78,12 @@ class Prediction(Result):
         return columns | dict(zip(TWIST_NAMES, self.displacement.T, strict=True))
 
 
+@checked
 def predict(
-    arm: Arm, rows: Measurements, progress: Progress | None = None, covariates: Mapping[str, float] | None = None
+    arm: Arm,
+    rows: Measurements | Tabular,
+    progress: Progress | None = None,
+    covariates: Mapping[str, float] | None = None,
 ) -> Prediction:
     """Return the tip's pose and displacement for every row.
 
@@ -96,6 +100,7 @@ def predict(
             joint is taken as halfway, and `sigma` holds that it came from either side.
         ArmflexError: A row cannot be computed; its file and line are named.
     """
+    rows = as_measurements(rows, arm, inputs_only=True)
     met = _Flags(arm)
     pieces, found = [rows], []
     if not remembers(arm):

@@ -8,18 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.errors import InputError
-from armflex.measured.measurements import Measurements
+from armflex.measured.measurements import Measurements, as_measurements
+from armflex.measured.table import Tabular
 
 if TYPE_CHECKING:
     from armflex.trace.findings import Trace
     from armflex.trace.telling import Doing
 
 
+@checked
 def trace(
     arm: Arm,
-    measurements: Measurements,
+    measurements: Measurements | Tabular,
     rows: np.ndarray | None = None,
     report: Callable[[str], None] | None = None,
     keep: bool = False,
@@ -57,6 +60,7 @@ def trace(
             and the last one stays.
         ConvergenceError: The calibration did not settle.
     """
+    measurements = as_measurements(measurements, arm)
     if resume and checkpoint is None:
         raise InputError("resume needs the checkpoint to go on from")
     from armflex.trace.rounds import trace as run

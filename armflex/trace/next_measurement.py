@@ -8,13 +8,14 @@ deviations of the reading and of what is uncertain.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from armflex.conventions import Array, said_of
 from armflex.errors import ArmflexError
+from armflex.estimate.block import Block
 from armflex.estimate.blocks import sensor_block
 from armflex.estimate.posterior import context_of
 from armflex.estimate.view import View, look
@@ -42,13 +43,14 @@ TELLING = 1.0
 
 HYPOTHESES = 2
 
-SPLIT = 3.0
-"""Expected difference, in standard deviations of one reading, from which another instrument is named."""
+READ, SPLIT = 20, 5.0
+"""Readings of another instrument in so many rows, and the expected difference in standard deviations from which it is
+said to tell two effects apart: by more than the evidence within which candidates are equivalent."""
 
 SPLITTING = {
     "level": "a level on {place}",
     "encoder": "an encoder on the links of {place}",
-    "wire": "a wire to the tip",
+    "wire": "a wire to {place}",
 }
 """Instruments that are thought of, and how they are named."""
 
@@ -77,49 +79,38 @@ def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str
         read = np.isfinite(kind.sigma).all(axis=1) & state.measurements.measured
         kinds.append(kind.unread(OFFERED, np.median(kind.sigma[read], axis=0), kind.name))
     try:
-        view = look(setup, offer, np.arange(OFFERED), readings=Readings(OFFERED, tuple(kinds)))
+        view = look(setup, offer, readings=Readings(OFFERED, tuple(kinds)))
     except ArmflexError:  # a mixture of positions that the arm does not hold: no proposal is better than a wrong one
         return ()
     context, told = context_of(view, offer), []
-    for index, others in enumerate(hypotheses):
-        own = state.fitted[index]
-        for hypothesis in others[:HYPOTHESES]:
-            pair = f"{own.title}{numbered(state.effects[index].number)} from {hypothesis.title}"
-            row, sigmas, difference = _apart(state, index, hypothesis, view, context)
-            if sigmas < SPLIT and (better := _splitting(state, index, hypothesis, view, context)):
-                name, more, place = better
-                what = f"No more rows like those recorded tell {pair}" if sigmas < TELLING else f"To tell {pair}"
-                at = _described(own, hypothesis, offer, place)
-                told.append(f"{what}; {name} would: read it at {at} ({more:.2g} standard deviations).")
-                continue
-            if sigmas < TELLING:
-                told.append(f"No more rows like those recorded tell {pair}; instead, {instead(own, hypothesis)}.")
-                continue
+    others_read = _with_instruments(state.fit.view)
+    for index, hypothesis in ((i, one) for i, several in enumerate(hypotheses) for one in several[:HYPOTHESES]):
+        own, imitated = state.fitted[index], _Imitated.of(state, index, hypothesis)
+        pair = f"{own.title}{numbered(state.effects[index].number)} from {hypothesis.title}"
+        row, sigmas, difference = imitated.apart(view, context)
+        splitting = imitated.split_by(others_read, state.context)
+        would = " or ".join(f"{name} ({more:.2g} standard deviations)" for name, more in splitting)
+        other = f"{would}, read in {READ} of these rows, would" if splitting else ""
+        if sigmas < TELLING and other:
+            told.append(f"No more rows like those recorded tell {pair}; {other}.")
+        elif sigmas < TELLING:
+            told.append(f"No more rows like those recorded tell {pair}; instead, {instead(own, hypothesis)}.")
+        else:
             size = f"{said_of(difference, view.readings.unit)} apart, {sigmas:.2g} standard deviations"
-            told.append(f"To tell {pair}: measure at {_described(own, hypothesis, offer, row)} ({size}).")
+            where = f"measure at {_described(own, hypothesis, offer, row)} ({size})"
+            told.append(f"To tell {pair}: {where}{f'; or {other}' if other else ''}.")
     return tuple(told)
 
 
-def _splitting(
-    state: State, index: int, hypothesis: Effect, view: View, context: Context
-) -> tuple[str, float, int] | None:
-    """Return the instrument that would tell an effect from a hypothesis best, by how much, and the row; None if none.
-
-    Looked at is one instrument more at a time, wherever it could be; one that was there is of the campaign.
-    """
-    arm, best = view.arm, None
-    for word, named in SPLITTING.items():
-        for sensor in usual(arm, word):
-            setup = replace(view.setup, arm=replace(arm, sensors={**arm.sensors, sensor.name: sensor}))
-            kinds = (*view.readings.kinds, sensor.kind.unread(OFFERED, sensor.sigma, sensor.name))
-            read = Readings(OFFERED, kinds)
-            here = replace(view, setup=setup, readings=read, residual=np.zeros((OFFERED, read.size)))
-            here = replace(here, readings=read.within_range(here.at))
-            row, sigmas, _ = _apart(state, index, hypothesis, here, context, sensor.name)
-            if sigmas >= SPLIT and (best is None or sigmas > best[1]):
-                place = sensor.shaft.joint if sensor.shaft else sensor.link
-                best = (named.format(place=place), sigmas, row)
-    return best
+def _with_instruments(view: View) -> View:
+    """Return some rows of a campaign as instruments would read them that nobody has, each wherever it could be."""
+    some = view.some(np.unique(np.linspace(0, len(view.rows) - 1, READ).astype(int)))
+    count, known = len(some.rows), view.arm.sensors
+    sensors = {one.name: one for word in SPLITTING for one in usual(view.arm, word) if one.name not in known}
+    setup = replace(view.setup, arm=replace(view.arm, sensors={**known, **sensors}))
+    read = Readings(count, tuple(one.kind.unread(count, one.sigma, one.name) for one in sensors.values()))
+    here = replace(some, setup=setup, readings=read, residual=np.zeros((count, read.size)))
+    return replace(here, readings=read.within_range(here.at))
 
 
 def _offered(known: Measurements) -> Rows:
@@ -151,36 +142,78 @@ def _offered(known: Measurements) -> Rows:
     )
 
 
-def _apart(
-    state: State, index: int, hypothesis: Effect, view: View, context: Context, sensor: str = ""
-) -> tuple[int, float, float]:
-    """Return the offered row at which an effect and a hypothesis in its stead differ most, by how much [sigma, m].
+@dataclass(frozen=True, eq=False)
+class _Imitated:
+    """An effect and a hypothesis in its stead, which are to be told apart.
 
-    `sensor` is one that nothing was read of yet.
+    Attributes:
+        kept: What else is free, before the hypothesis and the effect itself.
+        pair: The hypothesis, and the effect.
+        known: What the campaign tells of all of them, the amplitude of the effect being one.
     """
-    fit, own = state.fit, state.fitted[index]
-    kept = [block for block in (*state.blocks, *state.effects) if block is not state.effects[index]]
-    places = np.concatenate([np.zeros(0, dtype=int), *(fit.places(block) for block in kept)])
-    imitation = candidate_regressors(candidate_of(hypothesis), fit, state.context)
-    effect = candidate_regressors(candidate_of(own), fit, state.context) @ own.acting
-    measured = np.hstack([fit.regressors[:, places], imitation, effect[:, None]])
-    precision = np.concatenate([fit.precision[places], np.zeros(len(hypothesis.location.terms) + 1)])
-    known = LinearGaussian.of(measured, precision + RIDGE * (measured**2).sum(axis=0))
-    there = [block.of_rows(context).jacobian(view) for block in kept]
-    if sensor:
-        new = sensor_block(view.setup, sensor, ("",))
-        places = len(new.parameters)
-        known = LinearGaussian(np.asarray(block_diag(np.diag(new.prior**-2.0), known.information)))
-        precision = np.append(np.ones(places), precision)
-        there.insert(0, new.jacobian(view))
-    there.append(view.effect_jacobian(hypothesis, context))
-    there.append((view.effect_jacobian(own, context) @ own.acting)[:, :, None])
-    after = np.concatenate(there, axis=2)
-    truth = Truth(np.eye(len(precision))[-1], np.arange(len(precision) - 1))
-    sigmas = np.sqrt(truth.apart(known, after / view.sigma[:, :, None])[1])
-    best = int(sigmas.argmax())
-    apart = (after[best] @ truth.departure(known))[view.foremost]
-    return best, float(sigmas[best]), float(np.linalg.norm(apart))
+
+    kept: tuple[Block, ...]
+    pair: tuple[Effect, Effect]
+    known: LinearGaussian
+
+    @staticmethod
+    def of(state: State, index: int, hypothesis: Effect) -> _Imitated:
+        fit, own = state.fit, state.fitted[index]
+        kept = tuple(block for block in (*state.blocks, *state.effects) if block is not state.effects[index])
+        places = np.concatenate([np.zeros(0, dtype=int), *(fit.places(block) for block in kept)])
+        imitation = candidate_regressors(candidate_of(hypothesis), fit, state.context)
+        effect = candidate_regressors(candidate_of(own), fit, state.context) @ own.acting
+        measured = np.hstack([fit.regressors[:, places], imitation, effect[:, None]])
+        precision = np.concatenate([fit.precision[places], np.zeros(len(hypothesis.location.terms) + 1)])
+        ridge = RIDGE * (measured**2).sum(axis=0)
+        return _Imitated(kept, (hypothesis, own), LinearGaussian.of(measured, precision + ridge))
+
+    def seen(self, view: View, context: Context) -> Array:
+        """Return the (N, d, P) changes of the readings of a view, in their units."""
+        hypothesis, own = self.pair
+        there = [block.of_rows(context).jacobian(view) for block in self.kept]
+        there.append(view.effect_jacobian(hypothesis, context))
+        there.append((view.effect_jacobian(own, context) @ own.acting)[:, :, None])
+        return np.concatenate(there, axis=2)
+
+    def apart(self, view: View, context: Context) -> tuple[int, float, float]:
+        """Return the row at which the two differ most when it is read once, and by how much [sigma, unit read]."""
+        after, truth = self.seen(view, context), _last_of(self.known)
+        sigmas = np.sqrt(truth.apart(self.known, after / view.sigma[:, :, None])[1])
+        best = int(sigmas.argmax())
+        departure = (after[best] @ truth.departure(self.known))[view.foremost]
+        return best, float(sigmas[best]), float(np.linalg.norm(departure))
+
+    def split_by(self, view: View, context: Context) -> tuple[tuple[str, float], ...]:
+        """Return the best of each sort among the instruments of a view that tell the two, and by how much [sigma].
+
+        What is open of an instrument itself is found from the same readings.
+        """
+        after, best = self.seen(view, context) / view.sigma[:, :, None], dict[str, tuple[str, float]]()
+        before = _chi_square(self.known)
+        for kind, place in view.readings.placed:
+            sensor = view.arm.sensors[kind.name]
+            open_of_it = sensor_block(view.setup, kind.name, ("",))
+            own = open_of_it.jacobian(view)[:, place] / view.sigma[:, place, None]
+            information = np.asarray(block_diag(np.diag(open_of_it.prior**-2.0), self.known.information))
+            known = LinearGaussian(information).with_rows(np.concatenate([own, after[:, place]], axis=2))
+            sigmas = float(np.sqrt(max(_chi_square(known) - before, 0.0)))
+            word = kind.name.partition("_")[0]
+            if sigmas > max(SPLIT, best.get(word, ("", 0.0))[1]):
+                link = "the tip" if sensor.link == view.arm.robot.tip else sensor.link
+                best[word] = SPLITTING[word].format(place=sensor.shaft.joint if sensor.shaft else link), sigmas
+        return tuple(sorted(best.values(), key=lambda one: -one[1]))
+
+
+def _last_of(known: LinearGaussian) -> Truth:
+    """Return the last parameter as the truth, everything else as what may imitate it."""
+    size = len(known.information)
+    return Truth(np.eye(size)[-1], np.arange(size - 1))
+
+
+def _chi_square(known: LinearGaussian) -> float:
+    """Return the chi-square between what is true and its best imitation."""
+    return _last_of(known).apart(known, np.zeros((0, 1, len(known.information))))[0]
 
 
 def _described(own: Effect, hypothesis: Effect, offer: Rows, row: int) -> str:

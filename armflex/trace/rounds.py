@@ -15,11 +15,10 @@ from armflex.estimate.calibrate import calibrate
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.measured.measurements import Measurements
 from armflex.storage.whole_file import remove
-from armflex.trace.afterwards import conclude, so_far
 from armflex.trace.checkpoint import Kept, Progress, identity, read_checkpoint, restored, write_checkpoint
 from armflex.trace.exchange import exchanged
 from armflex.trace.families import with_families
-from armflex.trace.findings import Trace
+from armflex.trace.findings import Trace, conclude, so_far
 from armflex.trace.grow import grown, paired, possible, set_aside, settled, without_far_rows
 from armflex.trace.projection import project
 from armflex.trace.state import State, begin

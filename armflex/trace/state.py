@@ -8,6 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.calibrate import Calibration
@@ -18,15 +19,14 @@ from armflex.estimate.view import View, look
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.in_arm import without_direction
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.remember import without_direction
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.parameters import numbers_of
 from armflex.rows.rows import POSE
-from armflex.setup import Setup
 from armflex.trace.accept import Step
 from armflex.trace.candidates import Bank, Candidate, bank, candidate_regressors, candidates_of
 from armflex.trace.polish import Polished, sensible, unusual

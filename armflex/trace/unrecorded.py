@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
@@ -20,9 +21,8 @@ from armflex.laws import Row
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Values, Words
 from armflex.laws.effects.location import LINK, Here, Location
-from armflex.parameters import ArmParameter, Group, Kind
+from armflex.parameters import ArmParameter, Group, ParameterKind
 from armflex.rows.rows import POSE
-from armflex.setup import Setup
 from armflex.trace.projection import Projection
 
 RATIOS = np.logspace(-4.0, 8.0, 61)
@@ -151,7 +151,8 @@ class PoseBlock(Block):
     @cached_property
     def parameters(self) -> tuple[ArmParameter, ...]:
         """One per pose."""
-        group, unit = Group(Kind.UNEXPLAINED, f"{self.site} {self.axis}"), "m" if self.axis.startswith("d") else "rad"
+        group = Group(ParameterKind.UNEXPLAINED, f"{self.site} {self.axis}")
+        unit = "m" if self.axis.startswith("d") else "rad"
         return tuple(ArmParameter(group, f"pose {i}", unit) for i in range(int(self.groups.max()) + 1))
 
     @property

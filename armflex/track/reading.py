@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from numbers import Real
 
 import numpy as np
@@ -16,6 +16,7 @@ from armflex.measured.measurements import Measurements
 from armflex.readings import Kind, Orientation, Position, Readings
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
+from armflex.rows.wrench import Wrench, check_rows, wrenches_in
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,7 @@ class Reading:
         sigma_r: Its standard deviation [rad].
         covariates: What the arm's effects depend on, by name.
         sensors: What other instruments of the arm read, by name: (d,) numbers, or one, in their SI unit.
+        wrenches: Known loads from outside, each the same in all rows [N, Nm].
     """
 
     q: ArrayLike
@@ -46,6 +48,7 @@ class Reading:
     sigma_r: float | None = None
     covariates: Mapping[str, float] = field(default_factory=dict)
     sensors: Mapping[str, ArrayLike] = field(default_factory=dict)
+    wrenches: Sequence[Wrench] = ()
 
     @property
     def size(self) -> int:
@@ -74,6 +77,7 @@ class Reading:
             *turned,
             {name: value for name, value in known.items() if value or name not in measurements.derived},
             {name: kind.values[row] for name, kind in read.items() if name},
+            wrenches_in(measurements.wrenches, row),
         )
 
 
@@ -113,7 +117,12 @@ def spread_of(reading: Reading) -> float | Array:
 
 
 def as_row(reading: Reading, arm: Arm) -> Measurements:
-    """Return a campaign of this reading alone; raises what `spread_of` and `Arm.check_position` do."""
+    """Return a campaign of this reading alone.
+
+    Raises:
+        InputError, UnknownNameError, ShapeError: See `spread_of` and `Arm.check_position`; no such instrument, or no
+            such link, or a load is for other rows.
+    """
     q, sigma = arm.check_position(reading.q)[0], spread_of(reading)
     given = {**reading.covariates, "time": reading.time or 0.0}
     # What the reading does not tell and no order of rows stands in for.
@@ -136,4 +145,10 @@ def as_row(reading: Reading, arm: Arm) -> Measurements:
         if name in reading.sensors:
             values = finite_array(np.atleast_1d(reading.sensors[name]), name, (sensor.kind.dimension,))[None]
             kinds.append(sensor.kind(values, np.full(values.shape, sensor.sigma), name))
-    return Measurements.of(row, Readings(1, tuple(kinds)))
+    for one in reading.wrenches:
+        if not isinstance(one, Wrench):
+            raise InputError(f"wrenches: expected loads from outside, such as armflex.Wrench, got {one!r}")
+        if one.frame not in arm.link_names:
+            raise UnknownNameError("link", one.frame, arm.link_names)
+    check_rows(reading.wrenches, None)
+    return Measurements.of(replace(row, wrenches=tuple(reading.wrenches)), Readings(1, tuple(kinds)))

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import InputError
@@ -18,14 +18,19 @@ from armflex.estimate.fit import realise
 from armflex.estimate.law_block import learned_laws, with_laws
 from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.view import look, untold_shifts
-from armflex.laws.effects.remember import derived_directions
-from armflex.parameters import FRAME, ArmParameter, Group, Kind, of_law
+from armflex.laws.effects.in_arm import derived_directions
+from armflex.parameters import FRAME, ArmParameter, Group, ParameterKind, of_law
 from armflex.readings.instrument import Instrument
-from armflex.setup import Setup
 from armflex.track.estimate import Seen
 from armflex.track.reading import Reading, as_row
 
-SIZES = {Kind.COMPLIANCE: 0.2, Kind.OFFSET: 1e-3, Kind.GEOMETRY: 1e-4, Kind.TOOL: 1e-3, Kind.MOUNTING: 1e-3}
+SIZES = {
+    ParameterKind.COMPLIANCE: 0.2,
+    ParameterKind.OFFSET: 1e-3,
+    ParameterKind.GEOMETRY: 1e-4,
+    ParameterKind.TOOL: 1e-3,
+    ParameterKind.MOUNTING: 1e-3,
+}
 """Expected size of a change where [prior] declares none."""
 
 BUMPED = np.repeat([1e-3, 1e-4], 3)
@@ -96,7 +101,7 @@ class Model:
         """(P,) step of each from which on the arm should be linearised again: readings change as they do at first."""
         steps = [
             np.repeat([np.inf, TURNED], 3)
-            if block.kind is Kind.INSTRUMENT
+            if block.kind is ParameterKind.INSTRUMENT
             else np.full(len(block.parameters), CURVED if block.curved else np.inf)
             for block in self.blocks
         ]
@@ -140,9 +145,9 @@ def changeables_of(blocks: Sequence[Block], arm: Arm) -> tuple[Changeable, ...]:
     """Return what may change as a whole of all parameters, in the order of the blocks."""
     groups, sizes = [parameter.group for parameter in parameters_of(blocks)], []
     for block in blocks:
-        if block.kind is Kind.INSTRUMENT:
+        if block.kind is ParameterKind.INSTRUMENT:
             sizes.append(BUMPED)
-        elif block.kind in (Kind.LAW, Kind.SENSOR):
+        elif block.kind in (ParameterKind.LAW, ParameterKind.SENSOR):
             sizes.append(block.prior)
         else:
             sizes.append(np.full(len(block.parameters), getattr(arm.prior, block.kind, 0.0) or SIZES[block.kind]))
@@ -166,7 +171,7 @@ def model_of(arm: Arm) -> Model:
     aside = Certainty((), np.zeros((0, 0)))
     # What was found of sensors in sessions that are over says nothing of how they stand now.
     ended = any(one.found and "" not in one.found for one in arm.sensors.values())
-    gone = (Kind.SENSOR,) if ended else ()
+    gone = (ParameterKind.SENSOR,) if ended else ()
     if ended:
         sensors = {name: replace(one, found={}) for name, one in arm.sensors.items()}
         arm = replace(arm, sensors=sensors)
@@ -174,8 +179,9 @@ def model_of(arm: Arm) -> Model:
     if arm.certainty is not None:
         told = replace(arm.certainty, misfit=0.0)
         kinds = [parameter.group.kind for parameter in told.parameters]
-        kept = told.part([i for i, kind in enumerate(kinds) if kind not in (Kind.EFFECT, Kind.SESSION, *gone)])
-        aside = told.part([i for i, kind in enumerate(kinds) if kind is Kind.EFFECT])
+        others = (ParameterKind.EFFECT, ParameterKind.SESSION, *gone)
+        kept = told.part([i for i, kind in enumerate(kinds) if kind not in others])
+        aside = told.part([i for i, kind in enumerate(kinds) if kind is ParameterKind.EFFECT])
     else:
         if arm.instrument is not None:
             raise InputError("the arm's file holds no covariance of what was fitted: calibrate it again")
@@ -200,9 +206,9 @@ def model_of(arm: Arm) -> Model:
         raise InputError("nothing may move: the arm was not calibrated, and [prior] frees nothing")
     added = [
         restationing
-        if block.kind is Kind.INSTRUMENT
+        if block.kind is ParameterKind.INSTRUMENT
         else block.prior**2
-        if block.kind is Kind.SENSOR
+        if block.kind is ParameterKind.SENSOR
         else np.zeros(len(block.parameters))
         for block in blocks
     ]
@@ -241,7 +247,7 @@ class Sight:
         """
         row = as_row(reading, self.setup.arm)
         derived_directions(self.setup.arm, row, np.arange(1))
-        view = look(self.setup, row, np.arange(1))
+        view = look(self.setup, row)
         jacobian = np.concatenate([block.jacobian(view) for block in self.blocks], axis=2)[0]
         noise = np.diag(view.sigma[0] ** 2)
         np.einsum("dd->d", noise)[view.foremost] += self.beside**2

@@ -12,6 +12,9 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import ModelFileError, Place, UnknownNameError
+from armflex.robot import Robot
+from armflex.rows.branch import Branch
+from armflex.rows.wrench import Wrench
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.digest import digest
 from armflex.storage.schema import Numbers
@@ -74,14 +77,26 @@ def _as_they_are(kind: type, *others: str) -> dict[str, Any]:
 PLAIN = _as_they_are(State, "estimate", "point", "watch", "changes")
 WATCH = _as_they_are(Watch, "first", "later", "window", "readings")
 
+WRENCH = {
+    **dict.fromkeys(("frame", "axes"), str),
+    **dict.fromkeys(("force", "moment"), tuple[float, float, float]),
+    "positions": dict[str, float] | None,
+}
+"""A load from outside; of what hangs beside the chain its joints' positions, too."""
+
+MOST_READ = 1000
+"""Numbers that one reading may be."""
+
 READING = {
     "q": list[float],
-    "position": tuple[float, float, float],
+    "position": tuple[float, float, float] | None,
     "sigma": float | tuple[float, float, float],
     **dict.fromkeys(("payload", "session"), str),
     **dict.fromkeys(("time", "sigma_r"), float | None),
     "rotation": tuple[float, float, float] | None,
     "covariates": dict[str, float],
+    "sensors": dict[str, list[float]],
+    "wrenches": list[WRENCH],
 }
 
 CHANGE = _as_they_are(Change, "parameters", "size", "std") | {"name": str, "labels": tuple[str, ...]}
@@ -105,7 +120,7 @@ def _declared(about: Mapping[str, Any]) -> dict[str, Numbers]:
 
 LAYOUT = Layout(
     "a tracker's state",
-    "armflex-tracker-3",
+    "armflex-tracker-4",
     _declared,
     {
         "about": {"arm": str, "rates": dict[str, float], "sigma": float},
@@ -115,7 +130,7 @@ LAYOUT = Layout(
         "readings": list[READING],
         "changes": list[CHANGE],
     },
-    lambda about: {f"numbers {i}": (3, 6) for i in range(len(about["watch"]["weights"]))},
+    lambda about: {f"numbers {i}": range(1, MOST_READ) for i in range(len(about["watch"]["weights"]))},
     anew="begin a new tracker",
     error=ModelFileError,
 )
@@ -133,9 +148,14 @@ def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
     numbers = ("q", "position", "sigma", "rotation", "sigma_r", "time")  # found good; what was given may be of any kind
     readings = []
     for reading in watch.readings:
-        told = {name: getattr(reading, name) for name in READING}
+        told = {name: getattr(reading, name) for name in READING if name not in ("sensors", "wrenches")}
         told |= {name: np.asarray(told[name], dtype=float).tolist() for name in numbers if told[name] is not None}
-        readings.append(told | {"covariates": {name: float(value) for name, value in reading.covariates.items()}})
+        told["covariates"] = {name: float(value) for name, value in reading.covariates.items()}
+        told["sensors"] = {
+            name: np.atleast_1d(np.asarray(read, dtype=float)).tolist() for name, read in reading.sensors.items()
+        }
+        told["wrenches"] = [_written(one) for one in reading.wrenches]
+        readings.append(told)
     said = {
         "about": dict(about),
         "plain": {name: getattr(state, name) for name in PLAIN},
@@ -172,13 +192,32 @@ def read_state(path: Path, arm: Arm) -> tuple[State, dict[str, Any]]:
         changes.append(Change(parameters, **own, size=size, std=std))
     now, *before = (Estimate(arrays[f"{name} values"], arrays[f"{name} root"]) for name in ESTIMATES)
     first, later = (Anchor(estimate, *told) for estimate, told in zip(before, said["anchors"], strict=True))
-    count, readings = len(said["watch"]["weights"]), [Reading(**told) for told in said["readings"]]
+    count = len(said["watch"]["weights"])
+    readings = [
+        Reading(**told | {"wrenches": tuple(_read(one, arm.robot) for one in told["wrenches"])})
+        for told in said["readings"]
+    ]
     window = [Seen(arrays[f"window {i} residual"], arrays[f"window {i} columns"]) for i in range(count)]
     watch = Watch(first, later, window, **said["watch"], readings=readings)
     state = State(now, arrays["point"], watch, changes=changes, **said["plain"])
     if problem := _problem(state):
         raise ModelFileError(Place(path), f"does not hold {LAYOUT.what}: {problem}; {LAYOUT.anew}")
     return state, about
+
+
+def _written(load: Wrench) -> dict[str, Any]:
+    """Return what is written of a load from outside; see `WRENCH`."""
+    told = {"frame": load.frame, "axes": load.axes, "force": load.force.tolist(), "moment": load.moment.tolist()}
+    at = {name: float(value) for name, value in load.positions.items()} if isinstance(load, Branch) else None
+    return told | {"positions": at}
+
+
+def _read(told: Mapping[str, Any], robot: Robot) -> Wrench:
+    """Return a load that was written."""
+    given = (told["frame"], np.array(told["force"]), np.array(told["moment"]), told["axes"])
+    if told["positions"] is None:
+        return Wrench(*given)
+    return Branch(*given, robot=robot, positions={name: np.array(at) for name, at in told["positions"].items()})
 
 
 def _problem(state: State) -> str | None:

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.parameters import ArmParameter, Kind
+from armflex.parameters import ArmParameter, ParameterKind
 from armflex.readings import Position
 from armflex.readings.chance import outlier_limit
+from armflex.result import Result
 from armflex.track.estimate import Estimate, Seen, recentred
 from armflex.track.reading import Reading
 from armflex.track.state_space import Changeable
@@ -54,7 +56,7 @@ PROMISING = 8
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Change:
+class Change(Result):
     """A law that changed.
 
     Attributes:
@@ -77,6 +79,14 @@ class Change:
     std: Array
     others: tuple[tuple[str, float], ...] = ()
 
+    TOLD = ("name", "probability", "reading", "since", "labels", "size", "std", "others")
+    ROWS = "table"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """What changed, by column."""
+        return {"label": self.labels, "size": self.size, "std": self.std}
+
     @property
     def name(self) -> str:
         """The law, as `Tracker.groups` names it: 'compliance A4', 'joint_offset A2', 'instrument', ..."""
@@ -92,7 +102,7 @@ class Change:
         told = []
         for parameter, size, std in zip(self.parameters, self.size, self.std, strict=True):
             unit = ""
-            if parameter.group.kind is Kind.COMPLIANCE:
+            if parameter.group.kind is ParameterKind.COMPLIANCE:
                 size, std, unit = 100.0 * np.expm1(size), 100.0 * np.exp(size) * std, " %"
             told.append(f"{parameter.name or ''} {size:+.3g} ± {std:.2g}{unit}".strip())
         return f"<Change: {self.name} since reading {self.since}, {self.probability:.3%} sure: {', '.join(told)}>"

@@ -30,6 +30,7 @@ TYPES = {
     "flag": "true or false",
     "number": "number",
     "std": "number, 0 or more",
+    "quantity": "number, its unit as a suffix",
     "numbers": "numbers",
     "ragged": "rows of numbers",
     "sub": "table",
@@ -38,14 +39,14 @@ TYPES = {
     "raw": "",
     "has": "",
 }
-OPTIONAL = ("subs", "array_of", "flag")
+OPTIONAL = ("subs", "array_of", "flag", "quantity")
 
 
 def header(declaration: Declaration) -> str:
     """Return a table's name, with NAME for what the user names."""
     words = [str(key) for key in declaration.keys if isinstance(key, str)]
     for place, first in enumerate(words[:-1]):
-        if first in ("payload", "flexure", "preset", "instrument", "law"):
+        if first in ("payload", "flexure", "preset", "instrument", "law") or words[: place + 1] == ["robot", "joint"]:
             words[place + 1] = "NAME"
     return (
         ".".join(words).removeprefix("preset.NAME.") if words[:1] == ["preset"] and len(words) > 2 else ".".join(words)

@@ -39,7 +39,20 @@ GROUPS = {
     "Maps and pages": ("tasks.workspace", "show"),
     "Errors": ("errors",),
 }
-"""Heading -> packages whose names of `armflex` stand under it."""
+"""Heading -> packages whose names stand under it."""
+
+FURTHER = (
+    *("mechanics.deflection.Deflection", "mechanics.deflection.DeflectionBatch", "robot.load_robot"),
+    *("tasks.check.CheckReport", "tasks.compensate.Compensation", "tasks.predict.Prediction"),
+    *("estimate.Calibration", "estimate.bootstrap", "estimate.Bootstrap", "estimate.draw.draw_arms"),
+    *("trace.findings.Trace", "tasks.iso9283.PosePerformance", "measured.points.read_points"),
+    *("measured.repeats.repeats", "measured.repeats.Repeats", "rows.poses.pose_groups", "rows.poses.leaked"),
+    *("plan.planned_rows.Plan", "plan.picture.draw_plan", "track.watch.Doubt"),
+    *("measured.joint_data.JointData", "bench.training.TrainResult"),
+    *("tasks.workspace.WorkspaceMap", "tasks.workspace.draw_map", "tasks.workspace.read_map"),
+    *("tasks.workspace.write_map", "show.view.map_page"),
+)
+"""What the names of `armflex` return, and what is needed more rarely: imported from its module."""
 
 HEADS = {
     "Equilibrium": (
@@ -135,19 +148,21 @@ def heads() -> str:
 
 
 def api() -> str:
-    """Return every public name of the package under a heading."""
-    left, lines = [name for name in armflex.__all__ if name != "__version__"], []
-    found = {title: [] for title in GROUPS}
-    for name in left:
-        module = armflex.EXPORTS[name].removeprefix("armflex.") + "."
+    """Return every public name of the package under a heading, and what they return behind them."""
+    lines: list[str] = []
+    found: dict[str, list[str]] = {title: [] for title in GROUPS}
+    own = [f"{module}.{name}".removeprefix("armflex.") for name, module in armflex.EXPORTS.items()]
+    for place in (*own, *FURTHER):
         fitting = [
-            (len(prefix), title) for title, some in GROUPS.items() for prefix in some if module.startswith(prefix + ".")
+            (len(prefix), title) for title, some in GROUPS.items() for prefix in some if place.startswith(prefix + ".")
         ]
-        found[max(fitting)[1] if fitting else "An arm and its deflection"].append(name)
+        short = place.rpartition(".")[2] if place in own else place
+        found[max(fitting)[1] if fitting else "An arm and its deflection"].append(short)
     for title, names in found.items():
         lines += [f"## {title}", "", "```{eval-rst}"]
         for name in names:
-            if isinstance(getattr(armflex, name), type):
+            module, _, last = f"armflex.{name}".rpartition(".")
+            if isinstance(getattr(importlib.import_module(module), last), type):
                 lines += [
                     f".. autoclass:: armflex.{name}",
                     "   :members:",

@@ -19,7 +19,7 @@ from support.bench import made, some_law, trained
 from support.small_arms import ROBOTS
 from support.tracking import in_base
 
-from armflex import Reading, Tracker, load_arm, load_law, map_workspace, read_map, save_law, write_map
+from armflex import Reading, Tracker, load_arm, load_law, map_workspace, save_law
 from armflex.arm import Arm
 from armflex.errors import FileError, ModelFileError
 from armflex.estimate.bootstrap import FORM
@@ -27,7 +27,8 @@ from armflex.files.certainty_table import LAYOUT as COVARIANCE
 from armflex.laws.law import Row
 from armflex.laws.law_file import TrainedLaw
 from armflex.storage.array_file import read_arrays, write_arrays
-from armflex.storage.kept import open_kept
+from armflex.storage.store import open_store
+from armflex.tasks.workspace import read_map, write_map
 
 TARM = ROBOTS / "tarm_like" / "arm.toml"
 NOWHERE = Row(np.zeros(1), {"A1": 0})
@@ -131,7 +132,7 @@ def test_manifests(chunk: tuple[Path, bytes]) -> None:
 
 
 def test_fits_of_a_bootstrap(tmp_path: Path) -> None:
-    kept = open_kept(tmp_path / "store", {"format": "x"}, FORM)
+    kept = open_store(tmp_path / "store", {"format": "x"}, FORM)
     kept.write("fit-0000000", (("a", "b"), np.array([1.0, -2.0])))
     path = kept.path("fit-0000000")
     whole = path.read_bytes()
@@ -186,10 +187,15 @@ def test_states_of_a_tracker(tracked: tuple[Arm, bytes, list[Reading]]) -> None:
     spoil()
 
 
+LOAD = {"frame": "tool", "axes": "base", "force": [1.0, 0.0, 0.0], "moment": [0.0] * 3, "positions": None}
+
 EDITS: dict[str, tuple[Callable[[dict, dict], object], str]] = {
     "ragged window": (lambda s, a: a.update({"window 1 columns": a["window 1 columns"][:, :-1].copy()}), "has shape"),
     "window not finite": (lambda s, a: a["window 0 residual"].__setitem__(0, np.nan), "window 0 residual.* is nan"),
-    "window of five numbers": (lambda s, a: a.update({"window 0 residual": np.zeros(5)}), "one of"),
+    "window of five numbers": (
+        lambda s, a: a.update({"window 0 residual": np.zeros(5)}),
+        r"shape \(3, 52\), expected \(5, 52\)",
+    ),
     "root not finite": (lambda s, a: a["now root"].__setitem__((0, 0), np.inf), "now root.* is inf"),
     "a negative count": (lambda s, a: s["plain"].update(count=-1), "its counts"),
     "a part of a count": (lambda s, a: s["plain"].update(count=1.5), "plain.count is 1.5, expected int"),
@@ -199,6 +205,9 @@ EDITS: dict[str, tuple[Callable[[dict, dict], object], str]] = {
     "a weight above one": (lambda s, a: s["watch"]["weights"].__setitem__(0, 2.0), "its window"),
     "joints that are not the arm's": (lambda s, a: s["readings"][0].update(q=[0.0]), "of this arm: q"),
     "a payload that is none": (lambda s, a: s["readings"][0].update(payload="x"), "no payload named 'x'"),
+    "a load at no link": (lambda s, a: s["readings"][0].update(wrenches=[LOAD | {"frame": "x"}]), "no link named 'x'"),
+    "a load in no axes": (lambda s, a: s["readings"][0].update(wrenches=[LOAD | {"axes": "x"}]), "axes is 'x'"),
+    "an instrument that is none": (lambda s, a: s["readings"][0].update(sensors={"w": [1.0]}), "its window|named 'w'"),
     "a rate for nothing": (lambda s, a: s["about"].update(rates={"x": 1.0}), "no parameter named 'x'"),
     "another version": (
         lambda s, a: s.update(format="armflex-tracker-2"),

@@ -11,9 +11,10 @@ import pytest
 from harness import as_toml, judge, judge_command, limited, written
 from seeds import ARM, PATH, PATH_HEADER, URDF, arm, declared, quietly, traced
 
-from armflex import load_arm, load_robot, read_trajectory
+from armflex import load_arm, read_trajectory
 from armflex.conventions import NUMBER, parse_quantity
 from armflex.errors import ArmFileError, TableError, UnitError
+from armflex.robot import load_robot
 
 PLAIN = ARM.replace("LEARN", "").partition("[[effect]]")[0]
 

@@ -14,21 +14,11 @@ from hypothesis import strategies as st
 from seeds import PATH, PATH_HEADER, arm, campaign, declared, quietly
 from support.small_arms import ROBOTS
 
-from armflex import (
-    Arm,
-    check,
-    compensate,
-    predict,
-    read_joint_data,
-    read_measurements,
-    read_points,
-    read_trajectory,
-    train,
-)
+from armflex import Arm, check, compensate, predict, read_joint_data, read_measurements, read_trajectory, train
 from armflex.laws import Row
 from armflex.measured.joint_data import JointData
 from armflex.measured.measurements import Measurements
-from armflex.measured.points import PointExport
+from armflex.measured.points import PointExport, read_points
 from armflex.trajectory import Trajectory
 
 POINTS = """// Units: mm

@@ -9,8 +9,9 @@ import pytest
 from support.heavy_campaign import PAYLOADS, declared
 from support.plant import Campaign, Plant
 
-from armflex import Arm, Bootstrap, Measurements, bootstrap, calibrate, load_arm, read_measurements
+from armflex import Arm, Measurements, calibrate, load_arm, read_measurements
 from armflex.errors import FileError, InputError
+from armflex.estimate import Bootstrap, bootstrap
 
 pytestmark = pytest.mark.slow
 

@@ -18,7 +18,6 @@ from support.small_arms import ROBOTS
 from armflex import (
     calibrate,
     compensate,
-    draw_arms,
     ensemble,
     load_arm,
     predict,
@@ -31,6 +30,7 @@ from armflex.cli.calibrate_command import as_json
 from armflex.errors import ArmFileError, InputError, UnsupportedError
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import first_guess, write_calibrated
+from armflex.estimate.draw import draw_arms
 from armflex.estimate.fit import prior_of, realise
 from armflex.estimate.view import look
 from armflex.laws import LinearLaw

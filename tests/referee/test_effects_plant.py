@@ -13,6 +13,7 @@ from support.stage import few, readings
 from support.undeclared import Effect as Hidden
 
 from armflex import load_arm, predict, read_measurements
+from armflex.arm import Setup
 from armflex.laws import LinearLaw
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import EVERY
@@ -20,7 +21,6 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
-from armflex.setup import Setup
 
 pytestmark = pytest.mark.slow
 

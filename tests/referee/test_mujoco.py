@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import csv
 import tomllib
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import mujoco
@@ -18,7 +19,7 @@ import numpy as np
 import pytest
 from support.small_arms import ROBOTS, skew_parts
 
-from armflex import Arm, Flexure, compensate, load_arm, read_trajectory
+from armflex import Arm, Flexure, Wrench, compensate, load_arm, read_trajectory
 from armflex.laws import LinearLaw
 
 
@@ -89,7 +90,9 @@ class Referee:
                 total += (np.diag(values) if values.ndim == 1 else values) * q[flexure["joint"]] ** power
         return total
 
-    def solve(self, q: dict[str, float], payload: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def solve(
+        self, q: dict[str, float], payload: str, pushes: Sequence[Wrench] = ()
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return wrenches (n, 6), twists (n, 6) and the tip's pose (4, 4)."""
         model = self.model(payload)
         data = mujoco.MjData(model)
@@ -99,15 +102,22 @@ class Referee:
         compliances = [self.compliance(name, q) for name in names]
         twists = np.zeros((len(names), 6))
         for _ in range(200):
-            wrenches = self.wrenches(model, data, names, twists)
+            wrenches = self.wrenches(model, data, names, twists, pushes)
             updated = np.array([c @ w for c, w in zip(compliances, wrenches, strict=True)])
             change, twists = np.abs(updated - twists).max(), updated
             if change < 1e-16:
                 break
         assert change < 1e-15
-        return self.wrenches(model, data, names, twists), twists, self.tip(model, data)
+        return self.wrenches(model, data, names, twists, pushes), twists, self.tip(model, data)
 
-    def wrenches(self, model: mujoco.MjModel, data: mujoco.MjData, names: list[str], twists: np.ndarray) -> np.ndarray:
+    def wrenches(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        names: list[str],
+        twists: np.ndarray,
+        pushes: Sequence[Wrench],
+    ) -> np.ndarray:
         """Put the flexures at exp6 of their twists; return the wrench on each in its moved frame."""
         slides = [[model.joint(f"{name}/{axis}") for axis in "xyz"] for name in names]
         balls = [model.joint(f"{name}/ball") for name in names]
@@ -118,12 +128,18 @@ class Referee:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_fwdVelocity(model, data)
-        found = []
+        held, found = data.qfrc_bias.copy(), []
+        for push in pushes:
+            body, given = data.body(push.frame), np.zeros(model.nv)
+            turn = np.eye(3) if push.axes == "base" else body.xmat.reshape(3, 3)
+            number = model.body(push.frame).id
+            mujoco.mj_applyFT(model, data, turn @ push.force, turn @ push.moment, body.xpos, number, given)
+            held -= given
         for slide, ball in zip(slides, balls, strict=True):
             rotation, start = np.zeros(9), ball.qposadr[0]
             mujoco.mju_quat2Mat(rotation, data.qpos[start : start + 4])
-            force = -data.qfrc_bias[[joint.dofadr[0] for joint in slide]]  # along axes that the ball does not turn
-            moment = -data.qfrc_bias[ball.dofadr[0] : ball.dofadr[0] + 3]
+            force = -held[[joint.dofadr[0] for joint in slide]]  # along axes that the ball does not turn
+            moment = -held[ball.dofadr[0] : ball.dofadr[0] + 3]
             found.append(np.concatenate([rotation.reshape(3, 3).T @ force, moment]))
         return np.array(found)
 
@@ -146,14 +162,17 @@ def both(request) -> tuple[Arm, Referee]:
     return load_arm(ROBOTS / request.param / "arm.toml"), Referee(request.param)
 
 
-def assert_agree(arm: Arm, referee: Referee, q: np.ndarray, payload: str) -> float:
+def assert_agree(arm: Arm, referee: Referee, q: np.ndarray, payload: str, pushes: Sequence[Wrench] = ()) -> float:
     """Assert that loads, twists and the tip agree; return the sag [m]."""
-    wrenches, twists, tip = referee.solve(dict(zip(arm.joint_names, q, strict=True)), payload)
-    result = arm.deflection(q, payload)
+    wrenches, twists, tip = referee.solve(dict(zip(arm.joint_names, q, strict=True)), payload, pushes)
+    result = arm.deflection(q, payload, wrenches=pushes)
     assert arm.flexure_names == tuple(referee.toml["flexure"])
     np.testing.assert_allclose(result.wrenches, wrenches, rtol=0, atol=1e-12 * np.abs(wrenches).max())
     np.testing.assert_allclose(result.twists, twists, rtol=0, atol=1e-12)
     np.testing.assert_allclose(result.pose.homogeneous, tip, rtol=0, atol=1e-12)
+    rows = arm.deflection(q[None], payload, wrenches=pushes)
+    np.testing.assert_allclose(rows.twists[0], twists, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rows.wrenches[0], wrenches, rtol=0, atol=1e-12 * np.abs(wrenches).max())
     return float(np.linalg.norm(result.displacement[:3]))
 
 
@@ -164,6 +183,16 @@ def test_loads_flexures_and_tip_at_random_positions(both, heaviest):
     random = np.random.default_rng(11)
     sags = [assert_agree(arm, referee, random.uniform(arm.robot.lower, arm.robot.upper), payload) for _ in range(8)]
     assert max(sags) > (0.08 if arm.robot.urdf.name == "tarm_like" else 0.003)
+
+
+@pytest.mark.parametrize("axes", ["base", "frame"])
+def test_pushes_in_base_and_link_axes_at_random_positions(both, axes):
+    arm, referee = both
+    random = np.random.default_rng(12)
+    for _ in range(4):
+        forces = 300.0 * random.normal(size=(2, 2, 3))
+        pushes = [Wrench(link, *load, axes) for link, load in zip(("tool", arm.link_names[3]), forces, strict=True)]
+        assert_agree(arm, referee, random.uniform(arm.robot.lower, arm.robot.upper), "none", pushes)
 
 
 def test_loads_flexures_and_tip_at_the_via_points(both):

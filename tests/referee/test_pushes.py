@@ -15,7 +15,8 @@ from support.campaign_files import write_columns
 from support.plant import Array, Plant, Push, Rows, State, pose
 from support.small_arms import ROBOTS
 
-from armflex import Arm, Measurements, calibrate, load_arm, predict, read_measurements
+from armflex import Arm, Measurements, Reading, Tracker, Wrench, calibrate, load_arm, predict, read_measurements
+from armflex.errors import InputError, ShapeError, UnknownNameError
 from armflex.estimate.calibrate import write_calibrated
 
 JOINTS = tuple(f"J{i}" for i in range(1, 7))
@@ -113,6 +114,37 @@ def test_forty_pushes_tell_the_stiffness(tmp_path: Path, links: tuple[str, ...],
     # Without the columns the same rows say nothing of what gives.
     silent = calibrate(arm, replace(rows, wrenches=()))
     assert np.abs(factors(silent.arm) - FACTORS).max() > 0.1
+
+
+def test_a_tracker_takes_pushes_one_by_one(tmp_path: Path) -> None:
+    """At the tip and other links, in base and link axes; saved and restored between, with those it keeps."""
+    arm = load_arm(declared(tmp_path))
+    rows = read_measurements(pushed(tmp_path, 1, ("", "link6", "link4"), held=20), arm)
+    readings = [Reading.of(rows, row) for row in range(len(rows))]
+    assert {one.frame for reading in readings for one in reading.wrenches} == {"tcp", "link6", "link4"}
+    tracker = Tracker(arm)
+    for i, reading in enumerate(readings):
+        if i == 3:
+            tracker = Tracker.restore(tracker.save(tmp_path / "state"), arm)
+        tracker.update(reading)
+        if tracker.stale:
+            tracker.relinearise()
+    whole = calibrate(arm, rows).arm
+    std = np.sqrt(np.diag(whole.certainty.covariance))  # of the factors' logarithms
+    assert (np.abs(np.log(factors(tracker.arm) / factors(whole))) < 0.1 * std).all()
+    silent = Tracker(arm)
+    for reading in readings:
+        silent.update(replace(reading, wrenches=()))
+    assert np.abs(factors(silent.arm) - FACTORS).max() > 0.1
+    before = tracker.values
+    for bad, kind, said in (
+        ([Wrench("link7", np.ones(3), np.zeros(3))], UnknownNameError, "no link named 'link7', did you mean 'link6'"),
+        ([Wrench("tcp", np.ones((2, 3)), np.zeros(3))], ShapeError, r"expected force and moment \(3,\)"),
+        ([(1.0, 0.0, 0.0)], InputError, "wrenches: expected loads from outside"),
+    ):
+        with pytest.raises(kind, match=said):
+            tracker.update(replace(readings[0], wrenches=bad))
+    assert (tracker.values == before).all() and tracker.readings == len(readings)
 
 
 def rms(arm: Arm, rows: Measurements) -> float:

@@ -13,10 +13,11 @@ from support.measurement_rows import written
 from support.plant import Push, State
 from support.three_joint_plant import ARM, SIGMA
 
-from armflex import Arm, Reading, Tracker, calibrate, draw_arms, plan, predict, read_measurements, trace
+from armflex import Arm, Reading, Tracker, calibrate, plan, predict, read_measurements, trace
 from armflex.certainty import Certainty
 from armflex.errors import InputError
 from armflex.estimate.calibrate import write_calibrated
+from armflex.estimate.draw import draw_arms
 from armflex.files.effect_file import effect_table
 from armflex.readings.instrument import Instrument
 from armflex.show.report import write_report

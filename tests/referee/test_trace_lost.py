@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from support.campaigns import draw
 from support.stage import few
 
-from armflex import calibrate, load_arm, pose_groups, predict, read_measurements
+from armflex import calibrate, load_arm, predict, read_measurements
 from armflex.arm import Arm
 from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds
@@ -21,6 +21,7 @@ from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
 from armflex.plan.design import instead
+from armflex.rows.poses import pose_groups
 from armflex.show.report import render_report
 from armflex.trace.accept import improvement
 from armflex.trace.findings import Trace, write_traced

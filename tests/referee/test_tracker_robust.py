@@ -11,9 +11,9 @@ from support.small_arms import ROBOTS
 from support.tracking import SIGMA, error, followed, shifted
 
 from armflex import Arm, Tracker, load_arm
+from armflex.arm import Prior
 from armflex.certainty import Certainty
 from armflex.errors import InputError, JointLimitError, UnknownNameError
-from armflex.prior import Prior
 from armflex.track.estimate import Seen, absorb, estimate_of, innovation, take, widen
 from armflex.track.state_space import model_of
 

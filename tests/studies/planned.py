@@ -225,7 +225,7 @@ def apart(arm: Arm, campaign: Measurements, true: str, false: str) -> float:
     for name in (true, false):
         rows = np.flatnonzero(campaign.measured)
         setup = first_guess(arm, campaign, rows)
-        view = look(setup, campaign, np.arange(len(campaign)))
+        view = look(setup, campaign)
         context = context_of(view, campaign)
         effect = named_effect(name, arm, ())
         prior = amplitude_prior(effect, (), view, context)

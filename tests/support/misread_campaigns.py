@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Prior
 from armflex.errors import ConventionError
 from armflex.estimate.misread import check_conventions
 from armflex.laws.joint.carried import scaled
 from armflex.measured.measurements import Measurements
-from armflex.prior import Prior
 from support.plant import Array
 
 

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from armflex import load_arm, read_measurements
+from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.view import View, look
 from armflex.laws.effects import Effect, EffectLaw, Location
@@ -20,7 +21,6 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.readings.instrument import Instrument
-from armflex.setup import Setup
 from armflex.trace.candidates import Candidate, grid
 from support.campaigns import draw
 

@@ -22,7 +22,7 @@ import armflex
 
 ROOT = ROBOTS.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-APART = {"export.md": "tests/unit/test_export_docs.py", "c-export.md": "examples/13_c_in_the_controller.py"}
+APART = {"export.md": "tests/unit/export/test_export_docs.py", "c-export.md": "examples/13_c_in_the_controller.py"}
 """Pages whose commands are run elsewhere."""
 
 BLOCK = re.compile(r"((?:<!--[^\n]*-->\n)*)^```(\w+|\{[\w-]+\})[^\n]*\n(.*?)^```", re.M | re.S)

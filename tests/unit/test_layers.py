@@ -9,13 +9,13 @@ PACKAGE = Path(__file__).parents[2] / "armflex"
 TESTS = Path(__file__).parents[1]
 
 ROOMS = (
-    *("errors", "conventions", "version", "linear_gaussian", "result"),
+    *("errors", "arguments", "conventions", "version", "linear_gaussian", "result"),
     *("parallel", "storage", "sampling"),
     *("bundled", "declaration", "plotting"),
-    *("robot", "prior", "rows", "readings"),
+    *("robot", "rows", "readings"),
     *("laws", "laws.effects"),
     "mechanics",
-    *("parameters", "certainty", "arm", "setup", "configurations", "files"),
+    *("parameters", "certainty", "arm", "configurations", "files"),
     *("measured", "trajectory"),
     "estimate",
     *("bench", "plan", "track", "trace"),
@@ -76,4 +76,7 @@ def test_no_test_imports_a_test() -> None:
 
 
 def test_every_test_is_in_a_room() -> None:
-    assert {path.parent.name for path in TESTS.rglob("test_*.py")} == {"unit", "referee", "fuzz"}
+    """Of the package in one folder, each part of it in the folder of its name; there is no other room for tests."""
+    places = {path.parent.relative_to(TESTS).parts for path in TESTS.rglob("test_*.py")}
+    assert {place[0] for place in places} == {"unit", "referee", "fuzz"}
+    assert {place[1] for place in places if place[1:]} <= {path.name for path in PACKAGE.iterdir() if path.is_dir()}

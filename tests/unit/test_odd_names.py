@@ -17,11 +17,12 @@ from click.testing import CliRunner, Result
 from support.command_line import strict_json
 from support.small_arms import joint, link, robot
 
-from armflex import Reading, Tracker, load_arm, predict, read_measurements, read_points
+from armflex import Reading, Tracker, load_arm, predict, read_measurements
 from armflex.cli import terminal
 from armflex.cli.main import Commands, main
 from armflex.conventions import printable
 from armflex.errors import ArmFileError, TableError, UrdfError
+from armflex.measured.points import read_points
 from armflex.plotting import picture
 from armflex.show.view.law_curves import draw_laws
 from armflex.show.view.meshcat_page import render_page

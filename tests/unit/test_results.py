@@ -11,6 +11,8 @@ import pytest
 from support.small_arms import ROBOTS
 
 import armflex
+from armflex.estimate import Calibration
+from armflex.measured.repeats import repeats
 
 FOLDER = ROBOTS / "tarm_like"
 
@@ -25,7 +27,7 @@ def path(arm: armflex.Arm) -> armflex.Trajectory:
     return armflex.read_trajectory(FOLDER / "trajectory.csv", arm)
 
 
-def fitted() -> armflex.Calibration:
+def fitted() -> Calibration:
     arm = armflex.load_arm(FOLDER / "measured.toml")
     return armflex.calibrate(arm, armflex.read_measurements(FOLDER / "campaign.csv", arm))
 
@@ -41,6 +43,12 @@ RESULTS: dict[str, Callable[[armflex.Arm, armflex.Trajectory], object]] = {
     ),
     "calibrate": lambda arm, path: fitted(),
     "train": lambda arm, path: armflex.train(armflex.read_joint_data(FOLDER / "a4_table_1.csv")),
+    "plan": lambda arm, path: armflex.plan(arm, 3, sigma=1e-4),
+    "map": lambda arm, path: armflex.map_workspace(arm, rows=64, voxel=2.0),
+    "campaign": lambda arm, path: armflex.read_measurements(FOLDER / "campaign.csv", arm),
+    "repeats": lambda arm, path: repeats(armflex.read_measurements(FOLDER / "campaign.csv", arm)),
+    "bench": lambda arm, path: armflex.read_joint_data(FOLDER / "a4_table_1.csv"),
+    "iso9283": lambda arm, path: armflex.iso9283(arm, FOLDER / "campaign.csv"),
 }
 
 
@@ -70,6 +78,8 @@ def test_results_show_themselves(name: str, arm: armflex.Arm, path: armflex.Traj
     assert page.open == [] and page.cells
     told = result.to_dict()
     assert json.loads(json.dumps(told, allow_nan=False)) == told and set(told) == set(result.TOLD)
+    pytest.importorskip("pandas")
+    assert len(result.to_frame())
 
 
 def test_plain_values_are_those_of_the_result(arm: armflex.Arm, path: armflex.Trajectory) -> None:
@@ -96,4 +106,4 @@ def test_an_arm_in_a_notebook(arm: armflex.Arm) -> None:
 
 
 def test_the_package_shows_its_own_names_alone() -> None:
-    assert dir(armflex) == sorted(armflex.__all__)
+    assert dir(armflex) == sorted(armflex.__all__) and len(armflex.__all__) < 40

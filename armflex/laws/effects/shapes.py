@@ -149,10 +149,10 @@ def at_drives(records: Records, *covariates: str) -> list[Location]:
     ]
 
 
-def at_joints(records: Records, axes: Iterable[str] = AXES, covariate: str | None = None) -> list[Location]:
+def at_joints(records: Records, covariate: str | None = None) -> list[Location]:
     """Return every joint with each axis."""
     covariates = () if covariate is None else (covariate,)
-    return [Location(joint, axis, covariates) for joint in records.joints for axis in axes]
+    return [Location(joint, axis, covariates) for joint in records.joints for axis in AXES]
 
 
 PAIRS = ((0, 1), (0, 2), (1, 2))

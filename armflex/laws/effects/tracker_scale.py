@@ -21,11 +21,7 @@ TRACKER_SCALE = ModelLaw(
     name="tracker_scale",
     words=Words("instrument scale", "distances are read too long or too short", "λ · range"),
     instead="measure a scale bar or a second instrument's distance with the instrument",
-    plausible=Plausible(
-        0.0004,
-        1,
-        "air 1 ppm/K, a scale bar of the wrong metal 25 ppm/K, photographs 100 ppm, a bar measured by hand 400 ppm",
-    ),
+    plausible=Plausible(0.0003, 1, "air 1 ppm/K, a scale bar of the wrong metal 25, photographs and drums 300 ppm"),
     places=lambda records: [Location(BASE)],
     amplitudes=(Amplitude("lambda", "ppm", usual=100.0),),
     act=Act.SCALE,

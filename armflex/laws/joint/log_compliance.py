@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.laws.law import LEAST, Compliance, Law, Parameter, Row, SteppedLaw, Transform
+from armflex.laws.law import LEAST, NOWHERE, Compliance, Law, Parameter, Row, SteppedLaw, Transform
 
 LOOSE = 0.5
 """Prior standard deviation of a factor's logarithm where nothing was declared."""
@@ -142,9 +142,6 @@ class LogCompliance(Compliance):
         position = (np.asarray(row.position(self.joint)) - self.middle) / self.reach
         position = position.reshape(*position.shape, *(1,) * further)
         return [position**power for power in range(self.degree + 1)]
-
-
-NOWHERE = Row(np.zeros(0), {})
 
 
 def root_of(compliance: Array) -> Array:

@@ -13,8 +13,8 @@ from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import LawError, did_you_mean
 from armflex.laws.joint.linear import SYMMETRIC, check_compliance, declared_matrix, declared_std, entries
-from armflex.laws.joint.log_compliance import LOOSE, NOWHERE, LogCompliance
-from armflex.laws.law import Compliance, Parameter, Ranges, Row, block_norms
+from armflex.laws.joint.log_compliance import LOOSE, LogCompliance
+from armflex.laws.law import NOWHERE, Compliance, Parameter, Ranges, Row, block_norms
 
 EXAMPLE = """
 model = "position_dependent"

@@ -172,9 +172,9 @@ class NetworkCorrection(Correcting):
         )
 
     @classmethod
-    def start(cls, seen: Seen, neurons: int, seed: int = 0) -> NetworkCorrection:
+    def start(cls, seen: Seen, neurons: int) -> NetworkCorrection:
         """Return drawn hidden weights and biases, and an output of zero: no correction."""
-        rng, inputs = np.random.default_rng(seed), np.count_nonzero(seen.twist_scale)
+        rng, inputs = np.random.default_rng(0), np.count_nonzero(seen.twist_scale)
         hidden = rng.normal(0.0, STEEP / np.sqrt(inputs), neurons * inputs)
         values = [hidden, rng.normal(0.0, 1.0, neurons), np.zeros(inputs * neurons)]
         return cls(seen, np.concatenate(values), neurons)

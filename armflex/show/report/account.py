@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from armflex.estimate.identify import parameters
-from armflex.parameters import Kind
+from armflex.parameters import ParameterKind
 from armflex.show.report import effect_figures, figures, summary
 from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short
@@ -31,7 +31,7 @@ def account(trace: Trace) -> SimpleNamespace:
         title=f"{trace.arm.robot.urdf.name}: what the arm lacks",
         headline=summary.headline(trace),
         accuracy=summary.accuracy_sentence(accurate, trace),
-        further=summary.further(trace, accurate),
+        further=summary.further(trace),
         cards=_cards(trace, accurate),
         campaign=_campaign(trace),
         numbers=_numbers(trace, accurate),
@@ -53,7 +53,7 @@ def account(trace: Trace) -> SimpleNamespace:
 
 def _parameters(trace: Trace) -> SimpleNamespace:
     """Return what became of declared parameters whose prior says how far they may move."""
-    own = (Kind.EFFECT, Kind.UNEXPLAINED)
+    own = (ParameterKind.EFFECT, ParameterKind.UNEXPLAINED)
     before, after = (
         [one for one in parameters(fit) if np.isfinite(one.prior) and one.kind not in own]
         for fit in (trace.before, trace.state.fit)

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES
-from armflex.estimate.identify import SURPRISING, Parameter
+from armflex.estimate.identify import SURPRISING, FittedParameter
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.svg import AFTER, BEFORE, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import words
@@ -141,7 +141,7 @@ def heat(trace: Trace, left: Sequence[RandomTwist]) -> str:
     return inline(figure, "Where the unexplained variance points")
 
 
-def pulls(before: Sequence[Parameter], after: Sequence[Parameter], both: bool, most: int = 12) -> str:
+def pulls(before: Sequence[FittedParameter], after: Sequence[FittedParameter], both: bool, most: int = 12) -> str:
     """Return the parameters that moved most against their priors: before and after, or after alone."""
     earlier = {parameter.name: abs(parameter.pull) for parameter in before}
     pairs = [(one.name, earlier.get(one.name, abs(one.pull)), abs(one.pull)) for one in after]

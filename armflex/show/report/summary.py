@@ -52,14 +52,14 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
     return f"Error on poses not used: {change(accurate.before.rms, accurate.after.rms)} ({noise})."
 
 
-def further(trace: Trace, accurate: Accuracy) -> list[str]:
+def further(trace: Trace) -> list[str]:
     """Return what has to be said beside the result: what is not told apart, what is left, what would have shown."""
     said = []
     for one, number in zip(trace.found, trace.numbers, strict=True):
         own = called(one.effect)
-        rivals = [rival for rival in dict.fromkeys(called(effect) for effect, _ in one.equivalent) if rival != own]
-        if rivals:
-            shown = [*rivals[:3], f"{len(rivals) - 3} more"] if len(rivals) > 3 else rivals
+        others = [other for other in dict.fromkeys(called(effect) for effect, _ in one.equivalent) if other != own]
+        if others:
+            shown = [*others[:3], f"{len(others) - 3} more"] if len(others) > 3 else others
             said.append(f"These data do not tell {called(one.effect, number)} from {joined(shown)}.")
         elif one.equivalent:
             said.append(f"These data do not settle which terms of {words(one.effect.law.name).title} act.")

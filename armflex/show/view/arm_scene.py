@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
-from typing import cast
+from typing import TypedDict, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.errors import InputError
-from armflex.laws.effects.remember import settled
+from armflex.laws.effects.in_arm import settled
+from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
 from armflex.rows.wrench import Wrench
@@ -24,7 +27,7 @@ from armflex.show.view.meshes import read_mesh
 from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, ShapeKind, scene_points
 from armflex.storage.whole_file import write_whole
 from armflex.tasks.check import CheckReport
-from armflex.trajectory import Trajectory
+from armflex.trajectory import Trajectory, as_trajectory
 
 GHOST, STEEL, LOAD = "#9fb4c8", "#c9ced6", "#7a4a21"
 RIGID_PATH, FLEXED_PATH = "#6c8ebf", "#e4572e"
@@ -49,20 +52,65 @@ class Motion:
     rows: int = 1
 
 
+@dataclass(frozen=True, repr=False)
+class Page:
+    """A page that opens in any browser, and shows itself in a notebook; `html` is all of it."""
+
+    html: str
+
+    def __repr__(self) -> str:
+        """One line: a page is too much to print."""
+        return f"<Page: {len(self.html) / 1e6:.1f} MB; write(path) makes a file of it>"
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{escape(self.html)}" style="width:100%;height:520px;border:0"></iframe>'
+
+    def write(self, path: str | Path) -> Path:
+        """Write the page, whole or not at all."""
+        return write_whole(Path(path), self.html.encode())
+
+
+class ViewOptions(TypedDict, total=False):
+    """What `view` may be given by name beside the file."""
+
+    trajectory: Trajectory | Tabular | None
+    report: CheckReport | None
+    magnification: float | None
+    meshes: bool
+    covariates: Mapping[str, float] | None
+    wrenches: Sequence[Wrench]
+
+
+@overload
+def view(
+    arm: Arm, q: ArrayLike | None = ..., payload: str | Payload | None = ..., **options: Unpack[ViewOptions]
+) -> Page: ...
+@overload
+def view(
+    arm: Arm,
+    q: ArrayLike | None = ...,
+    payload: str | Payload | None = ...,
+    *,
+    path: str | Path,
+    **options: Unpack[ViewOptions],
+) -> Path: ...
+@checked
 def view(
     arm: Arm,
     q: ArrayLike | None = None,
     payload: str | Payload | None = None,
     *,
-    trajectory: Trajectory | None = None,
+    trajectory: Trajectory | Tabular | None = None,
     report: CheckReport | None = None,
     magnification: float | None = None,
     meshes: bool = False,
     covariates: Mapping[str, float] | None = None,
     wrenches: Sequence[Wrench] = (),
-    path: str | Path,
-) -> Path:
-    """Write a page of the arm that opens in any browser, without a network, a server or a display.
+    path: str | Path | None = None,
+) -> Path | Page:
+    """Return a page of the arm, which shows itself in a notebook, or write it as a file for any browser.
+
+    It needs no network, no server and no display.
 
     Args:
         arm: The arm.
@@ -74,11 +122,12 @@ def view(
         meshes: Draw the URDF's meshes where they lie beside it.
         covariates: What the arm's effects depend on, at q or the same in every row of the trajectory.
         wrenches: Loads from outside at q; a trajectory has its own.
-        path: The HTML file to write.
+        path: The HTML file to write, which is then returned; without it the page is.
 
     Raises:
         InputError: Both q and a trajectory are given, one cannot be used, or no effect depends on a covariate.
     """
+    trajectory = None if trajectory is None else as_trajectory(trajectory, arm)
     from armflex.show.view.meshcat_page import render_page  # meshcat is imported only when something is drawn
 
     if trajectory is not None and (q is not None or wrenches):
@@ -94,8 +143,8 @@ def view(
     else:
         trajectory = trajectory.with_constants(arm, known).prepared(arm)
         motion = motion_along(arm, trajectory)
-    page = render_page(arm_scene(arm, motion, trajectory, report, magnification, meshes))
-    return write_whole(Path(path), page.encode())
+    page = Page(render_page(arm_scene(arm, motion, trajectory, report, magnification, meshes)))
+    return page if path is None else page.write(path)
 
 
 def motion_along(arm: Arm, trajectory: Trajectory) -> Motion:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import InputError, ShapeError, UnknownNameError
@@ -67,6 +68,7 @@ class Slice:
         return None if covariance is None else NORMAL_95 * np.sqrt(covariance[:, self.axis, self.axis])
 
 
+@checked
 def draw_laws(arm: Arm, path: str | Path, points: Mapping[str, Points] | None = None) -> Path:
     """Write a picture of every learned law, a panel for each axis in which a flexure gives.
 

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import number
 from armflex.errors import InputError
-from armflex.laws.effects.remember import settled
+from armflex.laws.effects.in_arm import settled
 from armflex.rows.wrench import Wrench
 from armflex.show.view.arm_scene import SCALE, VERDICTS, Motion, arm_scene
 from armflex.show.view.scene_3d import LegendRow, Node, Shape, frame_camera
@@ -28,6 +29,7 @@ FILLED = 0.45
 """Edge of a cube as a share of its voxel's: one sees through between them."""
 
 
+@checked
 def map_page(
     arm: Arm,
     found: WorkspaceMap,

@@ -22,8 +22,8 @@ from armflex.errors import NO_ANSWER, Flag
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.mechanics.deflection import length_sigma
 from armflex.storage.array_file import Layout
-from armflex.storage.kept import Form
 from armflex.storage.schema import Numbers
+from armflex.storage.store import PieceForm
 
 BITS = 21
 """Bits of a cell's number for each axis."""
@@ -248,7 +248,7 @@ ARRAYS = {
 }
 
 
-def form_of(joints: int, payloads: int) -> Form[Answer]:
+def form_of(joints: int, payloads: int) -> PieceForm[Answer]:
     """Return how the chunks of an arm of so many joints, carrying so many payloads in turn, become files."""
     about, sizes = {"flags": list[Flag]}, {"joints": (joints,)}
     layout = Layout("a chunk of a workspace map", "armflex-map-chunk-4", ARRAYS, about, sizes)
@@ -269,4 +269,4 @@ def form_of(joints: int, payloads: int) -> Form[Answer]:
             raise ValueError("a mean is above the largest")
         return Answer(tally, tuple(about["flags"]))
 
-    return Form(layout, told, made)
+    return PieceForm(layout, told, made)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.errors import FileError, Flag, InputError, Place
 from armflex.measured.table import write_table
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
@@ -49,6 +50,7 @@ LAYOUT = Layout(
 )
 
 
+@checked
 def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = None) -> Path:
     """Write a map, whole or not at all; return the path.
 
@@ -73,6 +75,7 @@ def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = N
     return path
 
 
+@checked
 def read_map(path: str | Path) -> WorkspaceMap:
     """Read a map that `write_map` wrote as .safetensors.
 
@@ -116,15 +119,10 @@ def _check(found: WorkspaceMap) -> None:
 
 
 def _columns(found: WorkspaceMap, tolerance: float | None) -> dict[str, list]:
-    columns: dict[str, list] = {axis: found.centres[:, i].tolist() for i, axis in enumerate("xyz")}
-    columns |= {name: getattr(found, name).tolist() for name in ("configurations", "answered")}
-    columns |= {f"refused_{name}": found.refused[:, i].tolist() for i, name in enumerate(found.reasons)}
-    sizes = {name: getattr(found, name) for name in ("mean", "worst", *OPTIONAL)}
+    columns = {name: np.asarray(values).tolist() for name, values in found.table.items()}
     if tolerance is not None:
-        sizes["margin"] = found.margin(tolerance)
-    for name, values in sizes.items():
-        columns[name] = [""] * len(found) if values is None else [x if np.isfinite(x) else "" for x in values.tolist()]
-    if tolerance is not None:
-        columns["verdict"] = found.verdicts(tolerance).tolist()
-    columns["payload"] = [found.payloads[i] for i in found.worst_payload]
-    return columns | {f"q_{joint}": found.worst_q[:, i].tolist() for i, joint in enumerate(found.joints)}
+        asked = {"margin": found.margin(tolerance).tolist(), "verdict": found.verdicts(tolerance).tolist()}
+        place = list(columns).index("payload")
+        columns = {**dict([*columns.items()][:place]), **asked, **dict([*columns.items()][place:])}
+    sizes = ("mean", "worst", *OPTIONAL, "margin")
+    return columns | {name: [x if np.isfinite(x) else "" for x in columns[name]] for name in sizes if name in columns}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.plotting import picture
@@ -30,6 +31,7 @@ VIEWS: dict[str, tuple[str, str, Callable[[Array], Array]]] = {
 one side, the rim of the workspace would hide all that is within."""
 
 
+@checked
 def draw_map(arm: Arm, found: WorkspaceMap, path: str | Path, tolerance: float | None = None) -> Path:
     """Write a picture of the largest displacement in the voxels that are seen at one place.
 

@@ -8,27 +8,28 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio
 
+from armflex.arguments import checked
 from armflex.arm import Arm
 from armflex.configurations import MOST_ROWS, Configurations, default_voxel, drawn_range, furthest
 from armflex.conventions import Array, number
 from armflex.errors import NO_ANSWER, Flag, InputError, UnknownNameError
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.laws.effects.remember import settled
+from armflex.laws.effects.in_arm import settled
 from armflex.mechanics.equilibrium import METHODS
-from armflex.parallel import in_order
+from armflex.parallel import Progress, in_order
+from armflex.result import Result
 from armflex.rows.wrench import Wrench
 from armflex.storage.digest import digest
-from armflex.storage.kept import open_kept
+from armflex.storage.store import open_store
 from armflex.tasks.check import COVERAGE
 from armflex.tasks.workspace.cells import SIDE, Answer, Question, Tally, answers, cell_indices, form_of, joined, sigmas
 from armflex.version import __version__
-
-Progress = Callable[[int, int], None]
 
 CHUNK = 8192
 """Configurations that are asked, counted and kept together."""
@@ -52,7 +53,7 @@ VERDICTS = ("ok", "uncertain", "fail")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class WorkspaceMap:
+class WorkspaceMap(Result):
     """The displacement of the tip by where the rigid arm has it: V voxels of a grid along the base's axes.
 
     An answer is that of one configuration under one payload by the arm as it is; those of arms that were drawn from
@@ -100,6 +101,20 @@ class WorkspaceMap:
     draws: int
     flags: tuple[Flag, ...]
 
+    TOLD = ("voxel", "rows", "seed", "draws", "payloads", "reasons", "base", "tip", "table", "flags")
+    ROWS = "table"
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Every voxel by column, SI: centre, configurations, displacements, payload and joints of the worst."""
+        columns: dict[str, Any] = {axis: self.centres[:, i] for i, axis in enumerate("xyz")}
+        columns |= {"configurations": self.configurations, "answered": self.answered}
+        columns |= {f"refused_{name}": self.refused[:, i] for i, name in enumerate(self.reasons)}
+        sizes = {name: getattr(self, name) for name in ("mean", "worst", "sigma", "worst_of_draws")}
+        columns |= {name: np.full(len(self), np.nan) if given is None else given for name, given in sizes.items()}
+        columns["payload"] = [self.payloads[i] for i in self.worst_payload]
+        return columns | {f"q_{joint}": self.worst_q[:, i] for i, joint in enumerate(self.joints)}
+
     def __repr__(self) -> str:
         """One line: how much was asked, and the largest displacement."""
         most = f"up to {number(self.worst[self.worst_voxel] * 1e3)} mm" if self.answered.any() else "nowhere"
@@ -142,6 +157,7 @@ class WorkspaceMap:
         return np.where(uncertain, "uncertain", np.where(margin >= 0.0, "ok", "fail"))
 
 
+@checked
 def map_workspace(
     arm: Arm,
     payloads: str | Sequence[str] = "none",
@@ -209,7 +225,7 @@ def map_workspace(
     if store is None:
         found = in_order(tasks([True] * len(drawn.sizes)), jobs)
     else:  # every chunk's answer in order: read where it is kept, else found, and kept
-        kept = open_kept(Path(store), _manifest(question, drawn), form_of(len(lower), len(names)))
+        kept = open_store(Path(store), _manifest(question, drawn), form_of(len(lower), len(names)))
         found = kept.resumed([f"chunk-{i:07d}-{size}" for i, size in enumerate(drawn.sizes)], tasks, jobs)
     with closing(found) as chunks:
         tally, met = _gathered(drawn, chunks, progress)

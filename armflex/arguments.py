@@ -1,0 +1,165 @@
+"""Public functions say which argument is of the wrong kind, instead of failing somewhere inside.
+
+What a parameter's annotation says is held against what was given, by the names of classes: no module is imported to
+check what it declares, and names that are imported for type checkers alone mean the same. Arrays are not looked into;
+`conventions.real_array` does that where they are used.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, wraps
+from numbers import Integral, Real
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+
+from armflex.errors import ArmflexError, ArrayTypeError, shown
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+ANYTHING = ("Any", "object", "ArrayLike", "Array", "ndarray", "T")
+"""Names that say nothing that could be checked here."""
+
+PLAIN: dict[str, tuple[type | tuple[type, ...], str]] = {
+    "float": (Real, "a number"),
+    "int": (Integral, "a whole number"),
+    "bool": ((bool, np.bool_), "True or False"),
+    "str": (str, "text"),
+    "None": (type(None), "None"),
+    "Path": (os.PathLike, "a path"),
+    "Tabular": ((str, os.PathLike), "the path of a table or a data frame"),
+    "Mapping": (Mapping, "a mapping"),
+    "dict": (Mapping, "a mapping"),
+    "Sequence": ((Sequence, np.ndarray), "a sequence"),
+    "tuple": (Sequence, "a sequence"),
+    "Iterable": (Iterable, "a sequence"),
+    "Callable": (Callable, "a function"),  # type: ignore[dict-item]
+    "Progress": (Callable, "a function"),  # type: ignore[dict-item]
+}
+"""Name in an annotation -> what is accepted for it, and how a message says so."""
+
+
+def checked_init(kind: type[T]) -> type[T]:
+    """Return a class whose arguments are `checked`; of a dataclass, write it above the other decorator."""
+    kind.__init__ = checked(kind.__init__)
+    return kind
+
+
+def checked_late(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a `checked` function that looks once something was raised: for control loops; it says most itself."""
+    return checked(function, late=True)
+
+
+def checked(function: Callable[P, T], late: bool = False) -> Callable[P, T]:
+    """Return a function that raises `ArrayTypeError`, naming the argument, where one is of another kind than declared.
+
+    Args:
+        function: Its annotations are texts, as `from __future__ import annotations` leaves them.
+        late: Look only once something was raised.
+    """
+    parameters = inspect.signature(function).parameters.values()
+    asked = {
+        one.name: ast.parse(str(one.annotation), mode="eval").body
+        for one in parameters
+        if one.annotation is not inspect.Parameter.empty and one.kind is not inspect.Parameter.VAR_KEYWORD
+    }
+    order = [one.name for one in parameters if one.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
+    each = next((one.annotation for one in parameters if one.kind is one.VAR_KEYWORD), "Any")  # of **joints: float
+    others = ast.parse(str(each), mode="eval").body
+    title = function.__qualname__.removesuffix(".__init__")
+
+    def look(args: tuple, kwargs: Mapping[str, Any]) -> None:
+        for name, value in (*zip(order, args, strict=False), *kwargs.items()):
+            if not _is(value, asked.get(name, others)):
+                wanted = " or ".join(_said(asked.get(name, others)))
+                raise ArrayTypeError(f"{title}: {name} is {shown(value, 60)}, expected {wanted}")
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        look(args, kwargs)
+        return function(*args, **kwargs)
+
+    @wraps(function)
+    def call_first(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return function(*args, **kwargs)
+        except (TypeError, AttributeError, ValueError, LookupError, StopIteration) as error:
+            if not isinstance(error, ArmflexError):
+                look(args, kwargs)
+            raise
+
+    return call_first if late else call
+
+
+def _is(value: Any, wanted: ast.expr | None) -> bool:
+    """Return whether a value is what an annotation says."""
+    if wanted is None:
+        return True
+    if isinstance(wanted, ast.BinOp):
+        return _is(value, wanted.left) or _is(value, wanted.right)
+    if isinstance(wanted, ast.Constant):
+        return value == wanted.value if isinstance(wanted.value, str) else value is wanted.value
+    if not isinstance(wanted, ast.Subscript):
+        return _is_a(value, _name(wanted))
+    name, inner = _name(wanted.value), wanted.slice
+    parts = inner.elts if isinstance(inner, ast.Tuple) else [inner]
+    if name == "Literal":
+        return any(_is(value, one) for one in parts)
+    if not _is_a(value, name) or (isinstance(value, str) and name not in ANYTHING):
+        return False
+    if name in ("Callable", "Iterable", *ANYTHING):
+        return True  # what can be gone through once is not gone through here
+    if isinstance(value, np.ndarray):
+        return value.ndim == 1 and _is(value.tolist(), wanted)
+    if isinstance(value, Mapping):
+        return all(_is(key, parts[0]) and _is(item, parts[-1]) for key, item in value.items())
+    if isinstance(value, Sequence):
+        each = [one for one in parts if getattr(one, "value", None) is not ...]
+        fixed = name == "tuple" and len(each) == len(parts)
+        return all(_is(item, each[i] if fixed and i < len(each) else each[0]) for i, item in enumerate(value)) and not (
+            fixed and len(value) != len(each)
+        )
+    return True
+
+
+def _is_a(value: Any, name: str) -> bool:
+    if name in ANYTHING:
+        return True
+    if name in PLAIN:
+        number = name in ("float", "int") and isinstance(value, bool | np.bool_)
+        if name == "Tabular" and "DataFrame" in _lineage(type(value)):
+            return True
+        return isinstance(value, PLAIN[name][0]) and not number
+    return name in _lineage(type(value))
+
+
+@cache
+def _lineage(kind: type) -> frozenset[str]:
+    return frozenset(one.__name__ for one in kind.__mro__)
+
+
+def _name(wanted: ast.expr) -> str:
+    return wanted.attr if isinstance(wanted, ast.Attribute) else getattr(wanted, "id", "Any")
+
+
+def _said(wanted: ast.expr) -> list[str]:
+    """Return what an annotation asks for, in words."""
+    if isinstance(wanted, ast.BinOp):
+        return list(dict.fromkeys([*_said(wanted.left), *_said(wanted.right)]))
+    if isinstance(wanted, ast.Constant):
+        return [repr(wanted.value)]
+    if isinstance(wanted, ast.Subscript):
+        name = _name(wanted.value)
+        parts = wanted.slice.elts if isinstance(wanted.slice, ast.Tuple) else [wanted.slice]
+        if name == "Literal":
+            return [word for one in parts for word in _said(one)]
+        inner = " or ".join(_said(parts[-1] if name in ("Mapping", "dict") else parts[0]))
+        said = PLAIN[name][1] if name in PLAIN else name
+        return [said if name in ("Callable", "Iterable") else f"{said} of {inner}"]
+    name = _name(wanted)
+    return [PLAIN[name][1] if name in PLAIN else f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"]

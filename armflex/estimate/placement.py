@@ -1,0 +1,116 @@
+"""Where the instrument stands, the one thing without a prior: whether readings tell it, and a rigid fit of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm, Setup
+from armflex.conventions import TWIST_NAMES, Array
+from armflex.errors import IdentifiabilityError
+from armflex.measured.axes import check_axes
+from armflex.measured.measurements import Measurements
+from armflex.readings.instrument import Instrument, fit_frame, rigid_fit
+from armflex.readings.kind import rigid_motion
+
+COARSEST = 0.05
+"""Standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""
+
+
+def check_readings(arm: Arm, points: Array, measurements: Measurements, rows: np.ndarray) -> None:
+    """Raise where readings cannot be those of an arm, or cannot tell where the instrument stands.
+
+    Args:
+        arm: The arm as declared.
+        points: (M, 3) its nominal target in the base frame [m] at each of the rows.
+        measurements: The campaign.
+        rows: (M,) numbers of the rows used.
+
+    Raises:
+        AxesError: Axes of the measured positions are swapped or reversed.
+        UnitError: All positions are in another unit.
+        IdentifiabilityError: The instrument's frame is unknown, and poses are alike or on one line.
+    """
+    unknown = arm.measurement.frame != "base"
+    pose = None if unknown else (arm.instrument or Instrument()).pose
+    places = [measurements.places[row] for row in rows] if measurements.places else ()
+    up = -arm.robot.gravity if np.any(arm.robot.gravity) else None
+    check_axes(points, measurements.position[rows], places, pose, up)
+    if unknown:
+        frame = fit_frame(points, measurements.position[rows])
+        seen = points @ frame.rotation.T + frame.translation
+        check_enough(seen, measurements.sigma[rows])
+
+
+APART, FEWEST, FLAT = 0.015, 4, 0.05
+"""How far its points move [m] where an instrument was not set up again at its marks, as `session_frame` has it, but
+stood elsewhere; points that tell where, and how far they are off one line at least, as a part of its length."""
+
+FAR = 3.0
+"""Times what a rigid fit leaves by which two of them differ for a reason."""
+
+
+def placed_rigidly(setup: Setup, points: Array, measurements: Measurements, rows: np.ndarray) -> Setup:
+    """Return the setup with its instrument where points in the base are seen best, every session by itself.
+
+    Where it stood elsewhere in a session, that is the first guess of the session's frame; all others have none.
+
+    Args:
+        setup: Arm and instrument, which may be anywhere.
+        points: (M, 3) the target in the base frame [m] at each of the rows.
+        measurements: The campaign.
+        rows: (M,) numbers of the rows.
+    """
+    seen, sessions = measurements.position[rows], np.array([measurements.session[row] for row in rows])
+    fits: dict[str, tuple[pin.SE3, float]] = {}
+    for name in dict.fromkeys(sessions.tolist()):
+        own = points[sessions == name]
+        size = np.linalg.svd(own - own.mean(axis=0), compute_uv=False) if len(own) >= FEWEST else np.zeros(3)
+        if size[1] > FLAT * size[0]:
+            turn, shift, rms = rigid_fit(own, seen[sessions == name])
+            fits[name] = pin.SE3(turn, shift), rms
+    near = np.ones(len(rows), bool)
+    if len(fits) > 1:
+        first = max(fits, key=lambda name: int((sessions == name).sum()))
+        for name, (pose, rms) in fits.items():
+            off = _moved(points[sessions == name], pose) - _moved(points[sessions == name], fits[first][0])
+            limit = max(FAR * max(rms, fits[first][1]), APART)
+            near &= (sessions != name) | (float(np.sqrt((off**2).sum(axis=1).mean())) <= limit)
+    placed = setup.placed(fit_frame(points[near], seen[near]))
+    instrument = replace(placed.instrument, sessions={})
+    for name in dict.fromkeys(sessions[~near].tolist()):
+        there = fits[name][0] * instrument.pose.inverse()
+        instrument = instrument.with_session(name, np.concatenate([there.translation, pin.log3(there.rotation)]))
+    return replace(placed, instrument=instrument)
+
+
+def _moved(points: Array, pose: pin.SE3) -> Array:
+    return points @ pose.rotation.T + pose.translation
+
+
+def check_enough(points: Array, sigma: Array) -> None:
+    """Raise where poses all alike, or on one line, leave the instrument's orientation open.
+
+    Everything else that a calibration frees has a prior; what data say nothing about stays there and is named.
+    Orientations that were read do not count: how the target is turned on the tool is not known either.
+
+    Args:
+        points: (N, 3) nominal target in instrument axes [m].
+        sigma: (N, 3) standard deviations of the readings [m].
+
+    Raises:
+        IdentifiabilityError: With rank, condition and names of what is left free.
+    """
+    jacobian = rigid_motion(points - points.mean(axis=0)) / sigma[:, :, None]
+    # About their centre points always tell a shift; a turn must be known to better than COARSEST.
+    turns = np.linalg.svd(COARSEST * jacobian.reshape(-1, 6)[:, 3:], full_matrices=False)
+    known = turns.S >= 1.0
+    if not known.all():
+        free = (turns.Vh[~known] ** 2).sum(axis=0) > 0.1
+        names = [f"instrument {TWIST_NAMES[3 + axis]}" for axis in np.flatnonzero(free)]
+        alike = "are all alike" if not known.any() else "lie on one line"
+        condition = float(np.linalg.cond(jacobian.reshape(-1, 6)))
+        text = f"{len(points)} measured points {alike}: they cannot tell how the instrument stands"
+        raise IdentifiabilityError(text, 3 + int(known.sum()), condition, names)

@@ -1,0 +1,94 @@
+"""[robot] dh: a robot by its Denavit-Hartenberg parameters instead of a URDF.
+
+A row's transform is, in the standard (distal) and the modified (proximal, Craig) form,
+
+    Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)        Tx(a) Rx(alpha) Ry(beta) Rz(theta) Tz(d)
+
+with the joint's position added to theta, or to d where it slides; beta is Hayati's and mostly absent. These are the
+rows that `armflex export --to sheet` writes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.declaration import Declaration
+from armflex.errors import ArmFileError, Flag, Place
+from armflex.robot.urdf import FARTHEST, Inertial, Joint, Link, Urdf
+
+FORMS = ("standard", "modified")
+FLANGE = "flange"
+"""The frame of the last row, and the tip where none is named."""
+
+
+def is_dh(table: Declaration) -> bool:
+    """Return whether a [robot] table has a robot's parameters; raise where it names a URDF as well."""
+    given = table.has("dh")
+    if given and table.has("urdf"):
+        raise table.fail("dh", "stands beside 'urdf', which is the robot already: give one of them")
+    return given
+
+
+def read_dh(table: Declaration) -> Urdf:
+    """Return the robot of the rows [robot.joint], base to tip; links are base, link1, link2 ... and flange.
+
+    The frame of a link is where its joint is: the joint moves along its z. Links weigh where they are given a mass.
+
+    Raises:
+        ArmFileError: A row has no such parameter, or a number that is none of its kind.
+    """
+    form = table.choice("dh", FORMS)
+    rows = table.subs("joint")
+    if not rows:
+        raise ArmFileError(table.place("dh"), "[robot] dh needs a table [robot.joint] with a row for every joint")
+    place, z = Place(table.path, table.place("joint").line), np.array([0.0, 0.0, 1.0])
+    links, joints, before = {"base": Link("base", None, (), place)}, {}, pin.SE3.Identity()
+    bodies = [_body(row) for row in rows.values()]
+    for number, (name, row) in enumerate(rows.items(), 1):
+        kind = row.choice("kind", ("revolute", "prismatic"), "revolute")
+        theta, d, across = _row(row)
+        along = pin.SE3(pin.exp3(theta * z), d * z)
+        origin = before * along if form == "standard" else across * along
+        before = across if form == "standard" else pin.SE3.Identity()
+        of_kind = "length" if kind == "prismatic" else "angle"
+        lower, upper = (row.quantity(key, of_kind, end) for key, end in (("lower", -np.inf), ("upper", np.inf)))
+        row.finish()
+        if not lower < upper:
+            raise row.fail("upper", f"expected more than lower, {lower:g}, got {upper:g}")
+        if np.isinf([lower, upper]).any():
+            kind, lower, upper = ("continuous" if kind == "revolute" else kind), -np.inf, np.inf
+        parent, child = (f"link{number - 1}" if number > 1 else "base"), f"link{number}"
+        links[child] = Link(child, bodies[number - 1], (), row.place(), between=not any(bodies))
+        pose, limits = (origin.translation, origin.rotation), (lower, upper, np.inf, np.inf)
+        joints[name] = Joint(name, kind, parent, child, *pose, z, *limits, None, row.place())
+    links[FLANGE] = Link(FLANGE, None, (), place)
+    end = (f"link{len(rows)}", FLANGE, before.translation, before.rotation, z, -np.inf, np.inf, np.inf, np.inf)
+    joints[FLANGE] = Joint(FLANGE, "fixed", *end, None, place)
+    flags = (Flag("weightless", f"{place}: no joint of [robot.joint] has a mass, so only payloads weigh"),)
+    return Urdf(table.path.stem, table.path, links, joints, () if any(bodies) else flags, translated=True)
+
+
+def _row(row: Declaration) -> tuple[float, float, pin.SE3]:
+    """Return theta [rad], d [m], and the pose that a, alpha and beta make."""
+    angles, lengths = ({key: row.quantity(key, kind) for key in keys.split()} for kind, keys in PARAMETERS.items())
+    for key, value in angles.items():
+        if abs(value) > 2.0 * np.pi:
+            raise row.fail(key, f"{value:g} rad exceeds a full turn: in degrees, write {key}_deg")
+    for key, value in lengths.items():
+        if abs(value) > FARTHEST:
+            raise row.fail(key, f"{value:g} m is farther than any joint: in millimetres, write {key}_mm")
+    turn = pin.exp3(np.array([angles["alpha"], 0.0, 0.0])) @ pin.exp3(np.array([0.0, angles["beta"], 0.0]))
+    return angles["theta"], lengths["d"], pin.SE3(turn, np.array([lengths["a"], 0.0, 0.0]))
+
+
+PARAMETERS = {"angle": "theta alpha beta", "length": "d a"}
+
+
+def _body(row: Declaration) -> Inertial | None:
+    """Return what a link weighs, all of it at its centre of mass."""
+    mass = row.number("mass", 0.0)
+    com = row.numbers("com", (3,)) if row.has("com") else np.zeros(3)
+    if mass < 0.0:
+        raise row.fail("mass", f"is {mass:g} kg, expected more than 0")
+    return Inertial(mass, com, np.eye(3), np.zeros((3, 3)), row.place("mass")) if mass else None

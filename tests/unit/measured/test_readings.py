@@ -1,0 +1,249 @@
+"""Rows without readings, and readings of kinds: what every kind says of itself, and that no one else need know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from support.small_arms import ROBOTS
+
+from armflex import Arm, Measurements, calibrate, load_arm
+from armflex.arm import Prior, Setup
+from armflex.errors import InputError
+from armflex.estimate.robust import huber_weights
+from armflex.estimate.view import look
+from armflex.laws import LinearLaw
+from armflex.laws.law import anywhere
+from armflex.readings import (
+    Acceleration,
+    Distance,
+    Encoder,
+    Inclination,
+    Kind,
+    Orientation,
+    Position,
+    Postures,
+    Readings,
+    RelativePosition,
+    unread,
+)
+from armflex.readings.chance import median_length, outlier_limit
+from armflex.readings.instrument import Instrument
+from armflex.readings.sensor import Sensor, Shaft
+from armflex.rows import Rows
+
+COUNT, STEP = 24, 1e-6
+SESSION = ("s",) * COUNT
+
+
+@dataclass(frozen=True, eq=False)
+class Ranging(Kind):
+    """(N, 1) distance of the target from the instrument [m], as a laser distance meter reads it; no part of armflex."""
+
+    dimension = 1
+    unit = "m"
+
+    def _points(self, at: Postures) -> np.ndarray:
+        return at.instrument.in_session(at.instrument.seen(at.instrument.in_base(at.pose(None))), at.sessions)
+
+    def predicted(self, at: Postures) -> np.ndarray:
+        return np.linalg.norm(self._points(at), axis=1, keepdims=True)
+
+    def jacobian(self, at: Postures) -> Mapping[str | None, np.ndarray]:
+        return {None: self._along(at, self._position.jacobian(at)[None])}
+
+    def by_frame(self, at: Postures) -> np.ndarray:
+        return self._along(at, self._position.by_frame(at))
+
+    def by_scale(self, at: Postures) -> np.ndarray:
+        return np.linalg.norm(self._points(at), axis=1, keepdims=True) / (1.0 + at.instrument.scale)
+
+    def by_target(self, at: Postures) -> np.ndarray:
+        return self._along(at, self._position.by_target(at))
+
+    @property
+    def _position(self) -> Position:
+        return Position.unread(len(self.values))
+
+    def _along(self, at: Postures, changes: np.ndarray) -> np.ndarray:
+        points = self._points(at)
+        return (points / np.linalg.norm(points, axis=1, keepdims=True))[:, None] @ changes
+
+
+SENSORS = {
+    "target": (Position, {}),
+    "turned": (Orientation, {"link": "wrist_yaw"}),
+    "wire": (Distance, {}),
+    "bar": (Distance, {"link": "forearm", "seen_from": "shoulder"}),
+    "camera": (RelativePosition, {"seen_from": "shoulder"}),
+    "level": (Inclination, {"link": "forearm"}),
+    "acc": (Acceleration, {"sign": -1.0}),
+    "encoder": (Encoder, {}),
+}
+"""Of every kind one at least, by name."""
+
+CASES = [(Position, ""), (Orientation, ""), (Ranging, ""), *((kind, name) for name, (kind, _) in SENSORS.items())]
+
+
+@pytest.fixture(scope="module")
+def heavy() -> Arm:
+    return load_arm(ROBOTS / "heavy_six" / "arm.toml")
+
+
+@pytest.fixture(scope="module")
+def rows(heavy: Arm) -> Rows:
+    q = np.random.default_rng(4).uniform(-0.6, 0.6, (COUNT, len(heavy.joint_names)))
+    return Rows.of(heavy.joint_names, q, ("none",) * COUNT, {}, session="s", derived=("time",))
+
+
+@pytest.fixture(scope="module")
+def instrument() -> Instrument:
+    pose = pin.SE3(pin.exp3(np.array([0.1, -0.2, 0.7])), np.array([1.0, -3.0, 0.5]))
+    return Instrument(pose, {}, np.array([0.1, 0.02, -0.05]), 0.0, np.array([0.4, -1.2, 1.0]))
+
+
+@pytest.fixture(scope="module")
+def at(heavy: Arm, rows: Rows, instrument: Instrument) -> Postures:
+    rng, sensors, links = np.random.default_rng(7), {}, heavy.link_names
+    joint = heavy.robot.moving[2]
+    for name, (kind, given) in SENSORS.items():
+        size = sum(len(one.axes) for one in kind.nuisances)
+        given = {key: links[len(links) // 2] if value == "forearm" else value for key, value in given.items()}
+        given = {key: links[2] if value == "shoulder" else value for key, value in given.items()}
+        given = {key: links[-2] if value == "wrist_yaw" else value for key, value in given.items()}
+        if kind is Encoder:
+            origin = np.eye(4)
+            origin[:3, :3], origin[:3, 3] = joint.rotation, joint.origin
+            given = {"link": joint.child, "shaft": Shaft(joint.name, joint.parent, False, joint.axis, origin)}
+        declared = rng.normal(0.0, 0.05, size)
+        sensors[name] = Sensor(**{"name": name, "kind": kind, "link": heavy.robot.tip, "sigma": 1e-4,
+                               "declared": declared, "std": np.full(size, 0.01), **given})  # fmt: skip
+    view = look(Setup(replace(heavy, sensors=sensors), instrument), rows, np.arange(COUNT))
+    return view.at
+
+
+@pytest.mark.parametrize(("kind", "name"), CASES)
+def test_sensitivities_of_a_kind_are_those_of_its_residual(kind: type[Kind], name: str, at: Postures) -> None:
+    """By every link that it sees, by frame, scale, target, mounting, gravity, its own nuisances; by no other."""
+    own, instrument = kind.unread(COUNT, name=name), at.instrument
+    own = replace(own, values=own.predicted(at))  # near where they are read: rotation vectors far apart do not subtract
+    target, turned = instrument.target, pin.exp3(instrument.mounting)
+
+    def slope(change, size: int) -> np.ndarray:
+        """Return (N, d, size) central differences of what is predicted."""
+        ends = [[-own.residual(change(side * STEP * axis)) for side in (-1.0, 1.0)] for axis in np.eye(size)]
+        return np.stack([(two - one) / (2.0 * STEP) for one, two in ends], axis=2)
+
+    def by_instrument(change) -> Callable[[np.ndarray], Postures]:
+        return lambda x: replace(at, instrument=replace(instrument, **change(x)))
+
+    def moved(link: str | None) -> Callable[[np.ndarray], Postures]:
+        """Return the arm with the origin of a link moved a little, base axes."""
+
+        def after(x: np.ndarray) -> Postures:
+            found = at.pose(link).copy()
+            found[:, :3, 3] += x[:3]
+            found[:, :3, :3] = pin.exp3(x[3:]) @ found[:, :3, :3]
+            return replace(at, pose=lambda asked: found if asked == link else at.pose(asked))
+
+        return after
+
+    def by_sensor(x: np.ndarray) -> Postures:
+        sensor = at.sensors[name]
+        return replace(at, sensors={name: replace(sensor, found={"": x})})
+
+    cases = [
+        (own.by_frame(at), by_instrument(lambda x: {"sessions": {"s": x}}), 6),
+        (own.by_target(at), by_instrument(lambda x: {"target": target + x}), 3),
+        (own.by_mounting(at), by_instrument(lambda x: {"mounting": pin.log3(pin.exp3(x) @ turned)}), 3),
+        (own.by_scale(at)[:, :, None], by_instrument(lambda x: {"scale": x[0]}), 1),
+        (own.by_gravity(at), lambda x: replace(at, gravity=at.gravity + x), 3),
+    ]
+    seen = own.jacobian(at)
+    ends = {one for sensor in at.sensors.values() for one in (None, sensor.link, sensor.seen_from)}
+    ends |= set(seen)
+    cases += [(seen.get(link, np.zeros((COUNT, kind.dimension, 6))), moved(link), 6) for link in ends]
+    if name:
+        cases.append((own.by_own(at), by_sensor, len(at.sensors[name].declared)))
+        assert own.columns(name)[0].startswith(name) and len(own.columns(name)) == kind.dimension
+    for found, change, size in cases:
+        np.testing.assert_allclose(found, slope(change, size), atol=2e-8 * max(1.0, np.abs(found).max()))
+
+
+@pytest.mark.parametrize("name", list(SENSORS))
+def test_a_sensor_sees_the_arm_give(heavy: Arm, at: Postures, rows: Rows, name: str) -> None:
+    """What a reading changes by with a softer flexure, through the equilibrium, is what the arm then reads."""
+    kind, softer, step = SENSORS[name][0], heavy.flexures[1], 1e-3
+    arm, ends = replace(heavy, sensors=at.sensors), []
+    unread = Readings(COUNT, (kind.unread(COUNT, name=name),))
+    for side in (-1.0, 1.0):
+        law = LinearLaw((1.0 + side * step) * softer.law.tangent(np.zeros(6), anywhere(heavy.robot)))
+        flexures = (heavy.flexures[0], replace(softer, law=law), *heavy.flexures[2:])
+        setup = Setup(replace(arm, flexures=flexures), at.instrument)
+        view = look(setup, rows, np.arange(COUNT), readings=unread)
+        ends.append(replace(view.readings.kinds[0], values=view.readings.kinds[0].predicted(view.at)).residual(at))
+    view = look(Setup(arm, at.instrument), rows, np.arange(COUNT), readings=unread)
+    law, loads = softer.law.tangent(np.zeros(6), anywhere(heavy.robot)), view.line.flexure_wrenches[:, 1]
+    expected = view.answer(lambda line: line.laws[:, :, 1] @ (loads @ law.T)[:, :, None])[:, :, 0]
+    found = (ends[1] - ends[0]) / (2.0 * step)
+    np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max() + 1e-12)
+    assert np.abs(expected).max() > 1e-7
+
+
+def test_rows_are_asked_about_without_any_reading(heavy: Arm, rows: Rows) -> None:
+    view = look(Setup(heavy, Instrument()), rows, np.arange(COUNT))
+    assert view.residual.shape == (COUNT, 0) and view.count == 0
+    deflected = heavy.deflection(rows.q[3]).pose.homogeneous
+    np.testing.assert_allclose(view.line.tip[3], deflected, atol=1e-9)
+    seen = look(Setup(heavy, Instrument()), rows, np.arange(COUNT), readings=unread(COUNT, Position, Orientation))
+    assert seen.foremost == slice(0, 3) and seen.readings.slices[1] == slice(3, 6)
+    np.testing.assert_allclose(seen.residual[:, seen.foremost], -view.line.tip[:, :3, 3], atol=1e-12)
+
+
+def test_a_kind_that_nobody_else_knows_is_fitted_to_and_its_lost_beam_is_found(heavy: Arm, rows: Rows) -> None:
+    """Coarse positions and fine distances: the target is known as well as the distances tell it."""
+    truth, rng = np.array([0.004, -0.003, 0.006]), np.random.default_rng(9)
+    arm = replace(heavy, prior=Prior(tool=0.05), measurement=replace(heavy.measurement, frame="base"), instrument=None)
+    tip = look(Setup(arm, Instrument()), rows, np.arange(COUNT)).line.tip
+    points = Instrument(target=truth).in_base(tip)
+    coarse = Position(points + rng.normal(0.0, 1e-2, (COUNT, 3)), np.full((COUNT, 3), 1e-2))
+    along = np.linalg.norm(points, axis=1, keepdims=True) + rng.normal(0.0, 1e-5, (COUNT, 1))
+    fine = np.full((COUNT, 1), 1e-5)
+    fine[::6] = np.inf
+    along[5] += 5e-3
+    alone = calibrate(arm, Measurements.of(rows, Readings(COUNT, (coarse,))))
+    found = calibrate(arm, Measurements.of(rows, Readings(COUNT, (coarse, Ranging(along, fine)))))
+    off = [np.linalg.norm(one.fit.setup.instrument.target - truth) for one in (alone, found)]
+    assert off[1] < 1e-4 < off[0]
+    assert found.fit.view.count == 4 * COUNT - 4
+    weights = huber_weights(found.fit.view)
+    assert weights[5].max() < 0.1 and np.sort(weights[:, 0])[1] > 0.5
+
+
+def test_parts_of_a_campaign_are_replaced_and_taken_by_rows(rows: Rows) -> None:
+    rng = np.random.default_rng(2)
+    position, rotation, spread = rng.normal(size=(COUNT, 3)), rng.normal(size=(COUNT, 3)), np.full(COUNT, 1e-4)
+    campaign = Measurements.of(rows, Readings(COUNT, (Position(position, np.ones((COUNT, 3))),)))
+    turned = replace(campaign, rotation=rotation, sigma_r=spread)
+    assert campaign.rotation is None and turned.readings.size == 6
+    np.testing.assert_array_equal(turned.position, position)
+    np.testing.assert_array_equal(replace(turned, position=2.0 * position).rotation, rotation)
+    assert replace(turned, rotation=None, sigma_r=None).readings.size == 3
+    some = turned.some([5, 2])
+    np.testing.assert_array_equal(some.q, rows.q[[5, 2]])
+    np.testing.assert_array_equal(some.rotation, rotation[[5, 2]])
+    assert isinstance(some, Measurements) and some.pose == ("5", "2")
+    with pytest.raises(InputError, match=r"no positions \(its readings: ranging\)"):
+        _ = Measurements.of(rows, unread(COUNT, Ranging)).position
+    with pytest.raises(InputError, match="sigma_r"):
+        replace(campaign, rotation=rotation)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 6])
+def test_one_row_in_a_thousand_is_an_outlier_by_chance(size: int) -> None:
+    length = np.linalg.norm(np.random.default_rng(size).normal(size=(400_000, size)), axis=1)
+    assert (length > outlier_limit(size)).mean() == pytest.approx(1e-3, rel=0.25)
+    assert np.median(length) == pytest.approx(median_length(size), rel=5e-3)

@@ -1,0 +1,173 @@
+"""Joints off the chain that move from row to row: their weight bends the arm as if it were held there."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.command_line import run_here
+from support.two_arms import beside, two_arms
+
+from armflex import (
+    Arm,
+    calibrate,
+    check,
+    compensate,
+    load_arm,
+    predict,
+    read_measurements,
+    read_trajectory,
+    write_trajectory,
+)
+from armflex.errors import TableError
+from armflex.estimate.calibrate import write_calibrated
+from armflex.measured.table import write_table
+from armflex.mechanics.response import respond
+from armflex.rows.branch import branches
+
+COUNT = 6
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+    return two_arms(tmp_path_factory.mktemp("two"))
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory: pytest.TempPathFactory) -> list[Arm]:
+    """The arm as many times, each with the other one held where a row has it."""
+    folder, at = tmp_path_factory.mktemp("held"), beside(COUNT)
+    return [two_arms(folder, {name: float(values[i]) for name, values in at.items()}) for i in range(COUNT)]
+
+
+def positions(count: int = COUNT) -> np.ndarray:
+    """Return (N, 3) positions of the arm that is asked about [rad]."""
+    return np.random.default_rng(0).uniform(-1.5, 1.5, (count, 3))
+
+
+def columns(q: np.ndarray, at: dict[str, np.ndarray]) -> dict[str, list]:
+    """Return a table's columns of joint positions, of both arms."""
+    own = {f"q_{name}": q[:, i].tolist() for i, name in enumerate(("to_torso", "to_upper", "to_fore"))}
+    return own | {f"q_{name}": values.tolist() for name, values in at.items()}
+
+
+def table(path: Path, q: np.ndarray, at: dict[str, np.ndarray], **more: list) -> Path:
+    """Return the path of a trajectory of both arms, or of a campaign."""
+    write_table(path, {"time": list(range(len(q))), "payload": ["part"] * len(q), **columns(q, at), **more})
+    return path
+
+
+@pytest.mark.parametrize("method", ["exact", "newton", "first_order"])
+def test_a_branch_weighs_where_a_row_has_it(arm: Arm, held: list[Arm], method: str) -> None:
+    q, at = positions(), beside(COUNT)
+    hung = branches(arm.robot, at)
+    batch, plain = (arm.deflection(q, "part", method=method, wrenches=some) for some in (hung, ()))
+    assert np.abs(batch.displacement - plain.displacement)[:, :3].max() > 1e-4
+    for i, other in enumerate(held):
+        want = other.deflection(q[i], "part", method=method)
+        single = branches(arm.robot, {name: values[i] for name, values in at.items()})
+        one = arm.deflection(q[i], "part", method=method, wrenches=single)
+        np.testing.assert_allclose(one.displacement, want.displacement, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(batch.displacement[i], want.displacement, rtol=0, atol=1e-14)
+        for found in (one.wrenches, batch.wrenches[i]):
+            np.testing.assert_allclose(found, want.wrenches, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(one.joint_loads, want.joint_loads, rtol=0, atol=1e-10)
+        poses = want.link_poses()
+        assert all(np.allclose(pose, poses[link], rtol=0, atol=1e-12) for link, pose in one.link_poses().items())
+
+
+def test_responses_are_those_of_the_arm_held_there(arm: Arm, held: list[Arm]) -> None:
+    q, at = positions(), beside(COUNT)
+    line = respond(arm, q, ["part"] * COUNT, wrenches=branches(arm.robot, at))
+    for i, other in enumerate(held):
+        want = respond(other, q[i : i + 1], ["part"])
+        for name in ("tip", "laws", "joints", "twists", "wrenches", "gravity"):
+            size = np.abs(getattr(want, name)).max()
+            np.testing.assert_allclose(getattr(line, name)[i], getattr(want, name)[0], rtol=0, atol=1e-13 * size)
+
+
+def test_gravity_that_is_turned_turns_a_branch(arm: Arm, held: list[Arm]) -> None:
+    gravity, at = np.array([1.0, 2.0, -9.5]), beside(COUNT)
+    askew = replace(arm, robot=replace(arm.robot, gravity=gravity))
+    found = askew.deflection(positions(), wrenches=branches(arm.robot, at))
+    for i, other in enumerate(held):
+        want = replace(other, robot=replace(other.robot, gravity=gravity)).deflection(positions()[i])
+        np.testing.assert_allclose(found.displacement[i], want.displacement, rtol=0, atol=1e-14)
+
+
+def test_every_command_takes_the_columns(arm: Arm, held: list[Arm], tmp_path: Path) -> None:
+    q, at = positions(), beside(COUNT)
+    path = read_trajectory(table(tmp_path / "t.csv", 0.1 * q, at, via=[f"v{i}" for i in range(COUNT)]), arm)
+    verdicts, moved = check(arm, path, 0.01).via_points, compensate(arm, path)
+    for i, other in enumerate(held):
+        want = np.linalg.norm(other.deflection(0.1 * q[i], "part").displacement[:3])
+        assert next(one for one in verdicts if one.name == f"v{i}").displacement_m == pytest.approx(want, abs=1e-12)
+        there = other.deflection(moved.trajectory.q[i], "part").pose.translation
+        np.testing.assert_allclose(there, other.rigid_pose(0.1 * q[i]).translation, rtol=0, atol=1e-9)
+    again = read_trajectory(write_trajectory(moved.trajectory, tmp_path / "moved.csv"), arm)
+    one, two = (arm.deflection(some.q, "part", wrenches=some.wrenches) for some in (moved.trajectory, again))
+    np.testing.assert_array_equal(one.displacement, two.displacement)
+
+    asked = predict(arm, read_measurements(table(tmp_path / "rows.csv", q, at), arm, inputs_only=True))
+    want = [other.deflection(q[i], "part").pose.translation for i, other in enumerate(held)]
+    np.testing.assert_allclose(asked.position, want, rtol=0, atol=1e-12)
+
+    two_arms(tmp_path)
+    named = [f"{name}={value:.17g}" for name, value in zip(arm.joint_names, q[0].tolist(), strict=True)]
+    named += [f"{name}={float(values[0]):.17g}" for name, values in at.items()]
+    asking = ("--q", ",".join(named), "--payload", "part", "--json", "d.json")
+    assert run_here(tmp_path, "deflect", "arm.toml", *asking).returncode == 0
+    found = json.loads((tmp_path / "d.json").read_text())["displacement"]
+    np.testing.assert_allclose(found, held[0].deflection(q[0], "part").displacement, rtol=0, atol=1e-14)
+
+
+def test_halfway_a_branch_is_halfway(arm: Arm, tmp_path: Path) -> None:
+    q, at = positions(2), beside(2)
+    path = read_trajectory(table(tmp_path / "t.csv", q, at), arm)
+    half = path.with_midpoints(np.array([True]))
+    want = branches(arm.robot, {name: values.mean() for name, values in at.items()})
+    np.testing.assert_allclose(half.wrenches[0].moment[1], want[0].moment, rtol=0, atol=1e-12)
+
+
+def test_a_campaign_tells_what_bends_under_a_second_arm(tmp_path: Path) -> None:
+    arm, count, rng = two_arms(tmp_path), 60, np.random.default_rng(5)
+    q, at = rng.uniform(-1.5, 1.5, (count, 3)), beside(count, 8)
+    true = arm.deflection(q, "part", wrenches=branches(arm.robot, at)).pose
+    assert isinstance(true, np.ndarray)
+    read = true[:, :3, 3] + 1e-5 * rng.normal(size=(count, 3))
+    path = table(tmp_path / "m.csv", q, at, sigma=[1e-5] * count, **dict(zip("xyz", read.T.tolist(), strict=True)))
+    rows = read_measurements(path, arm)
+    found, bare = calibrate(arm, rows), calibrate(arm, replace(rows, wrenches=()))
+    assert found.rms < 2e-5 and bare.rms > 3.0 * found.rms
+    saved = load_arm(write_calibrated(tmp_path / "arm.toml", found, tmp_path / "fitted.toml"))
+    np.testing.assert_allclose(predict(saved, rows).position, read, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("instead", "said"),
+    [
+        ({"q_to_other_fore": [90.0] * COUNT}, "outside its limits [-2, 2]"),
+        ({"q_to_other_slide": [0.1] * (COUNT - 1) + [0.7]}, "to_other_slide' at 0.7 is outside its limits [0, 0.4]"),
+        ({"q_to_other_fore": ["x"] * COUNT}, "not a finite number"),
+        ({"q_to_other_for": [0.1] * COUNT}, "did you mean 'q_to_other_fore'"),
+        ({"force_fz": [9.0] * COUNT, "force_frame": ["other_fore"] * COUNT}, "which joint 'to_other_upper' off"),
+    ],
+)
+def test_what_a_table_may_get_wrong(arm: Arm, tmp_path: Path, instead: dict[str, list], said: str) -> None:
+    path = tmp_path / "rows.csv"
+    write_table(path, columns(positions(), beside(COUNT)) | {"time": list(range(COUNT))} | instead)
+    for read in (lambda: read_trajectory(path, arm), lambda: read_measurements(path, arm, inputs_only=True)):
+        with pytest.raises(TableError, match=re.escape(said)) as caught:
+            read()
+        assert str(path) in str(caught.value)
+
+
+def test_a_joint_that_carries_nothing_of_the_chain_is_refused(tmp_path: Path) -> None:
+    arm = two_arms(tmp_path, instead={"base": 'base = "torso"', 'joint = "to_torso"': 'joint = "to_fore"'})
+    write_table(tmp_path / "rows.csv", columns(positions(), {"to_other_fore": np.zeros(COUNT)}))
+    with pytest.raises(TableError, match="'to_torso' does not hang on the chain from 'torso' to 'tool': leave it out"):
+        read_measurements(tmp_path / "rows.csv", arm, inputs_only=True)

@@ -1,0 +1,162 @@
+"""Arms by their Denavit-Hartenberg parameters instead of a URDF, and what a wire alone tells of one."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from support import wire_file
+from support.command_line import fine, run_here
+from support.small_arms import ROBOTS
+
+from armflex import Arm, calibrate, load_arm, predict, read_measurements
+from armflex.errors import ArmFileError, ConventionError, TableError
+from armflex.export.sheet import export as sheet
+from armflex.export.urdf_file import export as urdf
+
+MODIFIED = """[robot]
+dh = "modified"
+[robot.joint]
+slew = { d = 0.4, mass = 20.0, com = [0.1, 0.0, 0.0] }
+luff = { alpha_deg = -90, a_mm = 150, theta_deg = 30, mass = 12.0 }
+reach = { kind = "prismatic", alpha = 1.5707963267948966, a = 0.2, d_mm = 50, upper_mm = 300, lower = 0, mass = 3.0 }
+"""
+
+
+def read(folder: Path, text: str) -> Arm:
+    (folder / "arm.toml").write_text(text)
+    return load_arm(folder / "arm.toml")
+
+
+def step(theta: float = 0.0, d: float = 0.0, a: float = 0.0, alpha: float = 0.0) -> tuple[pin.SE3, pin.SE3]:
+    """Return Rz(theta) Tz(d) and Tx(a) Rx(alpha)."""
+    z, x = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    return pin.SE3(pin.exp3(theta * z), d * z), pin.SE3(pin.exp3(alpha * x), a * x)
+
+
+def test_standard_rows_are_what_they_are_elsewhere(tmp_path: Path) -> None:
+    arm = load_arm(wire_file.declared(tmp_path))
+    q = wire_file.positions(20, 3)
+    expected = wire_file.tips(q, np.array(wire_file.DH)[:, :4])
+    found = arm.deflection(np.radians(q)).pose
+    np.testing.assert_allclose(found[:, :3, 3], 1e-3 * expected[:, :3, 3], atol=1e-12)
+    np.testing.assert_allclose(found[:, :3, :3], expected[:, :3, :3], atol=1e-12)
+    assert arm.robot.tip == "flange" and arm.joint_names == tuple(f"J{i + 1}" for i in range(6))
+    assert any(flag.code == "weightless" for flag in arm.flags)
+
+
+def test_modified_rows_with_a_slide_and_weights(tmp_path: Path) -> None:
+    arm, q = read(tmp_path, MODIFIED), np.array([0.3, -0.7, 0.2])
+    parts = [
+        *step(q[0], 0.4)[:1],
+        *reversed(step(np.radians(30) + q[1], 0.0, 0.15, -np.pi / 2)),
+        *reversed(step(0.0, 0.05 + q[2], 0.2, np.pi / 2)),
+    ]
+    expected = pin.SE3.Identity()
+    for part in parts:
+        expected = expected * part
+    np.testing.assert_allclose(arm.rigid_pose(q).homogeneous, expected.homogeneous, atol=1e-12)
+    assert arm.robot.upper[2] == pytest.approx(0.3) and not any(flag.code == "weightless" for flag in arm.flags)
+    weight = arm.deflection(q).joint_loads[0, :3]
+    np.testing.assert_allclose(np.linalg.norm(weight), 35.0 * np.linalg.norm(arm.robot.gravity), rtol=1e-9)
+
+
+@pytest.mark.parametrize("form", ["standard", "modified"])
+def test_what_a_sheet_says_is_read_again(tmp_path: Path, form: str) -> None:
+    """The rows that `export --to sheet` writes make the same arm, from the first row's frame to the last one's."""
+    arm = load_arm(ROBOTS / "heavy_six" / "arm.toml")
+    rows: dict[str, list[str]] = {}
+    ends: dict[str, dict[str, float]] = {"base": {}, "tool": {}}
+    for row in csv.DictReader(sheet(arm).text.splitlines()):
+        if row["section"] == f"dh_{form}":
+            rows.setdefault(row["of"], []).append(f"{row['quantity']} = {float(row['value'])!r}")
+        elif row["section"] in ends:
+            ends[row["section"]][row["quantity"]] = float(row["value"])
+    lines = [f"{name} = {{ {', '.join(own)} }}" for name, own in rows.items()]
+    again = read(tmp_path, f'[robot]\ndh = "{form}"\n[robot.joint]\n' + "\n".join(lines) + "\n")
+    base, tool = (
+        pin.SE3(pin.rpy.rpyToMatrix(*(own[key] for key in ("roll", "pitch", "yaw"))), np.array([own[k] for k in "xyz"]))
+        for own in ends.values()
+    )
+    for q in np.random.default_rng(1).uniform(-1.0, 1.0, (5, 6)):
+        expected = arm.rigid_pose(q).homogeneous
+        np.testing.assert_allclose((base * again.rigid_pose(q) * tool).homogeneous, expected, atol=1e-6)
+
+
+def test_other_commands_take_an_arm_without_a_urdf(tmp_path: Path) -> None:
+    arm = read(tmp_path, MODIFIED)
+    (tmp_path / "again.urdf").write_text(urdf(arm).text)
+    again = load_arm(tmp_path / "again.urdf")
+    q = np.array([0.3, -0.7, 0.2])
+    np.testing.assert_allclose(again.rigid_pose(q).homogeneous, arm.rigid_pose(q).homogeneous, atol=1e-9)
+    assert fine(run_here(tmp_path, "view", "arm.toml", "-o", "view.html"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"modified"', '"modifed"', "'modifed' is not known, did you mean 'modified'"),
+        ('dh = "modified"', 'dh = "modified"\nurdf = "r.urdf"', "dh: stands beside 'urdf'"),
+        ("alpha_deg = -90", "alpha = -90", r"\[robot.joint.luff\] alpha: -90 rad exceeds a full turn.*alpha_deg"),
+        ("a_mm = 150", "a = 150", r"\[robot.joint.luff\] a: 150 m is farther than any joint.*a_mm"),
+        ("a_mm = 150", "a_mn = 150", "a_mn: 'mn' is no unit of length, did you mean"),
+        ("a_mm = 150", "a_mm = 150, a = 0.15", "a: stands beside 'a_mm'"),
+        ("a_mm = 150", "aa = 150", "aa: unknown key, did you mean 'a'"),
+        ("mass = 12.0", "mass = -12.0", "mass: is -12 kg"),
+        ("upper_mm = 300", "upper_mm = -300", "expected more than lower"),
+        ("[robot.joint]", "[robot.joints]", r"needs a table \[robot.joint\]|unknown key"),
+    ],
+)
+def test_what_is_wrong_in_a_row_is_named(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in MODIFIED
+    with pytest.raises(ArmFileError, match=said) as raised:
+        read(tmp_path, MODIFIED.replace(old, new))
+    assert raised.value.place.line > 0
+
+
+def test_wire_lengths_alone_make_a_small_arm_accurate(tmp_path: Path) -> None:
+    """No URDF, no x y z: millimetres become the wire's noise, in rows that were not fitted too; the rest is said."""
+    arm, q = wire_file.declared(tmp_path), wire_file.positions(400, 0)
+    rows, more = (wire_file.write(tmp_path / f"{i}.csv", some, 7) for i, some in enumerate((q[:250], q[250:])))
+    loaded = load_arm(arm)
+    found = calibrate(loaded, read_measurements(rows, loaded))
+    assert found.declared_rms > 1e-3 and found.rms < 1.1e-4 and not found.flags
+    asked = read_measurements(more, found.arm)
+    ((kind, std),) = predict(found.arm, asked).sensors
+    errors = kind.values - asked.readings.kinds[0].values
+    assert np.sqrt((errors**2).mean()) < 1.5 * 1e-4 and std is not None
+    # What a turn of the wire's box about the first axis does, too, no wire tells; it is said with what stands for it.
+    untold = [one.name for one in found.undetermined]
+    assert {"joint_offset J1", "geometry J1 rz", "geometry J1 dx"} <= set(untold)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("L_mm", "L"), "in mm, not m"),
+        (("q_J2_deg", "q_J2"), "q_J2 is in degrees"),
+        (("L_mm", "L_in"), "'in' is no unit of length"),
+    ],
+)
+def test_units_of_such_a_file_are_asked_about(tmp_path: Path, change: tuple[str, str], said: str) -> None:
+    arm = wire_file.declared(tmp_path)
+    rows = wire_file.write(tmp_path / "rows.csv", wire_file.positions(80, 0), 7)
+    rows.write_text(rows.read_text().replace(*change, 1))
+    loaded = load_arm(arm)
+    with pytest.raises((ConventionError, TableError), match=said):
+        calibrate(loaded, read_measurements(rows, loaded))
+
+
+def test_headers_may_have_their_unit_in_brackets(tmp_path: Path) -> None:
+    arm = load_arm(wire_file.declared(tmp_path))
+    rows = wire_file.write(tmp_path / "rows.csv", wire_file.positions(20, 0), 7)
+    plain = read_measurements(rows, arm)
+    head, _, rest = rows.read_text().partition("\n")
+    head = head.replace("q_J1_deg", "q_J1[deg]").replace("q_J2_deg", "q_J2 (deg)").replace("L_mm", "L [mm]")
+    rows.write_text(f"{head}\n{rest}")
+    again = read_measurements(rows, arm)
+    np.testing.assert_array_equal(again.q, plain.q)
+    np.testing.assert_array_equal(again.readings.kinds[0].values, plain.readings.kinds[0].values)

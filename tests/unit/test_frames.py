@@ -1,0 +1,103 @@
+"""A data frame is taken wherever a table is, with the same result and the same errors; rows are named by the index."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.small_arms import ROBOTS
+
+import armflex
+from armflex.errors import ArmflexWarning, TableError
+
+pandas = pytest.importorskip("pandas")
+FOLDER = ROBOTS / "tarm_like"
+
+
+@pytest.fixture(scope="module")
+def arm() -> armflex.Arm:
+    return armflex.load_arm(FOLDER / "measured.toml")
+
+
+def named(table: str) -> pandas.DataFrame:
+    frame = pandas.read_csv(FOLDER / table)
+    return frame.set_index(pandas.Index([f"shot {i}" for i in range(len(frame))]))
+
+
+def test_a_frame_is_read_as_its_file(arm: armflex.Arm) -> None:
+    file, frame = (armflex.read_measurements(one, arm) for one in (FOLDER / "campaign.csv", named("campaign.csv")))
+    np.testing.assert_array_equal(file.q, frame.q)
+    np.testing.assert_array_equal(file.position, frame.position)
+    np.testing.assert_array_equal(file.measured, frame.measured)
+    assert file.pose == frame.pose and file.session == frame.session and frame.sha256 != file.sha256
+    assert str(frame.places[3]) == "data frame, row 'shot 3'"
+    again = armflex.read_measurements(named("campaign.csv"), arm)
+    assert again.sha256 == frame.sha256
+
+
+def test_every_public_function_takes_a_frame(arm: armflex.Arm) -> None:
+    path, bench = named("trajectory.csv"), named("a4_table_1.csv")
+    file = armflex.read_trajectory(FOLDER / "trajectory.csv", arm)
+    assert armflex.check(arm, path, 0.1).to_dict() == armflex.check(arm, file, 0.1).to_dict()
+    np.testing.assert_array_equal(
+        armflex.compensate(arm, path).trajectory.q, armflex.compensate(arm, file).trajectory.q
+    )
+    rows = named("held_out.csv").iloc[:5]
+    assert len(armflex.predict(arm, rows).position) == 5
+    assert (
+        armflex.train(bench).to_dict()["parameters"] == armflex.train(FOLDER / "a4_table_1.csv").to_dict()["parameters"]
+    )
+
+
+def test_what_a_result_gives_is_read_again(arm: armflex.Arm) -> None:
+    file = armflex.read_measurements(FOLDER / "campaign.csv", arm)
+    again = armflex.read_measurements(file.to_frame(), arm)
+    np.testing.assert_array_equal(file.position[file.measured], again.position[again.measured])
+    np.testing.assert_array_equal(file.sigma[file.measured], again.sigma[again.measured])
+    path = armflex.read_trajectory(FOLDER / "trajectory.csv", arm)
+    np.testing.assert_array_equal(armflex.read_trajectory(path.to_frame(), arm).q, path.q)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda frame: frame.assign(x=frame.x.astype(object).where(frame.index != "shot 4", "a lot")),
+         r"^data frame, row 'shot 4': column 'x' is 'a lot', not a finite number"),
+        (lambda frame: frame.rename(columns={"q_A1": "q_AA1"}), r"^data frame: has no column 'q_A1'"),
+        (lambda frame: frame.assign(payload="p601"), r"^data frame, row 'shot 0': no payload named 'p601'"),
+        (lambda frame: frame.assign(x=[[1.0]] * len(frame)), r"^data frame: column 'x' holds \[1\.0\], expected"),
+        (lambda frame: frame.assign(pose="a\x1b[2J"), r"^data frame, row 'shot 0': holds the character"),
+        (lambda frame: frame.iloc[:0], r"^data frame: has a header but no rows"),
+        (lambda frame: frame.set_axis(range(frame.shape[1]), axis=1), r"^data frame: has no header row"),
+    ],
+)  # fmt: skip
+def test_the_same_errors(arm: armflex.Arm, change, words: str) -> None:
+    with pytest.raises(TableError, match=words):
+        armflex.read_measurements(change(named("campaign.csv")), arm)
+
+
+def test_units_in_the_headers(arm: armflex.Arm) -> None:
+    frame = named("trajectory.csv")
+    turned = [name for name in frame.columns if name.startswith("q_A")]
+    degrees = frame.assign(**{f"{name}_deg": np.degrees(frame[name]) for name in turned}).drop(columns=turned)
+    np.testing.assert_allclose(
+        armflex.read_trajectory(degrees, arm).q, armflex.read_trajectory(frame, arm).q, rtol=0.0, atol=1e-12
+    )
+
+
+def test_a_tolerance_in_millimetres_is_questioned(arm: armflex.Arm) -> None:
+    path = FOLDER / "trajectory.csv"
+    with pytest.warns(
+        ArmflexWarning, match=r"a tolerance of 2 m for an arm of .* m: lengths are metres, 2 mm are 0\.002"
+    ):
+        assert "tolerance" in [flag.code for flag in armflex.check(arm, path, tolerance=2).flags]
+    assert "tolerance" not in [flag.code for flag in armflex.check(arm, path, tolerance=0.1).flags]
+
+
+def test_a_page_shows_itself_in_a_notebook(arm: armflex.Arm, tmp_path: Path) -> None:
+    page = armflex.view(arm)
+    assert (page._repr_html_().startswith("<iframe") and "&lt;" in page._repr_html_()) or "&quot;" in page._repr_html_()
+    written = page.write(tmp_path / "arm.html")
+    assert written.read_text(encoding="utf-8") == page.html
+    assert armflex.view(arm, path=tmp_path / "same.html").read_text() == page.html and len(repr(page)) < 200

@@ -1,0 +1,223 @@
+"""`armflex trace`: one campaign from the shell, with its points exported apart, and one that lacks nothing."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.campaigns import Truth, draw
+from support.command_line import Run, fine, strict_json
+from support.effect_arms import quietly
+
+from armflex import predict, read_measurements, trace
+from armflex.cli.trace_command import as_json, print_trace
+from armflex.estimate.posterior import without_declared_uncertainty
+from armflex.estimate.tip_uncertainty import tip_covariance
+from armflex.measured.points import read_points
+from armflex.trace.findings import Unexplained
+
+pytestmark = pytest.mark.slow
+
+CONTRACT = {
+    "format", "rows", "noise_rms_mm", "rms_mm", "held_out_rms_mm", "effects", "unexplained", "not_identifiable",
+    "next_measurement",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory: pytest.TempPathFactory) -> Truth:
+    return draw("backlash", 1, "six").write(tmp_path_factory.mktemp("field"))
+
+
+def exported(truth: Truth, folder: Path) -> tuple[Path, Path]:
+    """Write the campaign's rows without positions, and the positions as an instrument's program exports them."""
+    rows = list(csv.DictReader(truth.train.open()))
+    kept = [name for name in rows[0] if name not in "xyz"]
+    points = ["// Units: mm"]
+    for i, row in enumerate(rows):
+        row["point"] = f"stop{i}"
+        if row["x"]:
+            points.append(f"Main stop{i} " + " ".join(f"{1e3 * float(row[axis]):.9f}" for axis in "xyz"))
+    with (folder / "m.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, [*kept, "point"], extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    (folder / "points.txt").write_text("\n".join(points) + "\n")
+    return folder / "m.csv", folder / "points.txt"
+
+
+@pytest.fixture(scope="module")
+def ran(truth: Truth, tmp_path_factory: pytest.TempPathFactory):
+    """Run the command in this process; return its folder, what it said, and the trace that it made."""
+    from click.testing import CliRunner
+
+    import armflex.cli.trace_command as module
+
+    folder, made = tmp_path_factory.mktemp("ran"), []
+    rows, points = exported(truth, folder)
+    given = [truth.arm, rows, "--points", points, "--points-frame", "World", "-o", folder / "traced.toml"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "trace", lambda *args, **more: made.append(trace(*args, **more)) or made[0])
+        result = CliRunner().invoke(module.command, [str(x) for x in (*given, "--json", folder / "t.json")])
+    assert result.exit_code == 0 and not result.exception, result.output
+    return folder, result, made[0]
+
+
+def test_the_json_is_the_contracts(ran, truth: Truth) -> None:
+    found = strict_json(ran[0] / "t.json")
+    assert list(found)[: len(CONTRACT)] == [name for name in found if name in CONTRACT] and set(found) >= CONTRACT
+    assert found["format"] == "armflex-trace-1" and found["rows"] == len(read_rows(truth))
+    assert found["noise_rms_mm"] == pytest.approx(2e-4 * np.sqrt(3.0) * 1e3)
+    errors, held_out = found["rms_mm"], found["held_out_rms_mm"]
+    assert set(errors) == {"declared", "calibrated", "after"} and set(held_out) == {"calibrated", "after"}
+    assert errors["declared"] > errors["calibrated"] > errors["after"] > 0.0
+    assert held_out["calibrated"] > held_out["after"] > errors["after"]
+    assert found["unexplained"] is None and all(isinstance(text, str) for text in found["next_measurement"])
+    assert all(set(one) == {"effect", "site", "reason"} for one in found["not_identifiable"])
+
+
+def read_rows(truth: Truth) -> list[dict]:
+    return [row for row in csv.DictReader(truth.train.open()) if row["x"]]
+
+
+def test_the_effect_is_named_as_files_name_it(ran, truth: Truth) -> None:
+    (one,) = strict_json(ran[0] / "t.json")["effects"]
+    true = truth.effects[0]
+    assert (one["effect"], one["site"], one["axis"]) == ("backlash", true.site, true.axis)
+    assert one["covariates"] == [f"approach_{true.site}"] and set(one["parameters"]) == {"gap"}
+    gap = one["parameters"]["gap"]
+    assert gap["unit"] == "rad" and abs(gap["value"] - true.parameters["gap"]) < 4.0 * gap["std"] < gap["value"]
+    assert one["held_out_rms_mm"]["after"] < one["held_out_rms_mm"]["before"]
+    assert {"effect": "friction_windup", "site": true.site, "axis": true.axis}.items() <= one["equivalent"][0].items()
+
+
+def test_the_terminal_says_on_what_an_effect_depends_and_how_often_it_is_chosen_again(ran, truth: Truth) -> None:
+    (one,) = strict_json(ran[0] / "t.json")["effects"]
+    lines = ran[1].stdout.splitlines()
+    (line,) = [line for line in lines if f"{truth.effects[0].site}  " in line and "->" in line]
+    assert one["covariates"][0] in line and f"{one['chosen_again']:.0%}" in line
+    assert any("chosen and fitted without them" in line for line in lines)
+
+
+def test_held_out_errors_are_of_what_was_chosen_without_the_poses(ran) -> None:
+    found, said = ran[2], strict_json(ran[0] / "t.json")
+    assert said["held_out_rms_mm"]["after"] == pytest.approx(1e3 * max(found.compared.after, found.held_out_after))
+    assert "without them" in said["held_out_is_of"] and said["families"] == [] and said["undecided"] is None
+
+
+def test_the_summary_fits_a_screen_and_the_steps_go_to_stderr(ran) -> None:
+    result = ran[1]
+    lines = result.stdout.splitlines()
+    assert len(lines) <= 24 and not any("[" in line and "mm]" in line for line in lines)
+    for said in ("calibrated", "backlash", "±", "rad", "->", "friction windup", "traced.toml"):
+        assert said in result.stdout
+    assert "calibrating" in result.stderr and "calibrating" not in result.stdout
+
+
+def test_the_written_arm_predicts_rows_that_were_not_used(ran, truth: Truth) -> None:
+    arm = quietly(ran[0] / "traced.toml")
+    test = read_measurements(truth.test, arm)
+    there = predict(arm, test)
+    error = np.linalg.norm((there.position - truth.clean)[test.measured], axis=1)
+    assert np.sqrt((error**2).mean()) < 0.5e-3 * np.sqrt(3.0) * 0.5
+
+
+def test_what_was_fitted_is_uncertain_in_deflect_and_check_too(ran, armflex: Run) -> None:
+    arm = quietly(ran[0] / "traced.toml")
+    certain, q, known = without_declared_uncertainty(arm), arm.position(J2=0.3), {}
+    site = arm.effects[0].location.site
+    known[f"approach_{site}"] = 1.0
+    given = ["--covariates", f"approach_{site}=1"]
+    said = fine(armflex("deflect", ran[0] / "traced.toml", "--q", "J2=0.3", *given, "--json", ran[0] / "d.json"))
+    laws = certain.deflection(q, covariates=known).covariance
+    expected, _ = tip_covariance(certain, q[None], ("none",), known, None if laws is None else laws[None])
+    told = np.array(strict_json(ran[0] / "d.json")["covariance"])
+    np.testing.assert_allclose(told, expected[0], rtol=1e-7, atol=1e-18)
+    assert (np.diag(told) > (0.0 if laws is None else np.diag(laws))).all()
+    (line,) = (line for line in said.stdout.splitlines() if line.split()[:1] == ["z"])
+    assert f"{np.sqrt(told[2, 2]) * 1e3:.2g}" in line.split()
+    rows = "\n".join(f"{t},0,{0.3 + 1e-9 * t},0,0,0,0,v{t}" for t in (0, 1))
+    (ran[0] / "t.csv").write_text(f"time,{','.join(f'q_J{i}' for i in range(1, 7))},via\n{rows}\n")
+    told_sigma = ["--tolerance", "1m", *given, "--json", ran[0] / "c.json"]
+    fine(armflex("check", ran[0] / "traced.toml", ran[0] / "t.csv", *told_sigma))
+    shift = certain.deflection(q, covariates=known).displacement[:3]
+    along = shift / np.linalg.norm(shift)
+    point = strict_json(ran[0] / "c.json")["via_points"][0]
+    assert point["sigma_m"] == pytest.approx(np.sqrt(along @ told[:3, :3] @ along), rel=1e-5)
+
+
+def test_advice_is_cut_and_counted(ran, capsys: pytest.CaptureFixture) -> None:
+    advice = tuple(f"advice {i}" for i in range(11))
+    print_trace(dataclasses.replace(ran[2], next_measurement=advice))
+    said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Next: ")]
+    assert said == [*(f"Next: {text}" for text in advice[:3]), "Next: 8 more in --report and --json."]
+    assert as_json(dataclasses.replace(ran[2], next_measurement=advice))["next_measurement"] == list(advice)
+    print_trace(dataclasses.replace(ran[2], next_measurement=advice[:3]))
+    assert capsys.readouterr().out.count("Next: ") == 3
+
+
+def test_points_are_those_of_the_campaign(ran, truth: Truth) -> None:
+    folder = ran[0]
+    assert "measurements_sha256" in (folder / "traced.toml").read_text()
+    plain = quietly(truth.arm)
+    joined = read_measurements(folder / "m.csv", plain, points=read_points(folder / "points.txt", frame="World"))
+    np.testing.assert_allclose(joined.position, read_measurements(truth.train, plain).position, atol=1e-11)
+
+
+def test_what_is_unexplained_and_nothing_missing_are_said(ran, capsys: pytest.CaptureFixture) -> None:
+    found = ran[2]
+    left = Unexplained("link:J3", "ry", 1.5e-4, "rad", 3.2e-4)
+    told = as_json(dataclasses.replace(found, found=(), unexplained=left))
+    assert told["unexplained"] == {
+        "site": "J3", "axis": "ry", "std": 1.5e-4, "unit": "rad", "rms_mm": pytest.approx(0.32), "covariates": []
+    }  # fmt: skip
+    print_trace(dataclasses.replace(found, found=(), unexplained=left))
+    said = capsys.readouterr().out
+    assert "at J3 ry, 0.00015 rad from pose to pose" in said and "Nothing is missing" not in said
+    print_trace(dataclasses.replace(found, found=(), unexplained=None))
+    said = capsys.readouterr().out
+    assert "Nothing is missing that these data could show." in said and "Effects would have shown from" in said
+    json.dumps(told, allow_nan=False)
+
+
+BAD = {
+    "a URDF": (["robot.urdf", "m.csv", "-o", "o.toml"], "trace needs an arm.toml"),
+    "no output": (["arm.toml", "m.csv"], "missing option '-o'"),
+    "units of nothing": (["arm.toml", "m.csv", "-o", "o.toml", "--points-unit", "mm"], "go with --points"),
+    "no such points": (["arm.toml", "m.csv", "-o", "o.toml", "--points", "none.txt"], "none.txt: cannot be read"),
+    "an input": (["arm.toml", "m.csv", "-o", "arm.toml"], "is an input of this command"),
+    "a page over an input": (["arm.toml", "m.csv", "-o", "o.toml", "--report", "m.csv"], "is an input of this command"),
+    "the arm for a page": (["arm.toml", "m.csv", "-o", "o.toml", "--report", "o.toml"], "are the same file o.toml"),
+    "no folder": (["arm.toml", "m.csv", "-o", "o.toml", "--report", "none/r.html"], "folder none"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "complaint"), BAD.values(), ids=BAD)
+def test_bad_input_is_refused_before_anything_is_computed(
+    armflex: Run, truth: Truth, tmp_path: Path, arguments: list, complaint: str
+) -> None:
+    (tmp_path / "arm.toml").write_text(truth.arm.read_text())
+    (tmp_path / "m.csv").write_bytes(truth.train.read_bytes())
+    before = sorted(path.name for path in tmp_path.iterdir())
+    result = fine(armflex("trace", *arguments), 2)
+    assert complaint in result.stderr and "searching" not in result.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
+def test_a_calibrated_arm_is_not_fitted_again(ran, armflex: Run, truth: Truth) -> None:
+    for command in ("trace", "calibrate"):
+        result = fine(armflex(command, ran[0] / "traced.toml", truth.train, "-o", "o.toml"), 2)
+        assert "is calibrated already" in result.stderr
+
+
+def test_armflex_is_imported_without_scipy() -> None:
+    import subprocess
+    import sys
+
+    code = "import sys, armflex; armflex.trace; print('scipy' in sys.modules, callable(armflex.trace))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.split() == ["False", "True"]
