@@ -33,13 +33,10 @@ PAIRS = 3
 """Pairs that are taken out together."""
 
 SEVERAL = 2
-"""Effects that may come beside the one that takes an effect's or a family's place."""
+"""Effects that may come beside the one that takes an effect's place."""
 
 TRIALS, LEAST_TRIALS = 8000, 4
 """Rows times how often effects are taken out at most, and how often at least: each time is a search of its own."""
-
-SIZES = np.logspace(-3.0, 0.5, 15)
-"""Sizes at which a family is weighed, in its own."""
 
 COMPARED = 12
 """Best hypotheses whose inner parameters are refined."""
@@ -66,19 +63,10 @@ def worth_of(state: State, *indices: int) -> tuple[float, Projection]:
     """Return the evidence of some effects beside the others, and the projection without them.
 
     They are charged for all that the search chose, like the other hypotheses: also a moment or a number of waves, which
-    no fit moves. A family is charged for what its members are told beyond their common size, at its best size here.
+    no fit moves.
     """
     projection, own = leave_out(state, *indices)
-    columns = state.fit.regressors[:, own]
-    if len(indices) > 1 and indices in state.units:
-        usual = state.fit.prior[own]
-        values, axes = np.linalg.eigh(projection.information(columns * usual)[0])
-        variance = SIZES[:, None] ** 2
-        larger = 1.0 + variance * np.maximum(values, 0.0)
-        gains = (((projection.residual @ (columns * usual) @ axes) ** 2) * variance / larger).sum(axis=1)
-        worths = evidence(gains, projection.objective, projection.count, 0) - np.log(larger).sum(axis=1)
-        return float(np.max(worths)), projection
-    gain = projection.gain(columns)[0]
+    gain = projection.gain(state.fit.regressors[:, own])[0]
     parameters = sum(candidate_of(state.fitted[index]).parameters for index in indices)
     sizes = sum(
         unusual(candidate_of(one), one.acting, state.fit.view, state.context)
@@ -92,8 +80,7 @@ def hypotheses_of(state: State, *indices: int) -> tuple[float, tuple[Polished, .
 
     Those are of the catalogue, and for a shape without a name the same shape at every other place.
     """
-    # One of a family may do by itself.
-    themselves = [] if len(indices) > 1 and indices in state.units else [candidate_of(state.fitted[i]) for i in indices]
+    themselves = [candidate_of(state.fitted[index]) for index in indices]
     worth, projection = worth_of(state, *indices)
     shapes = [one for one in themselves if one.law.shape]
 
@@ -158,8 +145,8 @@ def in_place(state: State, indices: tuple[int, ...], better: Sequence[Polished],
     """
     if not better:
         return ()
-    first = indices[0]
-    state.say(f"trying {better[0].effect.name} for {_named(state, indices)}")
+    first, names = indices[0], " and ".join(state.effects[index].effect.name for index in indices)
+    state.say(f"trying {better[0].effect.name} for {names}")
     try:
         rest = without(state, *indices)
         trial = moved_to(add(rest, better[0]), first)
@@ -171,30 +158,22 @@ def in_place(state: State, indices: tuple[int, ...], better: Sequence[Polished],
         return ()
     step = state.steps[first]
     assert step is not None
-    step = replace(step, ranking=step.ranking or tuple(better), exchanged=True, kin=None)
-    return rest, replace(trial, steps=(*trial.steps[:first], step, *trial.steps[first + 1 :]))
-
-
-def _named(state: State, indices: tuple[int, ...]) -> str:
-    """Return the names of some effects, or what a family is."""
-    if len(indices) > 1 and indices in state.units:
-        return f"{state.effects[indices[0]].effect.law.name} at every drive"
-    return " and ".join(state.effects[index].effect.name for index in indices)
+    return rest, replace(trial, steps=(*trial.steps[:first], replace(step, exchanged=True), *trial.steps[first + 1 :]))
 
 
 def pruned(state: State) -> tuple[State, ...]:
-    """Return the states without an effect or family and another that is no longer worth `SAME`, none where all are."""
+    """Return the states without one effect and another that is no longer worth `SAME`, none where all are."""
     passed = []
-    while units := state.units:
-        worths = [worth_of(state, *unit)[0] for unit in units]
-        weakest = units[int(np.argmin(worths))]
+    while alone := [unit[0] for unit in state.units if len(unit) == 1]:
+        worths = [worth_of(state, i)[0] for i in alone]
+        weakest = alone[int(np.argmin(worths))]
         if min(worths) >= SAME:
             break
-        trial = without(state, *weakest)
+        trial = without(state, weakest)
         # The linear estimate misses how much the rest must bend.
         if _information(trial, state) > _information(state, state) + SAME:
             break
-        state.say(f"dropping {_named(state, weakest)}")
+        state.say(f"dropping {state.effects[weakest].effect.name}")
         state = trial
         passed.append(state)
     return tuple(passed)
@@ -205,23 +184,22 @@ def _spots(state: State, indices: Iterable[int]) -> Spots:
 
 
 def _suspects(state: State) -> tuple[tuple[int, ...], ...]:
-    """Return each family and effect that the others could do without most easily, then pairs that share most."""
+    """Return each effect, those first that the others could do without most easily, then pairs that share most."""
     alone = [unit[0] for unit in state.units if len(unit) == 1]
-    families = [unit for unit in state.units if len(unit) > 1]
-    if len(alone) < 2 and not families:
+    if len(alone) < 2:
         return ()
     worths = {i: worth_of(state, i)[0] for i in alone}
     # What a pair is worth beyond what its members are: either takes over when the other goes.
     shared = {pair: worth_of(state, *pair)[0] - worths[pair[0]] - worths[pair[1]] for pair in combinations(alone, 2)}
     pairs = sorted((pair for pair in shared if shared[pair] > SAME), key=lambda pair: -shared[pair])
-    return (*families, *((i,) for i in sorted(alone, key=lambda i: worths[i])), *pairs[:PAIRS])
+    return (*((i,) for i in sorted(alone, key=lambda i: worths[i])), *pairs[:PAIRS])
 
 
 def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
     """Return the states from one without some effects to one with better ones in their place, none where none is.
 
     What is plainer may be a little worse, what bends more must be clearly better; for a pair one effect may come, or
-    another pair, for one effect or a family several.
+    another pair, for one effect several.
     """
     worth, hypotheses = hypotheses_of(state, *indices)
     best: tuple[State, ...] = ()
@@ -245,11 +223,11 @@ def _several_instead(
     """
     if not better:
         return ()
-    most = SEVERAL if len(indices) == 1 or indices in state.units else 1
+    most = SEVERAL if len(indices) == 1 else 1
     problem = leave_out(state, *indices)[0]
     beside = problem.beside(candidate_regressors(better[0].candidate, state.fit, state.context))
     named = better[0].evidence + sum(one.evidence for one in one_by_one(state.physical, beside, most))
-    if len(indices) != 2 and named < worth + (PREFERRED if len(indices) == 1 else -CLOSE):
+    if len(indices) == 1 and named < worth + PREFERRED:
         return ()
     passed, now = in_place(state, indices, better, -np.inf), _information(state, state)
     for _ in range(most):

@@ -185,8 +185,10 @@ def _gives(effect: Effect, fit: Fit, context: Context, present: bool) -> bool:
     loads = context.wrenches[effect.location.site].reshape(-1, 2, 3)
     largest = np.linalg.norm(loads, axis=2).max(axis=0)
     most = MOST_GIVE * np.array([law.plausible.shift, law.plausible.turn])
-    given = np.abs(np.einsum("rii->ri", own)).reshape(-1, 2, 3)
-    good &= (given.max(axis=2) * largest <= most).all(axis=1)
+    given = np.abs(np.einsum("rii->ri", own)) * np.repeat(largest, 3)
+    if not law.linear:  # what is saturated gives less
+        given = np.minimum(given, np.abs(bound.twist(np.broadcast_to(np.repeat(largest, 3), given.shape), row)))
+    good &= (given.reshape(-1, 2, 3).max(axis=2) <= most).all(axis=1)
     if law.passive:  # the whole compliance has a positive diagonal, and couplings within it
         total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
         total = np.broadcast_to(total, own.shape) + (0.0 if present else own)

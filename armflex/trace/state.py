@@ -21,7 +21,6 @@ from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import without_direction
 from armflex.laws.effects.location import Location
-from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
@@ -335,15 +334,11 @@ def information(state: State, limit: Array | float, below: bool = False) -> floa
 
     J is what the fit reached, not what its linear problem promises; not less than n, or where also what is `below`
     counts, J itself from there: noise is no smaller than stated. States are compared at one `limit` of lengths beyond
-    which rows count less (`robust_limit`). A family takes what its members are told beyond their common size.
+    which rows count less (`robust_limit`).
     """
     count = state.fit.view.count
-    searched = sum(candidate_of(state.fitted[unit[0]]).parameters for unit in state.units if len(unit) == 1)
+    searched = sum(candidate_of(effect).parameters for effect in state.fitted)
     sizes = sum(unusual(candidate_of(one), one.acting, state.fit.view, state.context) for one in state.fitted)
-    for unit in (unit for unit in state.units if len(unit) > 1):
-        own = np.concatenate([state.fit.places(state.effects[i]) for i in unit])
-        known = LinearGaussian(state.fit.told).with_precision(state.fit.precision).covariance[np.ix_(own, own)]
-        sizes += 2.0 * float(np.log(state.fit.prior[own]).sum()) - float(np.linalg.slogdet(known)[1])
     cost = state.fit.cost(limit)
     misfit = count * float(np.log(max(cost, count))) + (min(cost - count, 0.0) if below else 0.0)
     return misfit + searched * float(np.log(count)) + sizes

@@ -13,7 +13,6 @@ from armflex import load_arm, predict, read_measurements
 from armflex.estimate.calibrate import calibrate
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
-from armflex.trace.exchange import exchanged
 from armflex.trace.families import with_families
 from armflex.trace.state import State, add, begin
 
@@ -58,17 +57,6 @@ def test_a_little_at_every_drive_is_a_family(ur5) -> None:
 
 def test_noise_is_no_family(ur5) -> None:
     assert with_families(measured(ur5, {}), None) is None
-
-
-def test_a_family_gives_way_to_one_of_its_members(ur5, monkeypatch) -> None:
-    """What was taken for every drive's because nothing else was looked at is one drive's."""
-    state = measured(ur5, {"shoulder_lift_joint": 4e-3})
-    monkeypatch.setitem(with_families.__globals__, "_alone", lambda *_: -np.inf)
-    family = with_families(state, None)
-    assert family is not None and len(family.units[0]) > 1
-    *_, after = exchanged(family)
-    assert [effect.title for effect in after.fitted] == ["encoder eccentricity at shoulder_lift_joint (ry)"]
-    assert after.steps[0] is not None and after.steps[0].kin is None and after.steps[0].exchanged
 
 
 def test_what_several_causes_leave_is_no_family(tmp_path) -> None:
