@@ -45,22 +45,19 @@ PLAIN: dict[str, tuple[type | tuple[type, ...], str]] = {
 
 
 def checked_init(kind: type[T]) -> type[T]:
-    """Return a class whose arguments are `checked`; of a dataclass, write it above the other decorator."""
-    kind.__init__ = checked(kind.__init__)
+    """Return a class whose arguments are `checked_kinds`; of a dataclass, write it above the other decorator."""
+    kind.__init__ = checked_kinds(kind.__init__)
     return kind
 
 
-def checked_late(function: Callable[P, T]) -> Callable[P, T]:
-    """Return a `checked` function that looks once something was raised: for control loops; it says most itself."""
-    return checked(function, late=True)
-
-
-def checked(function: Callable[P, T], late: bool = False) -> Callable[P, T]:
+def checked_kinds(function: Callable[P, T]) -> Callable[P, T]:
     """Return a function that raises `ArrayTypeError`, naming the argument, where one is of another kind than declared.
+
+    Arguments are looked at once the function has failed, so that control loops pay nothing, and only where it failed
+    without a word of its own: what it says of an argument is nearer to the matter.
 
     Args:
         function: Its annotations are texts, as `from __future__ import annotations` leaves them.
-        late: Look only once something was raised.
     """
     parameters = inspect.signature(function).parameters.values()
     asked = {
@@ -81,11 +78,6 @@ def checked(function: Callable[P, T], late: bool = False) -> Callable[P, T]:
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
-        look(args, kwargs)
-        return function(*args, **kwargs)
-
-    @wraps(function)
-    def call_first(*args: P.args, **kwargs: P.kwargs) -> T:
         try:
             return function(*args, **kwargs)
         except (TypeError, AttributeError, ValueError, LookupError, StopIteration) as error:
@@ -93,7 +85,7 @@ def checked(function: Callable[P, T], late: bool = False) -> Callable[P, T]:
                 look(args, kwargs)
             raise
 
-    return call_first if late else call
+    return call
 
 
 def _is(value: Any, wanted: ast.expr | None) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.arguments import checked_init, checked_late
+from armflex.arguments import checked_init, checked_kinds
 from armflex.certainty import Certainty
 from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
 from armflex.errors import (
@@ -50,6 +50,7 @@ from armflex.parameters import (
     of_motions,
     of_offsets,
     of_sensor,
+    of_targets,
 )
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
@@ -108,6 +109,7 @@ class Prior:
         compliance: Every declared linear compliance, relative.
         tool: The target's place in the tip frame [m].
         geometry: Every fixed transform of the chain [m and rad].
+        session_target: The target's place in the tip frame between sessions, in each of which it was mounted anew [m].
         session_translation: Instrument frame between sessions [m].
         session_rotation: Instrument frame between sessions [rad].
     """
@@ -116,6 +118,7 @@ class Prior:
     compliance: float = 0.0
     tool: float = 0.0
     geometry: float = 0.0
+    session_target: float = 0.0
     session_translation: float = 0.0
     session_rotation: float = 0.0
 
@@ -224,7 +227,7 @@ class Arm:
         """All laws as one map."""
         return LawStack(self.flexure_names, tuple(flexure.law for flexure in self.modelled))
 
-    @checked_late
+    @checked_kinds
     def named(self, labels: Sequence[str]) -> tuple[ArmParameter, ...]:
         """Return the parameters of the arm and its instrument that labels name; see `armflex.parameters.named`.
 
@@ -232,6 +235,7 @@ class Arm:
         """
         sessions = self.instrument.sessions if self.instrument else ()
         known = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
+        known += of_targets(self.instrument.targets if self.instrument else ())
         known += of_motions(ParameterKind.GEOMETRY, self.joint_names)
         known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:
@@ -250,7 +254,7 @@ class Arm:
         """Weight of everything that moves [N]."""
         return self.loaded(None).mass * float(np.linalg.norm(self.robot.gravity))
 
-    @checked_late
+    @checked_kinds
     def payload(self, payload: str | Payload | None) -> Payload:
         """Return a payload by name; None and "none" mean nothing carried.
 
@@ -268,7 +272,7 @@ class Arm:
             raise UnknownNameError("payload", payload, (*self.payloads, "none"))
         return self.payloads[payload]
 
-    @checked_late
+    @checked_kinds
     def position(self, **joints: float) -> Array:
         """Return q (nq,) [rad or m] with the named joints set and the others at zero.
 
@@ -288,7 +292,7 @@ class Arm:
             q[self.joint_names.index(name)] = value
         return self.checked(q, "q")
 
-    @checked_late
+    @checked_kinds
     def rigid_pose(self, q: ArrayLike, enforce_limits: bool = True) -> pin.SE3:
         """Return the tip pose of the rigid arm at q (nq,) [rad or m] in the base frame."""
         checked, _ = self.check_position(q, enforce_limits)
@@ -302,7 +306,7 @@ class Arm:
     def deflection(
         self, q: ManyRows, payload: str | Payload | Sequence[str] | None = None, **options: Unpack[DeflectionOptions]
     ) -> DeflectionBatch: ...
-    @checked_late
+    @checked_kinds
     def deflection(
         self,
         q: ArrayLike,
@@ -364,7 +368,7 @@ class Arm:
             found.check_seen()
         return found
 
-    @checked_late
+    @checked_kinds
     def prepared(
         self,
         payload: str | Payload | None = None,
@@ -384,7 +388,7 @@ class Arm:
         pulled = tuple(one.under(self.robot.gravity) for one in wrenches)
         return Prepared(self.loaded(payload), method, enforce_limits, pulled)
 
-    @checked_late
+    @checked_kinds
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:
         """Return q as (nq,) floats [rad or m] with the flags about it.
 
@@ -440,7 +444,7 @@ class Arm:
         """Place of every joint in q."""
         return {name: i for i, name in enumerate(self.joint_names)}
 
-    @checked_late
+    @checked_kinds
     def loaded(self, payload: str | Payload | None) -> LoadedArm:
         """Return the arm with a payload, whose models are kept; raises what `payload` does."""
         known = self._carried.get(payload) if payload is None or isinstance(payload, str) else None

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.errors import UnknownNameError
 
 ROBOTS = ("tarm_like", "heavy_six")
 
 
-@checked
+@checked_kinds
 def bundled_robot(name: str) -> Path:
     """Return the folder of a bundled robot: in a checkout's `robots/`, or inside the installed package.
 

@@ -68,10 +68,3 @@ def furthest(arm: Arm, lower: Array, upper: Array) -> float:
     slides = np.array([joint.kind == "prismatic" for joint in arm.robot.moving])
     travel = np.maximum(np.abs(lower), np.abs(upper))[slides].sum()
     return float(travel + sum(np.linalg.norm(joint.origin) for joint in arm.robot.chain))
-
-
-def default_voxel(reach: float) -> float:
-    """Return an edge of 1, 2 or 5 times a power of ten that divides a reach [m] into 25 to 63."""
-    wanted = reach / 25.0
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted))

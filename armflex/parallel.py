@@ -16,6 +16,8 @@ from functools import partial
 from itertools import islice
 from typing import Any, TypeVar
 
+import numpy as np
+
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
@@ -28,6 +30,11 @@ MANY = 6
 WAVE = 32
 """Tasks for each process that are begun together. joblib begins another task whenever one ends, even if nobody takes
 the results; between two waves it waits, so that what nobody took yet does not fill the memory."""
+
+
+def in_pieces(rows: np.ndarray, most: int) -> list[np.ndarray]:
+    """Return rows, in their order, so many at most at a time."""
+    return [rows[first : first + most] for first in range(0, len(rows), most)]
 
 
 def in_threads(work: Callable[[Piece], Result], pieces: Sequence[Piece]) -> Iterator[Result]:

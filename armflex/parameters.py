@@ -27,6 +27,7 @@ class ParameterKind(StrEnum):
     SESSION = "session_frame"
     MOUNTING = "mounting"
     TOOL = "tool"
+    TARGET = "session_target"
     SENSOR = "sensor"
     OFFSET = "joint_offset"
     GEOMETRY = "geometry"
@@ -36,8 +37,11 @@ class ParameterKind(StrEnum):
     UNEXPLAINED = "unexplained"
 
 
-FRAMES = (ParameterKind.INSTRUMENT, ParameterKind.SESSION, ParameterKind.MOUNTING, ParameterKind.SENSOR)
-"""Those of one campaign alone: frames that nothing says will be the same in the next."""
+OF_SESSION = (ParameterKind.SESSION, ParameterKind.TARGET)
+"""Those of one session alone."""
+
+FRAMES = (ParameterKind.INSTRUMENT, *OF_SESSION, ParameterKind.MOUNTING, ParameterKind.SENSOR)
+"""Those of one campaign alone: frames, and how targets were mounted, that nothing says will be the same in the next."""
 
 SEEN = (*FRAMES, ParameterKind.TOOL)
 """Those that change what is read, not where the tip is."""
@@ -109,6 +113,11 @@ TARGET = of_motions(ParameterKind.TOOL, axes=TWIST_NAMES[:3])
 
 MOUNTED = of_motions(ParameterKind.MOUNTING, axes=TWIST_NAMES[3:])
 """How the target is turned on the tool."""
+
+
+def of_targets(sessions: Iterable[str], size: int = 6) -> tuple[ArmParameter, ...]:
+    """Return the shift [m] of a target that was mounted anew in every session, of six numbers its turn [rad] too."""
+    return of_motions(ParameterKind.TARGET, (name or None for name in sessions), TWIST_NAMES[:size])
 
 
 def of_sensor(sensor: Sensor, sessions: Iterable[str]) -> tuple[ArmParameter, ...]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armflex.arguments import checked, checked_init
+from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
 from armflex.conventions import Array, real_array
 from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean
@@ -47,7 +47,7 @@ class Points(NamedTuple):
         payload: Name of each one's payload.
         v, a: (M, nq) joint velocities [rad/s or m/s] and accelerations, None where the path is slow.
         covariates: Further columns by name, (M,) each in its own unit.
-        target: (M, nq) as of `Trajectory`.
+        target: (M, nq) [rad or m] as of `Trajectory`.
         wrenches: Known loads from outside, the same at all points or one for each.
     """
 
@@ -330,7 +330,7 @@ def as_trajectory(found: Trajectory | Tabular, arm: Arm) -> Trajectory:
     return found if isinstance(found, Trajectory) else read_trajectory(found, arm)
 
 
-@checked
+@checked_kinds
 def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Trajectory:
     """Read a trajectory.csv for an arm, or a data frame of the same columns.
 
@@ -396,7 +396,7 @@ def misspelt(name: str, known: Iterable[str]) -> bool:
     return bool(difflib.get_close_matches(name.lower(), [one.lower() for one in known], n=1, cutoff=0.75))
 
 
-@checked
+@checked_kinds
 def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:
     """Write a trajectory.csv, whole or not at all."""
     columns: dict[str, list] = {"time": trajectory.time.tolist()}

@@ -9,8 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import hypothesis
 import pytest
 
+hypothesis.settings.register_profile("armflex", deadline=None)  # a machine that is busy fails no test
+hypothesis.settings.load_profile("armflex")
 pytest.register_assert_rewrite("support")
 pytest_plugins = ("support.fixtures", "support.stage", "support.traced_backlash", "support.tracking")
 MUCH = 1 << 30

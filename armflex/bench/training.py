@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.bench.cross_validation import FOLDS as CHOICE_FOLDS
 from armflex.bench.cross_validation import (
     OUTER,
@@ -102,7 +102,7 @@ class TrainResult(Result):
         return [{"model": name, "held_out_rms": errors} for name, errors in self.compared]
 
 
-@checked
+@checked_kinds
 def train(
     data: JointData | Tabular,
     model: str = "linear",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
+from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, progress, say, show_flags
 from armflex.conventions import RESOLUTION, SHOWN
@@ -19,6 +20,7 @@ from armflex.estimate.identify import FittedParameter
 from armflex.estimate.law_block import learned_laws
 from armflex.estimate.learn import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples, sample_laws
+from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.parameters import ParameterKind
@@ -46,6 +48,7 @@ def command(
     keep: bool,
     anyway: bool,
     points: PointExport | None,
+    unnamed: Callable[[Arm], Unnamed],
     lax: bool,
 ) -> None:
     """Fit what [prior] frees, on the deflected arm, and say what the data cannot tell."""
@@ -54,7 +57,7 @@ def command(
         raise InputError("--keep keeps laws as an earlier campaign taught them: leave out --sample, or --keep")
     if sample and not any(flexure.learn for flexure in arm.flexures):
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
-    measurements = read_measurements(measurements_path, arm, points=points)
+    measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed(arm))
     with enough_memory(f"{len(measurements)} rows"), progress("calibrating") as tick:
         found = calibrate(arm, measurements, progress=tick, keep=keep, anyway=anyway)
     samples = None

@@ -224,11 +224,20 @@ anyway = click.option(
 
 
 def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command an arm and its campaign, and how both are taken: `keep`, `anyway`, `points`, `lax`."""
+    """Give a command an arm and its campaign, and how both are taken: `keep`, `anyway`, `points`, `lax`.
+
+    `unnamed` returns for the arm what loads rows that name none.
+    """
+
+    @functools.wraps(function)
+    def with_loads(payload: str, force_text: str | None, **rest: Any) -> Any:
+        return function(unnamed=lambda arm: unnamed_loads(arm, payload, force_text), **rest)
+
+    found = force_option(payload_option(with_loads))
     measured = click.argument("measurements_path", metavar="MEAS.csv", type=InputPath)
     for given in (points, lax, anyway, keep, measured, click.argument("arm_path", metavar="ARM", type=InputPath)):
-        function = given(function)
-    return function
+        found = given(found)
+    return found
 
 
 def declared_arm(path: Path, command: str, keep: bool = False, lax: bool = False) -> Arm:
@@ -324,15 +333,25 @@ def parse_positions(text: str, arm: Arm) -> tuple[Array, Arm]:
 def loads(function: Callable) -> Callable:
     """Add `--payload` and `--force` for rows that name none: the command gets them as `unnamed`, arm first."""
 
-    @click.option("--force", "force_text", metavar="fx=0,fz=-500N", help=f"Load from outside {UNNAMED}; {FORCE_HELP}.")
-    @click.option("--payload", default="none", show_default=True, metavar="NAME", help=f"Payload of ARM {UNNAMED}.")
     @functools.wraps(function)
     def with_loads(arm: Arm, payload: str, force_text: str | None, **rest: Any) -> Any:
-        arm.payload(payload)  # raises where there is none of that name
-        force = None if force_text is None else parse_force(force_text, arm)
-        return function(arm, unnamed=Unnamed(payload, force), **rest)
+        return function(arm, unnamed=unnamed_loads(arm, payload, force_text), **rest)
 
-    return with_loads
+    return force_option(payload_option(with_loads))
+
+
+def unnamed_loads(arm: Arm, payload: str, force_text: str | None) -> Unnamed:
+    """Return what loads rows that name none; raise where the arm has no such payload or link."""
+    arm.payload(payload)
+    return Unnamed(payload, None if force_text is None else parse_force(force_text, arm))
+
+
+force_option = click.option(
+    "--force", "force_text", metavar="fx=0,fz=-500N", help=f"Load from outside {UNNAMED}; {FORCE_HELP}."
+)
+payload_option = click.option(
+    "--payload", default="none", show_default=True, metavar="NAME", help=f"Payload of ARM {UNNAMED}."
+)
 
 
 force_table = click.option(

@@ -15,7 +15,7 @@ from armflex.conventions import NUMBER
 from armflex.errors import InputError
 from armflex.files.arm_file import load_arm
 from armflex.measured.measurements import read_measurements
-from armflex.parameters import ParameterKind
+from armflex.parameters import OF_SESSION, ParameterKind
 from armflex.plan.drive import write_plan
 from armflex.plan.instruments import Mounted, declaration
 from armflex.plan.planning import plan
@@ -162,7 +162,7 @@ def print_plan(found: Plan) -> None:
         named = zip(hypothesis.candidate.labels, hypothesis.size, hypothesis.candidate.units, strict=True)
         sizes = ", ".join(f"{label} {value:.3g} {unit}" for label, value, unit in named if value)
         say(f"{hypothesis.name} {sizes}, {hypothesis.source}")
-    places = (ParameterKind.INSTRUMENT, ParameterKind.SESSION)  # where the instrument stands is no gain
+    places = (ParameterKind.INSTRUMENT, *OF_SESSION)  # where the instrument stands is no gain
     others = {one.label for one in found.model.parameters if one.group.kind in places}
     gaining = [one for one in _parameters(found) if one["name"] not in others and not found.hypotheses]
     gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:MOST_LINES]

@@ -11,16 +11,18 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, say
 from armflex.errors import InputError
+from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.result import plain
-from armflex.tasks.iso9283 import Characteristic, PosePerformance, iso9283
+from armflex.tasks.iso9283 import PosePerformance, iso9283
 
 
 @click.command(cls=options.Command)
 @options.points
 @options.arm
 @click.argument("measurements_path", metavar="MEAS.csv", type=options.InputPath)
+@options.loads
 @click.option("--iso9283", "standard", is_flag=True, help="Pose accuracy, repeatability, directions and drift.")
 @click.option("--block", type=options.Quantity("time"), help="Time of one block of cycles, such as 10min: for drift.")
 @click.option("-o", "--output", type=options.OutputPath(), help="Page to write.")
@@ -31,6 +33,7 @@ def command(
     block: float | None,
     output: Path | None,
     points: PointExport | None,
+    unnamed: Unnamed,
 ) -> None:
     """Pose characteristics of a campaign with repeats, as ISO 9283 defines them.
 
@@ -38,7 +41,7 @@ def command(
     """
     if not standard:
         raise InputError("which report? --iso9283 is known; of a trace it is written by `armflex trace --report`")
-    measurements = read_measurements(measurements_path, arm, points=points)
+    measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed)
     found = iso9283(arm, measurements, block)
     columns = ["pose", "payload", "cycles", "AP mm", "\u00b1", "x", "y", "z", "RP mm", "\u00b1", "RP of noise"]
     modelled = any(one.predicted is not None for one in found.poses)
@@ -68,10 +71,6 @@ def _mm(value: float | None) -> str:
 
 def as_json(found: PosePerformance) -> dict[str, Any]:
     """Return pose characteristics for programs, SI."""
-
-    def figure(one: Characteristic) -> dict[str, float | None]:
-        return {"value": one.value, "std": one.std, "instrument": one.instrument}
-
     poses = [
         {
             "pose": one.pose,
@@ -80,9 +79,9 @@ def as_json(found: PosePerformance) -> dict[str, Any]:
             "direction": one.direction,
             "cycles": one.cycles,
             "rows": one.rows,
-            "ap_m": figure(one.accuracy),
+            "ap_m": one.accuracy,
             "ap_xyz_m": one.offset,
-            "rp_m": figure(one.repeatability),
+            "rp_m": one.repeatability,
             "ap_abc_rad": one.rotation,
             "rp_abc_rad": one.rotation_repeatability,
             "ap_with_model_m": one.predicted,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
+from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import complain, number, print_table, say, show_flags, stream, warn
 from armflex.errors import FileError, InputError, enough_memory
@@ -21,6 +22,7 @@ from armflex.files.effect_file import names_of
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import derived_directions
 from armflex.laws.effects.location import LINK
+from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.parameters import numbered
@@ -59,6 +61,7 @@ def command(
     keep: bool,
     anyway: bool,
     points: PointExport | None,
+    unnamed: Callable[[Arm], Unnamed],
     lax: bool,
 ) -> None:
     """Calibrate, find what residual is left, trace it to an effect the arm lacks, add it, and say what it was worth.
@@ -70,7 +73,7 @@ def command(
     outputs = Outputs(arm_path, output, report_path, options.json_path())
     kept = _checkpoint(outputs, measurements_path, resume)
     arm = options.declared_arm(arm_path, "trace", keep, lax)
-    measurements = read_measurements(measurements_path, arm, points=points)
+    measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed(arm))
     finished: list[Trace] = []
     try:
         with enough_memory(f"{len(measurements)} rows"), telling() as (tell, progress):

@@ -33,6 +33,7 @@ from armflex.parameters import (
     of_motions,
     of_offsets,
     of_sensor,
+    of_targets,
 )
 from armflex.readings import Orientation, Position
 from armflex.readings.instrument import twist_per_value
@@ -118,6 +119,30 @@ def target_block(std: float = 0.0) -> Block:
         return replace(setup, instrument=replace(setup.instrument, target=setup.instrument.target + values))
 
     return RigidBlock(TARGET, np.full(3, std), lambda view: view.by_target, moved)
+
+
+def remounted_block(setup: Setup, sessions: tuple[str, ...], std: float = 0.0, turned: bool = False) -> Block:
+    """Return the block of a target that was mounted anew in every session: a shift of it, and a turn, in tip axes.
+
+    How it is turned is free where orientations are read, about a first guess.
+    """
+    guess, size = setup.instrument.targets, 6 if turned else 3
+
+    def changes(view: View) -> Array:
+        parts = [view.by_target, *([view.by_mounting] if turned else [])]
+        whole, own = np.concatenate(parts, axis=2), np.array(view.sessions)
+        return np.concatenate([whole * (own == name)[:, None, None] for name in sessions], axis=2)
+
+    def moved(setup: Setup, values: Array) -> Setup:
+        targets = dict(setup.instrument.targets)
+        for name, step in zip(sessions, values.reshape(-1, size), strict=True):
+            before, motion = guess.get(name, np.zeros(6)), np.append(step, np.zeros(6 - size))
+            turn = pin.log3(pin.exp3(motion[3:]) @ pin.exp3(before[3:]))
+            targets[name] = np.concatenate([before[:3] + motion[:3], turn])
+        return replace(setup, instrument=replace(setup.instrument, targets=targets))
+
+    about = np.repeat([std, np.inf], 3)[:size]
+    return RigidBlock(of_targets(sessions, size), np.tile(about, len(sessions)), changes, moved)
 
 
 def mounting_block(setup: Setup) -> Block:
@@ -212,7 +237,10 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
         blocks.append(session_block(setup, open_, prior.session_translation, prior.session_rotation))
     if prior.tool and measurements.readings.of(Position):
         blocks.append(target_block(prior.tool))
-    if measurements.readings.of(Orientation):
+    turned = bool(measurements.readings.of(Orientation))
+    if prior.session_target and measurements.readings.of(Position):
+        blocks.append(remounted_block(setup, sessions, prior.session_target, turned))
+    elif turned:
         blocks.append(mounting_block(setup))
     for name in dict.fromkeys(kind.name for kind in measurements.readings.kinds if kind.name):
         if len(arm.sensors[name].free):
@@ -276,6 +304,11 @@ def _of_kind(kind: ParameterKind, parameters: list[ArmParameter], setup: Setup, 
         ParameterKind.INSTRUMENT: lambda: frame_block(setup),
         ParameterKind.SESSION: lambda: session_block(setup, names),
         ParameterKind.TOOL: target_block,
+        ParameterKind.TARGET: lambda: remounted_block(
+            setup,
+            tuple(dict.fromkeys(parameter.group.of or "" for parameter in parameters)),
+            turned=any(parameter.unit == "rad" for parameter in parameters),
+        ),
         ParameterKind.MOUNTING: lambda: mounting_block(setup),
         ParameterKind.OFFSET: lambda: offset_block(setup),
         ParameterKind.GEOMETRY: lambda: geometry_block(setup),

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import FileError, InputError, Place, naming
@@ -82,7 +82,7 @@ class Bootstrap(Result):
         return np.quantile(self.values, [0.5 - 0.5 * coverage, 0.5 + 0.5 * coverage], axis=0)
 
 
-@checked
+@checked_kinds
 def bootstrap(
     arm: Arm,
     measurements: Measurements | Tabular,

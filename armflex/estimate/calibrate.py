@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array, row_numbers, said_of
 from armflex.errors import ArmflexError, Flag, InputError, Place, UnsupportedError, listing
@@ -176,7 +177,7 @@ def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Pa
     return write_arm(declared, calibration.arm, campaign, path)
 
 
-@checked
+@checked_kinds
 def calibrate(
     arm: Arm,
     measurements: Measurements | Tabular,
@@ -353,7 +354,7 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
     some, checked = measurements.some(rows), False
     for _ in range(PLACED if arm.measurement.gravity_in == "measurement" else 1):
         tip = respond(setup.arm, some.q, some.payload, known, wrenches=some.wrenches).tip
-        points = setup.instrument.in_base(tip)
+        points = setup.instrument.in_base(tip, some.session)
         seen = measurements.positioned[rows]
         if not seen.any():
             break
@@ -361,19 +362,28 @@ def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup
             check_readings(arm, points[seen], measurements, rows[seen])
             checked = True
         if arm.measurement.frame != "base":
-            setup = placed_rigidly(setup, points[seen], measurements, rows[seen])
-    return replace(setup, instrument=_mounted(setup.instrument, tip, measurements, rows))
+            setup = placed_rigidly(setup, points[seen], measurements, rows[seen], tip[seen, :3, :3])
+    return replace(setup, instrument=_mounted(setup, tip, measurements, rows))
 
 
-def _mounted(instrument: Instrument, tip: Array, measurements: Measurements, rows: np.ndarray) -> Instrument:
-    """Return the instrument with its target turned on the tool as read orientations have it."""
+def _mounted(setup: Setup, tip: Array, measurements: Measurements, rows: np.ndarray) -> Instrument:
+    """Return the instrument with its target turned on the tool as read orientations have it, in each session anew
+    where it was mounted anew.
+    """
+    instrument = setup.instrument
     if measurements.rotation is None or measurements.sigma_r is None:
         return instrument
     read = np.isfinite(measurements.sigma_r[rows])
     if not read.any():
         return instrument
-    axes = instrument.session_turns([measurements.session[row] for row in rows[read]]) @ instrument.axes(tip[read])
-    return replace(instrument, mounting=fit_mounting(axes, measurements.rotation[rows[read]]))
+    sessions, turned = np.array([measurements.session[row] for row in rows[read]]), measurements.rotation[rows[read]]
+    axes = instrument.session_turns(sessions.tolist()) @ instrument.axes(tip[read])
+    found = replace(instrument, mounting=fit_mounting(axes, turned))
+    if not setup.arm.prior.session_target:
+        return found
+    back, own = pin.exp3(found.mounting).T, {name: sessions == name for name in dict.fromkeys(sessions.tolist())}
+    each = {name: pin.exp3(fit_mounting(axes[some], turned[some])) @ back for name, some in own.items()}
+    return replace(found, targets={name: np.array([0.0, 0.0, 0.0, *pin.log3(turn)]) for name, turn in each.items()})
 
 
 def _apart(declared: Setup) -> Iterator[Flag]:

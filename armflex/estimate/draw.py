@@ -9,7 +9,7 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array, covariate_array, real_array
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
@@ -22,7 +22,7 @@ from armflex.mechanics.many_rows import COMPILED, draw_laws
 from armflex.readings.instrument import Instrument
 
 
-@checked
+@checked_kinds
 def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     """Return arms drawn from what is known of one.
 
@@ -69,7 +69,7 @@ def check_draws(draws: int, seed: int) -> tuple[int, int]:
     return int(draws), int(seed)
 
 
-@checked
+@checked_kinds
 def ensemble(
     arm: Arm,
     q: ArrayLike,

@@ -316,11 +316,15 @@ class _Problem:
         known: What rows and priors tell there.
         gradient: (P,) minus half the gradient of the cost.
         bend: (P,) what Gauss and Newton leave out of a logarithm's curvature: its column is its second derivative, too.
+        regressors, residual: (M, P) and (M,) of the readings, weighted by `weights`, which are (N, d).
     """
 
     known: LinearGaussian
     gradient: Array
     bend: Array
+    regressors: Array
+    residual: Array
+    weights: Array
 
     def step(self, damping: float) -> Array:
         """Return the Gauss-Newton step, damped as Levenberg and Marquardt do, by a share of a parameter's information.
@@ -328,8 +332,19 @@ class _Problem:
         A compliance that is drawn towards zero would go past it and back for ever without its `bend`; where steps keep
         their promises it is only in the way.
         """
+        return self._damped(damping).solve(self.gradient)
+
+    def bent(self, step: Array, damping: float, after: View) -> Array:
+        """Return a step that follows how readings bend along it, told by where it led: one more with the same columns.
+
+        Where valleys of the cost are narrow and bend, straight steps must be short (Transtrum and Sethna 2012).
+        """
+        beyond = whitened_residual(after, self.weights) - (self.residual - self.regressors @ step)
+        return step + self._damped(damping).solve(self.regressors.T @ beyond)
+
+    def _damped(self, damping: float) -> LinearGaussian:
         damped = damping * np.diag(self.known.information) + self.bend
-        return (self.known.with_precision(damped) if damping else self.known).solve(self.gradient)
+        return self.known.with_precision(damped) if damping else self.known
 
     def promised(self, step: Array) -> float:
         """Return the fall of the cost that the linear problem promises of a step."""
@@ -397,7 +412,7 @@ class _Task:
         precision, pull = self.prior**-2.0, regressors.T @ residual
         gradient = pull - precision * np.where(np.isfinite(self.prior), here.values, 0.0)
         bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
-        return _Problem(LinearGaussian.of(regressors, precision), gradient, bend)
+        return _Problem(LinearGaussian.of(regressors, precision), gradient, bend, regressors, residual, weights)
 
     def descend(
         self, here: _Iterate, problem: _Problem, limit: Array | float, trials: int, damping: float
@@ -412,6 +427,11 @@ class _Task:
                 step = problem.step(damping)
                 trial = self.at(moved(self.blocks, here.values, step), here.view.rows)
                 after = self.cost(trial, limit)
+                if before - after < BROKEN * problem.promised(step):
+                    bent = self.at(
+                        moved(self.blocks, here.values, problem.bent(step, damping, trial.view)), here.view.rows
+                    )
+                    trial, after = min((trial, after), (bent, self.cost(bent, limit)), key=lambda pair: pair[1])
                 if after <= before + 1e-9 * abs(before):
                     kept = (before - after) / problem.promised(step)
                     # What had to be damped more just now is not asked with less at once: it would fail again.

@@ -13,6 +13,7 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.robust import robust_limit, row_weights
 from armflex.estimate.view import View
 from armflex.linear_gaussian import LinearGaussian, most_probable
+from armflex.readings import Position
 
 FOLDS = 5
 
@@ -40,7 +41,7 @@ class HeldOut:
     """Errors on rows that a fit has not seen.
 
     Attributes:
-        squares: (M,) squared 3-D error of every row [m^2].
+        squares: (M,) squared 3-D error of every row [m^2], without positions the mean square of its foremost numbers.
         believed: (M,) False for rows that say nothing about a model.
     """
 
@@ -79,7 +80,10 @@ def held_out(
             follow = regressors[:, some]
             error = error - follow @ most_probable(follow, fit.precision[some], error)
         left[own] = error
-    return HeldOut((errors_of(fit, left) ** 2).sum(axis=1), believed(fit) if judged is None else judged)
+    squares, readings = (errors_of(fit, left) ** 2).sum(axis=1), fit.view.readings
+    if not readings.of(Position):  # as `foremost_rms` has it
+        squares /= np.maximum(np.isfinite(readings.sigma[:, readings.foremost]).sum(axis=1), 1)
+    return HeldOut(squares, believed(fit) if judged is None else judged)
 
 
 def errors_of(fit: Fit, whitened: Array) -> Array:

@@ -26,7 +26,7 @@ from armflex.conventions import STANDARD_GRAVITY, Array, in_mm
 from armflex.errors import ArmflexError, ConventionError
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.placement import placed_rigidly
+from armflex.estimate.placement import check_readings, placed_rigidly
 from armflex.estimate.view import look
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere
@@ -54,6 +54,9 @@ ALIKE = 3.0
 
 MOST_ROWS = 120
 """Rows looked at: no convention hides in more."""
+
+GROSS = 0.05
+"""Part of the reach that is left by no arm: a beam of steel that bends so far stays bent."""
 
 ROUNDS = 4
 """Rounds of robust weights, after which a lost beam counts as little as it will."""
@@ -113,7 +116,10 @@ def check_conventions(
     some = _spread(rows)
     found = _misfit(arm, measurements, some, keep, in_general=True)
     likely = [] if found is not None and found.ratio < IMPLAUSIBLE else _likely(arm, measurements, some, keep, found)
-    if likely and not all(one.axes for _, one in likely):
+    if likely:
+        if all(one.axes for _, one in likely):  # of which this says more, where nothing else is far off
+            points = (arm.instrument or Instrument()).in_base(_tips(arm, measurements, rows))
+            check_readings(arm, points, measurements, rows)
         raise ConventionError(_said(measurements, rows, found, likely), [one.name for _, one in likely])
     if found is not None and not likely:
         _check_sigma(measurements, rows, found)
@@ -122,6 +128,11 @@ def check_conventions(
             text = f"readings are {in_mm(found.placed)} off the arm, and [prior] frees nothing: there is nothing to fit"
             more = "give it joint_offset, compliance, tool or geometry, one standard deviation each"
             raise ConventionError(f"{text} ({more})", ["[prior] frees nothing"])
+        if found.left > GROSS * found.reach and not keep:
+            text = f"readings are {in_mm(found.placed)} off the arm, {in_mm(found.left)} with all that [prior] frees"
+            text += ": no defect of an arm is so large, and no convention that is tried explains it"
+            more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
+            raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
 
 
 def without_positions(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False) -> tuple[str, ...]:
@@ -245,7 +256,7 @@ def _misfit(
     tracked = bool(measurements.positioned[rows].all())
     try:
         view = look(Setup(arm, arm.instrument or Instrument()), measurements, rows)
-        base = view.setup.instrument.in_base(view.line.tip)
+        base = view.setup.instrument.in_base(view.line.tip, view.sessions)
         begun: dict[ArmParameter, float] = {}
         if not tracked:
             begun = sensor_start(view)
@@ -255,7 +266,7 @@ def _misfit(
                 placed = block.apply(placed, np.array([begun[one] for one in block.parameters]))
             view = look(placed, measurements, rows, line=view.line)
         elif arm.measurement.frame != "base":
-            placed = placed_rigidly(view.setup, base, measurements, rows)
+            placed = placed_rigidly(view.setup, base, measurements, rows, view.line.tip[:, :3, :3])
             turned = not np.allclose(placed.arm.robot.gravity, arm.robot.gravity)
             view = look(placed, measurements, rows, line=None if turned else view.line)
         blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
@@ -303,17 +314,25 @@ def _explained(jacobian: Array, precision: Array, residual: Array, start: Array)
     return float(misfit + (precision * (values + start) ** 2).sum() / residual.size), left
 
 
+def _tips(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Array:
+    """Return the (M, 4, 4) tip poses of rows, to first order in how the arm bends."""
+    known, some = known_rows(arm, measurements), measurements.some(rows)
+    given = {name: values[rows] for name, values in known.items()}
+    how = {"method": "first_order", "enforce_limits": False, "allow_large": True}
+    return arm.deflection(some.q, some.payload, covariates=given, wrenches=some.wrenches, **how).pose
+
+
 def _placed_off(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float:
     """Return how far the median point is off, only the instrument placed [m]; infinite where the arm has no answer."""
-    instrument, known = arm.instrument or Instrument(), known_rows(arm, measurements)
-    given, some = {name: values[rows] for name, values in known.items()}, measurements.some(rows)
-    how = {"method": "first_order", "enforce_limits": False, "allow_large": True}
+    instrument, some = arm.instrument or Instrument(), measurements.some(rows)
     try:
-        tip = arm.deflection(some.q, some.payload, covariates=given, wrenches=some.wrenches, **how).pose
+        tip = _tips(arm, measurements, rows)
     except ArmflexError:
         return np.inf
     if arm.measurement.frame != "base":
-        instrument = placed_rigidly(Setup(arm, instrument), instrument.in_base(tip), measurements, rows).instrument
+        instrument = placed_rigidly(
+            Setup(arm, instrument), instrument.in_base(tip, some.session), measurements, rows
+        ).instrument
     left = measurements.position[rows] - instrument.readings(tip, some.session)
     return float(np.sqrt(np.median((left**2).sum(axis=1))))
 

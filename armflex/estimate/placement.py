@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
 from armflex.errors import IdentifiabilityError
 from armflex.measured.axes import check_axes
 from armflex.measured.measurements import Measurements
-from armflex.readings.instrument import Instrument, fit_frame, rigid_fit
+from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, rigid_fit
 from armflex.readings.kind import rigid_motion
 
 COARSEST = 0.05
@@ -52,18 +53,26 @@ FAR = 3.0
 """Times what a rigid fit leaves by which two of them differ for a reason."""
 
 
-def placed_rigidly(setup: Setup, points: Array, measurements: Measurements, rows: np.ndarray) -> Setup:
+def placed_rigidly(
+    setup: Setup, points: Array, measurements: Measurements, rows: np.ndarray, axes: Array | None = None
+) -> Setup:
     """Return the setup with its instrument where points in the base are seen best, every session by itself.
 
-    Where it stood elsewhere in a session, that is the first guess of the session's frame; all others have none.
+    Where it stood elsewhere in a session, that is the first guess of the session's frame; all others have none. A
+    target that may be far from where it is declared is moved with the frames, so that they do not make up for it.
 
     Args:
         setup: Arm and instrument, which may be anywhere.
         points: (M, 3) the target in the base frame [m] at each of the rows.
         measurements: The campaign.
         rows: (M,) numbers of the rows.
+        axes: (M, 3, 3) the tip's axes in the base there; without them the target is where it is declared.
     """
     seen, sessions = measurements.position[rows], np.array([measurements.session[row] for row in rows])
+    if axes is not None and setup.arm.prior.tool:
+        names = list(dict.fromkeys(sessions.tolist()))
+        groups = [own for own in (np.flatnonzero(sessions == name) for name in names) if len(own) >= FEWEST]
+        points = points + axes @ _target_off(points, axes, seen, groups, setup.arm.prior.tool)
     fits: dict[str, tuple[pin.SE3, float]] = {}
     for name in dict.fromkeys(sessions.tolist()):
         own = points[sessions == name]
@@ -76,7 +85,7 @@ def placed_rigidly(setup: Setup, points: Array, measurements: Measurements, rows
         first = max(fits, key=lambda name: int((sessions == name).sum()))
         for name, (pose, rms) in fits.items():
             off = _moved(points[sessions == name], pose) - _moved(points[sessions == name], fits[first][0])
-            limit = max(FAR * max(rms, fits[first][1]), APART)
+            limit = max(FAR * max(rms, fits[first][1], setup.arm.prior.session_target), APART)
             near &= (sessions != name) | (float(np.sqrt((off**2).sum(axis=1).mean())) <= limit)
     placed = setup.placed(fit_frame(points[near], seen[near]))
     instrument = replace(placed.instrument, sessions={})
@@ -84,6 +93,43 @@ def placed_rigidly(setup: Setup, points: Array, measurements: Measurements, rows
         there = fits[name][0] * instrument.pose.inverse()
         instrument = instrument.with_session(name, np.concatenate([there.translation, pin.log3(there.rotation)]))
     return replace(placed, instrument=instrument)
+
+
+def _target_off(points: Array, axes: Array, seen: Array, groups: Sequence[np.ndarray], std: float) -> Array:
+    """Return (3,) how far the target is from where points have it, in tip axes [m], frames of all sessions free.
+
+    Zero unless that is most of what frames leave, by a factor of `FAR`: little of it does not mislead them. Gauss and
+    Newton's steps, the frames projected out of them (Golub and Pereyra 1973), lost beams weighed down.
+
+    Args:
+        points, axes: (M, 3) the target [m] and (M, 3, 3) the tip's axes, in the base.
+        seen: (M, 3) where it was seen [m].
+        groups: Numbers of each session's points.
+        std: One standard deviation of it, each axis [m].
+    """
+    target, first = np.zeros(3), np.inf
+    for number in range(ROUNDS):
+        information, gradient, squares, count = np.zeros((3, 3)), np.zeros(3), 0.0, 0.0
+        for own in groups:
+            here = points[own] + axes[own] @ target
+            turn, shift, _ = rigid_fit(here, seen[own])
+            there = here @ turn.T
+            left = seen[own] - there - shift
+            length = np.linalg.norm(left, axis=1)
+            limit = 2.0 * max(float(np.median(length)), RESOLUTION)
+            weights = np.repeat(np.minimum(1.0, limit / np.maximum(length, RESOLUTION)), 3)
+            frame = np.linalg.qr(weights[:, None] * rigid_motion(there).reshape(-1, 6))[0]
+            column, error = weights[:, None] * (turn @ axes[own]).reshape(-1, 3), weights * left.ravel()
+            column = column - frame @ (frame.T @ column)
+            information, gradient = information + column.T @ column, gradient + column.T @ error
+            squares, count = squares + error @ error, count + len(error)
+        noise = max(squares / max(count, 1.0), RESOLUTION**2) / std**2
+        first = squares if number == 0 else first
+        step = np.linalg.solve(information + noise * np.eye(3), gradient - noise * target)
+        target = target + step
+        if np.linalg.norm(step) < SAME * std:
+            break
+    return target if FAR**2 * squares < first else np.zeros(3)
 
 
 def _moved(points: Array, pose: pin.SE3) -> Array:

@@ -15,8 +15,6 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.view import View, look, untold_shifts
-from armflex.laws.effects.context import Context, survey
-from armflex.mechanics.history import known_rows
 from armflex.parameters import FRAMES, ParameterKind, fitted_group
 from armflex.readings import Orientation, Position, Readings, unread
 from armflex.readings.instrument import Instrument
@@ -64,12 +62,12 @@ def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | N
         return None, (missing,) if arm.instrument is not None else ()
     setup = Setup(arm, arm.instrument or Instrument())
     view = look(setup, rows, readings=readings)
-    jacobian = _jacobian(arm.certainty, view, rows)
+    jacobian = _jacobian(arm.certainty, view)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
     variance = np.einsum("ndp,pq,ndq->nd", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     left = arm.certainty.leaves_open(jacobian)
-    variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view, rows)
+    variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view)
     flags = (_open(arm.certainty),) if left.any() else ()
     return variance, (*flags, *_lacking(arm.certainty))
 
@@ -85,7 +83,7 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
         return None, ()
     tip = unread(len(rows), Position, Orientation)
     view = look(Setup(arm, Instrument()), rows, readings=tip)
-    jacobian = _jacobian(arm.certainty, view, rows)
+    jacobian = _jacobian(arm.certainty, view)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
     jacobian = np.where([parameter.group.moves for parameter in arm.certainty.parameters], jacobian, 0.0)
@@ -130,20 +128,22 @@ def without_declared_uncertainty(arm: Arm) -> Arm:
     return replace(arm, flexures=tuple(replace(f, law=f.law.certain()) if own else f for f, own in pairs))
 
 
-def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
+def _unforeseen(arm: Arm, view: View) -> Array:
     """Return the (N, d) variance of what no fit can know: frames of new sessions, a twist without a cause."""
     prior, sessions = arm.prior, view.setup.instrument.sessions
-    new = np.array([bool(sessions) and session not in sessions for session in rows.session])
+    new = np.array([bool(sessions) and session not in sessions for session in view.sessions])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
     assert arm.certainty is not None
     variance = ((view.by_session * std) ** 2).sum(axis=2) * new[:, None]
+    anew = np.array([session not in view.setup.instrument.targets for session in view.sessions])
+    variance += ((view.by_target * prior.session_target) ** 2).sum(axis=2) * anew[:, None]
     variance[:, view.foremost] += arm.certainty.misfit**2
     for kind, place in view.readings.placed:
         if kind.name:
             # What was found of a sensor in other sessions is not known in a new one.
             sensor = arm.sensors[kind.name]
             unknown = np.array(
-                [bool(sensor.found) and not {"", session} & set(sensor.found) for session in rows.session]
+                [bool(sensor.found) and not {"", session} & set(sensor.found) for session in view.sessions]
             )
             variance[:, place] += ((kind.by_own(view.at) * sensor.std) ** 2).sum(axis=2) * unknown[:, None]
     if arm.certainty.unexplained is not None:
@@ -152,17 +152,10 @@ def _unforeseen(arm: Arm, view: View, rows: Rows) -> Array:
     return variance
 
 
-def _jacobian(certainty: Certainty, view: View, rows: Rows) -> Array | None:
+def _jacobian(certainty: Certainty, view: View) -> Array | None:
     """Return (N, d, P) changes of what is read per fitted parameter, None where this arm has not all of them."""
     moved = any(group.kind is ParameterKind.EFFECT for group in certainty.groups)
-    blocks = blocks_of(certainty.parameters, view.setup, context_of(view, rows) if moved else None)
+    blocks = blocks_of(certainty.parameters, view.setup, view.context if moved else None)
     if blocks is None:
         return None
     return np.concatenate([np.zeros((*view.residual.shape, 0)), *(block.jacobian(view) for block in blocks)], axis=2)
-
-
-def context_of(view: View, rows: Rows) -> Context:
-    """Return rows as the catalogue sees them, from a view of all of them."""
-    wrenches = {site: view.line.load_at(site) for site in view.line.sites}
-    known = known_rows(view.setup.arm, rows)
-    return survey(rows, view.setup.arm, known, wrenches, view.line.links[:, :, :3, 3])

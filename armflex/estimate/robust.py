@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.view import View
-from armflex.parallel import in_threads
+from armflex.parallel import in_pieces, in_threads
 from armflex.readings.chance import median_length, outlier_limit
 
 TOGETHER = 2048
@@ -23,7 +23,7 @@ def whitened_regressors(blocks: Sequence[Block], view: View, weights: Array) -> 
     scale = np.sqrt(weights) / view.sigma
     regressors = np.empty((*view.residual.shape, ends[-1]))
     placed = [(block, slice(*pair)) for block, pair in zip(blocks, pairwise(ends.tolist()), strict=True)]
-    pieces = [np.arange(len(scale))[i : i + TOGETHER] for i in range(0, len(scale), TOGETHER)]
+    pieces = in_pieces(np.arange(len(scale)), TOGETHER)
     local = [(block, place) for block, place in placed if block.by_row or len(pieces) < 2]
 
     def fill(some: np.ndarray) -> None:

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag
@@ -32,7 +32,7 @@ REMEMBERED = (
 """For effects that lag, or depend on the rows before."""
 
 
-@checked
+@checked_kinds
 def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return the covariance of the tip's displacement, of the laws and of what the arm was fitted to, and flags.
 

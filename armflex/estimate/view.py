@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array
-from armflex.laws.effects.context import Context
+from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
 from armflex.laws.effects.in_arm import directions
 from armflex.laws.effects.location import Location, link_of, same_site, site_of
@@ -27,11 +27,12 @@ from armflex.rows.wrench import wrenches_in
 
 @dataclass(frozen=True)
 class View:
-    """A campaign at one setup, measured rows only.
+    """Rows driven at one setup: a campaign's measured ones, or such as could be read.
 
     Attributes:
         setup: The state it was computed at.
-        rows: (M,) numbers of the measured rows.
+        driven: All rows in the order driven.
+        rows: (M,) numbers of those that are looked at.
         line: The linearised arm at those rows.
         readings: What was read in those rows, or is to be: d numbers each.
         residual: (M, d) measured minus predicted, in the units of the readings.
@@ -39,6 +40,7 @@ class View:
     """
 
     setup: Setup
+    driven: Rows
     rows: np.ndarray
     line: Response
     readings: Readings
@@ -49,12 +51,20 @@ class View:
         """Return the view of (m,) of its rows, counted from 0, none of them twice."""
         line, readings = self.line.some(which), self.readings.some(which)
         sessions = tuple(self.sessions[i] for i in which)
-        return View(self.setup, self.rows[which], line, readings, self.residual[which], sessions)
+        return View(self.setup, self.driven, self.rows[which], line, readings, self.residual[which], sessions)
 
     @cached_property
     def at(self) -> Postures:
         """What the instruments look at."""
         return postures(self.setup, self.line, self.sessions)
+
+    @cached_property
+    def context(self) -> Context:
+        """What effects see of the rows driven, all of which must be looked at."""
+        assert len(self.rows) == len(self.driven)
+        wrenches = {site: self.line.load_at(site) for site in self.line.sites}
+        known = known_rows(self.arm, self.driven)
+        return survey(self.driven, self.arm, known, wrenches, self.line.links[:, :, :3, 3])
 
     @property
     def sigma(self) -> Array:
@@ -219,7 +229,7 @@ def look(
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))
     read, at = readings.some(some), postures(setup, line, sessions)
-    return View(setup, some, line, read, read.stacked(lambda kind: kind.residual(at)), sessions)
+    return View(setup, rows, some, line, read, read.stacked(lambda kind: kind.residual(at)), sessions)
 
 
 def postures(setup: Setup, line: Response, sessions: Sequence[str]) -> Postures:

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Flexure, Measurement, Prior, Setup, warn
 from armflex.conventions import SMALLEST_STD, STANDARD_GRAVITY, TWIST_NAMES
 from armflex.declaration import Declaration, Source, read_toml
@@ -61,7 +61,7 @@ LEVEL = 1e-3
 """Share of gravity by which it may differ from what a mount makes of it: so far are numbers rounded."""
 
 
-@checked
+@checked_kinds
 def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
     """Read an arm.toml and the URDF it names.
 
@@ -91,7 +91,7 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
     return arm
 
 
-@checked
+@checked_kinds
 def make_arm(
     urdf: str | Path,
     stiffness: Mapping[str, ArrayLike],

@@ -73,6 +73,8 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         "compliance": {name: values.tolist() for name, values in arm.factors.items()},
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
     }
+    if instrument.targets:
+        table["targets"] = {name: values.tolist() for name, values in instrument.targets.items()}
     found = {name: one.found for name, one in arm.sensors.items() if one.found}
     if found:
         table["sensors"] = {
@@ -135,6 +137,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
 
 def _read_instrument(table: Declaration) -> Instrument:
     pose, sessions = table.numbers("instrument", (6,)), table.sub("sessions")
+    targets = table.sub("targets") if table.has("targets") else None  # files before sessions had some have none
     turn = float(np.linalg.norm(pose[3:]))
     if turn > 2.0 * np.pi:
         raise table.fail("instrument", f"a rotation vector of {turn:g} rad is more than a turn: degrees?")
@@ -147,6 +150,7 @@ def _read_instrument(table: Declaration) -> Instrument:
         table.numbers("target", (3,)),
         scale,
         table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3),
+        {} if targets is None else {name: targets.numbers(name, (6,)) for name in targets.table},
     )
 
 

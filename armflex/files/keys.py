@@ -145,6 +145,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "compliance": Key("every declared linear compliance, relative", "1", "0: fixed"),
         "tool": Key("the target's place in the tip frame", "m", "0: fixed"),
         "geometry": Key("every fixed transform of the chain", "m and rad", "0: fixed"),
+        "session_target": Key("the target's place in the tip frame where each session mounts it anew", "m", "0: fixed"),
         "session_translation": Key("the instrument's frame between sessions", "m", "0: fixed"),
         "session_rotation": Key("the instrument's frame between sessions", "rad", "0: fixed"),
     },
@@ -175,6 +176,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "geometry": Key("correction of each fixed transform, by joint: shift and rotation vector", "m, rad"),
         "compliance": Key("logarithms of the factors on each axis' compliance, by flexure", "1"),
         "sessions": Key("shift and rotation vector of the instrument's frame, by session", "m, rad"),
+        "targets": Key("shift and rotation vector of the target on the tool, by session", "m, rad"),
         "sensors": Key("what was found of the instruments beside the tracker, by instrument", "each its own"),
         "law": Key("what was learned of a law, by flexure"),
         "misfit_m": Key("scatter beyond what the readings state: what the arm still lacks", "m"),
@@ -189,6 +191,7 @@ KEYS: dict[str, dict[str, Key]] = {
     "calibration.geometry": {"NAME": Key("shift and rotation vector before this joint", "m, rad")},
     "calibration.compliance": {"NAME": Key("of this flexure's six axes", "1")},
     "calibration.sessions": {"NAME": Key("of this session", "m, rad")},
+    "calibration.targets": {"NAME": Key("of this session", "m, rad")},
     "calibration.unexplained": {
         "site": Key("where it acts"),
         "axis": Key("along or about what"),

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, NamedTuple
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.conventions import Array
 from armflex.errors import InputError, LawError, ModelFileError, Place, UnknownNameError
 from armflex.laws.joint import linear, network, polynomial, structural, torch_law
@@ -36,7 +36,7 @@ class TrainedLaw:
     metadata: Mapping[str, Any]
 
 
-@checked
+@checked_kinds
 def save_law(trained: TrainedLaw, path: str | Path) -> Path:
     """Write a trained law whole or not at all, the same bytes for the same law; return the path.
 
@@ -51,7 +51,7 @@ def save_law(trained: TrainedLaw, path: str | Path) -> Path:
     return path
 
 
-@checked
+@checked_kinds
 def load_law(path: str | Path) -> TrainedLaw:
     """Read a trained law. One of the model "torch" runs the Python code that its file names, see `joint.module_source`.
 

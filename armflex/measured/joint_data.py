@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.conventions import TWIST_NAMES, UNITS, WRENCH_NAMES, Array, finite_array
 from armflex.errors import Frame, NotFiniteError, Place, ShapeError, TableError, UnitError, did_you_mean, listing
 from armflex.measured.table import Table, Tabular, read_table
@@ -84,7 +84,7 @@ class JointData(Result):
         return self.loads.shape[1]
 
 
-@checked
+@checked_kinds
 def read_joint_data(path: Tabular, read_as: Mapping[str, str] | None = None) -> JointData:
     """Read a joint_data.csv, or a data frame of the same columns.
 

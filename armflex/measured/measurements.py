@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arguments import checked, checked_init
+from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
@@ -176,7 +176,7 @@ def _with(count: int, readings: Readings, given: Mapping[str, Array | None]) -> 
     return Readings(count, tuple(kinds))
 
 
-@checked
+@checked_kinds
 def read_measurements(
     path: Tabular,
     arm: Arm,

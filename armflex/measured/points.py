@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.conventions import NUMBER, UNITS, Array
 from armflex.errors import Flag, Place, TableError, did_you_mean, listing
 from armflex.measured.table import Column, Table, text_lines
@@ -78,7 +78,7 @@ class PointExport:
         return "::".join(self.names[i])
 
 
-@checked
+@checked_kinds
 def read_points(path: str | Path, unit: str | None = None, frame: str | None = None) -> PointExport:
     """Read an ASCII export of points.
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.measured.measurements import Measurements
@@ -84,7 +84,7 @@ class Repeats(Result):
         ]
 
 
-@checked
+@checked_kinds
 def repeats(measurements: Measurements, tolerance: float = REPEATED) -> Repeats | None:
     """Return the noise that repeated readings show, or None where nothing was repeated.
 

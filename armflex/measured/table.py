@@ -144,8 +144,10 @@ def read_pieces(path: str | Path, kinds: Mapping[str, str], rows: int) -> Iterat
 
 def _frame_rows(table: DataFrame) -> tuple[Frame, Iterator[tuple[int, list[str]]]]:
     """Return a data frame as a source, and its rows of text, header first, as `_rows` gives those of a file."""
-    if not hasattr(table, "iloc"):
+    if hasattr(table, "to_pandas"):
         raise TableError(Place(Frame((), "")), "expected a data frame of pandas: to_pandas() makes one of others")
+    if not hasattr(table, "iloc"):
+        raise TypeError(f"expected the path of a table or a data frame, got {table!r}")
     header, columns = [str(name) for name in table.columns], []
     for i, name in enumerate(header):
         missing = table.iloc[:, i].isna()

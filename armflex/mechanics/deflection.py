@@ -38,7 +38,7 @@ from armflex.mechanics.many_rows import (
     rotations,
 )
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
-from armflex.parallel import in_order
+from armflex.parallel import in_order, in_pieces
 from armflex.result import Result
 from armflex.robot.urdf import drive_of
 from armflex.rows.wrench import check_rows
@@ -404,7 +404,7 @@ class DeflectionBatch(_Result[Array]):
         asked: How the question was answered.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
         twists: (N, n_flexures, 6) local deflections [m, rad].
-        found_wrenches: (N, n_flexures, 6) what `wrenches` are where they were found with the twists, else of no rows.
+        found_wrenches: (N, n_flexures, 6) `wrenches` [N, Nm] where they were found with the twists, else of no rows.
     """
 
     arm: Structure
@@ -460,7 +460,7 @@ class DeflectionBatch(_Result[Array]):
             return self.found_wrenches
         found = np.empty_like(self.twists)
         for loaded, rows in self._compiled:
-            for some in (rows[i : i + PIECE] for i in range(0, len(rows), PIECE)):
+            for some in in_pieces(rows, PIECE):
                 pushes = Pushes(loaded, self.case.some(some).wrenches)
                 at = (self.q[some], self.twists[some])
                 at = at if self.asked.method == "exact" else (at[0], np.zeros_like(at[1]))
@@ -509,7 +509,7 @@ class DeflectionBatch(_Result[Array]):
     def covariance(self) -> Array | None:
         """(N, 6, 6) of the laws alone [m, rad], None where none is uncertain; see `armflex.total_covariance`."""
         found, left, known = np.zeros((len(self.q), 6, 6)), np.ones(len(self.q), dtype=bool), False
-        for loaded, rows in ((a, r[i : i + CHUNK]) for a, r in self._compiled for i in range(0, len(r), CHUNK)):
+        for loaded, rows in ((loaded, some) for loaded, own in self._compiled for some in in_pieces(own, CHUNK)):
             row, wrenches = loaded.row(self.q[rows], self.case.some(rows).covariates), self.wrenches[rows]
             parts = [law.covariance(wrenches[:, i], row) for i, law in enumerate(self.arm.stack.laws)]
             left[rows] = False

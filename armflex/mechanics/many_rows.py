@@ -23,6 +23,7 @@ from armflex.mechanics.chain import Chain, Frames
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.pinocchio_model import Load
+from armflex.parallel import in_pieces
 
 COMPILED = ("exact", "first_order")
 """Methods that the kernel has."""
@@ -310,8 +311,7 @@ def by_payload(
 def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
     """Yield rows `size` at a time, as slices where they follow each other: those are not copied."""
     together = len(rows) > 0 and rows[-1] - rows[0] + 1 == len(rows)
-    for start in range(0, len(rows), size):
-        some = rows[start : start + size]
+    for some in in_pieces(rows, size):
         yield slice(int(some[0]), int(some[-1]) + 1) if together else some
 
 

@@ -27,7 +27,7 @@ from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.many_rows import Pushed, Pushes, RowSolver, Solution, by_payload, flexed, kernel
 from armflex.mechanics.pinocchio_model import LoadCase
-from armflex.parallel import in_threads
+from armflex.parallel import in_pieces, in_threads
 from armflex.rows.wrench import Wrench, check_rows, wrenches_in
 
 AT_ONCE = 1024
@@ -228,7 +228,7 @@ def respond(
     check_rows(wrenches, len(q))
     groups = by_payload(arm, payloads if len(q) else (None,), len(q))
     # No rows are a part, too.
-    pieces = [(loaded, own[i : i + AT_ONCE]) for loaded, own in groups for i in range(0, max(len(own), 1), AT_ONCE)]
+    pieces = [(loaded, some) for loaded, own in groups for some in in_pieces(own, AT_ONCE) or [own]]
     parts = tuple(in_threads(solved, pieces))
     frames = parts[0].loaded
     named = (frames.link_frames.names, frames.sites.names)

@@ -18,10 +18,9 @@ from armflex.estimate.blocks import blocks_of, declared_blocks, frame_block, sen
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior, effect_jacobian
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
-from armflex.estimate.posterior import OTHER_PARAMETERS, context_of
+from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.robust import whitened_regressors
 from armflex.estimate.view import View, look
-from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
@@ -45,14 +44,12 @@ class Told:
     Attributes:
         campaign: What was measured.
         view: All of its rows.
-        context: The same as effects see them.
         weights: (M,) what every row counts beside the others, 0 where nothing was read.
         fit: The campaign's fit.
     """
 
     campaign: Measurements
     view: View
-    context: Context
     weights: Array
     fit: Fit
 
@@ -82,9 +79,7 @@ class Before:
         """Return the same as another arm or instrument has it."""
         if self.told is None:
             return replace(self, setup=setup)
-        view = look(setup, self.told.campaign)
-        told = replace(self.told, view=view, context=context_of(view, self.told.campaign))
-        return replace(self, setup=setup, told=told)
+        return replace(self, setup=setup, told=replace(self.told, view=look(setup, self.told.campaign)))
 
 
 def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Before:
@@ -101,8 +96,7 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     found = calibrate(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
     fitted, weights = found.fit, np.zeros((len(after), found.fit.view.readings.size))
     weights[fitted.view.rows] = fitted.weights
-    view = look(fitted.setup, after)
-    told = Told(after, view, context_of(view, after), weights, fitted)
+    told = Told(after, look(fitted.setup, after), weights, fitted)
     return Before(fitted.setup, told, max(found.scatter, 1.0), found.flags)
 
 
@@ -153,7 +147,7 @@ class Model:
 
     def rows(self, offer: Offer) -> Array:
         """Return (N, 3, P) changes of offered readings, in standard deviations of the readings."""
-        return answers(self.blocks, offer.view, offer.context) * self.scale
+        return answers(self.blocks, offer.view) * self.scale
 
     def std(self, known: LinearGaussian) -> Array:
         """Return the (P,) standard deviations of all parameters in their units."""
@@ -171,9 +165,9 @@ def learning(before: Before, offer: Offer) -> tuple[Before, Offer]:
     return before.seen_by(setup), offer.seen_by(setup)
 
 
-def answers(blocks: Sequence[Block], view: View, context: Context) -> Array:
+def answers(blocks: Sequence[Block], view: View) -> Array:
     """Return (M, d, P) whitened changes of the readings of some rows per parameter of blocks made for others."""
-    here = [block.of_rows(context) for block in blocks]
+    here = [block.of_rows(view.context) for block in blocks]
     return whitened_regressors(here, view, np.ones(view.residual.shape)).reshape(*view.residual.shape, -1)
 
 
@@ -201,13 +195,13 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
     for ordinal, (effect, number) in enumerate(zip(arm.effects, numbers_of(arm.effects), strict=True)):
         if ordinal not in asked and not effect.remembers:
             free = free_inner(effect)
-            prior = amplitude_prior(effect, free, offer.view, offer.context)
-            blocks.append(EffectBlock(effect, free, offer.context, ordinal, prior, number=number))
+            prior = amplitude_prior(effect, free, offer.view, offer.view.context)
+            blocks.append(EffectBlock(effect, free, offer.view.context, ordinal, prior, number=number))
     blocks += candidates
     scale = _finite(blocks)
     told = LinearGaussian(np.eye(len(scale)))
     if known is not None:
-        jacobian = answers(blocks, known.view, known.context) * scale / before.noise
+        jacobian = answers(blocks, known.view) * scale / before.noise
         told = told.with_rows(jacobian * np.sqrt(known.weights)[:, :, None])
     return Model(tuple(blocks), scale, told, scale)
 
@@ -252,7 +246,7 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
         [i for i, one in enumerate(parameters) if one.group.kind not in FRAMES and one.group not in anew]
     )
     frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
-    kept = blocks_of(known.parameters, setup, context=offer.context)
+    kept = blocks_of(known.parameters, setup, context=offer.view.context)
     assert kept is not None  # some of what is there as a whole
     sensors = [
         (name, one) for name, one in arm.sensors.items() if name in {kind.name for kind in offer.view.readings.kinds}

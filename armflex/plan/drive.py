@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.conventions import Array
 from armflex.measured.table import write_table
 from armflex.plan.offer import OVERSHOOT, Reach
@@ -129,7 +129,7 @@ def _sign(change: Array) -> Array:
     return np.where(np.abs(change) > STILL, np.sign(change), 0.0)
 
 
-@checked
+@checked_kinds
 def write_plan(found: Plan, path: str | Path) -> Path:
     """Write the rows as a measurements.csv whose positions are still empty; whole or not at all.
 

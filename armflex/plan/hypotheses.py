@@ -117,14 +117,14 @@ def candidate_of(effect: Effect, arm: Arm, offer: Offer) -> CandidateBlock:
     number = 1 if ordinal == NOWHERE else numbers_of(arm.effects)[ordinal]
     known = any(effect.amplitudes)
     if not known:
-        inner = tuple(_usual(one, effect, offer.context) for one in effect.law.inner)
+        inner = tuple(_usual(one, effect, offer.view.context) for one in effect.law.inner)
         effect = replace(effect, values=(*effect.amplitudes, *inner))
     if effect.remembers:
         text = f"{effect.title} depends on the rows before: no choice of single rows tells it from another effect"
         raise UnsupportedError(text)
     free = free_inner(effect) if known else ()
-    prior = amplitude_prior(effect, free, offer.view, offer.context)
-    return CandidateBlock(effect, free, offer.context, ordinal, prior, number=number)
+    prior = amplitude_prior(effect, free, offer.view, offer.view.context)
+    return CandidateBlock(effect, free, offer.view.context, ordinal, prior, number=number)
 
 
 def _usual(inner: Inner, effect: Effect, context: Context) -> float:
@@ -142,8 +142,8 @@ def refitted(candidate: CandidateBlock, before: Before) -> Fit | None:
     told, arm = before.told, before.setup.arm
     if told is None or candidate.ordinal != NOWHERE:
         return None
-    prior, known = amplitude_prior(candidate.effect, (), told.view, told.context), told.fit
-    block = EffectBlock(candidate.effect, (), told.context, len(arm.effects), prior)
+    prior, known = amplitude_prior(candidate.effect, (), told.view, told.view.context), told.fit
+    block = EffectBlock(candidate.effect, (), told.view.context, len(arm.effects), prior)
     start = np.concatenate([known.values, np.zeros(len(prior))])
     return fit(known.declared, (*known.blocks, block), told.campaign, known.view.rows, start, effort=ROUGH)
 
@@ -161,7 +161,7 @@ def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -
         found, std = fitted.values[-terms:], np.sqrt(np.diag(fitted.posterior.covariance))[-terms:]
         if np.linalg.norm(found / std) > CLEAR * np.sqrt(terms):
             return Hypothesis(candidate, np.append(found, inner), "estimated from what was measured")
-    jacobian = answers([candidate], offer.view, offer.context)[:, :, :terms]
+    jacobian = answers([candidate], offer.view)[:, :, :terms]
     moved = np.sqrt((jacobian**2).mean(axis=(0, 1)))
     moving = moved > 0.0
     if not moving.any():

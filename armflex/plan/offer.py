@@ -12,9 +12,7 @@ from armflex.arm import Arm, Setup
 from armflex.configurations import Configurations
 from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, InputError, listing
-from armflex.estimate.posterior import context_of
 from armflex.estimate.view import View, look
-from armflex.laws.effects.context import Context
 from armflex.mechanics.history import known_rows
 from armflex.readings import Kind, Position, Readings
 from armflex.rows import Rows
@@ -116,28 +114,28 @@ class Offer:
 
     Attributes:
         box: (N, b) where each is in the unit cube of what may be asked.
-        rows: The rows.
-        view: What the instrument would see of them.
-        context: The same as effects see them.
+        view: What the instrument would see of them, and what effects do.
         dropped: How many others were left out, by reason.
     """
 
     box: Array
-    rows: Rows
     view: View
-    context: Context
     dropped: Counter[str]
+
+    @property
+    def rows(self) -> Rows:
+        """The rows."""
+        return self.view.driven
 
     def read_by(self, reach: Reach, setup: Setup) -> Offer:
         """Return the same rows read by other instruments, or with other standard deviations; the arm is the same."""
-        readings, every = reach.unread(len(self.rows)), np.arange(len(self.rows))
-        view = look(setup, self.rows, every, readings=readings, line=self.view.line)
+        readings = reach.unread(len(self.rows))
+        view = look(setup, self.rows, readings=readings, line=self.view.line)
         return replace(self, view=replace(view, readings=readings.within_range(view.at)))
 
     def seen_by(self, setup: Setup) -> Offer:
         """Return the same rows as another arm or instrument has them."""
-        view = look(setup, self.rows, readings=self.view.readings)
-        return replace(self, view=view, context=context_of(view, self.rows))
+        return replace(self, view=look(setup, self.rows, readings=self.view.readings))
 
 
 def spread_evenly(reach: Reach, setup: Setup, count: int, seed: int) -> Offer:
@@ -187,7 +185,7 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
         held, rows = held[able], rows.some(able)
         view = look(setup, rows, readings=readings.some(able))
     view = replace(view, readings=view.readings.within_range(view.at))
-    return Offer(box[held], rows, view, context_of(view, rows), +dropped)
+    return Offer(box[held], view, +dropped)
 
 
 def _clearances(arm: Arm, rows: Rows, view: View) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.conventions import Array
 from armflex.plan.design import TOptimal
 from armflex.plotting import picture
@@ -26,7 +26,7 @@ MARGIN = 0.05
 """Room beside what a map shows, as a share of its width or height."""
 
 
-@checked
+@checked_kinds
 def draw_plan(found: Plan, path: str | Path) -> Path:
     """Write a picture of a plan.
 

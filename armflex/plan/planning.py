@@ -8,18 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import SLACK, Arm
 from armflex.configurations import drawn_range
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, did_you_mean, listing
-from armflex.estimate.posterior import context_of
 from armflex.estimate.view import look
 from armflex.laws.effects.context import MASS, TEMPERATURE
 from armflex.laws.effects.effect import Effect
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
-from armflex.parameters import ParameterKind
+from armflex.parameters import OF_SESSION
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
 from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.drive import driven
@@ -60,7 +59,7 @@ SCATTER = 1.5
 """Noise over the stated one beyond which a plan that goes by it is doubtful."""
 
 
-@checked
+@checked_kinds
 def plan(
     arm: Arm,
     rows: int = 20,
@@ -313,7 +312,7 @@ def _goal(
     known = {name: values[some] for name, values in ordered.known.items()}
     rows = rows_at(before.setup.arm, ordered.q[some], tuple(along.payload[i] for i in some), known)
     view = look(before.setup, rows, readings=unread(len(some), Position))
-    seen = answers(model.blocks, view, context_of(view, rows)) * model.scale
+    seen = answers(model.blocks, view) * model.scale
     return IOptimal(np.tensordot(seen, seen, axes=([0, 1], [0, 1])) / len(some))
 
 
@@ -358,10 +357,8 @@ def _mounted(
 
 def _tip_rows(before: Before, model: Model, offer: Offer) -> Array:
     """Return (N, 3, P) changes of the tip's position in the offered rows [m] per parameter, in units of its scale."""
-    every = np.arange(len(offer.rows))
-    readings = unread(len(every), Position)
-    view = look(before.setup, offer.rows, every, readings=readings, line=offer.view.line)
-    return answers(model.blocks, view, offer.context) * model.scale
+    readings = unread(len(offer.rows), Position)
+    return answers(model.blocks, look(before.setup, offer.rows, readings=readings, line=offer.view.line)) * model.scale
 
 
 def _uncertainties(model: Model, tip: Array, every: Array, rows: Array, seed: int) -> dict[str, Array]:
@@ -369,7 +366,7 @@ def _uncertainties(model: Model, tip: Array, every: Array, rows: Array, seed: in
 
     How the next session moves the instrument is no part of it: that is not of the arm.
     """
-    shown = tip * np.array([one.group.kind is not ParameterKind.SESSION for one in model.parameters])
+    shown = tip * np.array([one.group.kind not in OF_SESSION for one in model.parameters])
     states = {
         "known now": model.known,
         f"after {len(rows)} readings at random": model.known.with_rows(

@@ -22,6 +22,8 @@ class Instrument:
         target: (3,) measured point in the tip frame [m].
         scale: Share by which its distances are too long.
         mounting: (3,) rotation vector of the axes whose orientation is read, in the tip frame [rad].
+        targets: (6,) shift [m] and rotation vector [rad] of a target that was mounted anew, in each session, in tip
+            axes, beyond `target` and `mounting`; a session that is not named has none.
     """
 
     pose: pin.SE3 = field(default_factory=pin.SE3.Identity)
@@ -29,10 +31,22 @@ class Instrument:
     target: Array = field(default_factory=lambda: np.zeros(3))
     scale: float = 0.0
     mounting: Array = field(default_factory=lambda: np.zeros(3))
+    targets: Mapping[str, Array] = field(default_factory=dict)
 
-    def in_base(self, tip: Array) -> Array:
-        """Return the (N, 3) target in the base frame [m] for (N, 4, 4) tip poses."""
-        return tip[:, :3, 3] + tip[:, :3, :3] @ self.target
+    def target_in(self, sessions: Sequence[str]) -> Array:
+        """Return the (N, 3) measured point in the tip frame [m] of each row's session."""
+        return self.target + _of_session(self.targets, sessions)[:, :3]
+
+    def mounting_in(self, sessions: Sequence[str]) -> Array:
+        """Return the (N, 3) rotation vector of the target in the tip frame [rad] of each row's session."""
+        turned = pin.exp3(self.mounting)
+        found = {one: pin.log3(pin.exp3(here[3:]) @ turned) for one, here in self.targets.items()}
+        return np.array([found.get(one, self.mounting) for one in sessions]).reshape(-1, 3)
+
+    def in_base(self, tip: Array, sessions: Sequence[str] = ()) -> Array:
+        """Return the (N, 3) target in the base frame [m] for (N, 4, 4) tip poses, in each row's session where given."""
+        target = self.target_in(sessions) if len(sessions) else np.broadcast_to(self.target, (len(tip), 3))
+        return tip[:, :3, 3] + np.einsum("nij,nj->ni", tip[:, :3, :3], target)
 
     def seen(self, points: Array) -> Array:
         """Return (N, 3) points of the base in the instrument frame [m], sessions left out."""
@@ -58,11 +72,12 @@ class Instrument:
 
     def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) positions of the target that the instrument would read [m], for (N, 4, 4) tip poses."""
-        return self.in_session(self.seen(self.in_base(tip)), sessions)
+        return self.in_session(self.seen(self.in_base(tip, sessions)), sessions)
 
     def rotations(self, tip: Array, sessions: Sequence[str]) -> Array:
         """Return the (N, 3, 3) orientations of the target that the instrument would read, dimensionless."""
-        return self.session_turns(sessions) @ self.axes(tip) @ pin.exp3(self.mounting)
+        mounted = np.array([pin.exp3(one) for one in self.mounting_in(sessions)]).reshape(-1, 3, 3)
+        return self.session_turns(sessions) @ self.axes(tip) @ mounted
 
     def axes(self, poses: Array) -> Array:
         """Return the (N, 3, 3) axes of (N, 4, 4) poses in the instrument frame, dimensionless, sessions left out."""
@@ -75,9 +90,14 @@ class Instrument:
 
     def session_shifts(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 6) shift of each row's session [m, rad]."""
-        number = {name: i for i, name in enumerate(dict.fromkeys(sessions))}
-        shifts = np.array([self.sessions.get(name, np.zeros(6)) for name in number]).reshape(-1, 6)
-        return shifts[[number[name] for name in sessions]]
+        return _of_session(self.sessions, sessions)
+
+
+def _of_session(known: Mapping[str, Array], sessions: Sequence[str]) -> Array:
+    """Return the (N, 6) of each row's session, zero where it has none."""
+    number = {name: i for i, name in enumerate(dict.fromkeys(sessions))}
+    each = np.array([known.get(name, np.zeros(6)) for name in number]).reshape(-1, 6)
+    return each[[number[name] for name in sessions]]
 
 
 def twist_per_value(motion: Array) -> Array:

@@ -28,7 +28,7 @@ class Orientation(Kind):
         """Return the link that the target is on, and the (N, 3) rotation vector by which it is turned there [rad]."""
         if self.name:
             return at.sensors[self.name].link, at.of(self.name, "mounting")
-        return None, np.broadcast_to(at.instrument.mounting, self.values.shape)
+        return None, at.instrument.mounting_in(at.sessions)
 
     def _turns(self, at: Postures) -> Array:
         """Return the (N, 3, 3) orientations that the instrument would read, dimensionless."""

@@ -27,7 +27,7 @@ class Position(Kind):
         """Return the link that it is on, and its (N, 3) place there [m]."""
         if self.name:
             return at.sensors[self.name].link, at.of(self.name, "point")
-        return None, np.broadcast_to(at.instrument.target, self.values.shape)
+        return None, at.instrument.target_in(at.sessions)
 
     def _points(self, at: Postures) -> Array:
         return at.instrument.seen(point_of(at, *self._target(at))[0])

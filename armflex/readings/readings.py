@@ -68,7 +68,7 @@ class Readings:
         return self.kinds[0].unit if self.kinds else "m"
 
     def by_kind(self, errors: Array) -> tuple[tuple[Kind, float], ...]:
-        """Return every kind with the RMS of what it read of (N, d) errors, the length of all its numbers together."""
+        """Return every kind with the RMS of what it read of (N, d) errors [its unit], over all its numbers."""
         found = []
         for kind, place in self.placed:
             read = np.isfinite(kind.sigma)

@@ -105,7 +105,7 @@ class Robot:
         return link if link in on_chain else None
 
     def side_positions(self, given: Mapping[str, ArrayLike]) -> dict[str, Array]:
-        """Return given positions of joints off the chain [rad or m], and those of the joints that mimic one of them."""
+        """Return given () or (N,) positions of joints off the chain [rad or m], and of what mimics one of them."""
         found = {name: np.asarray(at, dtype=float) for name, at in given.items()}
         while True:
             more = {

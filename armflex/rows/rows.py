@@ -176,7 +176,7 @@ class Rows:
         return numbered(zip(self.payload, map(tuple, pulled.tolist()), strict=True))
 
     def motion(self, i: int) -> dict[str, Array | None]:
-        """Return nothing: what is measured stands still."""
+        """Return no (nq,) velocities [rad/s or m/s] and accelerations [rad/s^2 or m/s^2]: rows stand still."""
         return {}
 
     def some(self: SomeRows, rows: np.ndarray | Sequence[int]) -> SomeRows:

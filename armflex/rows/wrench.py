@@ -84,11 +84,11 @@ class Wrench:
         return self
 
     def each(self, of: Callable[[Array], Array]) -> Wrench:
-        """Return it with what a function makes of the numbers of its N rows; one that is the same in all stays."""
+        """Return it with what `of` makes of its (N, 3) forces [N] and moments [N m]; the same in all rows stays."""
         return self if self.rows is None else replace(self, force=of(self.force), moment=of(self.moment))
 
     def some(self, rows: int | slice | np.ndarray) -> Wrench:
-        """Return it in one of its N rows, or in some of them."""
+        """Return it in one of its N rows, or in (M,) of them."""
         return replace(self, force=self.force[rows], moment=self.moment[rows])
 
     def by_gravity(self, pose: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm, warn
 from armflex.configurations import furthest
 from armflex.conventions import Array
@@ -19,7 +19,7 @@ from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.mechanics.equilibrium import MAX_ROTATION
 from armflex.mechanics.many_rows import displaced_from, rigid_tips
-from armflex.parallel import Progress, in_threads
+from armflex.parallel import Progress, in_pieces, in_threads
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Points, Trajectory, as_trajectory
@@ -37,6 +37,9 @@ path. A stretch is not halved beyond the steps that the shortest one may be halv
 
 TOGETHER = 512
 """Rows and stretches that are judged together: memory does not grow with the samples."""
+
+VERDICTS = ("fail", "uncertain", "ok")
+"""The worst first."""
 
 CLOSEST = 1e-6
 """Fraction of the tolerance below which a peak between samples no longer counts."""
@@ -82,7 +85,7 @@ class Point:
         margins = [self.margin_m / (self.margin_m + self.displacement_m)]
         if self.margin_rad is not None:
             margins.append(self.margin_rad / (self.margin_rad + self.rotation_rad))
-        return (-["ok", "uncertain", "fail"].index(self.verdict), min(margins))
+        return (VERDICTS.index(self.verdict), min(margins))
 
 
 @dataclass(frozen=True, repr=False)
@@ -114,7 +117,7 @@ class CheckReport(Result):
     rows: tuple[Point, ...] = ()
 
 
-@checked
+@checked_kinds
 def check(
     arm: Arm,
     trajectory: Trajectory | Tabular,
@@ -172,7 +175,7 @@ def check(
         return [judge.point(found, i, trajectory.via[row]) for i, row in enumerate(some)], judge
 
     both = ((False, np.arange(count)), (True, np.arange(count - 1)))
-    pieces = [(between, every[i : i + TOGETHER]) for between, every in both for i in range(0, len(every), TOGETHER)]
+    pieces = [(between, some) for between, every in both for some in in_pieces(every, TOGETHER)]
     points: list[Point] = []
     met: dict[str, Flag] = {}
     samples = 0
@@ -201,14 +204,11 @@ def doubtful_tolerance(tolerance: float, reach: float) -> tuple[Flag, ...]:
     return (Flag("tolerance", f"{text} {tolerance * 1e-3:g}"),)
 
 
-WORST_LAST = ("fail", "uncertain", "ok")
-
-
 class _Samples(NamedTuple):
     """(M, ...) points held against the tolerance.
 
     time: [s]. sizes: (M, 2) of the tip's shift [m] and turn [rad]. sigmas: (M, 2) of these, NaN where there is none.
-    verdict: (M,) place in `WORST_LAST`. cause: (M,) number of a flexure. scores: (M, 3) displacement, and the most and
+    verdict: (M,) place in `VERDICTS`. cause: (M,) number of a flexure. scores: (M, 3) displacement, and the most and
     least that it may be, as fractions allowed. badness: (M,) smaller where it is worse, among those of one verdict.
     payload, reason: As of `Point`.
     """
@@ -357,7 +357,7 @@ class _Judge:
             None if np.isnan(sigma) else sigma,
             self.tolerance - shift,
             None if self.angle is None else self.angle - turn,
-            WORST_LAST[found.verdict[i]],
+            VERDICTS[found.verdict[i]],
             names[found.cause[i]] if names else None,
             found.payload[i],
             found.reason[i],

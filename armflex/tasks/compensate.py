@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import RESOLUTION, Array, as_pose, number, real_array
 from armflex.errors import Flag, InputError, UnreachableError, naming
@@ -24,7 +24,7 @@ from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
-from armflex.parallel import Progress, in_threads
+from armflex.parallel import Progress, in_pieces, in_threads
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.tasks.inverse_kinematics import (
@@ -124,7 +124,7 @@ class Compensation(Result):
         return most, max((row.sigma_m for row in self.rows if row.sigma_m is not None), default=None)
 
 
-@checked
+@checked_kinds
 def compensate(
     arm: Arm,
     trajectory: Trajectory | Tabular,
@@ -242,8 +242,7 @@ def _with_sigmas(
         return list(zip(*(each.tolist() for each in sigmas), strict=True)), flags
 
     found: list[CompensatedRow] = []
-    every = np.arange(len(rows))
-    for pairs, flags in in_threads(uncertain, [every[i : i + TOGETHER] for i in range(0, len(every), TOGETHER)]):
+    for pairs, flags in in_threads(uncertain, in_pieces(np.arange(len(rows)), TOGETHER)):
         met |= dict.fromkeys(flags)
         found += [replace(rows[len(found) + i], sigma_m=m, sigma_rad=rad) for i, (m, rad) in enumerate(pairs)]
     if arm.flexure_names and any(row.sigma_m is None for row in found):
@@ -274,8 +273,7 @@ def _solve_each(
 ) -> tuple[tuple[CompensatedRow, ...], Trajectory]:
     """Return every row and the moved trajectory: many rows at once, one by one where that does not settle them."""
     rows: list[CompensatedRow] = []
-    every = np.arange(len(poses))
-    pieces = [every[first : first + TOGETHER] for first in range(0, len(every), TOGETHER)]
+    pieces = in_pieces(np.arange(len(poses)), TOGETHER)
     found = in_threads(lambda some: solver.together(some, poses[some[0] : some[-1] + 1]), pieces)
     for some, known in zip(pieces, found, strict=True):
         for i in some.tolist():
@@ -477,8 +475,7 @@ def _gaps(arm: Arm, commanded: Trajectory, moved: Trajectory) -> Array:
     gaps, known = np.zeros(len(commanded) - 1), moved.prepared(arm)
     same = [one == other for one, other in pairwise(commanded.payload)]
     rigid = arm.loaded(None)
-    every = np.flatnonzero(same)
-    for some in (every[first : first + TOGETHER] for first in range(0, len(every), TOGETHER)):
+    for some in in_pieces(np.flatnonzero(same), TOGETHER):
         half = np.full(len(some), 0.5)
         target = rigid_tips(rigid.nominal or rigid.chain, commanded.between(some, half).q)
         middle = known.between(some, half)

@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.errors import InputError, listing
@@ -210,7 +210,7 @@ def _repeatability(attained: Array) -> Array:
     return distance.mean(axis=-1) + 3.0 * distance.std(axis=-1, ddof=1)
 
 
-@checked
+@checked_kinds
 def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None = None) -> PosePerformance:
     """Return the pose characteristics that the repeats of a campaign give.
 
@@ -241,13 +241,13 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
     used = np.concatenate(sets)
     rigid = arm.loaded(None)
     tips = rigid_tips(rigid.nominal or rigid.chain, measurements.q[used])
-    setup, placed = Setup(arm, arm.instrument or Instrument()), False
+    setup, placed, sessions = Setup(arm, arm.instrument or Instrument()), False, [measurements.session[i] for i in used]
     if arm.instrument is None and arm.measurement.frame != "base":
         setup, placed = placed_rigidly(setup, setup.instrument.in_base(tips), measurements, used), True
-    instrument, sessions = setup.instrument, [measurements.session[row] for row in used]
+    instrument = setup.instrument
     # What was read in a session's axes, along those of the base.
     axes = instrument.session_turns(sessions) @ instrument.pose.rotation
-    commanded = instrument.in_base(tips)
+    commanded = instrument.in_base(tips, sessions)
     apart = (measurements.position[used] - instrument.readings(tips, sessions)) / (1.0 + instrument.scale)
     attained = commanded + np.einsum("nij,ni->nj", axes, apart)
     sigma = np.sqrt(np.einsum("nij,ni->nj", axes**2, measurements.sigma[used] ** 2))

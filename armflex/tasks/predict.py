@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
@@ -78,7 +78,7 @@ class Prediction(Result):
         return columns | dict(zip(TWIST_NAMES, self.displacement.T, strict=True))
 
 
-@checked
+@checked_kinds
 def predict(
     arm: Arm,
     rows: Measurements | Tabular,
@@ -206,6 +206,7 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     wanted = [Position.unread(len(rows))]
     wanted += [one.kind.unread(len(rows), one.sigma, name) for name, one in arm.sensors.items()]
     readings = Readings(len(rows), tuple(wanted))
+    tip = readings.foremost
     fitted, about = fitted_variance(arm, rows, readings)
     untold = (untold_shifts(Setup(arm, instrument), rows, readings) ** 2).sum(axis=0)
     # What directions leave open is told beside what a law or a fit has: alone it would be taken for all of it.
@@ -215,16 +216,20 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     if variance is not None and found.covariance is not None:
         at = Postures(lambda _: found.pose, rows.session, instrument)
         seen = wanted[0].jacobian(at)[None]
-        tip = readings.foremost
         variance[:, tip] += np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
     at, sensors = Postures(lambda _: found.pose, rows.session, instrument), []
     position, rotation = (kind.predicted(at) for kind in (wanted[0], Orientation.unread(len(rows))))
+    view = look(Setup(arm, instrument), rows, every, readings=readings) if arm.sensors else None
+    if view is not None and variance is not None and found.covariance is not None:
+        parts = [law.covariance(found.wrenches[:, i], view.line.row) for i, law in enumerate(certain.stack.laws)]
+        for i, part in enumerate(parts):
+            if part is not None:
+                seen = view.answer(lambda line, i=i: line.laws[:, :, i])[:, tip.stop :]
+                variance[:, tip.stop :] += ((seen @ part) * seen).sum(axis=2)
     sigma = None if variance is None else np.sqrt(variance)
-    if arm.sensors:
-        view = look(Setup(arm, instrument), rows, every, readings=readings)
-        for kind, place in view.readings.placed[1:]:
-            own = replace(kind, values=kind.predicted(view.at))
-            sensors.append((own, None if sigma is None else sigma[:, place]))
+    for kind, place in () if view is None else view.readings.placed[1:]:
+        own = replace(kind, values=kind.predicted(view.at))
+        sensors.append((own, None if sigma is None else sigma[:, place]))
     sigma = None if sigma is None else sigma[:, readings.foremost]
     return Prediction(rows, position, rotation, sigma, found.displacement, (), tuple(sensors)), found, about
 
@@ -268,8 +273,9 @@ class _Flags:
         arm = self._arm
         untold = {name: int(unknown.sum()) for name, _, unknown in directions(arm.effects, rows)}
         self._untold |= {name: self._untold.get(name, 0) + count for name, count in untold.items()}
-        if arm.instrument and arm.instrument.sessions:
-            self._sessions |= set(rows.session) - set(arm.instrument.sessions)
+        known = {*arm.instrument.sessions, *arm.instrument.targets} if arm.instrument else ()
+        if known:
+            self._sessions |= set(rows.session) - set(known)
         for number, flag in sorted(found.flags_by_row, key=lambda pair: pair[0]):
             said = flag if flag in arm.flags else Flag(flag.code, f"row {self.rows + number}: {flag.text}")
             self._first.setdefault(flag.code, said)
@@ -290,7 +296,7 @@ class _Flags:
             text = f"the instrument's place is not known, so positions are in the base frame {arm.robot.base!r}"
             about["base_frame"] = Flag("base_frame", text)
         if self._sessions:
-            names = ", ".join(sorted(self._sessions))
+            names = ", ".join(sorted(name or "rows without a session" for name in self._sessions))
             text = f"{names}: not among the calibrated sessions, so taken without a shift of their own"
             about["new_session"] = Flag("new_session", text)
         derived = [derived_direction(name, untold) for name, untold in self._untold.items()]

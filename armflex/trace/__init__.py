@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.errors import InputError
 from armflex.measured.measurements import Measurements, as_measurements
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from armflex.trace.telling import Doing
 
 
-@checked
+@checked_kinds
 def trace(
     arm: Arm,
     measurements: Measurements | Tabular,

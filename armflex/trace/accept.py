@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds, told_by_others
-from armflex.parameters import ParameterKind
+from armflex.parameters import OF_SESSION
 from armflex.trace.candidates import Sifted
 from armflex.trace.polish import Polished
 
@@ -134,7 +134,7 @@ def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[n
     """Return (M,) the session of every row as a number, and for each session its frame's parameters."""
     names = list(dict.fromkeys(sessions))
     folds = np.array([names.index(session) for session in sessions])
-    owners = [one.group.of if one.group.kind is ParameterKind.SESSION else None for one in fit.parameters]
+    owners = [one.group.of if one.group.kind in OF_SESSION else None for one in fit.parameters]
     return folds, [np.array([i for i, of in enumerate(owners) if of == name], dtype=int) for name in names]
 
 

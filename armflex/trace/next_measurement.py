@@ -17,7 +17,6 @@ from armflex.conventions import Array, said_of
 from armflex.errors import ArmflexError
 from armflex.estimate.block import Block
 from armflex.estimate.blocks import sensor_block
-from armflex.estimate.posterior import context_of
 from armflex.estimate.view import View, look
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect
@@ -82,7 +81,7 @@ def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str
         view = look(setup, offer, readings=Readings(OFFERED, tuple(kinds)))
     except ArmflexError:  # a mixture of positions that the arm does not hold: no proposal is better than a wrong one
         return ()
-    context, told = context_of(view, offer), []
+    context, told = view.context, []
     others_read = _with_instruments(state.fit.view)
     for index, hypothesis in ((i, one) for i, several in enumerate(hypotheses) for one in several[:HYPOTHESES]):
         own, imitated = state.fitted[index], _Imitated.of(state, index, hypothesis)

@@ -19,7 +19,7 @@ from armflex.estimate.law_block import learned_laws, with_laws
 from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.view import look, untold_shifts
 from armflex.laws.effects.in_arm import derived_directions
-from armflex.parameters import FRAME, ArmParameter, Group, ParameterKind, of_law
+from armflex.parameters import FRAME, OF_SESSION, TARGET, ArmParameter, Group, ParameterKind, of_law
 from armflex.readings.instrument import Instrument
 from armflex.track.estimate import Seen
 from armflex.track.reading import Reading, as_row
@@ -167,7 +167,11 @@ def model_of(arm: Arm) -> Model:
     """
     if arm.instrument is None and arm.measurement.frame != "base":
         raise InputError("nobody knows where the instrument stands: calibrate the arm before it is tracked")
-    setup = Setup(arm, replace(arm.instrument or Instrument(), sessions={}))
+    if arm.instrument and any(motion[3:].any() for motion in arm.instrument.targets.values()):
+        raise InputError(
+            "sessions turned the target on the tool anew, which a tracker cannot follow: leave rx ry rz out"
+        )
+    setup = Setup(arm, replace(arm.instrument or Instrument(), sessions={}, targets={}))
     aside = Certainty((), np.zeros((0, 0)))
     # What was found of sensors in sessions that are over says nothing of how they stand now.
     ended = any(one.found and "" not in one.found for one in arm.sensors.values())
@@ -179,7 +183,7 @@ def model_of(arm: Arm) -> Model:
     if arm.certainty is not None:
         told = replace(arm.certainty, misfit=0.0)
         kinds = [parameter.group.kind for parameter in told.parameters]
-        others = (ParameterKind.EFFECT, ParameterKind.SESSION, *gone)
+        others = (ParameterKind.EFFECT, *OF_SESSION, *gone)
         kept = told.part([i for i, kind in enumerate(kinds) if kind not in others])
         aside = told.part([i for i, kind in enumerate(kinds) if kind is ParameterKind.EFFECT])
     else:
@@ -190,12 +194,15 @@ def model_of(arm: Arm) -> Model:
             raise InputError(f"flexure {learned[0]!r} is to be learned: calibrate the arm before it is tracked")
         middle = np.clip(np.zeros(len(arm.joint_names)), arm.robot.lower, arm.robot.upper)
         every = {name: np.zeros(one.kind.dimension) for name, one in arm.sensors.items()}
-        free = declared_blocks(setup, as_row(Reading(middle, np.zeros(3), 1.0, sensors=every), arm))
+        alone = Setup(replace(arm, prior=replace(arm.prior, session_target=0.0)), setup.instrument)
+        free = declared_blocks(alone, as_row(Reading(middle, np.zeros(3), 1.0, sensors=every), arm))
         prior = np.concatenate([np.zeros(0), *(block.prior for block in free)])
         kept = Certainty(parameters_of(free), np.diag(prior**2))
     restationing = np.repeat([arm.prior.session_translation, arm.prior.session_rotation], 3) ** 2
     if restationing.any() and FRAME[0].group not in kept.groups:
         kept = Certainty(FRAME, np.zeros((6, 6))).beside(kept)
+    if arm.prior.session_target and TARGET[0].group not in kept.groups:
+        kept = kept.beside(Certainty(TARGET, np.zeros((3, 3))))
     for name in arm.sensors if ended else ():
         fresh = sensor_block(setup, name, ("",))
         kept = kept.beside(Certainty(fresh.parameters, np.diag(fresh.prior**2)))
@@ -207,6 +214,8 @@ def model_of(arm: Arm) -> Model:
     added = [
         restationing
         if block.kind is ParameterKind.INSTRUMENT
+        else np.full(3, arm.prior.session_target**2)
+        if block.kind is ParameterKind.TOOL
         else block.prior**2
         if block.kind is ParameterKind.SENSOR
         else np.zeros(len(block.parameters))

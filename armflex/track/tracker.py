@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, InputError, ModelFileError, Place, UnknownNameError
@@ -82,7 +82,7 @@ class Tracker:
         UnknownNameError: A rate is for no parameter.
     """
 
-    @checked
+    @checked_kinds
     def __init__(self, arm: Arm, rates: Mapping[str, float] | None = None, sigma: float = 0.0) -> None:
         self._arm, self._model, self._sigma = arm, model_of(arm), number(sigma, "sigma")
         if self._sigma:

@@ -45,8 +45,8 @@ ROUNDING = 1e-8
 """Of a covariance in units of its own diagonal: how far below zero an eigenvalue may lie."""
 
 _CHECKS = (HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example)
-settings.register_profile("suite", derandomize=True, database=None, deadline=None, suppress_health_check=_CHECKS)
-settings.register_profile("fuzz", database=None, deadline=None, print_blob=True, suppress_health_check=_CHECKS)
+settings.register_profile("suite", derandomize=True, database=None, suppress_health_check=_CHECKS)
+settings.register_profile("fuzz", database=None, print_blob=True, suppress_health_check=_CHECKS)
 PROFILE = os.environ.get("HYPOTHESIS_PROFILE", "suite")
 TIMES = {"suite": 1, "fuzz": 25}
 

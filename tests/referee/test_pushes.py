@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.campaign_files import write_columns
+from support.command_line import fine, run_here, strict_json
 from support.plant import Array, Plant, Push, Rows, State, pose
 from support.small_arms import ROBOTS
 
@@ -160,3 +161,29 @@ def test_a_calibrated_file_keeps_the_stiffness_it_was_given(tmp_path: Path) -> N
     text = write_calibrated(path, found, tmp_path / "calibrated.toml").read_text()
     assert "joint_stiffness = 2500000.0" in text and "compliance = [" not in text.partition("[calibration]")[0]
     np.testing.assert_allclose(factors(load_arm(tmp_path / "calibrated.toml")), factors(found.arm), rtol=1e-9)
+
+
+def test_calibrate_and_report_take_a_force_for_rows_that_name_none(tmp_path: Path) -> None:
+    """The first twenty rows without columns and pushed alike, the rest with columns of their own."""
+    arm, path = declared(tmp_path), pushed(tmp_path, 5, ("",))
+    head, *lines = path.read_text().splitlines()
+    names, rows = head.split(","), [line.split(",") for line in lines]
+    forces, blank = [names.index(f"force_f{axis}_kN") for axis in "xyz"], [row.copy() for row in rows]
+    for row, bare in zip(rows[:20], blank[:20], strict=True):
+        for place, value in zip(forces, ("0", "0.25", "-1.5"), strict=True):
+            row[place], bare[place] = value, ""
+        bare[names.index("force_axes")] = ""
+    told = {}
+    for name, table, options in (("full", rows, ()), ("bare", blank, ("--force", "fz=-1.5kN,fy=250N"))):
+        (tmp_path / f"{name}.csv").write_text("\n".join([head, *(",".join(row) for row in table)]) + "\n")
+        asked = ["arm.toml", f"{name}.csv", *options, "--json", f"{name}.json"]
+        fine(run_here(tmp_path, "calibrate", *asked, "-o", f"{name}.toml", "--anyway"))
+        told[name] = strict_json(tmp_path / f"{name}.json")
+    assert told["full"] == told["bare"] and arm.exists()
+    wrong = ["arm.toml", "bare.csv", "-o", "w.toml"]
+    for option, said in (("fz=5mm", "'mm' is no unit of force"), ("fz=5N,frame=link7", "no link named 'link7'")):
+        assert said in fine(run_here(tmp_path, "calibrate", *wrong, "--force", option), 2).stderr
+        assert said in fine(run_here(tmp_path, "trace", *wrong, "--force", option), 2).stderr
+        assert said in fine(run_here(tmp_path, "report", "--iso9283", *wrong, "--force", option), 2).stderr
+    assert "no payload named 'p1'" in fine(run_here(tmp_path, "trace", *wrong, "--payload", "p1"), 2).stderr
+    assert not (tmp_path / "w.toml").exists()

@@ -2,12 +2,14 @@
 
     python tests/studies/instruments.py wires [--machines 20]
     python tests/studies/instruments.py pairs [--machines 40]
+    python tests/studies/instruments.py lengths
     python tests/studies/instruments.py accelerometers --measured DIR
 
 `wires`: 60 wire lengths and one level against 60 tracker positions of the same cost in noise: three numbers a row, each
 root three times as uncertain. Printed are how many of the compliances that are told lie in their 95 % interval, and the
 error of the tip elsewhere, the best frame of either allowed. `pairs`: of two effects that move the tip alike one is the
 machine's; printed is how often a tracker leaves both, and how often the level or wire that `plan` chooses tells which.
+`lengths`: 1042 wire lengths of a small arm that is known by its DH numbers, and 300 more.
 `accelerometers`: those of the Hilti machine beside its
 positions, and what is found with them and without.
 """
@@ -32,12 +34,13 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from support import wire_file
 from support.heavy_campaign import PAYLOADS
 from support.instruments import LEVEL, PRIOR, WIRE, Machine, heavy, measured
 from support.plant import Push, Rows, State
 from support.small_arms import ROBOTS
 
-from armflex import Arm, Measurements, calibrate, load_arm, plan, read_measurements, trace
+from armflex import Arm, Measurements, calibrate, load_arm, plan, predict, read_measurements, trace
 from armflex.conventions import TWIST_NAMES
 from armflex.estimate import Calibration
 from armflex.plan.hypotheses import spelled
@@ -272,6 +275,21 @@ def pairs(folder: Path, machines: int, first: int = 0) -> dict[str, float]:
     }
 
 
+def lengths(folder: Path, machines: int) -> dict[str, float]:
+    """Return what wire lengths alone make of an arm by its DH numbers [mm], and how much they leave open."""
+    arm, found = load_arm(wire_file.declared(folder)), []
+    for seed in range(machines):
+        q = wire_file.positions(1342, seed)
+        rows, more = (wire_file.write(folder / f"{i}.csv", part, seed) for i, part in enumerate((q[:1042], q[1042:])))
+        fitted = calibrate(arm, read_measurements(rows, arm))
+        asked = read_measurements(more, fitted.arm)
+        errors = predict(fitted.arm, asked).sensors[0][0].values - asked.readings.kinds[0].values
+        untold = float(len(fitted.undetermined))
+        found.append([1e3 * fitted.declared_rms, 1e3 * fitted.rms, 1e3 * float(np.sqrt((errors**2).mean())), untold])
+    names = ("declared_mm", "calibrated_mm", "not_fitted_mm", "not_told")
+    return dict(zip(names, np.mean(found, axis=0).tolist(), strict=True))
+
+
 HILTI = """
 [instrument.acc_base]
 kind = "acceleration"
@@ -315,7 +333,7 @@ def accelerometers(machine: Path, folder: Path) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("wires", "pairs", "accelerometers"))
+    parser.add_argument("what", choices=("wires", "pairs", "lengths", "accelerometers"))
     parser.add_argument("--machines", type=int)
     parser.add_argument("--measured", type=Path)
     given = parser.parse_args()
@@ -324,6 +342,6 @@ if __name__ == "__main__":
         if given.what == "accelerometers":
             accelerometers(given.measured, Path(scratch))
         else:
-            study, usual = {"wires": (wires, 20), "pairs": (pairs, 40)}[given.what]
+            study, usual = {"wires": (wires, 20), "pairs": (pairs, 40), "lengths": (lengths, 1)}[given.what]
             found = study(Path(scratch), given.machines or usual)
             print("\n".join(f"{name} {value:.4g}" for name, value in found.items()))

@@ -30,7 +30,6 @@ from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import first_guess
 from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import fit
-from armflex.estimate.posterior import context_of
 from armflex.estimate.view import look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.hypotheses import named_effect
@@ -226,10 +225,9 @@ def apart(arm: Arm, campaign: Measurements, true: str, false: str) -> float:
         rows = np.flatnonzero(campaign.measured)
         setup = first_guess(arm, campaign, rows)
         view = look(setup, campaign)
-        context = context_of(view, campaign)
         effect = named_effect(name, arm, ())
-        prior = amplitude_prior(effect, (), view, context)
-        blocks = (*declared_blocks(setup, campaign), EffectBlock(effect, (), context, 0, prior))
+        prior = amplitude_prior(effect, (), view, view.context)
+        blocks = (*declared_blocks(setup, campaign), EffectBlock(effect, (), view.context, 0, prior))
         costs.append(fit(setup, blocks, campaign, rows).cost(1e9))
     return costs[1] - costs[0]
 

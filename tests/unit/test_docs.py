@@ -64,6 +64,7 @@ SLOW = (
     "README.md",
     "calibrate.md",
     "check.md",
+    "instruments.md",
     "learn.md",
     "map.md",
     "plan.md",

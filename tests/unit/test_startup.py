@@ -51,6 +51,11 @@ print("imported:", *{name.split(".")[1] for name in sys.modules if name.startswi
     assert not rooms & {"estimate", "bench", "trace", "plan", "track", "tasks", "show", "sampling"}
 
 
+def test_tracing_is_imported_when_it_is_called():
+    found = imported("import armflex; assert callable(armflex.trace)")
+    assert not found & HEAVY
+
+
 def test_the_package_has_for_people_what_it_has_for_type_checkers():
     """Names are imported when they are asked for; a type checker reads them where the package imports them for it."""
     tree = ast.parse(Path(armflex.__file__).read_text(encoding="utf-8"))

@@ -140,7 +140,7 @@ def test_the_argument_is_named(arm: armflex.Arm) -> None:
         armflex.check(str(FOLDER / "arm.toml"), path, 0.1)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"^check: tolerance is '100mm', expected a number$"):
         armflex.check(arm, path, "100mm")  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match=r"^compensate: trajectory is 3, expected a Trajectory or the path"):
+    with pytest.raises(TypeError, match=r"path is 3, expected the path of a table or a data frame$"):
         armflex.compensate(arm, 3)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=r"^map_workspace: payloads is \[1\], expected text or a sequence of text$"):
+    with pytest.raises(InputError, match=r"^payloads \(1,\): expected one name or several different ones"):
         armflex.map_workspace(arm, [1])  # type: ignore[list-item]

@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Plausible, Values, Words
+from armflex.laws.effects.context import Context
+from armflex.laws.effects.effect import Amplitude, Effect, Inner, LoadLaw, Manipulator, Plausible, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.shapes import coordinates, force_at, middle_of, within_reach
+from armflex.laws.effects.shapes import coordinates, force_at, middle_of
+
+NEAR = 0.5
+"""Part of the diagonal of where an arm was, beyond which nothing pulls it towards a point."""
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
@@ -15,6 +19,15 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
     way = np.array(inner[:3]) - pose[..., :3, 3] - lever
     distance = np.sqrt((way * way).sum(axis=-1, keepdims=True))
     return force_at(way / np.maximum(distance, 1e-9) / np.maximum(distance**2 + inner[3] ** 2, 1e-6), lever)
+
+
+def _within_reach(effect: Effect, context: Context, arm: Manipulator) -> bool:
+    """Return whether the point in space that an effect's first three inner values are is near where the arm was.
+
+    From further off than the arm reaches, a pull towards a point is one in a fixed direction.
+    """
+    beyond = np.clip(effect.inner[:3], *context.box) - effect.inner[:3]
+    return float(np.linalg.norm(beyond)) <= NEAR * context.size
 
 
 REACH = Inner("reach", "m", lambda location, context: (0.0, 0.15 * context.size), default=0.0)
@@ -28,6 +41,6 @@ MAGNETIC_PULL = LoadLaw(
     amplitudes=(Amplitude("F1", "N m^2", positive=True),),
     pull=_pull,
     inner=(*coordinates("point", 4), REACH),
-    possible=within_reach,
+    possible=_within_reach,
     spatial=True,
 )

@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records, column_of
-from armflex.laws.effects.effect import Along, Effect, Inner, Manipulator, Memory, Shapes, Values
+from armflex.laws.effects.effect import Along, Inner, Memory, Shapes, Values
 from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
 
 LAGS = (600.0, 1800.0, 5400.0, 10800.0)
@@ -18,9 +18,6 @@ LAGS = (600.0, 1800.0, 5400.0, 10800.0)
 
 REFERENCE = 20.0
 """Temperature at which machines are made [deg C]."""
-
-NEAR = 0.5
-"""Part of the diagonal of where an arm was, beyond which nothing pulls it towards a point."""
 
 ROUNDING = 1e-9
 """Share of a joint's largest load below which a load along another of its axes is rounding."""
@@ -262,15 +259,6 @@ def coordinates(name: str, count: int) -> tuple[Inner, ...]:
         return Inner(f"{name}_{'xyz'[axis]}", "m", values, positive=False)
 
     return tuple(grid(axis) for axis in range(3))
-
-
-def within_reach(effect: Effect, context: Context, arm: Manipulator) -> bool:
-    """Return whether the point in space that an effect's first three inner values are is near where the arm was.
-
-    From further off than the arm reaches, a pull towards a point is one in a fixed direction.
-    """
-    beyond = np.clip(effect.inner[:3], *context.box) - effect.inner[:3]
-    return float(np.linalg.norm(beyond)) <= NEAR * context.size
 
 
 def end_of(here: Here) -> Array:

@@ -46,5 +46,5 @@ TOOL_SHIFT = TwistLaw(
     basis=_basis,
     inner=(Inner("since", "s", _starts, positive=False, polished=False, default=ALWAYS),),
     timed=True,
-    stands_for=("tool",),
+    stands_for=("tool", "session_target"),
 )

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 
 from armflex.estimate.identify import parameters
 from armflex.parameters import ParameterKind
+from armflex.readings import Position
 from armflex.show.report import effect_figures, figures, summary
 from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short
@@ -35,8 +38,10 @@ def account(trace: Trace) -> SimpleNamespace:
         cards=_cards(trace, accurate),
         campaign=_campaign(trace),
         numbers=_numbers(trace, accurate),
+        size=_errors_of(trace)[1],
         workspace=figures.workspace(trace) if trace.state.measurements.positioned.any() else "",
-        sessions=figures.by_session_and_pose(accurate, bool(trace.found)),
+        instruments=figures.by_instrument(trace),
+        sessions=figures.by_session_and_pose(accurate, bool(trace.found), trace.state.fit.view.readings.unit),
         effects=[_effect(trace, index) for index in range(len(trace.found))],
         heat=figures.heat(trace, left),
         left=summary.left(trace.unexplained) if trace.unexplained else "",
@@ -76,17 +81,24 @@ def _parameters(trace: Trace) -> SimpleNamespace:
 
 
 def _cards(trace: Trace, accurate: Accuracy) -> Table:
-    before, after = (millimetres(errors.rms, errors.std) for errors in (accurate.before, accurate.after))
-    cards = [("Error before", before, "RMS in 3-D, calibrated arm, poses held out")]
+    said, size = _errors_of(trace)
+    before, after = (said(errors.rms, errors.std) for errors in (accurate.before, accurate.after))
+    cards = [("Error before", before, f"{size}, calibrated arm, poses held out")]
     cards.append(("Error now", after, "the same poses, effects added"))
     if not trace.found:
-        cards = [("Error", after, "RMS in 3-D, calibrated arm, poses held out")]
-    cards.append(("Noise as stated", millimetres(accurate.stated), "what no model can get below"))
+        cards = [("Error", after, f"{size}, calibrated arm, poses held out")]
+    cards.append(("Noise as stated", said(accurate.stated), "what no model can get below"))
     if accurate.again is not None:
         size, std = scatter_rms(accurate.again)
         sets = f"{accurate.again.groups} sets; what changed meanwhile included"
         cards.append(("Scatter of repeats", millimetres(size, std), sets))
     return tuple(cards)
+
+
+def _errors_of(trace: Trace) -> tuple[Callable[..., str], str]:
+    """Return how errors of the foremost readings are said, each as `millimetres` says a length, and what they are."""
+    readings = trace.state.fit.view.readings
+    return partial(millimetres, unit=readings.unit), "RMS in 3-D" if readings.of(Position) else "RMS of a reading"
 
 
 def _campaign(trace: Trace) -> Table:
@@ -112,17 +124,17 @@ def _campaign(trace: Trace) -> Table:
 
 def _numbers(trace: Trace, accurate: Accuracy) -> Table:
     """Return name, before and after of every error there is; where nothing was found, name and value."""
-    found = trace.found
+    found, said = trace.found, _errors_of(trace)[0]
     sessions = trace.held_out_sessions or (None, None)
     again = (None, None) if trace.compared is None else (trace.compared.before, trace.compared.after)
     rows = [
-        ("Poses held out", *(millimetres(errors.rms, errors.std) for errors in (accurate.before, accurate.after))),
-        ("Poses held out, effects chosen without them", *(millimetres(one) for one in again)),
-        ("Whole sessions held out", *(millimetres(one) for one in sessions)),
-        ("Readings that were fitted", *(millimetres(one) for one in accurate.fitted)),
-        ("As declared, only the instrument placed ", millimetres(trace.declared_rms), ""),
-        ("Noise as stated", "", millimetres(accurate.stated)),
-        ("Noise, if the final residual is nothing else", "", millimetres(trace.noise * accurate.stated)),
+        ("Poses held out", *(said(errors.rms, errors.std) for errors in (accurate.before, accurate.after))),
+        ("Poses held out, effects chosen without them", *(said(one) for one in again)),
+        ("Whole sessions held out", *(said(one) for one in sessions)),
+        ("Readings that were fitted", *(said(one) for one in accurate.fitted)),
+        ("As declared, only the instrument placed ", said(trace.declared_rms), ""),
+        ("Noise as stated", "", said(accurate.stated)),
+        ("Noise, if the final residual is nothing else", "", said(trace.noise * accurate.stated)),
     ]
     if accurate.again is not None:
         rows.append(("Scatter of repeats", "", millimetres(*scatter_rms(accurate.again))))
@@ -131,13 +143,13 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
 
 
 def _effect(trace: Trace, index: int) -> SimpleNamespace:
-    found, number = trace.found[index], trace.numbers[index]
+    found, number, say = trace.found[index], trace.numbers[index], _errors_of(trace)[0]
     heading, proof, units = called(found.effect, number), found.proof, units_of(found.effect)
     std = {name: one for name, one in found.std.items() if np.isfinite(one)}
     said = {name: "" if name in std else "not determined" for name in found.std}
-    held_out = [("Poses held out", millimetres(proof.before), millimetres(proof.after))]
+    held_out = [("Poses held out", say(proof.before), say(proof.after))]
     if proof.sessions_before is not None:
-        sessions = (millimetres(proof.sessions_before), millimetres(proof.sessions_after))
+        sessions = (say(proof.sessions_before), say(proof.sessions_after))
         held_out.append(("Whole sessions held out", *sessions))
     return SimpleNamespace(
         heading=heading[0].upper() + heading[1:],

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from armflex.conventions import TWIST_NAMES
+from armflex.conventions import SHOWN, TWIST_NAMES
 from armflex.estimate.identify import SURPRISING, FittedParameter
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.svg import AFTER, BEFORE, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
@@ -29,7 +29,7 @@ def workspace(trace: Trace) -> str:
     """
     fit = trace.state.fit
     kept, tip = trace.believed, fit.view.line.tip
-    points = (tip[:, :3, 3] + tip[:, :3, :3] @ fit.setup.instrument.target)[kept]
+    points = fit.setup.instrument.in_base(tip, fit.view.sessions)[kept]
     before, after = (
         (residual[:, one.view.foremost] @ one.setup.instrument.pose.rotation)[kept]
         for one, residual in ((trace.before, trace.before.view.residual), (fit, trace.residual))
@@ -75,8 +75,40 @@ def workspace(trace: Trace) -> str:
     return inline(figure, "Residual arrows in the workspace")
 
 
-def by_session_and_pose(accurate: Accuracy, both: bool) -> str:
-    """Return held-out errors by session and by pose: before and after, or after alone."""
+def by_instrument(trace: Trace) -> str:
+    """Return what is left of the readings of every kind, a panel each, in its own unit and beside its own noise.
+
+    Its numbers stand in the order in which they were read; none where a tracker's positions are all there is.
+    """
+    view, before, after = trace.state.fit.view, trace.before.view.residual, trace.residual
+    kinds = [(kind, place) for kind, place in view.readings.placed if np.isfinite(kind.sigma).any()]
+    if [kind.name for kind, _ in kinds] == [""]:
+        return ""
+    figure, axes = canvas(10.0, 0.7 + 1.5 * len(kinds), len(kinds), 1, sharex=True)
+    parts = [dict(kinds_rms) for kinds_rms in (view.readings.by_kind(one) for one in (before, after, view.sigma))]
+    for panel, (kind, place) in zip(axes, kinds, strict=True):
+        unit, factor = SHOWN[kind.unit]
+        read = np.isfinite(kind.sigma)
+        number = np.broadcast_to(view.rows[:, None], read.shape)[read]
+        times = [(before, BEFORE, "before"), (after, AFTER, "after")] if trace.found else [(after, AFTER, "calibrated")]
+        for residual, colour, word in times:
+            panel.scatter(number, factor * residual[:, place][read], s=6, color=colour, linewidths=0, label=word)
+        rows = view.rows[read.any(axis=1)]
+        noise = factor * np.where(read, kind.sigma, 0.0).max(axis=1)[read.any(axis=1)]
+        panel.plot(rows, noise, color=INK, linewidth=1.0, linestyle=DASHED, label="stated noise")
+        panel.plot(rows, -noise, color=INK, linewidth=1.0, linestyle=DASHED)
+        rms = [f"{factor * part[kind]:.3g}" for part in parts]
+        said = f"{rms[0]} before, {rms[1]} after" if trace.found else f"{rms[1]} calibrated"
+        panel.set_title(f"{kind.title}: RMS {said}, noise {rms[2]} {unit}")
+        panel.set_ylabel(unit)
+        grid(panel, "y")
+    axes[0].legend(loc="upper right", bbox_to_anchor=(1.0, 1.25), ncols=3)
+    axes[-1].set_xlabel("row of the campaign")
+    return inline(figure, "What is left of the readings of every instrument")
+
+
+def by_session_and_pose(accurate: Accuracy, both: bool, unit: str) -> str:
+    """Return held-out errors by session and by pose, in the unit that `SHOWN` has: before and after, or after alone."""
     figure, (left, right) = canvas(10.0, 3.3, 1, 2, gridspec_kw={"width_ratios": [1, 2.6]}, sharey=True)
     sessions = accurate.by(accurate.sessions)
     place = np.arange(len(sessions))
@@ -89,7 +121,7 @@ def by_session_and_pose(accurate: Accuracy, both: bool) -> str:
     slanted = max(len(name) for name, *_ in sessions) > 5
     labels = [cut(name, 12) for name, *_ in sessions[::step]]
     left.set_xticks(place[::step], labels, rotation=40 if slanted else 0, ha="right" if slanted else "center")
-    left.set_ylabel("RMS error, poses held out [mm]")
+    left.set_ylabel(f"RMS error, poses held out [{SHOWN[unit][0]}]")
 
     poses = sorted(accurate.by(accurate.poses), key=lambda pose: -pose[1].rms)
     place = np.arange(len(poses))

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from armflex.conventions import MILLI, RESOLUTION
+from armflex.conventions import MILLI, RESOLUTION, SHOWN
 
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 """Factors of a numerator in metres or radians; metres beyond a few are never kilometres."""
@@ -62,20 +62,22 @@ def scaled(size: float, unit: str) -> tuple[float, str]:
     return 1.0, shown
 
 
-def millimetres(value: float | None, std: float | None = None) -> str:
-    """Return a length [m] in mm with its unit, a dash where there is none."""
+def millimetres(value: float | None, std: float | None = None, unit: str = "m") -> str:
+    """Return an error in an SI unit as people read it, a length [m] in mm; a dash where there is none."""
     if value is None or not np.isfinite(value):
         return "–"
-    return f"{with_std(1e3 * value, 1e3 * std)} mm" if std else f"{short(1e3 * value)} mm"
+    name, factor = SHOWN[unit]
+    return f"{with_std(factor * value, factor * std)} {name}" if std else f"{short(factor * value)} {name}"
 
 
-def change(before: float, after: float) -> str:
-    """Return two lengths [m] as '1.03 mm → 0.36 mm', with as many digits as it takes to tell them apart."""
+def change(before: float, after: float, unit: str = "m") -> str:
+    """Return two errors as '1.03 mm → 0.36 mm', with as many digits as it takes to tell them apart."""
+    (name, factor), shown = SHOWN[unit], ["", ""]
     for places in (2, 3, 4):
-        shown = [f"{1e3 * value:.{places}f}" for value in (before, after)]
+        shown = [f"{factor * value:.{places}f}" for value in (before, after)]
         if shown[0] != shown[1]:
             break
-    return f"{shown[0]} mm → {shown[1]} mm"
+    return f"{shown[0]} {name} → {shown[1]} {name}"
 
 
 def short(value: float) -> str:

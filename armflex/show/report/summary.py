@@ -46,10 +46,11 @@ def headline(trace: Trace) -> str:
 
 def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
     """Return the error on poses not used, before and after, beside the noise."""
-    noise = f"noise as stated: {millimetres(accurate.stated)}"
+    unit = trace.state.fit.view.readings.unit
+    noise = f"noise as stated: {millimetres(accurate.stated, unit=unit)}"
     if not trace.found:
-        return f"Error on poses not used: {millimetres(accurate.after.rms)} ({noise})."
-    return f"Error on poses not used: {change(accurate.before.rms, accurate.after.rms)} ({noise})."
+        return f"Error on poses not used: {millimetres(accurate.after.rms, unit=unit)} ({noise})."
+    return f"Error on poses not used: {change(accurate.before.rms, accurate.after.rms, unit)} ({noise})."
 
 
 def further(trace: Trace) -> list[str]:

@@ -14,7 +14,7 @@ from typing import TypedDict, Unpack, cast, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.errors import InputError
@@ -94,7 +94,7 @@ def view(
     path: str | Path,
     **options: Unpack[ViewOptions],
 ) -> Path: ...
-@checked
+@checked_kinds
 def view(
     arm: Arm,
     q: ArrayLike | None = None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import InputError, ShapeError, UnknownNameError
@@ -25,7 +25,7 @@ BEYOND = 0.3
 
 STEPS = 241
 NORMAL_95 = 1.96
-Points = tuple[Array, Array]
+Curve = tuple[Array, Array]
 """(M, 6) loads on a flexure [N, Nm] and (M, 6) its twists under them [m, rad]."""
 
 
@@ -68,8 +68,8 @@ class Slice:
         return None if covariance is None else NORMAL_95 * np.sqrt(covariance[:, self.axis, self.axis])
 
 
-@checked
-def draw_laws(arm: Arm, path: str | Path, points: Mapping[str, Points] | None = None) -> Path:
+@checked_kinds
+def draw_laws(arm: Arm, path: str | Path, points: Mapping[str, Curve] | None = None) -> Path:
     """Write a picture of every learned law, a panel for each axis in which a flexure gives.
 
     A panel shows the twist over the load component that changes it most; the other components stay at the mean of
@@ -130,7 +130,7 @@ def _lines(arm: Arm) -> list[list[Slice]]:
     return lines
 
 
-def _draw(axes: Axes, one: Slice, points: Points | None) -> None:
+def _draw(axes: Axes, one: Slice, points: Curve | None) -> None:
     unit, scale = "mm" if one.axis < 3 else "mrad", 1e3
     loads, kind, per = one.loads(), "N" if one.component < 3 else "Nm", 1.0
     if np.abs(one.law.seen.loads[:, one.component]).max() >= 5e3:  # in thousands where loads are large

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import number
 from armflex.errors import InputError
@@ -29,7 +29,7 @@ FILLED = 0.45
 """Edge of a cube as a share of its voxel's: one sees through between them."""
 
 
-@checked
+@checked_kinds
 def map_page(
     arm: Arm,
     found: WorkspaceMap,

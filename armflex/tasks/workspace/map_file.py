@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.errors import FileError, Flag, InputError, Place
 from armflex.measured.table import write_table
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
@@ -50,7 +50,7 @@ LAYOUT = Layout(
 )
 
 
-@checked
+@checked_kinds
 def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = None) -> Path:
     """Write a map, whole or not at all; return the path.
 
@@ -75,7 +75,7 @@ def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = N
     return path
 
 
-@checked
+@checked_kinds
 def read_map(path: str | Path) -> WorkspaceMap:
     """Read a map that `write_map` wrote as .safetensors.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.plotting import picture
@@ -31,7 +31,7 @@ VIEWS: dict[str, tuple[str, str, Callable[[Array], Array]]] = {
 one side, the rim of the workspace would hide all that is within."""
 
 
-@checked
+@checked_kinds
 def draw_map(arm: Arm, found: WorkspaceMap, path: str | Path, tolerance: float | None = None) -> Path:
     """Write a picture of the largest displacement in the voxels that are seen at one place.
 

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 import pinocchio
 
-from armflex.arguments import checked
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
-from armflex.configurations import MOST_ROWS, Configurations, default_voxel, drawn_range, furthest
+from armflex.configurations import MOST_ROWS, Configurations, drawn_range, furthest
 from armflex.conventions import Array, number
 from armflex.errors import NO_ANSWER, Flag, InputError, UnknownNameError
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.laws.effects.in_arm import settled
 from armflex.mechanics.equilibrium import METHODS
-from armflex.parallel import Progress, in_order
+from armflex.parallel import Progress, in_order, in_pieces
 from armflex.result import Result
 from armflex.rows.wrench import Wrench
 from armflex.storage.digest import digest
@@ -157,7 +157,7 @@ class WorkspaceMap(Result):
         return np.where(uncertain, "uncertain", np.where(margin >= 0.0, "ok", "fail"))
 
 
-@checked
+@checked_kinds
 def map_workspace(
     arm: Arm,
     payloads: str | Sequence[str] = "none",
@@ -283,8 +283,13 @@ def _payload_names(arm: Arm, payloads: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def _edge(voxel: float | None, reach: float, rows: int) -> float:
-    """Return the edge of a voxel [m] for a tip that is never beyond `reach` [m] of the base."""
-    edge = default_voxel(reach) if voxel is None else float(voxel)
+    """Return the edge of a voxel [m] for a tip that is never beyond `reach` [m] of the base.
+
+    Where none is asked for it is 1, 2 or 5 times a power of ten that divides the reach into 25 to 63.
+    """
+    wanted = reach / 25.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    edge = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted) if voxel is None else float(voxel)
     if not 0.0 < edge < np.inf:
         raise InputError(f"voxel must be positive, got {voxel} m")
     along = 2.0 * np.ceil(reach / edge)
@@ -336,7 +341,7 @@ def _uncertainties(
     Only these are asked for: an uncertainty takes as long as tens of displacements.
     """
     some = np.flatnonzero(tally.answered)
-    pieces = [some[first : first + WORST_AT_ONCE] for first in range(0, len(some), WORST_AT_ONCE)]
+    pieces = in_pieces(some, WORST_AT_ONCE)
     tasks = (partial(sigmas, question, tally.q[rows], tally.payload[rows]) for rows in pieces)
     sigma, flags, done = np.full(len(tally), np.nan), {}, 0
     for rows, (found, own) in zip(pieces, in_order(tasks, jobs), strict=True):

@@ -103,7 +103,7 @@ def test_lists_and_other_floats_are_taken() -> None:
 
 def test_what_is_asked_for_in_python() -> None:
     data, _ = bench(3, 20, 2)
-    with pytest.raises(InputError, match="expected JointData, such as read_joint_data gives, got str"):
+    with pytest.raises(InputError, match=r"joint\.csv: cannot be read: No such file"):
         train("joint.csv")
     with pytest.raises(UnknownNameError, match="named 'None'"):
         train(data, None)

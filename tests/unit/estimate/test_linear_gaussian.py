@@ -49,7 +49,7 @@ def close(found: np.ndarray, expected: np.ndarray, unit: np.ndarray, tolerance: 
 problems = given(st.integers(0, 10_000), st.integers(5, 9), st.integers(1, 5), st.sampled_from([0.0, 4.0, 16.0]))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @problems
 def test_values_and_covariance_are_those_of_exact_arithmetic(seed: int, count: int, size: int, decades: float) -> None:
     jacobian, precision, readings = problem(seed, count, size, decades)
@@ -64,7 +64,7 @@ def test_values_and_covariance_are_those_of_exact_arithmetic(seed: int, count: i
     assert known.null_space.shape == (0, size)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @problems
 def test_the_root_is_one_of_the_covariance(seed: int, count: int, size: int, decades: float) -> None:
     jacobian, precision, _ = problem(seed, count, size, decades)
@@ -74,7 +74,7 @@ def test_the_root_is_one_of_the_covariance(seed: int, count: int, size: int, dec
     np.testing.assert_allclose(known.root.T @ known.information @ known.root, np.eye(size), atol=1e-14 * condition)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @problems
 def test_rows_added_one_by_one_are_rows_solved_together(seed: int, count: int, size: int, decades: float) -> None:
     jacobian, precision, _ = problem(seed, count + size, size, decades)
@@ -87,7 +87,7 @@ def test_rows_added_one_by_one_are_rows_solved_together(seed: int, count: int, s
     close(half.information, together.information, 1.0 / together.scale, 1e-13)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @problems
 def test_a_projected_regressor_has_the_amplitude_of_the_whole_problem(
     seed: int, count: int, size: int, decades: float
@@ -114,7 +114,7 @@ def test_a_projected_regressor_has_the_amplitude_of_the_whole_problem(
     assert gain == pytest.approx(fall, rel=1e-9, abs=tolerance)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10_000), st.integers(1, 3), st.sampled_from([0.0, 4.0, 16.0]))
 def test_the_null_space_is_found_in_any_units(seed: int, free: int, decades: float) -> None:
     """Columns that are mixtures of others: as many directions as mixtures, none of which a reading notices."""

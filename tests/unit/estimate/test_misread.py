@@ -14,7 +14,7 @@ from support.small_arms import ROBOTS
 
 from armflex import calibrate, load_arm, read_measurements
 from armflex.arm import Arm
-from armflex.errors import ConventionError
+from armflex.errors import ConventionError, InputError
 from armflex.measured.measurements import Measurements
 
 SOME = 90
@@ -52,6 +52,26 @@ def test_readings_in_another_frame_than_the_base_are_named(campaign: tuple[Arm, 
     arm, rows = campaign
     in_base = replace(arm, measurement=replace(arm.measurement, frame="base"))
     assert judged(in_base, rows) == ("x, y, z are not in the arm's base frame",)
+
+
+def test_a_left_handed_frame_is_named_where_a_far_target_hides_it(campaign: tuple[Arm, Measurements]) -> None:
+    arm, rows = campaign
+    arm = replace(arm, prior=replace(arm.prior, tool=1.0))
+    tip, own = arm.deflection(rows.q, rows.payload).pose, arm.robot.reach * np.array([0.1, -0.05, 0.1])
+    assert isinstance(tip, np.ndarray)
+    position = tip[:, :3, 3] + tip[:, :3, :3] @ own
+    assert judged(arm, replace(rows, position=position)) == ()
+    wrong = replace(rows, position=position[:, [1, 0, 2]])
+    with pytest.raises(InputError, match=r"left-handed|mirrored"):
+        calibrate(arm, wrong)
+
+
+def test_readings_of_other_poses_are_no_arms(campaign: tuple[Arm, Measurements]) -> None:
+    arm, rows = campaign[0], campaign[1].some(np.unique(campaign[1].pose_number, return_index=True)[1])
+    mixed = replace(rows, position=rows.position[np.random.default_rng(0).permutation(len(rows))])
+    with pytest.raises(ConventionError, match="no defect of an arm is so large") as caught:
+        calibrate(arm, mixed)
+    assert caught.value.names == ()
 
 
 def test_what_is_meant_is_taken_as_it_is_written(campaign: tuple[Arm, Measurements]) -> None:

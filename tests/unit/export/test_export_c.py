@@ -212,7 +212,7 @@ def heavy(tmp_path_factory: pytest.TempPathFactory) -> CompiledArm:
     return compiled(bundled("heavy_six"), tmp_path_factory.mktemp("heavy"))
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.data())
 def test_whatever_is_asked_has_an_answer_or_a_code(heavy: CompiledArm, data: st.DataObject) -> None:
     arm = bundled("heavy_six")

@@ -63,7 +63,7 @@ def positions_of(language: str, text: str, arm: Arm) -> np.ndarray:
 
 
 @given(st.lists(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), min_size=1, max_size=5))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_any_path_comes_back(tmp_path_factory: pytest.TempPathFactory, rows: list[list[float]]) -> None:
     arm, q = bundled("heavy_six"), np.array(rows)
     file = path_file(tmp_path_factory.mktemp("path"), NAMES, q)

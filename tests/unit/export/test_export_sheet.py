@@ -57,7 +57,7 @@ PART = st.tuples(*[PLACE] * 3, *[TURN] * 3, AXES, st.sampled_from(["revolute", "
 
 @pytest.mark.slow
 @given(st.lists(PART, min_size=3, max_size=5))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_any_chain(tmp_path_factory: pytest.TempPathFactory, parts: list[tuple]) -> None:
     """Parallel, antiparallel, coincident, crossing and skew axes, sliding ones too."""
     lines = [link("l0", 1.0)]

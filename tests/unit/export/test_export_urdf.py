@@ -194,7 +194,7 @@ ANGLE = st.floats(-3.2, 3.2)
 
 
 @given(st.tuples(ANGLE, ANGLE, ANGLE), st.sampled_from([None, 0.5 * np.pi, -0.5 * np.pi]), st.integers(0, 2))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_any_origin_may_be_corrected(
     tmp_path_factory: pytest.TempPathFactory, angles: tuple[float, ...], pitch: float | None, small: int
 ) -> None:

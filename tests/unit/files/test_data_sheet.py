@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -155,6 +156,27 @@ def test_a_compliance_about_another_axis_than_the_drives_is_questioned(
         return
     with pytest.warns(ArmflexWarning, match=r"flexure 'S' gives about r[xz] alone, but .* joint 'shoulder' is ry"):
         assert codes(load_arm(path)) == ["not_the_drive"]
+
+
+def test_stiffness_of_a_data_sheet_about_z_of_every_joint_does_not_vanish_in_silence(tmp_path: Path) -> None:
+    """A bundled arm whose drives turn about z, y and x: millimetres become micrometres, and each joint is named."""
+    stiffness = dict(zip("123456", (2.5e6, 3.3e6, 2.2e6, 5.5e5, 5e5, 3.3e5), strict=True))  # Nm/rad, of the drives
+    head = f'[robot]\nurdf = "{ROBOTS / "heavy_six" / "robot.urdf"}"\ntip = "tool"\ngravity = [0, 0, -9.81]\n'
+    head += "[payload.p200]\nmass = 200.0\ncom = [0.1, 0, 0]\n"
+    forms = {"right": "joint_stiffness = {}", "wrong": "compliance = [0, 0, 0, 0, 0, {}]"}
+    sags, q = {}, np.array([0.0, 0.3, -0.2, 0.0, 0.3, 0.0])
+    for name, form in forms.items():
+        values = {i: k if name == "right" else 1.0 / k for i, k in stiffness.items()}
+        tables = (f'[flexure.J{i}]\njoint = "J{i}"\n{form.format(value)}\n' for i, value in values.items())
+        path = write(tmp_path, head + "".join(tables), f"{name}.toml")
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            arm = load_arm(path)
+        sags[name] = np.linalg.norm(arm.deflection(q, "p200").displacement[:3])
+        named = [str(one.message) for one in said]
+        assert [flag.code for flag in arm.flags] == ["not_the_drive"] * (5 if name == "wrong" else 0)
+        assert [f"'J{i}'" in " ".join(named) for i in "123456"] == [name == "wrong" and i != "1" for i in "123456"]
+    assert sags["right"] > 5e-3 and sags["wrong"] < 1e-3 * sags["right"]
 
 
 def test_a_flexure_about_the_drive_answers_for_its_neighbour(tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("arms")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(effect=effects(), certain=st.booleans())
 def test_any_effect_is_read_as_it_was_written(folder: Path, effect: Effect, certain: bool) -> None:
     std = {name: 0.25 for name in effect.named} if certain else None

@@ -81,7 +81,7 @@ def test_a_row_among_the_loads_seen_is_what_it_is_whatever_the_others_are(name):
         np.testing.assert_array_equal(ask(others, ROW)[:-1], ask(LOADS, ROW)[:-1])
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10_000), size=st.floats(0.0, 3.0))
 def test_a_learned_compliance_is_symmetric_and_gains_no_energy(seed, size):
     for name in ("linear", "position_dependent"):
@@ -108,7 +108,7 @@ def test_a_correction_is_nothing_beyond_the_loads_seen_and_its_doubt_grows(name)
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), size=st.floats(0.0, 0.1), name=st.sampled_from(["polynomial", "neural"]))
 def test_fading_takes_a_quarter_of_the_compliance_at_most(seed, size, name):
     """What is left in any direction is what the correction leaves where it does not fade, or all, less a quarter."""

@@ -126,7 +126,7 @@ def test_prediction_variance_covers_new_readings() -> None:
     assert 0.95 < np.sqrt(np.mean(np.square(coefficients)) * 14 / 16) < 1.05
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     LOADS,
     st.sampled_from([3, 6]),
@@ -144,7 +144,7 @@ def test_tangent_is_the_derivative(wrench: np.ndarray, size: int, features: str)
         np.testing.assert_allclose(tangent[:, i], slope, rtol=1e-6, atol=1e-6 * scale)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(LOADS, st.floats(0.01, 100.0))
 def test_even_and_odd_parts(wrench: np.ndarray, factor: float) -> None:
     """Roots are homogeneous of degree one and even; products of degree two and even; components and powers odd."""

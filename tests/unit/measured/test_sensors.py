@@ -91,6 +91,30 @@ def test_every_kind_is_fitted_to_written_and_predicted(tmp_path: Path) -> None:
         assert 0.7 < np.sqrt((whitened**2).mean()) < 1.35, kind.title
 
 
+def test_what_a_declared_compliance_is_uncertain_by_is_in_what_sensors_will_read(tmp_path: Path) -> None:
+    """As `relative_std` has it: arms drawn so read that far apart, by a level on a link and by a target on the tip."""
+    target = TARGET.replace("point = [0.0, 0.3, 0.05]", "").replace("point_std = 1e-3\n", "")
+    _, arm, rows = campaign(tmp_path, LEVEL, target, count=6)
+    text = arm.read_text()
+    own = text.partition("[flexure.J2]")[2].partition("\n[")[0]
+    read = []
+    arm.write_text(text.replace(own, own + "\nrelative_std = 0.1\n"))
+    loaded = load_arm(arm)
+    foretold = predict(loaded, read_measurements(rows, loaded))
+    law = loaded.flexures[1].law
+    for factors in np.random.default_rng(3).normal(0.0, 0.1, (60, 6)):
+        root = np.diag(1.0 + 0.5 * factors)
+        softer = replace(loaded.flexures[1], law=replace(law, compliance=root @ law.compliance @ root))
+        other = replace(loaded, flexures=(loaded.flexures[0], softer, *loaded.flexures[2:]))
+        read.append([kind.values for kind, _ in predict(other, read_measurements(rows, loaded)).sensors])
+    for number, (kind, std) in enumerate(foretold.sensors):
+        spread = np.std([one[number] for one in read], axis=0)
+        assert std is not None and spread.max() > 1e-6, kind.title
+        np.testing.assert_allclose(std, spread, rtol=0.35, atol=0.05 * spread.max())
+    smr = next(std for kind, std in foretold.sensors if kind.name == "smr2")
+    np.testing.assert_allclose(smr, foretold.sigma, rtol=1e-3)  # the same point by another name
+
+
 def test_sensors_beside_a_tracker_make_it_more_certain(tmp_path: Path) -> None:
     _, arm, rows = campaign(tmp_path, LEVEL, tracker=1e-4)
     both = fitted(arm, rows)
@@ -306,6 +330,23 @@ def test_a_plan_chooses_where_instruments_go(tmp_path: Path) -> None:
         np.testing.assert_allclose(again.sensors[mount.sensor.name].declared, mount.sensor.declared)
     with pytest.raises(InputError, match="no instrument 'levle', did you mean 'level'"):
         plan(arm, 6, instruments=["levle"])
+
+
+@pytest.mark.parametrize(
+    "own", [(ACCELERATION,), (ENCODER,), (CAMERA,), (TARGET,)], ids=["acc", "encoder", "camera", "target"]
+)
+def test_a_tracker_takes_every_kind(tmp_path: Path, own: tuple[str, ...]) -> None:
+    """What each reads narrows what is known, and leads no further than its uncertainty from the truth."""
+    machine, arm, rows = campaign(tmp_path, *own, count=40)
+    loaded = load_arm(arm)
+    read, tracker = read_measurements(rows, loaded), Tracker(loaded)
+    before = dict(zip(tracker.labels, tracker.std, strict=True))
+    for row in range(len(read)):
+        tracker.update(Reading.of(read, row))
+    after = dict(zip(tracker.labels, zip(tracker.values, tracker.std, strict=True), strict=True))
+    joint = "joint_offset J2"
+    assert min(std / before[name] for name, (_, std) in after.items() if before[name]) < 0.3
+    assert abs(after[joint][0] - machine.plant.offset["J2"]) < 4.0 * after[joint][1]
 
 
 def test_a_tracker_follows_what_wires_and_levels_read(tmp_path: Path) -> None:

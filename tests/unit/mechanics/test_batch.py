@@ -275,7 +275,7 @@ def test_strict_names_a_row_beyond_training(tmp_path):
         arm.deflection(q, strict=True)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 10**6),
     softness=st.floats(0.1, 20.0),

@@ -116,7 +116,7 @@ def test_an_arms_deflection_is_the_same(tmp_path):
         np.testing.assert_allclose(found.twists[i], one.twists.ravel(), rtol=0, atol=NEAR)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(order=st.permutations(range(8)), count=st.integers(1, 8))
 def test_rows_know_nothing_of_each_other(tmp_path_factory, order, count):
     arm = three_joints(tmp_path_factory.mktemp("arm"), laws_of("position dependent"))
@@ -209,7 +209,7 @@ def test_a_row_without_rest_is_refused(tmp_path):
     assert outcomes(rows) == ({ConvergenceError}, ConvergenceError)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     softness=st.floats(-4.0, 0.0).map(lambda power: 10.0**power),
     height=st.floats(-1.0, 1.0),

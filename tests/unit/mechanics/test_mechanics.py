@@ -371,7 +371,7 @@ def test_mirrored_positions_give_mirrored_deflections():
 positions = st.lists(st.floats(-1.5, 1.5), min_size=3, max_size=3).map(np.array)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(positions, st.floats(0.0, 40.0), st.floats(1e-3, 6.0), st.integers(0, 1000))
 def test_what_holds_at_every_equilibrium(crooked_robot, q, mass, softness, seed):
     """The law holds at the returned load, what hangs outboard is carried, and no energy is gained."""

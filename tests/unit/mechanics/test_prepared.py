@@ -172,7 +172,7 @@ def test_an_arm_that_turns_too_far_or_buckles(tmp_path):
             soft.prepared(method=method)(np.zeros(3))
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     seed=st.integers(0, 10**6),
     softness=st.floats(0.1, 30.0),
@@ -209,7 +209,7 @@ def test_positions_however_they_are_kept(change):
 # The proof.
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     softness=st.floats(0.1, 30.0),
     mass=st.floats(0.0, 200.0),
@@ -241,7 +241,7 @@ def test_the_bound_holds(tmp_path_factory, softness, mass, seed, kind):
     assert exact <= 3.0 * largest  # absolute values of entries may lengthen a 3 x 3 block by up to 3
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     seed=st.integers(0, 10**6),
     size=st.floats(0.0, 3.5).map(lambda power: 10.0**power),

@@ -96,7 +96,7 @@ def test_curved_laws_and_pulls(tmp_path, kind):
     assert_like_pinocchio(arm, q, ["none"] * 9, found, KNOWN, 1e-6)
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     seed=st.integers(0, 10**6),
     softness=st.floats(0.1, 20.0),

@@ -54,7 +54,7 @@ def test_what_noise_alone_shows_of_two_cycles_is_half_their_distance() -> None:
     assert instrument_repeatability(np.full(3, 4e-10), 2) == pytest.approx(expected, rel=0.04)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.floats(1e-6, 1e-3))
 def test_a_robot_without_error_shows_the_instrument_and_neither_turning_nor_shifting_changes_repeatability(
     seed: int, scale: float

@@ -212,12 +212,3 @@ def test_a_calibrated_arm_is_not_fitted_again(ran, armflex: Run, truth: Truth) -
     for command in ("trace", "calibrate"):
         result = fine(armflex(command, ran[0] / "traced.toml", truth.train, "-o", "o.toml"), 2)
         assert "is calibrated already" in result.stderr
-
-
-def test_armflex_is_imported_without_scipy() -> None:
-    import subprocess
-    import sys
-
-    code = "import sys, armflex; armflex.trace; print('scipy' in sys.modules, callable(armflex.trace))"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.split() == ["False", "True"]
