@@ -218,7 +218,7 @@ def print_trace(found: Trace) -> None:
     print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
     if found.found:
         columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", f"held out {unit}", "again"]
-        print_table("What the arm lacked", columns, [row for one in found.found for row in _lines(one)])
+        print_table("Effects identified", columns, [row for one in found.found for row in _lines(one)])
     if found.families:
         columns = ["at every drive", "RMS of its twists", "evidence", f"held out {unit}"]
         rows = [
@@ -254,7 +254,7 @@ def _remarks(found: Trace) -> Iterator[str]:
     if found.families:
         yield (
             "What drives have in common is no named cause: it says of what kind and how large their errors are. "
-            "Members that show by themselves are among what the arm lacked."
+            "Members that show by themselves are among the effects identified."
         )
     if found.outliers:
         lost, less = found.told("lost beam"), found.told("counted less")
