@@ -182,6 +182,11 @@ class Trajectory(Result):
             gone.append(fine + (fine - coarse) / 3.0)  # an arc is longer than its chords by a share of their square
         return np.cumsum(np.concatenate(gone))
 
+    def where(self, i: int) -> str:
+        """Return what row i is called in an error, after its place in a file."""
+        place, via = f"{self.places[i]}: " if self.places else "", f" ({self.via[i]})" if self.via[i] else ""
+        return f"{place}row {i}{via} at {self.time[i]:g} s"
+
     def under(self, table: ForceTable, arm: Arm) -> tuple[Trajectory, tuple[Flag, ...]]:
         """Return the trajectory under loads that depend on how far along the rigid tip's path a row is, and flags.
 

@@ -40,18 +40,27 @@ def measured(declared: armflex.Arm, table: str, seed: int) -> armflex.Measuremen
     return replace(rows, position=np.where(rows.measured[:, None], read + noise, np.nan))
 
 
-def main(folder: str = ".") -> tuple[float, float]:
+def arms(folder: Path) -> tuple[armflex.Arm, armflex.Arm]:
+    """Return the arm as declared, and with a line in its file that has the mast's law learned."""
     text = (FOLDER / "measured.toml").read_text().replace('"robot.urdf"', f'"{(FOLDER / "robot.urdf").as_posix()}"')
-    file = Path(folder) / "learn.toml"
+    file = folder / "learn.toml"
     file.write_text(text.replace('joint = "M1"\nmodel = "linear"', 'joint = "M1"\nmodel = "polynomial"\nlearn = true'))
-    declared, learning = armflex.load_arm(FOLDER / "measured.toml"), armflex.load_arm(file)
+    return armflex.load_arm(FOLDER / "measured.toml"), armflex.load_arm(file)
+
+
+def away(found: armflex.Arm, held_out: armflex.Measurements) -> np.ndarray:
+    """Return the (M, 3) errors [m] on rows that were not used."""
+    return (armflex.predict(found, held_out).position - held_out.position)[held_out.measured]
+
+
+def main(folder: str = ".") -> tuple[float, float]:
+    declared, learning = arms(Path(folder))
     campaign, held_out = measured(declared, "campaign.csv", 0), measured(declared, "held_out.csv", 1)
 
     errors = []
     for arm in (declared, learning):
         found = armflex.calibrate(arm, campaign).arm
-        away = (armflex.predict(found, held_out).position - held_out.position)[held_out.measured]
-        errors.append(float(np.sqrt((away**2).sum(axis=1).mean())) / (np.sqrt(3.0) * NOISE))
+        errors.append(float(np.sqrt((away(found, held_out) ** 2).sum(axis=1).mean())) / (np.sqrt(3.0) * NOISE))
     print(f"error on poses not used, over the noise: not learned {errors[0]:.2f}, learned {errors[1]:.2f}")
     armflex.draw_laws(found, Path(folder) / "laws.png")
     return errors[0], errors[1]

@@ -38,11 +38,13 @@ SCATTERED = 1.5
     "--sample", type=click.IntRange(FEWEST_DRAWS), help="Draws per chain: learned laws by NUTS, too (minutes)."
 )
 @click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
+@click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of the calibration to write.")
 @options.campaign
 def command(
     arm_path: Path,
     measurements_path: Path,
     output: Path,
+    report_path: Path | None,
     sample: int | None,
     show_all: bool,
     keep: bool,
@@ -74,7 +76,11 @@ def command(
     show_flags((*measurements.flags, *found.flags))
     options.write_json(as_json(found) | {"laws": [{**vars(axis), "told": axis.told} for axis in axes]})
     write_calibrated(arm_path, found, output)
-    say(f"Written to {output}.")
+    if report_path is not None:
+        from armflex.show.report import write_report  # draws
+
+        write_report(found, report_path)
+    say(f"Written to {' and '.join(str(path) for path in (output, report_path) if path)}.")
 
 
 def print_calibration(found: Calibration, show_all: bool = False) -> None:

@@ -70,7 +70,7 @@ def print_check(report: CheckReport, moves: str = "moves") -> None:
         rows = [_row(point, point.name) for point in report.via_points]
         print_table(f"Via-points against {asked}, worst first", columns, rows)
     else:
-        say(no_via_points("the first, the worst and the last"))
+        say(no_via_points("the first, the worst and the last"), "")
         worst = min(report.rows, key=lambda point: point.badness)
         named = {"first": report.rows[0], "worst row": worst, "last": report.rows[-1]}
         rows = [_row(point, name) for name, point in named.items()]

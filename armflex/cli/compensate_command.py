@@ -75,7 +75,7 @@ def print_compensation(found: Compensation) -> None:
     worst = found.rows[int(np.argmax(after))]
     stand_in = []
     if not any(row.via for row in found.rows):
-        say(no_via_points("its first and last row, that where most remains, and what is not reached"))
+        say(no_via_points("its first and last row, that where most remains, and what is not reached"), "")
         stand_in = [found.rows[0], worst, found.rows[-1]]
     shown = [
         [

@@ -162,7 +162,8 @@ def print_plan(found: Plan) -> None:
         named = zip(hypothesis.candidate.labels, hypothesis.size, hypothesis.candidate.units, strict=True)
         sizes = ", ".join(f"{label} {value:.3g} {unit}" for label, value, unit in named if value)
         say(f"{hypothesis.name} {sizes}, {hypothesis.source}")
-    places = (ParameterKind.INSTRUMENT, *OF_SESSION)  # where the instrument stands is no gain
+    # Where instruments stand is no gain.
+    places = (ParameterKind.INSTRUMENT, *OF_SESSION, ParameterKind.SENSOR)
     others = {one.label for one in found.model.parameters if one.group.kind in places}
     gaining = [one for one in _parameters(found) if one["name"] not in others and not found.hypotheses]
     gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:MOST_LINES]

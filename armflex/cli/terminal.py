@@ -81,7 +81,7 @@ def plus_minus(sigma: float | None) -> str:
 def no_via_points(shown: str) -> str:
     """Return what is said of a trajectory that names no via-points, and what is shown of its rows instead."""
     advice = "to have rows listed, give them names in a column `via`"
-    return f"The trajectory names no via-points: every row counts alike, and shown are {shown}; {advice}.\n"
+    return f"The trajectory names no via-points: every row counts alike, and shown are {shown}; {advice}."
 
 
 @contextmanager

@@ -17,6 +17,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import complain, number, print_table, say, show_flags, stream, warn
+from armflex.conventions import SHOWN
 from armflex.errors import FileError, InputError, enough_memory
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.effect import Effect
@@ -213,12 +214,13 @@ def print_trace(found: Trace) -> None:
     readings = found.state.measurements.readings
     what = "3-D position error" if readings.of(Position) else f"error ({readings.kinds[0].title} and its like)"
     title = f"RMS of the {what} over {len(found.rows)} rows"
-    print_table(title, ["", "all rows mm", "poses held out mm"], rows)
+    unit = SHOWN[readings.unit][0]
+    print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
     if found.found:
-        columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", "held out mm", "again"]
-        print_table("What the arm lacked", columns, [row for one in found.found for row in _lines(one)])
+        columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", f"held out {unit}", "again"]
+        print_table("Effects identified", columns, [row for one in found.found for row in _lines(one)])
     if found.families:
-        columns = ["at every drive", "RMS of its twists", "evidence", "held out mm"]
+        columns = ["at every drive", "RMS of its twists", "evidence", f"held out {unit}"]
         rows = [
             [
                 one.title.removesuffix(" at every drive"),
@@ -252,7 +254,7 @@ def _remarks(found: Trace) -> Iterator[str]:
     if found.families:
         yield (
             "What drives have in common is no named cause: it says of what kind and how large their errors are. "
-            "Members that show by themselves are among what the arm lacked."
+            "Members that show by themselves are among the effects identified."
         )
     if found.outliers:
         lost, less = found.told("lost beam"), found.told("counted less")
@@ -272,11 +274,12 @@ def _remarks(found: Trace) -> Iterator[str]:
         if hypotheses:
             more = f", and {len(hypotheses) - 3} more" if len(hypotheses) > 3 else ""
             yield f"These data do not tell {title} from {', '.join(hypotheses[:3])}{more}."
+    unit = SHOWN[found.state.measurements.readings.unit][0]
     for gone in found.withdrawn:
         calibrated, after = (number(rms * 1e3, 4) for rms in gone.errors)
         yield (
-            f"Withdrawn: {gone.title}; with it poses held out are predicted to {after} mm, "
-            f"by the calibrated arm to {calibrated} mm."
+            f"Withdrawn: {gone.title}; with it poses held out are predicted to {after} {unit}, "
+            f"by the calibrated arm to {calibrated} {unit}."
         )
     if found.said_of_limit:
         yield found.said_of_limit
@@ -285,7 +288,7 @@ def _remarks(found: Trace) -> Iterator[str]:
         size = "" if left.std is None else f", {number(left.std, 2)} {left.unit} from pose to pose"
         others = ", ".join(f"{place.site.removeprefix(LINK)} {place.axis}" for place in left.equivalent[:3])
         also = f" (or {others})" if others else ""
-        yield f"Left unexplained: {number(left.rms * 1e3, 3)} mm RMS {where}{size}{also}; no column tells why."
+        yield f"Left unexplained: {number(left.rms * 1e3, 3)} {unit} RMS {where}{size}{also}; no column tells why."
     elif found.undecided is not None:
         yield found.undecided.text
     elif not found.found and not found.families and not found.withdrawn:
@@ -294,8 +297,8 @@ def _remarks(found: Trace) -> Iterator[str]:
         least = min(found.smallest, key=lambda one: one.least)
         median = float(np.median([one.least for one in found.smallest]))
         yield (
-            f"Effects would have shown from {number(median * 1e3, 2)} mm RMS at the target "
-            f"(median over laws; {least.effect} from {number(least.least * 1e3, 2)} mm)."
+            f"Effects would have shown from {number(median * 1e3, 2)} {unit} RMS at the target "
+            f"(median over laws; {least.effect} from {number(least.least * 1e3, 2)} {unit})."
         )
     for advice in found.next_measurement[:MOST_ADVICE]:
         yield f"Next: {advice}"

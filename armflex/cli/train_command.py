@@ -21,6 +21,7 @@ from armflex.errors import InputError
 from armflex.laws.declared import read_assembly
 from armflex.laws.law_file import save_law
 from armflex.measured.joint_data import read_joint_data
+from armflex.plotting import check_ending
 from armflex.result import plain
 
 
@@ -53,6 +54,7 @@ def learning_options(command: Callable) -> Callable:
 @learning_options
 @click.option("--read-as", multiple=True, metavar="mm=um", help="Take one unit of the header for another.")
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Law to write (.safetensors).")
+@click.option("--picture", type=options.OutputPath(), help="Drawing of it: law, bands, posterior, residuals, errors.")
 def command(
     data_path: Path,
     model: str,
@@ -61,6 +63,7 @@ def command(
     assembly: Path | None,
     read_as: tuple[str, ...],
     output: Path,
+    picture: Path | None,
     **others: Any,
 ) -> None:
     """Learn a joint deformation model, with its error on rows it has not seen.
@@ -79,6 +82,8 @@ def command(
         if not equals:
             raise InputError(f"--read-as: {text!r} is not of the form mm=um")
     data = read_joint_data(data_path, {written.strip(): unit.strip() for written, _, unit in meant})
+    if picture is not None:
+        check_ending(picture)
     if output.suffix != ".safetensors":
         raise InputError(f"{output}: a law is a .safetensors file; name it so")
     built = read_assembly(assembly) if assembly else None
@@ -94,6 +99,10 @@ def command(
         result = train(data, model, structure, how, tick)
     print_training(result)
     save_law(result.trained, output)
+    if picture is not None:
+        from armflex.show.view.training_picture import draw_training  # draws
+
+        draw_training(result, data, picture)
     options.conclude(as_json(result), result.flags)
     say(f'Written to {output}. In an arm.toml: model = "{result.trained.model}", file = "{output.name}"')
 

@@ -90,8 +90,8 @@ class Plan(Result):
         model: Parameters, and what is known before.
         known: What will be known after the rows, in units of `model.scale`.
         worth: (n,) dimensionless rise of the goal's value by each row read, the best first one alone, and so on.
-        reached: (n + 1,) the goal's value after none, one, ... of them, the most telling first.
-        random: (DRAWS, m + 1) the same of poses at random.
+        reached: (n + 1,) the goal's value, in its unit, after none, one, ... of them, the most telling first.
+        random: (d, m + 1) the same, in the goal's unit, of d draws of poses at random.
         everything: The goal's value if all rows that were offered were measured.
         hypotheses: The two effects in question, if any.
         blind: Parameters of which no tip reading tells anything.

@@ -171,7 +171,7 @@ def check(
         (between, some), judge = piece, _Judge(certain, trajectory, tolerance, angle, method)
         if between:
             return _worst_between(judge, some), judge
-        found = judge.at(trajectory.points.some(some), [judge.where(i) for i in some.tolist()])
+        found = judge.at(trajectory.points.some(some), [judge.trajectory.where(i) for i in some.tolist()])
         return [judge.point(found, i, trajectory.via[row]) for i, row in enumerate(some)], judge
 
     both = ((False, np.arange(count)), (True, np.arange(count - 1)))
@@ -232,11 +232,6 @@ class _Judge:
         self.tolerance, self.angle = tolerance, angle
         self.samples = 0
         self.flags: dict[str, Flag] = {}
-
-    def where(self, i: int) -> str:
-        """Return what row i is called in an error."""
-        via = self.trajectory.via[i]
-        return f"row {i}" + (f" ({via})" if via else "") + f" at {self.trajectory.time[i]:g} s"
 
     def between(self, segments: np.ndarray, fractions: Array) -> _Samples:
         """Return the verdicts at (M,) fractions of the way from (M,) rows to the next.
@@ -406,9 +401,9 @@ def _check_steps(arm: Arm, trajectory: Trajectory) -> None:
     text = (
         f"joint {moving.name!r} goes from {trajectory.q[row, joint]:.6g} to {value:.6g} {unit} in one step, more than"
     )
-    where = f"{trajectory.places[row + 1]}: " if trajectory.places else ""
-    where += f"row {row + 1} at {trajectory.time[row + 1]:g} s"
-    raise InputError(f"{where}: {text} {MOST_STEPS * LARGEST_STEP:g} {unit}; {limits}: is the unit right?")
+    raise InputError(
+        f"{trajectory.where(row + 1)}: {text} {MOST_STEPS * LARGEST_STEP:g} {unit}; {limits}: is the unit right?"
+    )
 
 
 def _settled(scores: Array) -> np.ndarray:

@@ -304,16 +304,12 @@ def _targets(arm: Arm, trajectory: Trajectory, targets: Sequence[object] | None)
     if targets is None:
         poses = []
         for i, q in enumerate(trajectory.q):
-            with naming(_where(trajectory, i)):
+            with naming(trajectory.where(i)):
                 poses.append(arm.rigid_pose(q))
         return poses
     if len(targets) != len(trajectory):
         raise InputError(f"targets: expected {len(trajectory)} poses, one per row, got {len(targets)}")
     return [as_pose(target, f"target {i}") for i, target in enumerate(targets)]
-
-
-def _where(trajectory: Trajectory, i: int) -> str:
-    return f"row {i} at {trajectory.time[i]:g} s"
 
 
 @dataclass(frozen=True)
@@ -397,7 +393,7 @@ class _Solver:
     def row(self, i: int, target: pin.SE3, start: Array) -> CompensatedRow:
         """Solve one row, starting from the previous row's change."""
         t = self.trajectory
-        with naming(_where(t, i)):
+        with naming(t.where(i)):
             before = _error(self.ask(i, t.q[i]).pose, target)
         point, smallest, trouble = self.solve(i, target, start)
         reached = point.left <= TOLERANCE
@@ -423,7 +419,7 @@ class _Solver:
             if point is None or (again[0] is not None and again[0].left < point.left):
                 point, smallest, trouble = again
         if point is None:
-            raise InputError(f"{_where(self.trajectory, i)}: {trouble}")
+            raise InputError(f"{self.trajectory.where(i)}: {trouble}")
         return point, smallest, trouble
 
     def box(self, i: int) -> tuple[Array, Array]:

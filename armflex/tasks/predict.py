@@ -219,18 +219,17 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         variance[:, tip] += np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
     at, sensors = Postures(lambda _: found.pose, rows.session, instrument), []
     position, rotation = (kind.predicted(at) for kind in (wanted[0], Orientation.unread(len(rows))))
-    view = look(Setup(arm, instrument), rows, every, readings=readings) if arm.sensors else None
-    if view is not None and variance is not None and found.covariance is not None:
+    if arm.sensors:
+        view = look(Setup(arm, instrument), rows, every, readings=readings)
         parts = [law.covariance(found.wrenches[:, i], view.line.row) for i, law in enumerate(certain.stack.laws)]
         for i, part in enumerate(parts):
-            if part is not None:
+            if variance is not None and part is not None:
                 seen = view.answer(lambda line, i=i: line.laws[:, :, i])[:, tip.stop :]
                 variance[:, tip.stop :] += ((seen @ part) * seen).sum(axis=2)
-    sigma = None if variance is None else np.sqrt(variance)
-    for kind, place in () if view is None else view.readings.placed[1:]:
-        own = replace(kind, values=kind.predicted(view.at))
-        sensors.append((own, None if sigma is None else sigma[:, place]))
-    sigma = None if sigma is None else sigma[:, readings.foremost]
+        for kind, place in view.readings.placed[1:]:
+            own = replace(kind, values=kind.predicted(view.at))
+            sensors.append((own, None if variance is None else np.sqrt(variance[:, place])))
+    sigma = None if variance is None else np.sqrt(variance[:, tip])
     return Prediction(rows, position, rotation, sigma, found.displacement, (), tuple(sensors)), found, about
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -12,17 +13,32 @@ import pytest
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
+QUIET = (
+    *("headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run", "disable-background-networking"),
+    *("disable-component-update", "disable-sync", "enable-unsafe-swiftshader", "hide-scrollbars"),
+)
+"""Flags of a browser that asks nobody anything."""
+
+
 def picture(page: Path, virtual_ms: int) -> np.ndarray:
     """Screenshot of the canvas right of the panel, (H, W, 3), after so much time in the page."""
     image = pytest.importorskip("PIL.Image", reason="decoding a screenshot needs Pillow")
     target = page.with_suffix(f".{virtual_ms}.png")
-    flags = "headless no-sandbox disable-gpu disable-quic no-first-run disable-background-networking"
-    flags += " disable-component-update disable-sync enable-unsafe-swiftshader hide-scrollbars"
-    command = [BROWSER, *(f"--{flag}" for flag in flags.split()), "--window-size=1280,800"]
+    command = [BROWSER, *(f"--{flag}" for flag in QUIET), "--window-size=1280,800"]
     command += [f"--user-data-dir={page.parent / f'profile {virtual_ms}'}", f"--screenshot={target}"]
     command += [f"--virtual-time-budget={virtual_ms}", page.as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     return np.asarray(image.open(target).convert("RGB"), dtype=float)[:, 300:]
+
+
+def sheets(page: str, folder: Path) -> int:
+    """How many sheets a page takes when a browser prints it."""
+    folder.mkdir()
+    (folder / "page.html").write_text(page)
+    flags = [*QUIET, f"user-data-dir={folder / 'profile'}", f"print-to-pdf={folder / 'page.pdf'}"]
+    command = [BROWSER, *(f"--{flag}" for flag in flags), (folder / "page.html").as_uri()]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    return len(re.findall(rb"/Type\s*/Page[^s]", (folder / "page.pdf").read_bytes()))
 
 
 def hue_share(pixels: np.ndarray, color: str) -> float:

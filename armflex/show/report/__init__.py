@@ -11,14 +11,15 @@ from armflex.conventions import printable
 from armflex.storage.whole_file import write_whole
 
 if TYPE_CHECKING:
+    from armflex.estimate import Calibration
     from armflex.tasks.iso9283 import PosePerformance
     from armflex.trace.findings import Trace
 
-__all__ = ["render_iso9283", "render_report", "write_report"]
+__all__ = ["render_calibration", "render_iso9283", "render_report", "write_report"]
 
 
-def write_report(result: Trace | PosePerformance, path: str | os.PathLike[str]) -> Path:
-    """Write the page of a traced arm, or of what `iso9283` returned, and return its path.
+def write_report(result: Trace | Calibration | PosePerformance, path: str | os.PathLike[str]) -> Path:
+    """Write the page of a traced or calibrated arm, or of what `iso9283` returned, and return its path.
 
     The same result gives the same page, byte for byte.
 
@@ -29,9 +30,13 @@ def write_report(result: Trace | PosePerformance, path: str | os.PathLike[str]) 
     Raises:
         FileError: The page cannot be written.
     """
+    from armflex.estimate import Calibration
     from armflex.tasks.iso9283 import PosePerformance
 
-    text = render_iso9283(result) if isinstance(result, PosePerformance) else render_report(result)
+    if isinstance(result, PosePerformance):
+        text = render_iso9283(result)
+    else:
+        text = render_calibration(result) if isinstance(result, Calibration) else render_report(result)
     return write_whole(Path(path), text.encode())
 
 
@@ -40,6 +45,13 @@ def render_report(trace: Trace) -> str:
     from armflex.show.report.account import account
 
     return _rendered("page.html", lambda: account(trace))
+
+
+def render_calibration(found: Calibration) -> str:
+    """Return the page of a calibrated arm as HTML text; everything is escaped."""
+    from armflex.show.report.cover import calibration_account
+
+    return _rendered("calibration.html", lambda: calibration_account(found))
 
 
 def render_iso9283(found: PosePerformance) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from armflex.estimate.identify import parameters
 from armflex.parameters import ParameterKind
 from armflex.readings import Position
-from armflex.show.report import effect_figures, figures, summary
+from armflex.show.report import cover, effect_figures, figures, summary
 from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short
 from armflex.show.report.words import called, labelled, site_words, units_of, words
@@ -29,11 +29,20 @@ Table = tuple[tuple[str, ...], ...]
 def account(trace: Trace) -> SimpleNamespace:
     """Return what the template shows of a trace: plain texts, which it escapes, tables of them, and figures as SVG."""
     accurate = accuracy(trace)
+    placed, view = bool(trace.state.fit.view.readings.of(Position)), trace.state.fit.view
+    left_over = view.residual[trace.believed][:, view.foremost]
     left = localise(trace.state.fit, trace.state.context, project(trace.state.fit), trace.state.groups)
     return SimpleNamespace(
-        title=f"{trace.arm.robot.urdf.name}: what the arm lacks",
+        title=f"{trace.arm.robot.urdf.name}: calibration and effects identified",
         headline=summary.headline(trace),
-        accuracy=summary.accuracy_sentence(accurate, trace),
+        lead=summary.accuracy_sentence(accurate, trace),
+        errors=_errors(trace, accurate) if placed else (),
+        found=tuple(row for index in range(len(trace.found)) for row in _values(trace, index))[: cover.ON_COVER],
+        found_title="Effects identified",
+        points=cover.points(trace.state.measurements, trace.rows, accurate.after, accurate.before, left_over)
+        if placed
+        else [],
+        point_head=cover.POINT_HEAD,
         further=summary.further(trace),
         cards=_cards(trace, accurate),
         campaign=_campaign(trace),
@@ -65,6 +74,7 @@ def _parameters(trace: Trace) -> SimpleNamespace:
     )
     nothing = "nothing in particular: the readings do not depend on it"
     return SimpleNamespace(
+        all=cover.parameter_rows(trace.arm, parameters(trace.state.fit)),
         pulls=figures.pulls(before, after, bool(trace.found)) if after else "",
         moved=tuple(
             (
@@ -102,24 +112,33 @@ def _errors_of(trace: Trace) -> tuple[Callable[..., str], str]:
 
 
 def _campaign(trace: Trace) -> Table:
-    measurements = trace.state.measurements
     left_out = len(trace.outliers) - trace.told("counted less")
-    columns = (measurements.pose_number.tolist(), measurements.payload, measurements.session)
-    return (
-        ("Arm", f"{trace.arm.robot.urdf.name}, {trace.arm.robot.base} to {trace.arm.robot.tip}"),
-        ("Campaign", measurements.places[0].file.name if measurements.places else ""),
-        ("SHA-256 of the campaign", measurements.sha256),
-        ("Readings used", f"{len(trace.rows)} of {len(measurements)} rows driven"),
-        (
-            "Readings not believed",
-            f"{len(trace.outliers)}, {left_out} of them left out of the fit; no error here is over them",
-        ),
-        (
-            "Poses, payloads, sessions",
-            ", ".join(str(len({column[row] for row in trace.rows})) for column in columns),
-        ),
-        ("Made with", f"armflex {__version__}"),
-    )
+    used = f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
+    if trace.outliers:
+        used += f"; {len(trace.outliers)} not believed and in no error here, {left_out} of them left out of the fit"
+    return cover.facts(trace.arm, trace.state.measurements, used)
+
+
+def _errors(trace: Trace, accurate: Accuracy) -> Table:
+    """Return RMS, 95 % and largest error: as declared, calibrated, and with what was found."""
+    placed = trace.calibration.placed
+    groups = trace.state.measurements.pose_number[placed.rows]
+    declared = cover.errors_of(placed, groups).of(np.isin(placed.rows, trace.rows))
+    rows = [cover.spread("as declared, the instrument placed", declared)]
+    rows.append(cover.spread("calibrated, poses held out", accurate.before))
+    if trace.found or trace.families:
+        rows.append(cover.spread("with the effects identified, poses held out", accurate.after))
+    return (*rows, ("noise as stated", millimetres(accurate.stated), "", ""))
+
+
+def _values(trace: Trace, index: int) -> Table:
+    """Return an effect's values, a row each, the first with its name: signed, and waves by amplitude and phase."""
+    found = trace.found[index]
+    units, heading = units_of(found.effect), called(found.effect, trace.numbers[index])
+    wave = effect_figures.wave(trace, index)
+    named = found.effect.named.items()
+    rows = wave or [f"{name} = {cover.signed(value, found.std.get(name), units[name])}" for name, value in named]
+    return tuple((heading if i == 0 else "", row) for i, row in enumerate(rows[:4]))
 
 
 def _numbers(trace: Trace, accurate: Accuracy) -> Table:
@@ -155,9 +174,15 @@ def _effect(trace: Trace, index: int) -> SimpleNamespace:
         heading=heading[0].upper() + heading[1:],
         name=labelled(found.effect, number),
         words=words(found.effect.law.name),
-        values=tuple(
-            (name, measure(value, std.get(name), units[name]), said.get(name, "chosen, not fitted"))
-            for name, value in found.effect.named.items()
+        values=(
+            *(
+                (text.partition(" = ")[0], text.partition(" = ")[2], "of both")
+                for text in effect_figures.wave(trace, index)
+            ),
+            *(
+                (name, cover.signed(value, std.get(name), units[name]), said.get(name, "chosen, not fitted"))
+                for name, value in found.effect.named.items()
+            ),
         ),
         sure=summary.sure(found),
         proof=tuple(held_out),
@@ -185,7 +210,7 @@ def _outliers(trace: Trace) -> Table:
     places, poses = trace.state.measurements.places, trace.state.measurements.pose
     return tuple(
         (
-            f"{places[one.row].file.name}:{places[one.row].line}" if places else f"row {one.row}",
+            places[one.row].short if places else f"row {one.row}",
             poses[one.row],
             millimetres(one.error_m),
             one.kind,

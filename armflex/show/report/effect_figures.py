@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.show.report.numbers import measure, scaled
+from armflex.show.report.numbers import measure, scaled, with_std
 from armflex.show.report.suspects import Suspicion, suspicion
 from armflex.show.report.svg import AFTER, BEFORE, INK, MARK, MUTED, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import labelled, units_of
@@ -111,6 +111,42 @@ def ranking(found: Found, number: int) -> str:
     panel.set_xlim(0.0, 1.08 * max(found.proof.null, *(evidence for _, (evidence, _) in rows)))
     grid(panel, "x")
     return inline(figure, f"Ranking of the candidates, effect {number}")
+
+
+def wave(trace: Trace, index: int) -> tuple[str, ...]:
+    """Return amplitude and phase, 'name = value', of an effect of the shape A sin x + B cos x; nothing of others.
+
+    It is C sin(x + phase), largest where x is 90 degrees less the phase; standard uncertainties to first order.
+    """
+    found = trace.found[index]
+    sine, _, rest = found.effect.law.words.formula.removeprefix("A sin ").partition(" + B cos ")
+    if not rest or rest != sine or not {"A", "B"} <= set(found.effect.named):
+        return ()
+    own = np.array([found.effect.named["A"], found.effect.named["B"]])
+    size, names = float(np.hypot(*own)), [name for name in ("A", "B") if 0.0 < found.std.get(name, 0.0) < np.inf]
+    if size == 0.0:
+        return ()
+    fit, block = trace.state.fit, trace.state.effects[found.index]
+    start = sum(len(other.labels) for other in fit.blocks[: fit.blocks.index(block)])
+    places = [start + list(found.std).index(name) for name in names]
+    covariance = np.zeros((2, 2))
+    at = np.array([("A", "B").index(name) for name in names], dtype=int)
+    covariance[np.ix_(at, at)] = fit.posterior.covariance[np.ix_(places, places)]
+    scale = [found.std[name] / np.sqrt(covariance[i, i]) for name, i in zip(names, at, strict=True)]
+    covariance[np.ix_(at, at)] *= np.outer(scale, scale)  # as the page has them, the scatter of the readings counted
+    along, across = own / size, np.array([-own[1], own[0]]) / size**2
+    std, turn = (float(np.sqrt(one @ covariance @ one)) for one in (along, across))
+    degrees = with_std(float(np.degrees(np.arctan2(own[1], own[0]))), float(np.degrees(turn)))
+    unit = units_of(found.effect)["A"]
+    return (
+        f"amplitude = {measure(size, std, unit)} of C sin({sine} + phase)",
+        f"phase = {'' if own[1] < 0.0 else '+'}{degrees.replace('-', '−')}°",
+        *(
+            f"{name} = {measure(found.effect.named[name], found.std.get(name), unit)}"
+            for name, unit in units_of(found.effect).items()
+            if name not in ("A", "B")
+        ),
+    )
 
 
 def posterior(trace: Trace, index: int) -> str:

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from armflex.show.report.cover import facts
 from armflex.show.report.numbers import measure, millimetres
 from armflex.show.report.svg import AFTER, BEFORE, MUTED, canvas, cut, grid, inline
 from armflex.tasks.iso9283 import AttainedPose, Characteristic, PosePerformance
-from armflex.version import __version__
 
 MOST_BARS = 40
 """Poses that the figure has room for; of more the worst are drawn, and it says so."""
@@ -64,11 +64,7 @@ def account(found: PosePerformance) -> SimpleNamespace:
         ),
         remarks=found.remarks,
         campaign=(
-            ("Arm", f"{arm.robot.urdf.name}, {arm.robot.base} to {arm.robot.tip}"),
-            ("Campaign", measurements.places[0].file.name if measurements.places else ""),
-            ("SHA-256 of the campaign", measurements.sha256),
-            ("Cycles used", f"{sum(one.cycles for one in poses)} of {len(measurements)} rows driven"),
-            ("Made with", f"armflex {__version__}"),
+            *facts(arm, measurements, f"{sum(one.cycles for one in poses)} cycles of {len(measurements)} rows driven"),
         ),
         flags=[flag.text for flag in (*arm.flags, *measurements.flags)],
     )

@@ -1,4 +1,4 @@
-"""The result in sentences: what the arm lacked, how large the error is now, what could not be told."""
+"""The result in sentences: which effects were identified, how large the error is now, what could not be told."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def headline(trace: Trace) -> str:
     pairs = list(zip(trace.found, trace.numbers, strict=True))
     if len(trace.found) > MOST_NAMED:
         several = joined([called(one.effect, number) for one, number in pairs[:MOST_NAMED]])
-        return f"The arm lacked {len(trace.found)} effects, first of all {several}."
+        return f"{len(trace.found)} effects identified, first of all {several}."
     if not trace.found and trace.families:
         return f"The drives have in common: {joined([one.title for one in trace.families[:MOST_NAMED]])}."
     if trace.undecided is not None:
@@ -36,7 +36,7 @@ def headline(trace: Trace) -> str:
             values = [f"{name} {measure(effect.named[name], one.std[name], units[name])}" for name in names]
             few = f": {joined(values)}" if len(values) <= MOST_VALUES else ""
             parts.append(called(effect, number) + few)
-        return f"The arm lacked {'; and '.join(parts)}."
+        return f"Identified: {'; and '.join(parts)}."
     if left := trace.unexplained:
         size = "" if left.std is None else f", {measure(left.std, None, left.unit or '')}"
         where = "" if left.site is None else f"; it acts at {site_words(left.site)} ({left.axis}){size}"
@@ -83,9 +83,10 @@ def further(trace: Trace) -> list[str]:
         said.append(trace.undecided.text)
     if trace.compared is not None:
         said.append(f"Of the error on poses not used: {trace.said_of_held_out}")
+    unit = trace.state.fit.view.readings.unit
     said += [
-        f"Withdrawn: {one.title}. With it poses not used are predicted to {change(*reversed(one.errors))} "
-        "(the calibrated arm)."
+        f"Withdrawn: {one.title}. With it poses not used are predicted to "
+        f"{change(one.errors[1], one.errors[0], unit)} (the calibrated arm)."
         for one in trace.withdrawn
     ]
     if trace.said_of_limit:

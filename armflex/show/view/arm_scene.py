@@ -5,26 +5,38 @@ The picture has a ghost of the rigid arm, the flexed arm, its flexures, payload,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import TypedDict, Unpack, cast, overload
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array, number
-from armflex.errors import InputError
+from armflex.errors import ArmflexError, InputError, listing, naming
 from armflex.laws.effects.in_arm import settled
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
 from armflex.rows.wrench import Wrench
 from armflex.show.view.meshes import read_mesh
-from armflex.show.view.scene_3d import LegendRow, Marker, Node, Polyline, Scene, Shape, ShapeKind, scene_points
+from armflex.show.view.scene_3d import (
+    LegendRow,
+    Marker,
+    Node,
+    Polyline,
+    Posable,
+    Scene,
+    Shape,
+    ShapeKind,
+    Slider,
+    scene_points,
+)
 from armflex.storage.whole_file import write_whole
 from armflex.tasks.check import CheckReport
 from armflex.trajectory import Trajectory, as_trajectory
@@ -37,6 +49,17 @@ SCALE = ("#440154", "#3b528b", "#21918c", "#5ec962", "#fde725")
 """Five stops of the viridis colour map: least to most contribution."""
 
 NICE = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+AXES = ("#d62728", "#2ca02c", "#1f5fd0")
+GRAVITY, FORCE = "#5a6776", "#c2185b"
+STONE = 2500.0
+"""Density that a payload is drawn with where its inertia does not tell its size [kg/m^3]."""
+
+SAMPLES = 9
+"""Positions along a joint at which the arm is asked for a slider's table."""
+
+SLIDERS = 2.0 * np.pi
+"""Largest position of a slider [rad or m]: of a joint without limits a turn either way."""
+
 MAX_FRAMES = 240
 LARGEST_MAGNIFICATION = 1e6
 PLAY_SECONDS = 14.0
@@ -114,7 +137,7 @@ def view(
 
     Args:
         arm: The arm.
-        q: (nq,) joint positions; as `Arm.position` has them when neither q nor a trajectory is given.
+        q: (nq,) joint positions [rad or m]; as `Arm.position` has them when neither q nor a trajectory is given.
         payload: What it carries at q.
         trajectory: Shown as an animation instead of one configuration.
         report: Result of `check` on the trajectory; colours the via-points.
@@ -151,7 +174,8 @@ def motion_along(arm: Arm, trajectory: Trajectory) -> Motion:
     """Return every row, or every second, third ... of a long trajectory, its via-points and worst row kept."""
 
     def frame(i: int) -> Deflection:  # asked twice rather than kept: thousands of rows are many megabytes
-        return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.asked(i))
+        with naming(trajectory.where(i)):
+            return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.asked(i))
 
     rows = range(len(trajectory))
     worst = int(np.argmax([float(np.linalg.norm(frame(i).displacement[:3])) for i in rows]))
@@ -182,17 +206,23 @@ def arm_scene(
     shown = motion.frames[motion.worst]
     colors = contribution_colors(shown)
     times = motion.times
+    shapes, missing = _link_shapes(arm, motion, meshes)
     scene = Scene(
         title=arm.robot.urdf.name,
         subtitle=_subtitle(arm, shown, motion, factor),
-        nodes=tuple(_nodes(arm, motion, factor, colors, meshes)),
+        nodes=(
+            *_nodes(arm, motion, factor, colors, shapes),
+            *_triads(arm, motion, factor),
+            *_arrows(arm, motion, factor),
+        ),
         polylines=tuple(_paths(arm, motion, factor)),
         markers=tuple(_markers(arm, trajectory, report)),
         legend_title="Share of each flexure in the tip's displacement" if arm.flexures else "",
         legend=tuple(_legend(shown, colors, trajectory, report, factor)),
-        notes=tuple(_notes(arm, shown, motion, factor)),
+        notes=(*_notes(arm, shown, motion, factor), *missing),
         times=times if len(times) > 1 else None,
         speed=float(max(1.0, round((times[-1] - times[0]) / PLAY_SECONDS))),
+        posable=posable(arm, shown, factor) if len(times) == 1 else None,
     )
     scene = _standing(scene, arm.robot.mount)
     return replace(scene, floor_z=float(scene_points(scene)[:, 2].min()) - 0.02 * arm.robot.reach)
@@ -207,7 +237,122 @@ def _standing(scene: Scene, mount: Array) -> Scene:
     nodes = tuple(replace(node, poses=turned @ node.poses) for node in scene.nodes)
     lines = tuple(replace(line, points=line.points @ mount.T) for line in scene.polylines)
     markers = tuple(replace(marker, position=mount @ marker.position) for marker in scene.markers)
-    return replace(scene, nodes=nodes, polylines=lines, markers=markers)
+    moved = scene.posable
+    if moved is not None:
+        sliders = tuple(replace(one, point=mount @ one.point, axis=mount @ one.axis) for one in moved.sliders)
+        moved = replace(moved, sliders=sliders, rigid=turned @ moved.rigid)
+    return replace(scene, nodes=nodes, polylines=lines, markers=markers, posable=moved)
+
+
+def posable(arm: Arm, shown: Deflection, factor: float) -> Posable:
+    """Return what a page needs to move the arm's joints: screws of the rigid arm, and a table of how it flexes.
+
+    Along each joint the arm is asked with all others as shown; where it has no answer it is taken to flex as shown.
+    What joints do together adds up, which is exact of none of them and first order of several.
+    """
+    robot, rigid = arm.robot, shown.link_poses(0.0)
+    links = tuple(rigid)
+    parent = {joint.child: (joint, link) for link, joints in robot.urdf.children.items() for joint in joints}
+
+    def behind(link: str) -> Iterator[str]:
+        while link in parent:
+            joint, link = parent[link]
+            yield joint.name
+
+    def flexed(found: Deflection) -> Array:
+        one, other = found.link_poses(0.0), found.link_poses(factor)
+        apart = [np.linalg.inv(one[link]) @ other[link] for link in links]
+        return np.array([[*pose[:3, 3], *pin.log3(pose[:3, :3])] for pose in apart])
+
+    def asked(q: Array) -> Deflection:
+        case = shown.case
+        known = dict(case.covariates)
+        return arm.deflection(q, shown.payload, covariates=known, wrenches=case.wrenches, enforce_limits=False)
+
+    now, sliders = flexed(shown), []
+    for i, joint in enumerate(robot.moving):
+        low, high = np.clip([joint.lower, joint.upper], -SLIDERS, SLIDERS)
+        samples, table = np.linspace(min(low, shown.q[i]), max(high, shown.q[i]), SAMPLES), []
+        for position in samples:
+            q = shown.q.copy()
+            q[i] = position
+            try:
+                table.append(flexed(asked(q)))
+            except ArmflexError:
+                table.append(now)
+        pose = rigid[joint.child]
+        sliders.append(
+            Slider(
+                joint.name, joint.kind == "prismatic", float(samples[0]), float(samples[-1]), float(shown.q[i]),
+                pose[:3, 3], pose[:3, :3] @ joint.axis, samples, np.array(table),
+            )
+        )  # fmt: skip
+    moves = np.array([[joint.name in set(behind(link)) for joint in robot.moving] for link in links])
+    poses = np.array([rigid[link] for link in links])
+    return Posable(tuple(sliders), links, poses, moves, now, links.index(robot.tip), factor)
+
+
+def _triads(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:
+    """Yield axes x y z, red green blue, at the base, at the flexed tip, and in a group of their own at every joint."""
+    size = 0.1 * max(arm.robot.reach, 0.1)
+    axes = tuple(
+        Shape("capsule", np.array([0.05 * size, size]), _along(size * np.eye(3)[i]), color)
+        for i, color in enumerate(AXES)
+    )
+    flexed = [frame.link_poses(factor) for frame in motion.frames]
+    places = {"axes/base": arm.robot.base, "axes/tip": arm.robot.tip}
+    places |= {f"joint axes/{_leaf(joint.name)}": joint.child for joint in arm.robot.moving}
+    for name, link in places.items():
+        yield Node(name, np.array([pose[link] for pose in flexed]), axes, link)
+
+
+def _arrows(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:
+    """Yield arrows: gravity beside the base, and every force from outside where it acts; their lengths compare."""
+    reach = max(arm.robot.reach, 0.1)
+    if (size := float(np.linalg.norm(arm.robot.gravity))) > 0.0:
+        place = _upon(arm.robot.gravity / size)
+        aside = np.eye(3)[int(np.argmin(np.abs(arm.robot.gravity)))]
+        place[:3, 3] = 0.3 * reach * aside
+        yield Node("forces/gravity", place[None], _arrow(0.15 * reach, GRAVITY))
+    flexed = [frame.link_poses(factor) for frame in motion.frames]
+    pulls: dict[str, list[tuple[Array, Array]]] = {}
+    for frame, poses in zip(motion.frames, flexed, strict=True):
+        for i, one in enumerate(frame.case.wrenches):
+            force = one.at(poses[one.frame])[:3]
+            pulls.setdefault(f"forces/{i + 1} {_leaf(one.frame)}", []).append((force, poses[one.frame][:3, 3]))
+    most = max((float(np.linalg.norm(force)) for all_of in pulls.values() for force, _ in all_of), default=0.0)
+    for name, all_of in pulls.items():
+        largest = max(float(np.linalg.norm(force)) for force, _ in all_of)
+        if largest > 0.0 and len(all_of) == len(flexed):
+            places = [_upon(force / (np.linalg.norm(force) or 1.0)) for force, _ in all_of]
+            for place, (_, point) in zip(places, all_of, strict=True):
+                place[:3, 3] = point
+            one = motion.frames[0].case.wrenches[int(name.split("/")[1].split(" ")[0]) - 1]
+            size = reach * (0.06 + 0.14 * largest / most)
+            yield Node(name, np.array(places), _arrow(size, FORCE), one.frame, turns=not one.dead)
+
+
+def _arrow(length: float, color: str) -> tuple[Shape, ...]:
+    """Return an arrow from the origin along z."""
+    head = 0.3 * length
+    shaft, point = np.eye(4), np.eye(4)
+    shaft[2, 3], point[2, 3] = 0.5 * (length - head), length - 0.5 * head
+    return (
+        Shape("capsule", np.array([0.04 * length, length - head]), shaft, color),
+        Shape("cone", np.array([0.12 * length, head]), point, color),
+    )
+
+
+def _upon(axis: Array) -> Array:
+    """Return a pose at the origin whose z is along a unit vector."""
+    pose = _along(axis)
+    pose[:3, 3] = 0.0
+    return pose
+
+
+def _leaf(name: str) -> str:
+    """Return a name without '/', which would make it a group of the viewer's."""
+    return name.replace("/", "\N{DIVISION SLASH}")
 
 
 def nice_magnification(arm: Arm, motion: Motion) -> float:
@@ -227,12 +372,13 @@ def contribution_colors(found: Deflection) -> dict[str, str]:
     return dict(zip(found.names.flexures, colors, strict=True))
 
 
-def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> dict[str, tuple[Shape, ...]]:
-    """Return what to draw for each link: its primitives, its meshes on request, else rods to its joints.
+def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...]]:
+    """Return what to draw for each link, and what is said of meshes that are not drawn.
 
-    A link that slides gets a rod back along its slide, too, so that the arm does not fall apart.
+    That is its primitives, its meshes on request, else rods to its joints. A link that slides gets a rod back along its
+    slide, too, so that the arm does not fall apart.
     """
-    drawn = {}
+    drawn, missing = {}, []
     radius = 0.025 * max(arm.robot.reach, 0.1)
     furthest = np.abs([frame.q for frame in motion.frames]).max(axis=0)
     slides = {
@@ -248,6 +394,8 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> dict[str, tuple[Shap
                 shapes.append(Shape(cast("ShapeKind", visual.kind), size, visual.pose, color))
             elif visual.kind == "mesh" and meshes and (found := read_mesh(arm.robot.urdf.path, visual.mesh or "")):
                 shapes.append(Shape("mesh", size, visual.pose, color, data=found[0], data_format=found[1]))
+            elif visual.kind == "mesh":
+                missing.append(visual.mesh or "")
         if not shapes:
             ends = [joint.origin for joint in arm.robot.urdf.children[name]]
             ends += [slides[name]] if name in slides else []
@@ -258,7 +406,11 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> dict[str, tuple[Shap
                 if length > 2.0 * radius
             ]
         drawn[name] = tuple(shapes)
-    return drawn
+    if missing and not meshes:
+        return drawn, (f"{len(missing)} meshes of the URDF are not drawn: ask for them (meshes=True, --meshes).",)
+    names = listing(dict.fromkeys(missing), 4)
+    said = f"{len(missing)} meshes are not there, or of no format that is drawn (STL, OBJ, DAE): {names}."
+    return drawn, (said,) if missing else ()
 
 
 def _along(end: Array) -> Array:
@@ -273,44 +425,54 @@ def _along(end: Array) -> Array:
     return pose
 
 
-def _nodes(arm: Arm, motion: Motion, factor: float, colors: dict[str, str], meshes: bool) -> Iterator[Node]:
+def _nodes(
+    arm: Arm, motion: Motion, factor: float, colors: dict[str, str], shapes: dict[str, tuple[Shape, ...]]
+) -> Iterator[Node]:
     """Yield the links of the rigid arm that move apart from it, the flexed arm, its flexures, and the payload."""
-    shapes = _link_shapes(arm, motion, meshes)
     owner = _flexure_of_link(arm)
     flexed = [frame.link_poses(factor) for frame in motion.frames]
-
-    def node(name: str, poses: list[Array], solids: Iterable[Shape]) -> Node:
-        return Node(name, np.array(poses), tuple(solids))
-
-    def leaf(name: str) -> str:  # without '/', which would make it a group of the viewer's
-        return name.replace("/", "\N{DIVISION SLASH}")
 
     rigid = [frame.link_poses(0.0) for frame in motion.frames]
     for link in rigid[0]:
         if shapes[link] and owner.get(link):
             ghost = (replace(shape, color=GHOST, opacity=0.22) for shape in shapes[link])
-            yield node(f"rigid/{leaf(link)}", [pose[link] for pose in rigid], ghost)
+            yield Node(
+                f"rigid/{_leaf(link)}", np.array([pose[link] for pose in rigid]), tuple(ghost), link, flexed=False
+            )
     for link in flexed[0]:
         if shapes[link]:
             color = colors.get(owner.get(link, ""))
             solids = (replace(shape, color=color or shape.color, opacity=1.0) for shape in shapes[link])
-            yield node(f"flexed/{leaf(link)}", [pose[link] for pose in flexed], solids)
+            yield Node(f"flexed/{_leaf(link)}", np.array([pose[link] for pose in flexed]), tuple(solids), link)
     child = {joint.name: joint.child for joint in arm.robot.chain}
     for flexure in arm.flexures:
         link = child[flexure.joint] if flexure.joint else arm.robot.base
         ball = Shape("sphere", np.array([0.022 * max(arm.robot.reach, 0.1)]), color=colors[flexure.name])
-        yield node(f"flexure/{leaf(flexure.name)}", [pose[link] for pose in flexed], (ball,))
+        yield Node(f"flexure/{_leaf(flexure.name)}", np.array([pose[link] for pose in flexed]), (ball,), link)
 
     # The heaviest payload at its place; while it is not carried it stands where it is picked up or set down.
     masses = [frame.payload.mass for frame in motion.frames]
     heaviest = max((frame.payload for frame in motion.frames), key=lambda payload: payload.mass)
     if heaviest.mass:
-        side = float(np.clip((heaviest.mass / 2500.0) ** (1.0 / 3.0), 0.02 * arm.robot.reach, 0.2 * arm.robot.reach))
-        place = np.eye(4)
-        place[:3, 3] = heaviest.com
+        size, place = payload_box(heaviest)
         carried = np.flatnonzero(masses)
         tips = [flexed[i][arm.robot.tip] for i in np.clip(range(len(flexed)), carried[0], carried[-1])]
-        yield node("payload", tips, (Shape("box", np.full(3, side), place, LOAD),))
+        yield Node("payload", np.array(tips), (Shape("box", size, place, LOAD),), arm.robot.tip)
+
+
+def payload_box(payload: Payload) -> tuple[Array, Array]:
+    """Return full sides [m] and (4, 4) pose at the tip of a box that is drawn for a payload.
+
+    It is the even box of its mass and inertia where that is given, else a cube of the density of stone.
+    """
+    place = np.eye(4)
+    place[:3, 3] = payload.com
+    if payload.inertia is None or not np.any(payload.inertia):
+        return np.full(3, (payload.mass / STONE) ** (1.0 / 3.0)), place
+    moments, axes = np.linalg.eigh(payload.inertia_matrix)
+    place[:3, :3] = axes * np.linalg.det(axes)
+    sides = np.sqrt(np.maximum(6.0 / payload.mass * (moments.sum() - 2.0 * moments), 0.0))
+    return np.maximum(sides, 0.02 * sides.max()), place
 
 
 def _flexure_of_link(arm: Arm) -> dict[str, str]:
@@ -367,6 +529,10 @@ def _legend(
         yield LegendRow(FLEXED_PATH, f"tip {'path' if trajectory is not None else 'shift'}, flexed × {factor:g}")
     if shown.payload.mass:
         yield LegendRow(LOAD, "payload", f"{shown.payload.mass:g} kg")
+    for one in shown.case.wrenches:
+        yield LegendRow(FORCE, f"force at {one.frame}", f"{number(float(np.linalg.norm(one.force)), 3)} N")
+    if np.any(shown.arm.robot.gravity):
+        yield LegendRow(GRAVITY, "gravity", f"{float(np.linalg.norm(shown.arm.robot.gravity)):.3g} m/s²")
     if report is not None:
         for verdict, color in VERDICTS.items():
             count = sum(point.verdict == verdict for point in report.via_points)
@@ -392,6 +558,8 @@ def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterat
         if shown.corrected.any():
             size = float(np.linalg.norm(shown.corrected[:3]) * 1e3)
             yield f"Beside them the calibrated geometry moves the tip by {number(size, 3)} mm."
+    if shown.payload.mass and shown.payload.inertia is None:
+        yield "The payload is drawn as a cube of its mass in stone: no inertia is given, which would tell its size."
     if len(motion.frames) < motion.rows:
         yield f"{len(motion.frames)} of {motion.rows} rows are drawn; the figures are of the worst of all rows."
     if shown.covariance is not None:

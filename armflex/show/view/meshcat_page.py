@@ -25,7 +25,7 @@ from meshcat.commands import SetAnimation, SetObject, SetProperty, SetTransform
 from meshcat.path import Path as ScenePath
 
 from armflex.conventions import printable
-from armflex.show.view.scene_3d import Camera, Scene, Shape, frame_camera, scene_points
+from armflex.show.view.scene_3d import Camera, Posable, Scene, Shape, frame_camera, scene_points
 
 Command = dict[str, object]
 
@@ -53,7 +53,14 @@ def render_page(scene: Scene) -> str:
         "eye": camera.position.tolist(),
         "target": camera.target.tolist(),
         "viewDeg": list(camera.view_deg),
-        "labels": [[*marker.position.tolist(), marker.label] for marker in scene.markers if marker.label],
+        "labels": [[*one.position.tolist(), one.label, one.radius] for one in scene.markers if one.label],
+        "groups": list(dict.fromkeys(node.name.split("/")[0] for node in scene.nodes)),
+        "posable": None if scene.posable is None else _posable(scene.posable),
+        "carried": [
+            [_parts("Nodes", node.name), node.link, node.flexed, node.turns, node.poses[0].T.ravel().tolist()]
+            for node in scene.nodes
+            if node.link and scene.posable
+        ],
         "floor": floor,
         "start": 0.0 if scene.times is None else float(scene.times[0]),
         "speed": scene.speed,
@@ -81,6 +88,27 @@ def render_page(scene: Scene) -> str:
         facts=json.dumps(facts).replace("<", "\\u003c"),
         commands=json.dumps(commands),
     )
+
+
+def _posable(arm: Posable) -> dict[str, object]:
+    """Return an arm that can be moved as JSON has it, matrices by columns as the viewer takes them."""
+    sliders = [
+        {
+            **{name: getattr(one, name) for name in ("name", "slides", "low", "high", "here")},
+            **{name: getattr(one, name).tolist() for name in ("point", "axis", "samples")},
+            "flexed": np.round(one.flexed, 7).tolist(),
+        }
+        for one in arm.sliders
+    ]
+    return {
+        "sliders": sliders,
+        "links": arm.links,
+        "rigid": [pose.T.ravel().tolist() for pose in arm.rigid],
+        "behind": [np.flatnonzero(joints).tolist() for joints in arm.behind],
+        "flexed": np.round(arm.flexed, 7).tolist(),
+        "tip": arm.tip,
+        "magnification": arm.magnification,
+    }
 
 
 def _html(text: str) -> str:
@@ -173,6 +201,8 @@ def _commands(scene: Scene, camera: Camera) -> Iterator[Command]:
         mesh = mg.TriangularMeshGeometry(*tube_mesh(line.points, line.radius))
         yield _object_command(mg.Mesh, mesh, _paint(line.color, 1.0), _path("Paths", line.name))
     for marker in scene.markers:
+        if not marker.radius:
+            continue
         path = _path("Markers", marker.name)
         yield _object_command(mg.Mesh, mg.Sphere(marker.radius), _paint(marker.color, 1.0), path)
         yield SetTransform(_translation(marker.position), path).lower()
@@ -201,12 +231,14 @@ def _shape_commands(shape: Shape, place: ScenePath) -> Iterator[Command]:
         geometry = mg.Sphere(size[0])
     elif kind == "cylinder":
         geometry = mg.Cylinder(height=size[1], radius=size[0])
+    elif kind == "cone":
+        geometry = mg.Cylinder(height=size[1], radiusTop=0.0, radiusBottom=size[0])
     elif kind == "capsule":
         geometry = mg.TriangularMeshGeometry(*capsule_mesh(*size))
     else:
         geometry = _MESH_GEOMETRIES[shape.data_format].from_stream(BytesIO(shape.data or b""))
     yield _object_command(mg.Mesh, geometry, _paint(shape.color, shape.opacity), solid)
-    if kind == "cylinder":
+    if kind in ("cylinder", "cone"):
         yield SetTransform(_Y_TO_Z, solid).lower()  # A cylinder of the viewer stands along y.
     if kind == "mesh":
         yield SetTransform(np.diag([*shape.size, 1.0]), solid).lower()
@@ -249,7 +281,11 @@ def _paint(color: str, opacity: float) -> mg.Material:
 
 
 def _path(group: str, name: str) -> ScenePath:
-    return ScenePath((group, *(part for part in name.split("/") if part)))
+    return ScenePath(_parts(group, name))
+
+
+def _parts(group: str, name: str) -> tuple[str, ...]:
+    return (group, *(part for part in name.split("/") if part))
 
 
 def _translation(position: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from armflex.conventions import Array
 
-ShapeKind = Literal["box", "cylinder", "sphere", "capsule", "mesh"]
+ShapeKind = Literal["box", "cylinder", "sphere", "capsule", "cone", "mesh"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,9 +22,9 @@ class Shape:
     """One solid, rigidly attached to a node.
 
     Attributes:
-        kind: "box", "cylinder", "sphere", "capsule" or "mesh".
-        size: Of a box (3,) full side lengths; of a cylinder (radius, length) about z; of a sphere (radius,); of a
-            capsule (radius, length of the cylindrical part) about z; of a mesh (3,) scale factors.
+        kind: "box", "cylinder", "sphere", "capsule", "cone" or "mesh".
+        size: Of a box (3,) full side lengths; of a cylinder (radius, length) about z, a cone's point at +z; of a sphere
+            (radius,); of a capsule (radius, length of the cylindrical part) about z; of a mesh (3,) scale factors.
         place: (4, 4) pose of the shape's centre in the node frame.
         color, opacity: How it is painted.
         data: Content of a mesh file.
@@ -45,12 +45,16 @@ class Node:
     """A frame of the world which carries shapes, at (T, 4, 4) `poses`, one for each time of the scene or one for all.
 
     A '/' in `name` groups nodes: "ghost/boom" is shown (and can be hidden) under "ghost" in the viewer. Names differ,
-    and none is that of a group.
+    and none is that of a group. `link` is the one that it moves with when a joint's slider is moved, '' for none;
+    `flexed` whether with that of the flexed arm, and `turns` whether it turns with it, too.
     """
 
     name: str
     poses: Array
     shapes: tuple[Shape, ...] = ()
+    link: str = ""
+    flexed: bool = True
+    turns: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +69,61 @@ class Polyline:
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """A small ball at `position` (3,) in the world, with an optional text label beside it."""
+    """A small ball at `position` (3,) in the world, none of no radius, with an optional text label beside it."""
 
     name: str
     position: Array
     color: str = "#2f6fb3"
     radius: float = 0.05
     label: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Slider:
+    """A joint that a reader of the page moves, and how the arm flexes along it with all others as they are.
+
+    Attributes:
+        name: The joint.
+        slides: Whether it is prismatic.
+        low, high, here: Limits and present position [rad or m].
+        point, axis: (3,) a point of its axis [m] and its direction, in the world, at the present position.
+        samples: (S,) positions along it [rad or m].
+        flexed: (S, L, 6) of every link at each, magnified: shift [m] and rotation vector [rad] from the rigid link, in
+            the rigid link's axes.
+    """
+
+    name: str
+    slides: bool
+    low: float
+    high: float
+    here: float
+    point: Array
+    axis: Array
+    samples: Array
+    flexed: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Posable:
+    """An arm whose joints can be moved on the page, without asking it again.
+
+    Attributes:
+        sliders: Its joints, from the base on.
+        links: Name of each link.
+        rigid: (L, 4, 4) their rigid poses now, in the world.
+        behind: (L, J) which joints move each.
+        flexed: (L, 6) as `Slider.flexed`, now.
+        tip: Number of the link whose shift is told.
+        magnification: Factor in all of them.
+    """
+
+    sliders: tuple[Slider, ...]
+    links: tuple[str, ...]
+    rigid: Array
+    behind: np.ndarray
+    flexed: Array
+    tip: int
+    magnification: float
 
 
 @dataclass(frozen=True)
@@ -118,6 +170,7 @@ class Scene:
     times: Array | None = None
     speed: float = 1.0
     floor_z: float | None = 0.0
+    posable: Posable | None = None
 
 
 def frame_camera(points: Array, fov_deg: float = 26.0, aspect: float = 1.6) -> Camera:
@@ -161,7 +214,7 @@ def scene_points(scene: Scene) -> Array:
                 half = np.zeros(3)  # the extent of a mesh file is unknown before it is parsed
             else:
                 radius, long = shape.size[0], shape.size[-1]
-                length = {"sphere": 2.0 * radius, "cylinder": long, "capsule": long + 2.0 * radius}[shape.kind]
+                length = {"sphere": 2.0 * radius, "capsule": long + 2.0 * radius}.get(shape.kind, long)
                 half = np.array([radius, radius, length / 2.0])
             around = np.hstack([half * corners, np.ones((8, 1))]) @ shape.place.T
             clouds.append((node.poses @ around.T).transpose(0, 2, 1)[..., :3].reshape(-1, 3))

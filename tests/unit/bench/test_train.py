@@ -15,6 +15,7 @@ from armflex import InputError, read_joint_data, train
 from armflex.bench.fit_linear import fit_compliance
 from armflex.errors import TableError, UnitError, UnknownNameError
 from armflex.laws import LinearLaw, Row
+from armflex.show.view.training_picture import draw_training
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 NOWHERE = Row(np.zeros(0), {})
@@ -254,3 +255,15 @@ def test_trained_law_remembers_the_loads_it_saw() -> None:
     law = train(data).trained.law
     assert isinstance(law, LinearLaw)
     np.testing.assert_array_equal(law.fit.loads, [data.loads.min(axis=0), data.loads.max(axis=0)])
+
+
+@pytest.mark.parametrize("model", ["linear", "polynomial"])
+def test_what_was_learned_is_drawn(model: str, tmp_path: Path) -> None:
+    """The picture is there whole, and differs where the law does; of another ending it is refused."""
+    data = read_joint_data(TABLE)
+    result = train(data, model)
+    drawn = draw_training(result, data, tmp_path / "law.png").read_bytes()
+    other = draw_training(train(data, "linear", "diagonal"), data, tmp_path / "other.png").read_bytes()
+    assert drawn[:4] == b"\x89PNG" == other[:4] and drawn != other
+    with pytest.raises(InputError, match=r"law\.jpg: expected a name that ends in \.png"):
+        draw_training(result, data, tmp_path / "law.jpg")

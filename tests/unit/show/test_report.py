@@ -12,12 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.campaigns import draw
+from support.pages import BROWSER, sheets
 
 import armflex
 from armflex.conventions import number
 from armflex.errors import FileError
+from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.show.report import render_report, write_report
 from armflex.show.report.accuracy import Errors
+from armflex.show.report.effect_figures import wave
 from armflex.show.report.numbers import change, measure, millimetres, short
 from armflex.show.report.svg import canvas, drawing, inline
 from armflex.show.report.words import called, labelled
@@ -28,7 +31,18 @@ from armflex.trace.state import begin
 pytestmark = pytest.mark.slow
 
 EVIL = "<script>alert(1)</script>"
-SECTIONS = ("before-and-after", "where", "left", "parameters", "not-told", "next", "campaign")
+SECTIONS = (
+    "errors",
+    "words",
+    "before-and-after",
+    "where",
+    "left",
+    "parameters",
+    "not-told",
+    "next",
+    "campaign",
+    "points",
+)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +93,7 @@ class Outline(HTMLParser):
 def test_first_sentence_names_effect_place_value_and_error(found: Trace, page: str) -> None:
     assert found.found[0].effect.law.name == "thermal_growth"
     text = Outline(page).text
-    assert re.search(r"The arm lacked thermal growth at the link ending at J4: alpha .* ± .* ppm/K\.", text)
+    assert re.search(r"Identified: thermal growth at the link ending at J4: alpha .* ± .* ppm/K\.", text)
     before, after = (f"{1e3 * value:.2f} mm" for value in (found.held_out_before, found.held_out_after))
     assert f"Error on poses not used: {before} → {after} (noise as stated: 0.35 mm)." in text
 
@@ -89,6 +103,58 @@ def test_every_section_and_figure_is_there(page: str) -> None:
     ids = {attributes.get("id") for tag, attributes in outline.tags if tag == "section"}
     assert ids == {*SECTIONS, "effect-1"}
     assert sum(tag == "svg" for tag, _ in outline.tags) == 8
+
+
+def test_the_cover_says_what_a_boss_and_a_metrologist_ask_for(page: str) -> None:
+    cover = Outline(page[page.index('class="cover"') : page.index('<section id="before-and-after"')]).text
+    for word in (
+        "RMS",
+        "95 % are below",
+        "maximum",
+        "as declared, the instrument placed",
+        "noise as stated",
+        "Signature",
+    ):
+        assert word in cover
+    assert re.search(r"Date of the campaign not recorded.* Instruments position, \d+ rows, stated σ .* mm", cover)
+    assert re.search(r"Made with armflex \S+, Pinocchio \S+, NumPy \S+, Python", cover)
+
+
+def test_points_stand_worst_first(page: str) -> None:
+    rows = re.findall(r'<tr( class="worst")?>(<td>.*?)</tr>', page[page.index('<section id="points"') :])
+    now = [float(re.findall(r"<td>(.*?)</td>", cells)[5]) for _, cells in rows]
+    assert len(now) > 30 and now == sorted(now, reverse=True)
+    marked = [bool(mark) for mark, _ in rows]
+    assert marked == sorted(marked, reverse=True) and 0 < sum(marked) <= 0.06 * len(marked)
+
+
+@pytest.mark.skipif(BROWSER is None, reason="needs chromium or google-chrome")
+def test_the_cover_prints_as_one_sheet(page: str, tmp_path: Path) -> None:
+    assert sheets(page, tmp_path / "all") > 2
+    assert sheets(page.replace("</style>", "main > :not(.cover) { display: none; }</style>"), tmp_path / "cover") == 1
+
+
+def test_a_wave_has_amplitude_and_phase(found: Trace) -> None:
+    """Of A sin kq + B cos kq the amplitude is the length of (A, B), the phase its direction; neither is of others."""
+    assert wave(found, 0) == ()
+    one, names = found.found[0], ("A", "B", "k")
+    std = {"A": one.std[next(iter(one.std))], "B": 0.0}
+    location = replace(one.effect.location, axis="rz", terms=(0, 1))
+    effect = replace(one.effect, law=GEAR_HARMONIC, location=location, values=(3e-3, 4e-3, 2.0))
+    assert tuple(effect.named) == names
+    several = replace(found, found=(replace(one, effect=effect, std=std),))
+    said = dict(text.split(" = ") for text in wave(several, 0))
+    assert said["amplitude"].startswith("5") and "mrad of C sin(kq + phase)" in said["amplitude"]
+    assert said["phase"].startswith("+53") and said["phase"].endswith("°") and said["k"].startswith("2")
+
+
+def test_a_calibration_has_its_page(found: Trace, tmp_path: Path) -> None:
+    text = write_report(found.calibration, tmp_path / "calibration.html").read_text()
+    said = Outline(text).text
+    assert re.search(r"3-D position error .* mm as declared, .* mm calibrated \(RMS, poses held out\)", said)
+    assert re.search(r"joint_offset J\d [+−][\d.]+ ± [\d.]+ (mrad|µrad)", said)
+    assert re.search(r"compliance J\d r\w compliance [+−][\d.]+ ± [\d.]+ % [\d.]+ ± [\d.]+ [kMG]?Nm/rad", said)
+    assert "//" not in text.replace("http://www.w3.org", "").split("<style>")[0] and EVIL not in text
 
 
 def test_page_stands_alone(page: str) -> None:
@@ -228,7 +294,7 @@ def test_of_many_effects_the_first_two_make_the_headline():
     effects = [Effect(law, Location(f"A{i}", "ry", (f"approach_A{i}",)), (1e-3,)) for i in range(1, 5)]
     found = tuple(SimpleNamespace(effect=effect, std={"gap": 1e-5}) for effect in effects)
     said = headline(SimpleNamespace(found=found, numbers=(1, 1, 1, 1), undecided=None))
-    assert said == "The arm lacked 4 effects, first of all backlash at A1 (ry) and backlash at A2 (ry)."
+    assert said == "4 effects identified, first of all backlash at A1 (ry) and backlash at A2 (ry)."
     assert "; and " in headline(SimpleNamespace(found=found[:2], numbers=(1, 1), undecided=None))
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
+import shutil
 import struct
 import subprocess
 import sys
@@ -11,11 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from support.pages import BROWSER, hue_share, picture
 from support.small_arms import ROBOTS, joint, link, robot, write
 
-from armflex import Arm, InputError, Trajectory, check, load_arm, view
+from armflex import Arm, InputError, Payload, Trajectory, Wrench, check, load_arm, view
 from armflex.errors import FileError, UrdfError
 from armflex.show.view import meshes
 from armflex.show.view.arm_scene import (
@@ -27,6 +31,8 @@ from armflex.show.view.arm_scene import (
     arm_scene,
     contribution_colors,
     nice_magnification,
+    payload_box,
+    posable,
 )
 from armflex.show.view.arm_scene import motion_along as motion_of
 from armflex.show.view.scene_3d import Scene
@@ -188,7 +194,8 @@ def test_command_leaves_no_process_behind(tmp_path: Path) -> None:
 def test_links_without_visuals_are_rods(tmp_path: Path) -> None:
     arm = small(tmp_path)
     kinds = drawn(arm_scene(arm, still(arm, np.zeros(1))))
-    assert {kind for one in kinds.values() for kind in one} - {"sphere"} == {"capsule"}
+    links = [one for name, one in kinds.items() if name.startswith(("rigid/", "flexed/"))]
+    assert {kind for one in links for kind in one} == {"capsule"}
     rod = next(node for node in arm_scene(arm, still(arm, np.zeros(1))).nodes if node.name == "flexed/arm").shapes[0]
     np.testing.assert_allclose(rod.size[1], 1.0)
     np.testing.assert_allclose(rod.place[:3, 3], [0.5, 0.0, 0.0])
@@ -327,3 +334,78 @@ def test_the_worst_row_of_a_long_path_is_shown(tmp_path: Path, tarm: Arm) -> Non
     page = view(tarm, trajectory=path, path=tmp_path / "v.html").read_text()
     sag = np.linalg.norm(tarm.deflection(q[733], "p600").displacement[:3]) * 1e3
     assert f"Tip moves {sag:.4g}" in page and "at 73.3 s" in page and "of 1500 rows are drawn" in page
+
+
+def facts_of(page: str) -> dict:
+    found = re.search(r'id="page-facts">(.*?)</script>', page, re.S)
+    assert found
+    return json.loads(found[1])
+
+
+def test_sliders_move_the_arm_as_it_moves(tarm: Arm) -> None:
+    """Products of exponentials about the present pose give the rigid arm at any other; the table how it flexes."""
+    q = tarm.position(M1=2.0, A3=0.4)
+    found = tarm.deflection(q, "p600")
+    arm = posable(tarm, found, 5.0)
+    i, there = 3, 4
+    asked = q.copy()
+    asked[i] = arm.sliders[i].samples[there]
+    other = tarm.deflection(asked, "p600")
+    for k, name in enumerate(arm.links):
+        pose = arm.rigid[k]
+        if arm.behind[k, i]:
+            one = arm.sliders[i]
+            turned = pin.exp3(one.axis * (asked[i] - one.here))
+            pose = pose.copy()
+            pose[:3, 3] = one.point + turned @ (pose[:3, 3] - one.point)
+            pose[:3, :3] = turned @ pose[:3, :3]
+        np.testing.assert_allclose(pose, other.link_poses(0.0)[name], atol=1e-12)
+        shift, turn = np.split(arm.sliders[i].flexed[there, k], 2)
+        flexed = pose @ np.block([[pin.exp3(turn), shift[:, None]], [np.zeros(3), np.ones(1)]])
+        np.testing.assert_allclose(flexed, other.link_poses(5.0)[name], atol=1e-9)
+    assert arm.links[arm.tip] == tarm.robot.tip
+
+
+def test_what_is_drawn_can_be_hidden(tarm: Arm) -> None:
+    page = facts_of(view(tarm, payload="p600", wrenches=[Wrench("tool", [300, 0, 0], [0, 0, 0])]).html)
+    assert {"rigid", "flexed", "payload", "axes", "joint axes", "forces"} <= set(page["groups"])
+    carried = {"/".join(path): link for path, link, *_ in page["carried"]}
+    assert carried["Nodes/forces/1 tool"] == "tool" == carried["Nodes/axes/tip"]
+    assert [one["name"] for one in page["posable"]["sliders"]] == list(tarm.joint_names)
+
+
+def test_a_payload_is_drawn_to_its_size() -> None:
+    """An even box of sides a, b, c has moments m (b^2 + c^2) / 12, ...; without inertia it is a cube of stone."""
+    a, b, c, mass = 0.2, 0.5, 0.9, 30.0
+    moments = [mass * (b**2 + c**2) / 12, mass * (a**2 + c**2) / 12, mass * (a**2 + b**2) / 12]
+    size, place = payload_box(Payload(mass, [0.1, 0, 0.2], [*moments, 0, 0, 0]))
+    np.testing.assert_allclose(np.abs(place[:3, :3]) @ size, [a, b, c], rtol=1e-12)
+    np.testing.assert_allclose(place[:3, 3], [0.1, 0, 0.2])
+    np.testing.assert_allclose(payload_box(Payload(2500.0, [0, 0, 0]))[0], 1.0)
+
+
+def test_meshes_that_are_not_drawn_are_said(tmp_path: Path, heavy: Arm) -> None:
+    shutil.copytree(ROBOTS / "heavy_six", tmp_path / "arm")
+    urdf = next((tmp_path / "arm").glob("*.urdf"))
+    mesh = geometry('<mesh filename="package://parts/gone.stl"/>')
+    urdf.write_text(re.sub(r'(<link name="[^"]*">)', rf"\1{mesh}", urdf.read_text(), count=1))
+    arm = load_arm(tmp_path / "arm" / "arm.toml")
+    assert "1 meshes of the URDF are not drawn" in view(arm).html
+    assert "package://parts/gone.stl" in view(arm, meshes=True).html
+
+
+@pytest.mark.slow
+@needs_browser
+def test_many_via_points_and_moved_joints_are_drawn(heavy: Arm, tarm: Arm, tmp_path: Path) -> None:
+    """Two hundred labels leave each other room; a joint's slider moves both arms."""
+    rows = np.linspace(0.0, 1.0, 200)
+    q = np.outer(np.sin(9.0 * rows), np.full(6, 0.2))
+    names = tuple(f"weld_{i}" for i in range(200))
+    path = Trajectory(heavy.joint_names, np.arange(200.0), q, ("none",) * 200, names)
+    page = view(heavy, trajectory=path, path=tmp_path / "many.html")
+    assert len(facts_of(page.read_text())["labels"]) == 200
+    assert hue_share(picture(page, 300), "#21918c") > 0.0 or picture(page, 300).std() > 10.0
+    still = view(tarm, payload="p600", path=tmp_path / "still.html")
+    moved = tmp_path / "moved.html"
+    moved.write_text(still.read_text().replace("location.hash.slice(1)", '"A1=0.9"'))
+    assert np.abs(picture(still, 300) - picture(moved, 300)).max(axis=-1).mean() > 1.0

@@ -228,7 +228,7 @@ def test_tolerance_must_be_positive(tarm: Arm, tarm_path: Trajectory, bad: float
 def test_errors_name_row_and_time(tarm: Arm, tarm_path: Trajectory) -> None:
     q = tarm_path.q.copy()
     q[59, 3] = np.nan
-    with pytest.raises(NotFiniteError, match=r"^row 59 \(port_exit\) at 59 s: q of joint 'A3'"):
+    with pytest.raises(NotFiniteError, match=r"trajectory\.csv:61: row 59 \(port_exit\) at 59 s: q of joint 'A3'"):
         check(tarm, replace(tarm_path, q=q), 0.1)
 
 

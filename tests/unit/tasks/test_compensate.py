@@ -14,7 +14,7 @@ import pytest
 from scipy.optimize import lsq_linear, minimize
 from support.small_arms import ROBOTS, arm_of, central_difference, joint, link
 
-from armflex import Arm, InputError, Trajectory, compensate, load_arm
+from armflex import Arm, InputError, Trajectory, compensate, load_arm, view
 from armflex.errors import JointLimitError, PoseError, ShapeError, SmallDisplacementError, UnreachableError
 from armflex.tasks.compensate import Compensation
 from armflex.tasks.inverse_kinematics import Corrector, Trial
@@ -466,13 +466,18 @@ def test_wrong_options(heavy: Arm, heavy_path: Trajectory, options: dict, error:
 def test_errors_name_row_and_time(heavy: Arm, heavy_path: Trajectory, tmp_path: Path) -> None:
     q = heavy_path.q.copy()
     q[7, 1] = 9.0
-    with pytest.raises(JointLimitError, match=r"^row 7 at 1.4 s: joint 'J2'"):
+    with pytest.raises(JointLimitError, match=r"trajectory\.csv:9: row 7 at 1.4 s: joint 'J2'"):
         compensate(heavy, replace(heavy_path, q=q))
+    with pytest.raises(JointLimitError, match=r"^row 7 at 1.4 s: joint 'J2'"):
+        compensate(heavy, replace(heavy_path, q=q, places=()))
+    with pytest.raises(JointLimitError, match=r"trajectory\.csv:9: row 7 at 1.4 s: joint 'J2'"):
+        view(heavy, trajectory=replace(heavy_path, q=q), path=tmp_path / "v.html")
+    assert not (tmp_path / "v.html").exists()
     arm = planar(tmp_path)
     soft = replace(
         arm, flexures=tuple(replace(f, law=replace(f.law, compliance=1e3 * f.law.compliance)) for f in arm.flexures)
     )
-    with pytest.raises(SmallDisplacementError, match=r"^row 0 at 0 s: flexure"):
+    with pytest.raises(SmallDisplacementError, match=r"^row 0 \(here\) at 0 s: flexure"):
         compensate(soft, at(soft, 0.0, 0.3))
 
 

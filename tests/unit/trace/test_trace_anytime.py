@@ -367,7 +367,7 @@ def test_whatever_ends_it_what_was_accepted_is_there_and_goes_on(field: Truth, t
     with monkeypatch.context() as patch:
         patch.setattr("armflex.cli.trace_command.write_report", unmade)
         failed = run(field, tmp_path, "--resume")
-    assert str(failed.exception) == "no ink" and kept.exists() and "What the arm lacked" in failed.stdout
+    assert str(failed.exception) == "no ink" and kept.exists() and "Effects identified" in failed.stdout
     assert "unfinished" not in strict_json(tmp_path / "t.json") and (tmp_path / "t.html").read_text() == page
 
     finished = run(field, tmp_path, "--resume")

@@ -70,7 +70,8 @@ def test_a_page_of_levels_alone_says_milliradians(folder: Path, tmp_path: Path) 
     header, *rows = ([*line.split(",")] for line in (folder / "rows.csv").read_text().splitlines())
     keep = [i for i, name in enumerate(header) if not name.startswith("wire1")]
     (tmp_path / "rows.csv").write_text("\n".join(",".join(line[i] for i in keep) for line in [header, *rows]) + "\n")
-    fine(run_here(tmp_path, "trace", "arm.toml", "rows.csv", "-o", "traced.toml", "--report", "r.html"))
+    done = fine(run_here(tmp_path, "trace", "arm.toml", "rows.csv", "-o", "traced.toml", "--report", "r.html"))
+    assert "all rows mrad" in done.stdout and "mm" not in done.stdout.partition("Next:")[0]
     page = (tmp_path / "r.html").read_text()
     lead = re.findall(r"Error on poses not used: ([^<]*)\(", page)[0]
     assert "mrad" in lead and "mm" not in lead and "poses held out [mrad]" in page

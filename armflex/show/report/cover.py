@@ -1,0 +1,248 @@
+"""What the pages of a calibrated and of a traced arm share: the cover sheet, points, parameters, and what all rests on.
+
+The cover is one printed sheet: what was found, how large the error is, from which campaign by which instrument.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio
+
+from armflex.arm import Arm
+from armflex.conventions import SHOWN, TWIST_NAMES, Array
+from armflex.estimate import Calibration
+from armflex.estimate.held_out import believed, held_out, pose_folds
+from armflex.estimate.identify import FittedParameter
+from armflex.estimate.view import View
+from armflex.measured.measurements import Measurements
+from armflex.parameters import FRAMES, ParameterKind
+from armflex.readings import Position
+from armflex.show.report.accuracy import Errors, scatter_rms
+from armflex.show.report.numbers import measure, millimetres, short, with_std
+from armflex.version import __version__
+
+Table = tuple[tuple[str, ...], ...]
+
+MOST = 2000
+"""Points that a page has room for."""
+
+MARKED = 0.95
+"""Share of the points up to which an error is not marked."""
+
+ON_COVER = 12
+"""Rows of a table on the cover that leave it one sheet."""
+
+STIFF = {"d": "N/m", "r": "Nm/rad"}
+LARGER = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""))
+
+
+class Point(NamedTuple):
+    """A row of the table of points: its cells, and whether it is among the worst."""
+
+    cells: tuple[str, ...]
+    worst: bool
+
+
+def spread(name: str, errors: Errors) -> tuple[str, ...]:
+    """Return a row: name, RMS with its standard uncertainty, what 95 % are below, and the largest error."""
+    if not len(errors.squares):
+        return (name, "–", "–", "–")
+    sizes = np.sqrt(errors.squares)
+    return (
+        name,
+        millimetres(errors.rms, errors.std),
+        millimetres(float(np.quantile(sizes, MARKED))),
+        millimetres(float(sizes.max())),
+    )
+
+
+def errors_of(view: View, groups: np.ndarray) -> Errors:
+    """Return the errors of a view's rows in the foremost numbers [m], from the (M,) pose of each."""
+    read = np.isfinite(view.sigma[:, view.foremost])
+    return Errors((np.where(read, view.residual[:, view.foremost], 0.0) ** 2).sum(axis=1), groups)
+
+
+def facts(arm: Arm, measurements: Measurements, readings: str) -> Table:
+    """Return what a result rests on: arm, campaign, date, instrument, versions."""
+    file = measurements.places[0].file.name if measurements.places else "not from a file"
+    columns = (measurements.pose_number.tolist(), measurements.payload, measurements.session)
+    counts = ", ".join(
+        f"{len(set(column))} {name}" for column, name in zip(columns, ("poses", "payloads", "sessions"), strict=True)
+    )
+    solver: str = pinocchio.__version__  # pyright: ignore[reportAttributeAccessIssue]
+    versions = f"armflex {__version__}, Pinocchio {solver}, NumPy {np.__version__}"
+    return (
+        ("Arm", f"{arm.robot.urdf.name}, {arm.robot.base} to {arm.robot.tip}"),
+        ("Campaign", f"{file}; {counts}"),
+        ("Date of the campaign", dates(measurements)),
+        ("Instruments", "; ".join(instruments(measurements)) or "none"),
+        ("Readings used", readings),
+        ("SHA-256 of the campaign", measurements.sha256 or "–"),
+        ("Made with", f"{versions}, Python {platform.python_version()}"),
+    )
+
+
+def dates(measurements: Measurements) -> str:
+    """Return the first and last day that a text column of the campaign names, ISO 8601."""
+    days = sorted(
+        cell[:10]
+        for values in measurements.covariates.values()
+        if not isinstance(values, np.ndarray)
+        for cell in values
+        if len(cell) >= 10 and cell[:4].isdigit() and cell[4] == cell[7] == "-"
+    )
+    if not days:
+        return "not recorded (a column date, as 2026-03-09, says it)"
+    return days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
+
+
+def instruments(measurements: Measurements) -> list[str]:
+    """Return every kind of reading: its title, in how many rows, and its stated standard deviation."""
+    said = []
+    for kind in measurements.readings.kinds:
+        read = np.isfinite(kind.sigma).all(axis=1) & measurements.measured
+        if read.any():
+            name, factor = SHOWN[kind.unit]
+            size = float(np.median(kind.sigma[read])) * factor
+            said.append(f"{kind.title}, {int(read.sum())} rows, stated σ {short(size)} {name}".replace(" 1,", ","))
+    return said
+
+
+def points(measurements: Measurements, rows: np.ndarray, now: Errors, before: Errors, left: Array) -> list[Point]:
+    """Return the points, worst first, by the columns of `POINT_HEAD`.
+
+    Args:
+        measurements: The campaign.
+        rows: (M,) numbers of its rows.
+        now, before: Their errors, held out.
+        left: (M, 3) fitted residual [m].
+    """
+    sizes, old = np.sqrt(now.squares), np.sqrt(before.squares)
+    if not len(sizes):
+        return []
+    limit, found = float(np.quantile(sizes, MARKED)), []
+    for i in np.argsort(-sizes, kind="stable")[:MOST].tolist():
+        row = int(rows[i])
+        place = measurements.places[row].short if measurements.places else f"row {row}"
+        named = (measurements.pose[row], measurements.session[row], measurements.payload[row])
+        lengths = (millimetres(one).removesuffix(" mm") for one in (float(old[i]), float(sizes[i]), *left[i].tolist()))
+        found.append(Point((place, *named, *lengths), bool(sizes[i] > limit)))
+    return found
+
+
+POINT_HEAD = ("row", "pose", "session", "payload", "before mm", "now mm", "Δx", "Δy", "Δz")
+
+
+def signed(value: float, std: float | None, unit: str) -> str:
+    """Return a `measure` with its sign, also where that is a plus."""
+    text = measure(value, std, unit)
+    return (
+        text if value <= 0.0 or text.startswith("0 ") else f"+{text.lstrip('(')}" if text[0] != "(" else f"(+{text[1:]}"
+    )
+
+
+def parameter_rows(arm: Arm, found: Sequence[FittedParameter]) -> Table:
+    """Return what was fitted of the arm itself: name, change against the declared value, and what it is now.
+
+    A compliance changes by a factor; what it is now is said as a stiffness, of the axis by itself.
+    """
+    rows = []
+    for one in found:
+        if one.kind in (*FRAMES, ParameterKind.LAW, ParameterKind.EFFECT, ParameterKind.UNEXPLAINED):
+            continue
+        if not one.determined:
+            rows.append((one.name, "not determined by these readings", ""))
+        elif one.kind is ParameterKind.COMPLIANCE:
+            factor = np.exp(one.value)
+            change = f"{with_std(100.0 * (factor - 1.0), 100.0 * factor * one.std)} %".replace("-", "−")
+            change = change if one.value < 0.0 else f"+{change}"
+            rows.append((one.name, f"compliance {change}", stiffness(arm, one)))
+        else:
+            rows.append((one.name, signed(one.value, one.std, one.unit), ""))
+    return tuple(rows)
+
+
+def stiffness(arm: Arm, one: FittedParameter) -> str:
+    """Return a fitted compliance as a stiffness people know, '' where the flexure's law has no one number for it."""
+    axis = one.label.rpartition(" ")[2]
+    law = next((flexure.law for flexure in arm.flexures if flexure.name == one.which.group.of), None)
+    compliance = getattr(law, "compliance", None)
+    if axis not in TWIST_NAMES or not isinstance(compliance, np.ndarray) or compliance.shape != (6, 6):
+        return ""
+    place = TWIST_NAMES.index(axis)
+    value = float(compliance[place, place])
+    if value <= 0.0:
+        return "rigid"
+    factor, prefix = next(((size, prefix) for size, prefix in LARGER if 1.0 / value >= size), (1.0, ""))
+    std = one.std / value / factor
+    return f"{with_std(1.0 / value / factor, std)} {prefix}{STIFF[axis[0]]}"
+
+
+def calibration_account(found: Calibration) -> SimpleNamespace:
+    """Return what the page of a calibrated arm shows."""
+    fit, measurements = found.fit, found.measurements
+    view, used = fit.view, believed(fit)
+    groups, rows = measurements.pose_number[view.rows], view.rows[used]
+    some = np.isin(found.placed.rows, rows)
+    before = errors_of(found.placed, measurements.pose_number[found.placed.rows]).of(some)
+    several = len(np.unique(groups)) > 1
+    now = (
+        Errors(held_out(fit, pose_folds(groups)).squares, groups).of(used)
+        if several
+        else errors_of(view, groups).of(used)
+    )
+    placed = bool(view.readings.of(Position))
+    left = view.residual[:, view.foremost][used] if placed else np.zeros((len(rows), 0))
+    moved = sorted(found.findings, key=lambda one: -abs(one.pull))
+    told = [one for one in found.parameters if one.determined and np.isfinite(one.prior) and one.kind not in FRAMES]
+    most = moved or sorted(told, key=lambda one: -abs(one.pull))[: ON_COVER - 4]
+    rms = (millimetres(one.rms) for one in (before, now))
+    what = "poses held out" if several else "the poses fitted"
+    return SimpleNamespace(
+        title=f"{found.arm.robot.urdf.name}: calibration",
+        headline=f"3-D position error {next(rms)} as declared, {next(rms)} calibrated (RMS, {what})."
+        if placed
+        else "Calibrated; the campaign reads no positions.",
+        lead=f"{len(moved)} parameters were further from their declared values than their priors allow."
+        if moved
+        else "No parameter ended further from its declared value than its prior allows.",
+        cards=_cards(before, now, found),
+        errors=(
+            spread("as declared, the instrument placed", before),
+            spread(f"calibrated, {what}", now),
+            ("noise as stated", millimetres(found.noise_rms), "", ""),
+        ),
+        found=parameter_rows(found.arm, most)[:ON_COVER],
+        found_title="Moved beyond their priors" if moved else "Moved most, against their priors",
+        parameters=parameter_rows(found.arm, found.parameters),
+        points=points(measurements, rows, now, before, left) if placed else [],
+        point_head=POINT_HEAD,
+        undetermined=tuple(
+            (one.name, ", ".join(one.trades_against) or "moves the readings too little") for one in found.undetermined
+        ),
+        by_kind=tuple(
+            (kind.title, *(f"{short(size * SHOWN[kind.unit][1])} {SHOWN[kind.unit][0]}" for size in sizes))
+            for kind, *sizes in found.by_kind
+        ),
+        campaign=facts(found.arm, measurements, f"{len(rows)} of {len(measurements)} rows"),
+        flags=[flag.text for flag in (*found.arm.flags, *measurements.flags, *found.flags)],
+    )
+
+
+def _cards(before: Errors, now: Errors, found: Calibration) -> Table:
+    from armflex.measured.repeats import repeats
+
+    cards = [
+        ("Error as declared", millimetres(before.rms, before.std), "RMS in 3-D, the instrument placed"),
+        ("Error calibrated", millimetres(now.rms, now.std), "the same readings, poses held out"),
+        ("Noise as stated", millimetres(found.noise_rms), "what no model can get below"),
+    ]
+    if found.fit.view.readings.of(Position) and (again := repeats(found.measurements)) is not None:
+        scatter = again.same_approach or again.same_session
+        cards.append(("Scatter of repeats", millimetres(*scatter_rms(scatter)), f"{scatter.groups} sets"))
+    return tuple(cards)
