@@ -15,8 +15,9 @@ from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect, EffectLaw, full
 from armflex.parameters import ArmParameter, of_effect
 
-LARGEST_MOTION = 0.1
-"""RMS of the tip's motion [m] that is expected of a missing effect at most: one standard deviation."""
+LARGEST_MOTION = 0.03
+"""RMS of the tip's motion that is expected of a missing effect at most, by how far the arm reaches: one standard
+deviation. An axis that is off by two degrees somebody sees."""
 
 LOOSE = 2.0
 """Prior standard deviation of the logarithm of an inner parameter about where its search ended."""
@@ -119,12 +120,17 @@ def effect_jacobian(effect: Effect, free: tuple[int, ...], view: View, context: 
     return np.concatenate(jacobian, axis=2)
 
 
+def largest_motion(view: View) -> float:
+    """Return the RMS of the tip's motion that is expected of a missing effect at most [m]; see `LARGEST_MOTION`."""
+    return LARGEST_MOTION * float(np.linalg.norm(view.line.tip[:, :3, 3], axis=1).max())
+
+
 def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
-    """Return (k,) prior standard deviations: amplitudes that move the tip by `LARGEST_MOTION`, inner ones loosely."""
+    """Return (k,) prior standard deviations: amplitudes that move the tip by `largest_motion`, inner ones loosely."""
     jacobian = view.effect_jacobian(effect, context)
     moved = np.array([view.rms(one) for one in jacobian.transpose(2, 0, 1)])
     # What moves nothing stays at zero rather than wander off.
-    amplitudes = np.where(moved > 0.0, LARGEST_MOTION / np.where(moved > 0.0, moved, 1.0), 1e-12)
+    amplitudes = np.where(moved > 0.0, largest_motion(view) / np.where(moved > 0.0, moved, 1.0), 1e-12)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
     searched = [LOOSE if effect.law.inner[i].positive else np.inf for i in free]
     return np.concatenate([amplitudes, searched])

@@ -18,8 +18,8 @@ NEAR = 0.02
 ANYWHERE, FALL = 5.0, 5.0
 """Standard deviation [m] of an anchor that may be anywhere, and how much better one elsewhere must fit to be named."""
 
-ELSEWHERE = 0.05
-"""How far from where it is declared [m] an anchor must be to be somewhere else."""
+ELSEWHERE, BEYOND = 0.05, 3.0
+"""How far from where it is declared [m], and in its standard deviations, an anchor must be to be somewhere else."""
 
 COARSE = 1e-3
 """Standard deviation of a length [m] while nothing else is fitted yet."""
@@ -117,8 +117,9 @@ class Distance(Kind):
         found = self.start(replace(at, sensors={self.name: replace(sensor, std=free)}))
         there = replace(at, sensors={self.name: replace(sensor, found={"": found})})
         off, left = (float(np.median(np.abs(self.residual(one)))) for one in (at, there))
-        if FALL * left < off and np.linalg.norm(found[:3]) > ELSEWHERE:
+        away = np.linalg.norm(found[:3])
+        if FALL * left < off and away > max(ELSEWHERE, BEYOND * float(np.linalg.norm(sensor.std[:3]))):
             place = ", ".join(f"{value:.3g}" for value in sensor.declared[:3] + found[:3])
-            away = f"{np.linalg.norm(found[:3]):.2g} m from the declared one"
-            return f"the lengths fit {off / left:.0f} times better from an anchor at [{place}], {away}"
+            where = f"[{place}], {away:.2g} m from the declared one"
+            return f"the lengths fit {off / left:.0f} times better from an anchor at {where}"
         return None

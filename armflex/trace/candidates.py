@@ -143,6 +143,11 @@ class Bank:
         """(G,) numbers that each candidate takes."""
         return np.array([candidate.parameters for candidate in self.candidates])
 
+    @property
+    def charge(self) -> float:
+        """What it costs to have chosen one law and location among so many: -2 log of the chance of it."""
+        return 2.0 * float(np.log(max(len({(one.law.name, one.location) for one in self.candidates}), 1)))
+
     def group(self, index: int) -> Array:
         """Return the (n, k) columns of one candidate."""
         return candidate_regressors(self.candidates[index], self.fit, self.context)

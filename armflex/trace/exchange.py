@@ -13,11 +13,11 @@ from armflex.estimate.robust import robust_limit
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places
-from armflex.trace.candidates import Candidate, bank, best_per_spot, candidates_of, sift
+from armflex.trace.candidates import Candidate, bank, best_per_spot, candidate_regressors, candidates_of, sift
 from armflex.trace.grow import accepted, settled
 from armflex.trace.polish import Polished, polish, unusual
 from armflex.trace.projection import Projection, evidence, projected, ridge_for
-from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, plainness
+from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, one_by_one, plainness
 from armflex.trace.state import State, add, candidate_of, information, moved_to, stands, without
 
 Spots = frozenset[tuple[str, str]]
@@ -31,6 +31,9 @@ PART = 0.5
 
 PAIRS = 3
 """Pairs that are taken out together."""
+
+SEVERAL = 2
+"""Effects that may come beside the one that takes an effect's place."""
 
 TRIALS, LEAST_TRIALS = 8000, 4
 """Rows times how often effects are taken out at most, and how often at least: each time is a search of its own."""
@@ -135,7 +138,7 @@ def exchanged(state: State) -> tuple[State, ...]:
     return passed if after is None else (*passed, after)
 
 
-def in_place(state: State, indices: Sequence[int], better: Sequence[Polished], margin: float) -> tuple[State, ...]:
+def in_place(state: State, indices: tuple[int, ...], better: Sequence[Polished], margin: float) -> tuple[State, ...]:
     """Return the states without effects, and with the first of some candidates in their place.
 
     None where it cannot stand there, or where the information criterion falls by less than a margin.
@@ -196,26 +199,47 @@ def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
     """Return the states from one without some effects to one with better ones in their place, none where none is.
 
     What is plainer may be a little worse, what bends more must be clearly better; for a pair one effect may come, or
-    another pair.
+    another pair, for one effect several.
     """
     worth, hypotheses = hypotheses_of(state, *indices)
-    first, *others = indices
-    if others:
-        passed = in_place(state, indices, [one for one in hypotheses if one.evidence > PART * worth], -np.inf)
-        now = _information(state, state)
-        if passed and _information(passed[-1], state) >= now:
-            more = accepted(passed[-1], passed[-1].looked)
-            better = more is not None and _information(more, state) < now - PREFERRED
-            passed = (*passed, more) if more is not None and better else ()
-        return passed
     best: tuple[State, ...] = ()
-    own = plainness(candidate_of(state.fitted[first]))
-    for one in [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]:
-        kind = plainness(one.candidate)
-        passed = in_place(state, indices, [one], -TIE if kind < own else TIE if kind == own else PREFERRED)
-        if passed and (not best or _information(passed[-1], state) < _information(best[-1], state)):
-            best = passed
-    return best
+    if len(indices) == 1:
+        own = plainness(candidate_of(state.fitted[indices[0]]))
+        for one in [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]:
+            kind = plainness(one.candidate)
+            passed = in_place(state, indices, [one], -TIE if kind < own else TIE if kind == own else PREFERRED)
+            if passed and (not best or _information(passed[-1], state) < _information(best[-1], state)):
+                best = passed
+    return best or _several_instead(state, indices, worth, [one for one in hypotheses if one.evidence > PART * worth])
+
+
+def _several_instead(
+    state: State, indices: tuple[int, ...], worth: float, better: Sequence[Polished]
+) -> tuple[State, ...]:
+    """Return the states to one with the first of some candidates, and what shows beside it, in place of effects.
+
+    What stands for several causes explains some of each, and hides them from one another: none of them takes its place
+    by itself. None where they explain no more together, as the linear problem says or the fits.
+    """
+    if not better:
+        return ()
+    most = SEVERAL if len(indices) == 1 else 1
+    problem = leave_out(state, *indices)[0]
+    beside = problem.beside(candidate_regressors(better[0].candidate, state.fit, state.context))
+    named = better[0].evidence + sum(one.evidence for one in one_by_one(state.physical, beside, most))
+    if len(indices) == 1 and named < worth + PREFERRED:
+        return ()
+    passed, now = in_place(state, indices, better, -np.inf), _information(state, state)
+    for _ in range(most):
+        if not passed or _information(passed[-1], state) < now:
+            break
+        more = accepted(passed[-1], passed[-1].looked)
+        if more is None:
+            return ()
+        passed = (*passed, more)
+    # What was not the best by itself must be clearly better with others.
+    least = PREFERRED if len(passed) > 2 or len(indices) == 1 else 0.0
+    return passed if passed and _information(passed[-1], state) < now - least else ()
 
 
 def _information(trial: State, state: State) -> float:

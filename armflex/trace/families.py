@@ -38,7 +38,8 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.accept import APART, ENOUGH, MARGIN, Kin, Step, prove
 from armflex.trace.candidates import Candidate, candidate_regressors, grid
 from armflex.trace.polish import Polished
-from armflex.trace.projection import Projection, project, projected
+from armflex.trace.projection import Projection, evidence, project, projected
+from armflex.trace.search import one_by_one
 from armflex.trace.state import State, refit, stands, with_starts
 
 LAWS = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR_HARMONIC, COMPLIANCE)
@@ -51,6 +52,9 @@ LEAST = 0.1
 """Share of the largest shape of a law at any drive below which another's is left out: no load shows no compliance."""
 
 FLIPS, SWEEPS, FEWEST, MOST = 100, 20, 2, 8
+
+STEPS = 6
+"""Effects at most that families compete with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,16 +104,28 @@ def families(state: State) -> list[Family]:
     return found
 
 
-def _worth(family: Family, problem: Projection, noise: float, flipped: Array) -> tuple[float, float, float]:
-    """Return twice a family's log-evidence at its best scale, that scale, and the best for (F, n) flipped residuals."""
-    columns = family.regressors / noise
-    values, axes = np.linalg.eigh(problem.information(columns)[0])
-    own = problem.residual @ columns @ axes
-    chance = (flipped @ columns - (flipped @ problem.half.T) @ (problem.half @ columns)) @ axes
-    variance = SCALES[:, None] ** 2
-    larger = 1.0 + variance * np.maximum(values, 0.0)
-    told = (np.vstack([own, chance]) ** 2) @ (variance / larger).T - np.log(larger).sum(axis=1)
-    return float(told[0].max()), float(SCALES[told[0].argmax()]), float(told[1:].max())
+def _worths(
+    families: Sequence[Family], problem: Projection, noise: float, flipped: Array
+) -> list[tuple[float, float, float]]:
+    """Return twice each family's log-evidence at its best scale, that scale, and the best for (F, n) flipped residuals.
+
+    All columns go through the projection together.
+    """
+    if not families:
+        return []
+    columns = np.concatenate([one.regressors for one in families], axis=1) / noise
+    seen = problem.half @ columns
+    scores = np.vstack([problem.residual, flipped]) @ columns
+    scores[1:] -= (flipped @ problem.half.T) @ seen  # signs other than the fit's own are projected
+    variance, found = SCALES[:, None] ** 2, []
+    ends = np.cumsum([0, *(one.regressors.shape[1] for one in families)]).tolist()
+    for first, last in pairwise(ends):
+        own = columns[:, first:last]
+        values, axes = np.linalg.eigh(own.T @ own - seen[:, first:last].T @ seen[:, first:last])
+        larger = 1.0 + variance * np.maximum(values, 0.0)
+        told = ((scores[:, first:last] @ axes) ** 2) @ (variance / larger).T - np.log(larger).sum(axis=1)
+        found.append((float(told[0].max()), float(SCALES[told[0].argmax()]), float(told[1:].max(initial=-np.inf))))
+    return found
 
 
 def _rescaled(fit: Fit, data: Array, accepted: Sequence[Family], noise: float) -> tuple[list[Family], float]:
@@ -148,10 +164,10 @@ def _refined(family: Family, state: State, problem: Projection, noise: float) ->
         columns = [candidate_regressors(one, state.fit, state.context) for one in members]
         return replace(family, members=members, regressors=np.concatenate(columns, axis=1) * family.unit)
 
-    silence = np.zeros((1, len(problem.residual)))
+    silence = np.zeros((0, len(problem.residual)))
     bounds = (max(inner[0] - step, every[0]), inner[0] + step)
     best: Any = minimize_scalar(
-        lambda value: -_worth(at(value), problem, noise, silence)[0],
+        lambda value: -_worths([at(value)], problem, noise, silence)[0][0],
         bounds=bounds,
         method="bounded",
         options={"xatol": 0.01 * step},
@@ -161,6 +177,9 @@ def _refined(family: Family, state: State, problem: Projection, noise: float) ->
 
 def with_families(state: State, rival: Polished | None) -> State | None:
     """Return the state with every family that the readings speak for, refitted; None where they speak for none.
+
+    What bends at every drive explains some of whatever is missing, so families must be worth more than what can be
+    named, one effect after the other.
 
     Args:
         state: The search so far.
@@ -179,23 +198,42 @@ def with_families(state: State, rival: Polished | None) -> State | None:
         problem = projected(columns / noise, held, data / noise, 0.0, count)
         flipped = problem.residual * signs
         taken = {(one.members[0].law, one.members[0].inner) for one in accepted}
-        worths = []
-        for number, one in enumerate(tried):
-            state.tell(f"{one.members[0].law.name} at every drive", number, len(tried))
-            if (one.members[0].law, one.members[0].inner) not in taken:
-                worths.append((_worth(one, problem, noise, flipped), one))
-        if not worths:
+        competing = [one for one in tried if (one.members[0].law, one.members[0].inner) not in taken]
+        if not competing:
             break
-        (worth, _, _), best = max(worths, key=lambda one: one[0][0])
-        chance = max(one[0][2] for one in worths)
+        state.tell("a law at every drive", len(accepted), 0)
+        worths = _worths(competing, problem, noise, flipped)
+        (worth, _, _), best = max(zip(worths, competing, strict=True), key=lambda one: one[0][0])
+        chance = max(one[2] for one in worths)
         alone = _alone(best, problem, noise) if rival is None or accepted else _evidence(rival, state)
         if worth < max(ENOUGH, chance + MARGIN, alone):
             break
         best = _refined(best, state, problem, noise)
-        worth, scale, _ = _worth(best, problem, noise, flipped[:1])
+        ((worth, scale, _),) = _worths([best], problem, noise, flipped[:0])
         kins.append((worth, chance))
         accepted, noise = _rescaled(fit, data, [*accepted, replace(best, scale=scale)], noise)
-    return _proven(state, accepted, kins, noise) if accepted else None
+    if not accepted:
+        return None
+    if rival is not None:  # to choose among so many costs each of either kind
+        named = [one.evidence - state.physical.charge for one in one_by_one(state.physical, project(fit), STEPS)]
+        together = _together(state, accepted, noise) - 2.0 * len(accepted) * float(np.log(len(tried)))
+        if together < sum(one for one in named if one > 0.0):
+            return None
+    return _proven(state, accepted, kins, noise)
+
+
+def _together(state: State, accepted: Sequence[Family], noise: float) -> float:
+    """Return twice the log-evidence of families together over none, the noise's size as it is found."""
+    fit = state.fit
+    columns = np.concatenate([one.regressors for one in accepted], axis=1)
+    held = np.concatenate([np.full(one.regressors.shape[1], (noise / one.scale) ** 2) for one in accepted])
+    before = project(fit)
+    known = LinearGaussian(before.information(columns)[0]).with_precision(held)
+    score = columns.T @ before.residual
+    gain = float(score @ known.solve(score))
+    return float(evidence(gain, before.objective, before.count, 0)) - float(
+        np.linalg.slogdet(known.information / held)[1]
+    )
 
 
 def _evidence(rival: Polished, state: State) -> float:

@@ -17,7 +17,7 @@ from armflex.rows.rows import POSE
 from armflex.trace.accept import APART, ENOUGH, MARGIN, Step, null_maximum, prove
 from armflex.trace.polish import Polished
 from armflex.trace.search import SHORT, TIE, Round, plainest
-from armflex.trace.state import State, add, information, sorted_out, stands, with_random
+from armflex.trace.state import State, add, information, present, sorted_out, with_random, without
 from armflex.trace.unrecorded import NOTICED, PoseBlock, RandomTwist, as_likely
 
 SOUGHT = 6.0
@@ -69,6 +69,18 @@ def without_far_rows(state: State) -> State | None:
     return None if state.uses(left.rows) else left
 
 
+def possible(state: State) -> State | None:
+    """Return the state without effects that what was found since has made impossible, None where there are none.
+
+    What came first while others were missing made up for them; beside them it would have to be what no machine has.
+    """
+    alone = [unit[0] for unit in state.units if len(unit) == 1]
+    gone = [i for i in alone if not present(state, i)]
+    for i in gone:
+        state.say(f"dropping {state.effects[i].effect.name}, which is impossible beside the others")
+    return without(state, *gone) if gone else None
+
+
 def settled(state: State | None) -> State | None:
     """Return a state with something new after what follows from it: rows may come back, a random twist may go.
 
@@ -97,11 +109,17 @@ def unrecorded(state: State, looked: Round) -> RandomTwist | None:
     if state.random is not None or place is None or place.ratio < NOTICED:
         return None
     best = looked.ranking[0]
-    # So many parameters explain so much of one random twist per pose by chance.
-    chance = min(1.0, best.candidate.parameters / len(set(state.groups.tolist())))
-    share = SHARE + (1.0 - SHARE) * chance
-    is_random = best.gain < share * looked.excess and 2.0 * place.ratio > 1.5 * best.evidence
-    return place if is_random else None
+
+    def little(gain: float, parameters: int) -> bool:
+        # So many parameters explain so much of one random twist per pose by chance.
+        chance = min(1.0, parameters / len(set(state.groups.tolist())))
+        return gain < (SHARE + (1.0 - SHARE) * chance) * looked.excess
+
+    if not little(best.gain, best.candidate.parameters) or 2.0 * place.ratio <= 1.5 * best.evidence:
+        return None
+    gain, told = looked.explained
+    several = not little(gain, sum(one.candidate.parameters for one in looked.together)) and told > 2.0 * place.ratio
+    return None if several else place
 
 
 def _with_twist(state: State, place: RandomTwist) -> State:
@@ -116,6 +134,12 @@ def accepted(state: State, looked: Round, apart: float = APART) -> State | None:
     """
     if apart > APART and not looked.best.candidate.law.physical:
         return None
+    if looked.together:  # greedy order misleads: what explains most beside the others is looked at first
+        first = looked.together[0]
+        null = _beyond_chance(state, looked, first)
+        found = None if null is None else _proven(state, looked, _added(state, [first]), null, apart)
+        if found is not None:
+            return found
     null = _beyond_chance(state, looked, looked.best)
     found = None if null is None else _proven(state, looked, _refitted(state, looked, null), null, apart)
     if found is None and looked.contender is not None and apart == APART:
@@ -172,7 +196,8 @@ def _added(state: State, candidates: Sequence[Polished]) -> list[tuple[Polished,
         state.say(f"refitting with {candidate.effect.name}")
         with contextlib.suppress(ArmflexError):  # an arm that buckles or a fit that does not settle is no answer
             after = add(state, candidate)
-            if stands(after) and after.fit.cost(limit) < state.fit.cost(limit):
+            new = range(len(state.effects), len(after.effects)) or range(len(after.effects))
+            if all(present(after, i) for i in new) and after.fit.cost(limit) < state.fit.cost(limit):
                 found.append((candidate, after))
     return found
 

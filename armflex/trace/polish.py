@@ -180,22 +180,34 @@ def _gives(effect: Effect, fit: Fit, context: Context, present: bool) -> bool:
     some = np.unique(np.linspace(0, len(view.rows) - 1, ROWS).astype(int))
     wrenches, row = view.line.load_at(effect.location.site)[some], context.row.some(view.rows[some])
     own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
-    good = _is_stiff(np.einsum("...ii->...i", own))
-    if law.linear:  # poses may load an axis hardly at all: it does not give more than the others under their loads
-        loads = context.wrenches[effect.location.site].reshape(-1, 2, 3)
-        largest = np.linalg.norm(loads, axis=2).max(axis=0)
-        most = MOST_GIVE * np.array([law.plausible.shift, law.plausible.turn])
-        given = np.abs(np.einsum("rii->ri", own)).reshape(-1, 2, 3)
-        good &= (given.max(axis=2) * largest <= most).all(axis=1)
+    good = _is_stiff(np.abs(np.einsum("...ii->...i", own)))
+    # Poses may load an axis hardly at all: it does not give more than the others under their loads.
+    loads = context.wrenches[effect.location.site].reshape(-1, 2, 3)
+    largest = np.linalg.norm(loads, axis=2).max(axis=0)
+    most = MOST_GIVE * np.array([law.plausible.shift, law.plausible.turn])
+    given = np.abs(np.einsum("rii->ri", own)) * np.repeat(largest, 3)
+    if not law.linear:  # what is saturated gives less
+        given = np.minimum(given, np.abs(bound.twist(np.broadcast_to(np.repeat(largest, 3), given.shape), row)))
+    good &= (given.reshape(-1, 2, 3).max(axis=2) <= most).all(axis=1)
     if law.passive:  # the whole compliance has a positive diagonal, and couplings within it
         total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
         total = np.broadcast_to(total, own.shape) + (0.0 if present else own)
         along = np.einsum("rii->ri", total)
+        if not law.linear:  # a polynomial's slope turns around long before its twist does
+            features = law.features(effect.location, effect.inner, view, context)[some]
+            twists, loaded = np.einsum("mkn,k->mn", features, effect.acting), np.abs(wrenches) > 0.0
+            slopes = np.divide(twists, wrenches, where=loaded, out=np.zeros_like(wrenches))
+            along = along + np.where(loaded, slopes - np.einsum("rii->ri", own), 0.0)
+        declared = resolve(effect.location, arm.robot, fit.declared.arm.modelled).base_law
+        if not (present or declared is None or here.base_law is None):
+            # While a law is missing calibration bends the compliance to make up for it: it had more before.
+            more = declared.tangent(wrenches, row) - here.base_law.tangent(wrenches, row)
+            along = along + np.maximum(np.einsum("...ii->...i", more), 0.0)
         held = np.maximum(along, 0.0)
         # While a coupling is missing calibration bends the two compliances to make up for it.
         slack = 1.0 if bound.here.base_law is None else SLACK
         root = np.sqrt(held)
-        coupled = np.abs(0.5 * (total + total.transpose(0, 2, 1))) - np.abs(along)[:, :, None] * np.eye(6)
+        coupled = np.abs(0.5 * (total + total.transpose(0, 2, 1))) * (1.0 - np.eye(6))
         least = 1e-9 * np.abs(total).max(axis=(1, 2), keepdims=True)
         against = np.maximum(-along, 0.0).sum(axis=0)
         if (against > AGAINST * held.sum(axis=0) + 1e-9 * np.abs(along).sum()).any():

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.effect_block import LARGEST_MOTION
+from armflex.estimate.effect_block import largest_motion
 from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import LinearGaussian
 
@@ -25,15 +25,17 @@ class Projection:
     Attributes:
         regressors: (n, P) whitened and weighted columns of the fitted parameters.
         precision: (P,) prior precision.
-        residual: (n,) whitened and weighted residual at the most probable values.
+        data: (n,) readings that the columns are to explain, whitened and weighted.
+        residual: (n,) what the most probable values leave of them.
         objective: Sum of squares of residual and prior deviations.
         ridge: Prior precision of a candidate's amplitudes, relative to the square of its column: an effect that would
-            have to move the tip by more than `LARGEST_MOTION` to be seen is not believed.
+            have to move the tip by more than `largest_motion` to be seen is not believed.
         count: Number of readings; places of orientations that were not read are zero in everything, and none.
     """
 
     regressors: Array
     precision: Array
+    data: Array
     residual: Array
     objective: float
     ridge: float
@@ -59,6 +61,11 @@ class Projection:
         whole = regressors.T @ regressors
         return whole - seen.T @ seen, np.diag(whole)
 
+    def beside(self, regressors: Array) -> Projection:
+        """Return the projection where the amplitudes of (n, k) columns are fitted, too."""
+        held = np.append(self.precision, self.ridge * (regressors**2).sum(axis=0))
+        return projected(np.hstack([self.regressors, regressors]), held, self.data, self.ridge, self.count)
+
     def gain(self, regressors: Array) -> tuple[float, Array]:
         """Return what (n, k) columns lower the objective by together, and their (k,) amplitudes."""
         inside, whole = self.information(regressors)
@@ -76,7 +83,7 @@ def project(fit: Fit) -> Projection:
 def ridge_for(fit: Fit) -> float:
     """Return the `ridge` of a fit's projections."""
     sigma = fit.view.sigma[:, fit.view.foremost]
-    return float((sigma[np.isfinite(sigma)] ** 2).mean()) / LARGEST_MOTION**2 / len(fit.view.rows)
+    return float((sigma[np.isfinite(sigma)] ** 2).mean()) / largest_motion(fit.view) ** 2 / len(fit.view.rows)
 
 
 def projected(regressors: Array, precision: Array, data: Array, ridge: float, count: int) -> Projection:
@@ -84,7 +91,7 @@ def projected(regressors: Array, precision: Array, data: Array, ridge: float, co
 
     A fit stops a little short of it, and along what only priors hold a little is enough to mimic a gain.
     """
-    rough = Projection(regressors, precision, data, 0.0, ridge, count)
+    rough = Projection(regressors, precision, data, data, 0.0, ridge, count)
     values = rough.absorbed(data)
     residual = data - regressors @ values
     objective = float(residual @ residual + (precision * values**2).sum())

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import permutations
 
 import numpy as np
@@ -14,18 +15,20 @@ from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import EffectLaw
 from armflex.laws.effects.location import LINK, Location
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, candidate_columns
+from armflex.trace.accept import ENOUGH
 from armflex.trace.candidates import (
     Bank,
     Candidate,
     Sifted,
     bank,
     best_per_spot,
+    candidate_regressors,
     candidates_of,
     grid,
     sift,
 )
 from armflex.trace.polish import Polished, polish, sensible
-from armflex.trace.projection import Projection, project
+from armflex.trace.projection import Projection, evidence, project
 from armflex.trace.unrecorded import RandomTwist, localise
 
 REFINED = 14
@@ -60,6 +63,12 @@ ALIKE = 0.05
 
 TRIED_FIRST = 0.25
 """Share of the best evidence from which a plain law is tried first."""
+
+TOGETHER, SWEEPS = 6, 3
+"""Effects at most that are sought together, and how often each is sought again beside the others."""
+
+MOST = 0.8
+"""Share of the excess that one effect explains where hardly anything else is missing."""
 
 MUCH = 0.6
 """Share of the excess that a candidate must explain for products not to be tried."""
@@ -115,6 +124,26 @@ class Round:
     def excess(self) -> float:
         """How much there is to be explained beyond the noise."""
         return self.projection.objective - self.projection.count
+
+    @cached_property
+    def together(self) -> tuple[Polished, ...]:
+        """Effects that explain most together, each beside the others, the best first; none where one explains most."""
+        if not self.ranking or max(one.gain for one in self.ranking) > MOST * self.excess:
+            return ()
+        found = together(self.sifted[0].bank, self.projection, TOGETHER)
+        return tuple(found) if len(found) > 1 else ()
+
+    @cached_property
+    def explained(self) -> tuple[float, float]:
+        """How much those explain together, and their evidence when each is charged for having been chosen."""
+        bank, projection = self.sifted[0].bank, self.projection
+        if not self.together:
+            return 0.0, -np.inf
+        chosen = [one.candidate for one in self.together]
+        columns = np.hstack([candidate_regressors(one, bank.fit, bank.context) for one in chosen])
+        gain, count = projection.objective - projection.beside(columns).objective, sum(one.parameters for one in chosen)
+        told = float(evidence(gain, projection.objective, projection.count, count))
+        return gain, told - len(chosen) * bank.charge
 
     @property
     def could(self) -> bool:
@@ -219,6 +248,51 @@ def searched(sifted: Sifted, fit: Fit, context: Context, most: int) -> Round:
     """Return the round of some candidates alone, the best for every law and location that is possible, none refined."""
     found = _possible(sifted, fit, context, most, most)
     return Round(sifted.projection, (sifted,), (), tuple(found), _plain(context))
+
+
+def one_by_one(named: Bank, problem: Projection, most: int) -> Iterator[Polished]:
+    """Yield the effects of a bank that explain most, each beside those before, with what it explains beside them.
+
+    None is refined, and one is the last that is worth no more than what it is charged for.
+    """
+    for _ in range(most):
+        found = _possible(sift(named, problem), named.fit, named.context, LOOKED_AT, 1)
+        if not found or found[0].evidence <= 0.0:
+            return
+        yield found[0]
+        problem = problem.beside(candidate_regressors(found[0].candidate, named.fit, named.context))
+
+
+def together(named: Bank, problem: Projection, most: int) -> list[Polished]:
+    """Return the effects of a bank that explain most together, each refined beside the others, the best first.
+
+    Greedy order misleads where several causes are missing: what explains some of each comes first and hides them. So
+    whenever one more has been taken, each of them is sought again beside the others (Efroymson 1960, with exchanges).
+    """
+    fit, context, chosen = named.fit, named.context, list[Candidate]()
+
+    def beside(some: Sequence[Candidate]) -> Projection:
+        return problem.beside(np.hstack([candidate_regressors(one, fit, context) for one in some])) if some else problem
+
+    def best_beside(some: Sequence[Candidate], own: Candidate | None = None) -> Candidate | None:
+        left = beside(some)
+        found = _possible(sift(named, left), fit, context, LOOKED_AT, SHORT)
+        if own is None:
+            return preferred(found).candidate if found and found[0].evidence >= ENOUGH else None
+        gain = left.gain(candidate_regressors(own, fit, context))[0]
+        worth = float(evidence(gain, left.objective, left.count, own.parameters))
+        return preferred(found).candidate if found and found[0].evidence > worth + TIE else own
+
+    while len(chosen) < most and (one := best_beside(chosen)) is not None:
+        chosen.append(one)
+        for _ in range(SWEEPS):
+            before = list(chosen)
+            for i in range(len(chosen)):
+                chosen[i] = best_beside([*chosen[:i], *chosen[i + 1 :]], chosen[i]) or chosen[i]
+            if chosen == before:
+                break
+    found = [polish(one, fit, context, beside([other for other in chosen if other is not one])) for one in chosen]
+    return sorted(found, key=lambda one: -one.evidence)
 
 
 def _plain(context: Context) -> frozenset[str]:

@@ -349,8 +349,12 @@ def candidate_of(effect: Effect) -> Candidate:
     return Candidate(effect.law, effect.location, effect.inner)
 
 
+def present(state: State, index: int) -> bool:
+    """Return whether an effect is still possible with what the fit made of it."""
+    effect = state.fitted[index]
+    return sensible(candidate_of(effect), effect.acting, state.fit, state.context, present=True)
+
+
 def stands(state: State) -> bool:
     """Return whether every effect is still possible with what the fit made of it."""
-    return all(
-        sensible(candidate_of(effect), effect.acting, state.fit, state.context, present=True) for effect in state.fitted
-    )
+    return all(present(state, index) for index in range(len(state.fitted)))

@@ -17,7 +17,7 @@ from armflex.rows.rows import POSE
 from armflex.trace.accept import Step, prove
 from armflex.trace.candidates import Candidate, grid
 from armflex.trace.exchange import exchanged
-from armflex.trace.grow import grown, set_aside, settled, unrecorded
+from armflex.trace.grow import grown, possible, set_aside, settled, unrecorded
 from armflex.trace.polish import polish, unusual
 from armflex.trace.projection import evidence, project
 from armflex.trace.state import State, add, begin, with_random
@@ -37,6 +37,36 @@ def test_every_cause_that_shows_is_named(count, seed, arm):
     found = score(f"{count} effects", seed, arm, 1.0)
     assert set(found.named) <= {"exact", "hidden"} and found.named.count("exact") >= 2, found
     assert found.false == 0 and found.after < 1.1 * found.floor, found
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "arm"),
+    [
+        ("stiffening", 1002, "six"),  # hardens by more than what calibration leaves of the joint's compliance
+        ("stiffening", 1003, "boom"),  # its slope turns around before its twist does
+        ("tracker_scale", 1002, "boom"),  # 0.4 mm in a metre
+    ],
+)
+def test_what_machines_may_have_is_possible(kind, seed, arm):
+    found = score(kind, seed, arm, 1.0)
+    assert found.verdict == "exact" and found.after < 1.06 * found.floor, found
+
+
+@pytest.mark.slow
+def test_causes_are_sought_together_and_what_they_make_impossible_goes(tmp_path):
+    """One by one a softening joint comes at the wrong place, and then moved links instead of the instrument's scale."""
+    truth = draw("6 effects", 9101, "six").write(tmp_path)
+    arm = load_arm(truth.arm)
+    state = begin(calibrate(arm, read_measurements(truth.train, arm), as_stated=True))
+    found = {one.candidate.spot: one for one in state.looked.together}
+    assert {("tracker_scale", "base"), ("umbilical", "link:J5"), ("creep", "J2"), ("compliance", "J5")} <= {*found}
+    assert state.looked.explained[0] > 0.8 * state.looked.excess
+    for spot in (("thermal_softening", "J1"), ("tracker_scale", "base"), ("umbilical", "link:J5")):
+        assert possible(state) is None
+        state = add(state, next(one for one in state.looked.together if one.candidate.spot == spot))
+    left = possible(state)
+    assert left is not None and [one.law.name for one in left.fitted] == ["tracker_scale", "umbilical"]
+    assert ("thermal_softening", "J2") in {one.candidate.spot for one in left.looked.together}
 
 
 def calibrated(kind: str, folder: Path) -> State:

@@ -2,17 +2,28 @@
 
 import numpy as np
 
-from armflex.laws.effects.context import AXES
+from armflex.laws.effects.context import AXES, Records
 from armflex.laws.effects.effect import Amplitude, LoadLaw, Plausible, Words
-from armflex.laws.effects.location import TOOL
+from armflex.laws.effects.location import TOOL, Location
 from armflex.laws.effects.shapes import singly_and_together
+
+ALONG = 0.999
+"""Cosine to gravity from which an axis is along it: two degrees, less than anybody knows of a pull."""
+
+
+def _places(records: Records) -> list[Location]:
+    """Return the axes alone and together, without one along gravity alone: a force that is always down is a mass."""
+    down = records.robot.gravity / max(float(np.linalg.norm(records.robot.gravity)), 1e-9)
+    places = singly_and_together((TOOL,), (0, 1, 2), axes=AXES[:3])
+    return [one for one in places if one.axis is None or abs(down[AXES.index(one.axis)]) < ALONG]
+
 
 TIP_FORCE = LoadLaw(
     name="tip_force",
     words=Words("tip force", "something pulls at the tip", "constant force"),
     instead="measure again with whatever pulls on the tool taken off",
     plausible=Plausible(0.35, 0.35, "what pulls as strongly as the arm weighs is known"),
-    places=lambda records: singly_and_together((TOOL,), (0, 1, 2), axes=AXES[:3]),
+    places=_places,
     amplitudes=tuple(Amplitude(f"f{axis}", "N") for axis in "xyz"),
     pull=lambda here, pose, inner: np.broadcast_to(np.eye(3, 6), (*pose.shape[:-2], 3, 6)),
 )

@@ -150,6 +150,20 @@ def test_units_of_such_a_file_are_asked_about(tmp_path: Path, change: tuple[str,
         calibrate(loaded, read_measurements(rows, loaded))
 
 
+def test_a_wire_of_which_little_is_known_and_that_was_moved_is_suspected_of_that(tmp_path: Path) -> None:
+    """Not of standing elsewhere: its anchor is where it may well be."""
+    arm = wire_file.declared(tmp_path)
+    rows = wire_file.write(tmp_path / "rows.csv", wire_file.positions(120, 0), 7)
+    head, *lines = (line.split(",") for line in rows.read_text().splitlines())
+    for line in lines[50:]:
+        line[-1] = f"{float(line[-1]) + 30.0}"
+    rows.write_text("\n".join(",".join(line) for line in [head, *lines]) + "\n")
+    loaded = load_arm(arm)
+    found = calibrate(loaded, read_measurements(rows, loaded))
+    flag = next(flag for flag in found.flags if flag.code == "instrument_moved")
+    assert "rows.csv:52" in flag.text
+
+
 def test_headers_may_have_their_unit_in_brackets(tmp_path: Path) -> None:
     arm = load_arm(wire_file.declared(tmp_path))
     rows = wire_file.write(tmp_path / "rows.csv", wire_file.positions(20, 0), 7)

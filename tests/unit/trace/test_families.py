@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.campaigns import draw
 from support.public_campaigns import public
 
-from armflex import predict
+from armflex import load_arm, predict, read_measurements
 from armflex.estimate.calibrate import calibrate
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
 from armflex.trace.families import with_families
-from armflex.trace.state import State, begin
+from armflex.trace.state import State, add, begin
 
 SIGMA = 1e-4
 
@@ -56,6 +57,17 @@ def test_a_little_at_every_drive_is_a_family(ur5) -> None:
 
 def test_noise_is_no_family(ur5) -> None:
     assert with_families(measured(ur5, {}), None) is None
+
+
+def test_what_several_causes_leave_is_no_family(tmp_path) -> None:
+    """A drive's scale, a pull and a drift: bending at every drive explains much of them, and each by itself more."""
+    truth = draw("4 effects", 9101, "six").write(tmp_path)
+    arm = load_arm(truth.arm)
+    state = begin(calibrate(arm, read_measurements(truth.train, arm), as_stated=True))
+    for law, axis in (("tip_force", None), ("base_drift", "rz")):
+        named = [one for one in state.looked.ranking if one.candidate.law.name == law]
+        state = add(state, next(one for one in named if one.candidate.location.axis == axis))
+    assert with_families(state, state.looked.best) is None
 
 
 def test_much_at_one_drive_is_no_family(ur5) -> None:

@@ -15,6 +15,7 @@ from support.stage import few
 from armflex import load_arm, predict, read_measurements, trace
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import MissingCovariateError
+from armflex.estimate.effect_block import LARGEST_MOTION, amplitude_prior
 from armflex.estimate.fit import moved
 from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw, Location
@@ -134,6 +135,28 @@ def test_hysteresis_is_no_softer_than_a_joint_can_be(before, axis, softest):
     for side in (1.0, -1.0):
         assert is_sensible(state, play, side * 0.99 * SOFT * softest)
         assert not is_sensible(state, play, side * 1.01 * SOFT * softest)
+
+
+def test_a_joint_gives_no_more_against_its_load_than_along_it(before):
+    """Friction holds a drive wound up by hundredths of what winds it, not by a turn under the largest load nearby."""
+    windup = candidate_of(before, "friction_windup", "J1", "rz", (1,))
+    loads = np.linalg.norm(before.context.wrenches["J1"][:, 3:], axis=1)
+    for side in (1.0, -1.0):
+        assert is_sensible(before, windup, side * 0.01 / loads.max())
+        assert not is_sensible(before, windup, side * 0.5 / loads.max())
+
+
+def test_how_large_an_effect_may_be_goes_by_the_size_of_the_arm(before):
+    view, play = before.fit.view, candidate_of(before, "backlash", "J3", "ry").effect(np.array([1e-3]))
+    reach = np.linalg.norm(view.line.tip[:, :3, 3], axis=1).max()
+    (prior,) = amplitude_prior(play, (), view, before.context)
+    moved = view.rms(view.effect_jacobian(play, before.context)[:, :, 0])
+    assert prior * moved == pytest.approx(LARGEST_MOTION * reach)
+
+
+def test_a_force_that_is_always_down_is_a_mass(before):
+    places = CATALOGUE["tip_force"].places(before.context.records)
+    assert [one.axis for one in places] == ["dx", "dy", None]
 
 
 def test_what_is_positive_by_nature_is_not_negative(before):
