@@ -114,11 +114,15 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         print_table(f"What these data cannot determine{more}", columns, cells)
     if not found.fit.blocks:
         say("Nothing was fitted: [prior] frees nothing.")
-    if found.scatter > SCATTERED:
-        say(
-            f"The readings scatter {found.scatter:.2g} times as much as stated, and were weighed by that: something is "
-            "missing, which what was fitted may make up for. `armflex trace` looks for it."
-        )
+    scatters, several = found.fit.scatters, len(found.fit.scatters) > 1
+    names = dict.fromkeys(kind.name or "the tracker" for kind in found.fit.view.readings.kinds)
+    for name, scatter in zip(names, scatters, strict=True):
+        if scatter > SCATTERED:
+            whose = f"The readings of {name}" if several else "The readings"
+            say(
+                f"{whose} scatter {scatter:.2g} times as much as stated, and were weighed by that: something is "
+                "missing, which what was fitted may make up for. `armflex trace` looks for it."
+            )
     for outlier in found.outliers[:5]:
         unit, factor = SHOWN[outlier.unit]
         by = f" by {outlier.instrument}" if outlier.instrument else ""

@@ -21,7 +21,7 @@ from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
-from armflex.estimate.instrument_checks import moved, suspected
+from armflex.estimate.instrument_checks import beyond_priors, moved, suspected, wrong_sigma
 from armflex.estimate.law_block import law_block
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, without_positions
@@ -121,19 +121,25 @@ class Calibration(Result):
     def by_kind(self) -> tuple[tuple[Kind, float, float, float], ...]:
         """Every kind of readings with its RMS in its unit: as declared, calibrated, and what the stated noise gives."""
         view, placed = self.fit.view, self.placed
-        stated = view.readings.by_kind(view.sigma / self.weighed)
+        stated = view.readings.by_kind(self.fit.stated)
         parts = placed.readings.by_kind(placed.residual), view.readings.by_kind(view.residual), stated
         return tuple((one[0], one[1], two[1], three[1]) for one, two, three in zip(*parts, strict=True))
 
     @property
     def weighed(self) -> float:
-        """Factor on the stated noise by which the fit weighed the readings: 1, more where they scatter more."""
-        return self.fit.factor
+        """Largest factor on an instrument's stated noise in the fit: 1, more where its readings scatter more."""
+        return max(self.fit.factors, default=1.0)
 
     @property
     def scatter(self) -> float:
-        """Standard deviation of the readings over the stated one, if what is left of them is nothing else."""
-        return self.weighed * self.fit.noise
+        """Standard deviation of the readings over the stated one, if what is left of them is nothing else.
+
+        Of several instruments it is the RMS of their own.
+        """
+        if len(self.fit.scatters) == 1:
+            return self.fit.scatters[0]
+        squares, freedom = np.square(self.fit.scatters), [own for _, own in self.fit.noises]
+        return float(np.sqrt(np.average(squares, weights=freedom)))
 
     @cached_property
     def parameters(self) -> tuple[FittedParameter, ...]:
@@ -237,13 +243,19 @@ def calibrate(
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
     calibrated = replace(with_posteriors(found.setup.arm, found), **known)
     errors = _held_out(placed, found, measurements)
+    judgement: tuple[Flag, ...] = ()
+    if judged:
+        judgement = tuple(moved(found, measurements, about))
+        judgement = (*judgement, *wrong_sigma(found, (*about, *judgement)))
     flags = (
         *derived,
         *about,
         *(_apart(declared) if declared.arm.measurement.frame != "base" else ()),
         *flags,
-        *(moved(found, measurements) if judged else ()),
-        *_worse(errors, found.view.readings.unit),
+        *judgement,
+        *beyond_priors(found),
+        # Of an instrument that was moved, or is not what it is said to be, that is said already.
+        *(() if about or judgement else _worse(errors, found.view.readings.unit)),
     )
     return Calibration(calibrated, found, placed.view, measurements, flags, errors)
 
@@ -266,7 +278,7 @@ def _fit(
         some = np.sort(np.random.default_rng(0).choice(used, len(used) // SOME, replace=False))
         with contextlib.suppress(ArmflexError):  # they may be too few
             first = _fit(declared, blocks, weighed, some, rounds, progress, begun)
-            start, weighed = first.values, replace(weighed, factor=first.factor)
+            start, weighed = first.values, replace(weighed, factors=first.factors)
     elif begun is not None:
         known = dict(zip(begun.parameters, begun.values.tolist(), strict=True))
         known = {one: value for one, value in known.items() if one.group.kind is ParameterKind.SENSOR}
@@ -277,7 +289,7 @@ def _fit(
         if better.close_to(weighed):
             break
         weighed, found = better, fit(declared, blocks, better.measurements, used, found.values, progress)
-    return replace(found, factor=weighed.factor)
+    return replace(found, factors=weighed.factors)
 
 
 def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:

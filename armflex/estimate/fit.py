@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
 
 import numpy as np
 
@@ -84,7 +85,7 @@ class Fit:
         history: Objective after each step.
         left: Fall of the cost that was still to be had where the steps ended unsettled, over that which noise as stated
             would make of 1; 0 where they settled.
-        factor: On the stated standard deviations of the readings that were fitted.
+        factors: (G,) on the stated standard deviations of what each instrument read; none where all are 1.
     """
 
     declared: Setup
@@ -94,7 +95,7 @@ class Fit:
     weights: Array
     history: tuple[float, ...]
     left: float = 0.0
-    factor: float = 1.0
+    factors: tuple[float, ...] = ()
 
     @property
     def setup(self) -> Setup:
@@ -152,14 +153,46 @@ class Fit:
         within = self.residual * np.sqrt(self.weights.ravel())
         return float(np.sqrt(within @ within / self.freedom))
 
+    @cached_property
+    def scatters(self) -> tuple[float, ...]:
+        """(G,) standard deviation of what each instrument read over the stated one, if the residual is nothing else."""
+        factors = self.factors or (1.0,) * len(self.view.readings.groups)
+        return tuple(factor * noise for factor, (noise, _) in zip(factors, self.noises, strict=True))
+
+    @cached_property
+    def noises(self) -> tuple[tuple[float, float], ...]:
+        """(G, 2) of each instrument: `noise` of what it read alone, and its share of `freedom`.
+
+        What is fitted to it is the trace of its part of the hat matrix.
+        """
+        groups = self.view.readings.groups
+        if len(groups) == 1:
+            return ((self.noise, self.freedom),)
+        within = (self.residual * np.sqrt(self.weights.ravel())).reshape(self.view.residual.shape)
+        columns, found = self.regressors.reshape(*self.view.residual.shape, -1), []
+        for place in groups:
+            own = columns[:, place].reshape(-1, columns.shape[2])
+            taken = float((self._as_stated.covariance * (own.T @ own)).sum())
+            freedom = max(float(np.isfinite(self.view.sigma[:, place]).sum()) - taken, 1.0)
+            found.append((float(np.sqrt((within[:, place] ** 2).sum() / freedom)), freedom))
+        return tuple(found)
+
+    @property
+    def stated(self) -> Array:
+        """(M, d) standard deviation of each number as it was stated, in its unit."""
+        found = self.view.sigma.copy()
+        for place, factor in zip(self.view.readings.groups, self.factors, strict=False):
+            found[:, place] /= factor
+        return found
+
     @property
     def misfit(self) -> float:
         """Standard deviation of each coordinate [m] beyond the stated one, where readings had to be weighed by it."""
-        scatter = self.factor * self.noise
-        if self.factor == 1.0 or scatter <= 1.0 or self.view.readings.unit != "m":
+        if not self.factors or self.view.readings.unit != "m":
             return 0.0
         each = Position.dimension if self.view.readings.of(Position) else 1
-        return self.view.rms(self.view.sigma) / self.factor * float(np.sqrt((scatter**2 - 1.0) / each))
+        beyond = (self.noise * self.view.rms(self.view.sigma)) ** 2 - self.view.rms(self.stated) ** 2
+        return float(np.sqrt(max(beyond, 0.0) / each))
 
     @cached_property
     def posterior(self) -> LinearGaussian:
@@ -197,27 +230,34 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Readings with a factor on their stated standard deviations, 1 or more."""
+    """Readings with (G,) factors on the stated standard deviations of every instrument, 1 or more; none is 1 of all.
+
+    Each is weighed by its own scatter: one that states too little would else make all others count less.
+    """
 
     stated: Measurements
-    factor: float = 1.0
+    factors: tuple[float, ...] = ()
 
     @cached_property
     def measurements(self) -> Measurements:
         """The readings with these standard deviations."""
-        if self.factor == 1.0:
+        if not self.factors:
             return self.stated
-        return replace(self.stated, readings=self.stated.readings.scaled(self.factor))
+        return replace(self.stated, readings=self.stated.readings.scaled(*self.factors))
 
     def again(self, found: Fit) -> Weighed:
         """Return the readings weighed by how they scatter about a fit to these."""
-        scatter, spread = self.factor * found.noise, 2.0 / (9.0 * found.freedom)
-        by_chance = scatter ** (2.0 / 3.0) <= 1.0 - spread + CHANCE * np.sqrt(spread)
-        return replace(self, factor=1.0 if by_chance else max(scatter, 1.0))
+        factors = []
+        for before, (noise, freedom) in zip(self.factors or (1.0,) * len(found.noises), found.noises, strict=True):
+            scatter, spread = before * noise, 2.0 / (9.0 * freedom)
+            by_chance = scatter ** (2.0 / 3.0) <= 1.0 - spread + CHANCE * np.sqrt(spread)
+            factors.append(1.0 if by_chance else max(float(scatter), 1.0))
+        return replace(self, factors=tuple(factors) if max(factors, default=1.0) > 1.0 else ())
 
     def close_to(self, other: Weighed) -> bool:
         """Return whether nothing is gained by one after the other."""
-        return abs(np.log(self.factor / other.factor)) <= EVEN
+        pairs = zip_longest(self.factors, other.factors, fillvalue=1.0)
+        return all(abs(np.log(one / before)) <= EVEN for one, before in pairs)
 
 
 def prior_of(blocks: Sequence[Block]) -> Array:

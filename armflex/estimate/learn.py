@@ -104,7 +104,7 @@ def fit_learning(
     if change >= SETTLED:
         text = f"how large couplings and corrections are still changed by {np.expm1(change):.0%} after {ROUNDS} fits"
         flags.append(Flag("unsettled", text))
-    return replace(found, factor=weighed.factor), tuple(flags)
+    return replace(found, factors=weighed.factors), tuple(flags)
 
 
 def with_posteriors(arm: Arm, found: Fit) -> Arm:

@@ -286,16 +286,22 @@ def _misfit(
     coarse = np.maximum(stated, COARSE * size)
     fine[np.isinf(stated)] = np.inf
     start = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
-    ratio, rest = _explained(jacobian / fine[:, :, None], precision, residual / fine, start)
-    wide = _explained(jacobian / coarse[:, :, None], precision, residual / coarse, start)[0] if in_general else ratio
+    ratio, rest, _ = explained(jacobian / fine[:, :, None], precision, residual / fine, start)
+    wide = explained(jacobian / coarse[:, :, None], precision, residual / coarse, start)[0] if in_general else ratio
     left = float(np.median(np.linalg.norm(np.where(np.isinf(fine), 0.0, rest * fine), axis=1)))
     placed_off = float(np.sqrt(np.median((residual**2).sum(axis=1))))
     free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
     return _Misfit(ratio, wide, placed_off, left, reach, free)
 
 
-def _explained(jacobian: Array, precision: Array, residual: Array, start: Array) -> tuple[float, Array]:
-    """Return the misfit of (M, n) whitened residuals, and what is left of them; lost beams count less.
+def explained(jacobian: Array, precision: Array, residual: Array, start: Array) -> tuple[float, Array, Array]:
+    """Return the misfit of (M, n) whitened residuals, what is left of them, and the (P,) values; lost beams count less.
+
+    Args:
+        jacobian: (M, n, P) whitened change of the readings per unit of a parameter.
+        precision: (P,) prior precisions, 0 where nothing was known.
+        residual: (M, n) whitened residuals.
+        start: (P,) values at which they are.
 
     The priors are about values that are (P,) `start` less than those at which the residuals are.
     """
@@ -311,7 +317,7 @@ def _explained(jacobian: Array, precision: Array, residual: Array, start: Array)
         length = np.linalg.norm(left, axis=1)
         weights = np.minimum(1.0, 3.0 * max(float(np.median(length)), 1e-9) / np.maximum(length, 1e-300)) ** 2
     misfit = (weights[:, None] * left**2).sum() / (residual.shape[1] * weights.sum())
-    return float(misfit + (precision * (values + start) ** 2).sum() / residual.size), left
+    return float(misfit + (precision * (values + start) ** 2).sum() / residual.size), left, values + start
 
 
 def _tips(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 
 from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
-from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
+from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, UNITS, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
 from armflex.measured.data_flags import (
     check_joint_units,
@@ -212,7 +212,7 @@ def read_measurements(
         if kind.unit == "m":
             read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & found.measured)
             check_one_unit(kind.values, read, found.places, kind.columns(kind.name) if kind.name else POSITION)
-    flags += (*table_flags(table, found), *_sensor_flags(found, arm), *force_flags(found, arm))
+    flags += (*table_flags(table, found), *_sensor_flags(found, arm, table), *force_flags(found, arm))
     flags += () if found.measured.any() else unit_flags(table, arm)  # else readings tell, when the arm is fitted
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
@@ -418,13 +418,21 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
     return tuple(found)
 
 
-def _sensor_flags(found: Measurements, arm: Arm) -> Iterator[Flag]:
+def _sensor_flags(found: Measurements, arm: Arm, table: Table) -> Iterator[Flag]:
     """Yield flags about instruments that nothing was read of, and about columns that look like one's."""
-    read = {kind.name for kind in found.readings.kinds}
+    read = {kind.name: bool(np.isfinite(kind.sigma).all(axis=1).any()) for kind in found.readings.kinds}
     for name, sensor in arm.sensors.items():
-        if name not in read:
-            columns = listing(sensor.kind.columns(name))
-            yield Flag("instrument_unread", f"[instrument.{name}] is declared, and no column reads it ({columns})")
+        columns = sensor.kind.columns(name)
+        if name in read and not read[name]:
+            text = f"[instrument.{name}] is declared, and its columns are empty in every row"
+            yield Flag("instrument_unread", f"{text} ({listing(columns)})")
+        elif name not in read:
+            # A column that nothing knows, in this kind's units, may be meant.
+            known, headers = UNITS[sensor.kind.quantity], [table.columns[one] for one in found.covariates]
+            like = [one.header for one in headers if one.unit in known or one.header.rpartition("_")[2] in known]
+            hint = f", did you mean {like[0]!r}?" if len(columns) == 1 and len(like) == 1 else ""
+            text = f"[instrument.{name}] is declared, and no column reads it ({listing(columns)})"
+            yield Flag("instrument_unread", text + hint)
     for name in found.covariates:
         base, _, axis = name.rpartition("_")
         if axis == "x" and base and f"{base}_y" in found.covariates:

@@ -48,13 +48,3 @@ class Acceleration(Kind):
         return np.concatenate(
             [skew(felt) @ changes, one, (felt / (1.0 + at.of(self.name, "scale")))[:, :, None]], axis=2
         )
-
-    def implausible(self, at: Postures) -> str | None:
-        sensor, read, predicted = at.sensors[self.name], self.values, self.predicted(at)
-        size = float(np.median(np.linalg.norm(read, axis=1)))
-        if 0.8 < size < 1.25:
-            return "its numbers are as long as 1, not as gravity: in g, not m/s^2? (write the unit into the header)"
-        far, opposite = (float(np.median(np.linalg.norm(sign * read - predicted, axis=1))) for sign in (1.0, -1.0))
-        if 5.0 * opposite < far:
-            return f"it reads the opposite: write {OPPOSITE[sensor.sign < 0.0]} into its declaration"
-        return None

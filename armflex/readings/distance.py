@@ -103,13 +103,6 @@ class Distance(Kind):
         found[free] = min(ends, key=lambda end: end.cost).x
         return found
 
-    def implausible(self, at: Postures) -> str | None:
-        ratio = float(np.median(self.values) / max(np.median(self.predicted(at)), 1e-9))
-        for unit, factor in (("mm", 1e3), ("cm", 1e2), ("inches", 39.37)):
-            if abs(np.log(ratio / factor)) < 0.3:
-                return f"lengths are {factor:g} times the arm's: in {unit}, not m? (write the unit into the header)"
-        return None
-
     def elsewhere(self, at: Postures) -> str | None:
         sensor = at.sensors[self.name]
         # Wherever the anchor may be, its zero as declared.

@@ -57,24 +57,3 @@ class Inclination(Kind):
 
     def readable(self, at: Postures) -> np.ndarray:
         return np.all(np.abs(self._tilts(at)[0]) < STEEPEST, axis=1)
-
-    def implausible(self, at: Postures) -> str | None:
-        read, predicted = self.values, self.predicted(at)
-        left = _scatter(read - predicted)
-        for unit, factor in (("degrees", np.pi / 180.0), ("mm/m", 1e-3)):
-            best = _scatter(factor * read - predicted)
-            if 5.0 * best < left:
-                return f"angles fit {left / best:.0f} times better in {unit} (write the unit into the header)"
-        ways = {"x and y swapped": read[:, ::-1], "x reversed": read * [-1, 1], "y reversed": read * [1, -1]}
-        ways |= {"both reversed": -read, "x and y swapped, x reversed": read[:, ::-1] * [-1, 1]}
-        ways |= {
-            "x and y swapped, y reversed": read[:, ::-1] * [1, -1],
-            "x and y swapped, both reversed": -read[:, ::-1],
-        }
-        said, best = min(((name, _scatter(way - predicted)) for name, way in ways.items()), key=lambda pair: pair[1])
-        return f"angles fit {left / best:.0f} times better with {said}" if 5.0 * best < left else None
-
-
-def _scatter(errors: Array) -> float:
-    """Return the typical distance of (M, d) errors from their middle, which a bias leaves as it is."""
-    return max(float(np.median(np.linalg.norm(errors - np.median(errors, axis=0), axis=1))), 1e-12)

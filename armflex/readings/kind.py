@@ -121,10 +121,6 @@ class Kind(ABC):
         """Return (K,) deviations of the nuisances, in their units, from which a fit may begin."""
         return np.zeros(sum(len(one.axes) for one in self.nuisances))
 
-    def implausible(self, at: Postures) -> str | None:
-        """Return what readings look like that are all read and far from what is predicted; None is nothing known."""
-        return None
-
     def elsewhere(self, at: Postures) -> str | None:
         """Return where the instrument might stand instead, for the same readings; None where that is no question."""
         return None

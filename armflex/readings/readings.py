@@ -109,9 +109,11 @@ class Readings:
         """Return the readings of some rows, by their (M,) numbers."""
         return Readings(len(rows), tuple(kind.some(rows) for kind in self.kinds))
 
-    def scaled(self, factor: float) -> Readings:
-        """Return the readings with all standard deviations times a factor."""
-        return replace(self, kinds=tuple(kind.scaled(factor) for kind in self.kinds))
+    def scaled(self, *factors: float) -> Readings:
+        """Return the readings with all standard deviations times a factor, or (G,) times that of their instrument."""
+        names = list(dict.fromkeys(kind.name for kind in self.kinds))
+        of = dict(zip(names, factors * len(names) if len(factors) == 1 else factors, strict=True))
+        return replace(self, kinds=tuple(kind.scaled(of[kind.name]) for kind in self.kinds))
 
 
 def unread(count: int, *kinds: type[Kind], sigma: ArrayLike = 1.0) -> Readings:

@@ -257,6 +257,65 @@ def test_conventions_of_joints_are_named_without_positions(tmp_path: Path, instr
         fitted(arm, rewritten(rows, change))
 
 
+def _thousandth(columns: dict[str, list[str]]) -> None:
+    _times("wire1_mm", 1e-3)(columns)
+
+
+def _in_radians(columns: dict[str, list[str]]) -> None:
+    for name in ("level3_x_deg", "level3_y_deg"):
+        columns[name] = [repr(float(np.radians(float(cell)))) for cell in columns[name]]
+
+
+@pytest.mark.parametrize(
+    ("instrument", "wrong", "change", "said"),
+    [
+        (WIRE, ("anchor_std = ", "anchor_std = 0.3 #"), _thousandth, "better in m, not mm"),
+        (LEVEL, ("", ""), _in_radians, "better in rad, not degrees"),
+        (LEVEL, ('link = "link3"', 'link = "link2"'), None, "it is on 'link3'"),
+        (ACCELERATION, ("", ""), "exchanged", "better with x and y swapped"),
+    ],
+)
+def test_units_axes_and_links_of_every_kind_are_tried(tmp_path: Path, instrument, wrong, change, said: str) -> None:
+    _, arm, rows = campaign(tmp_path, instrument)
+    assert not fitted(arm, rows).flags
+    assert not wrong[0] or wrong[0] in arm.read_text()
+    arm.write_text(arm.read_text().replace(*wrong) if wrong[0] else arm.read_text())
+    if change == "exchanged":
+        axes = [name for name in rows.read_text().splitlines()[0].split(",") if name.startswith("acc")]
+        change = _swap(axes[0], axes[1])
+    with pytest.raises(ConventionError, match=said):
+        fitted(arm, rewritten(rows, change) if change else rows)
+
+
+def test_a_standard_deviation_that_is_wrong_is_that_of_one_instrument(tmp_path: Path) -> None:
+    """It neither makes the other count less nor passes for a sensor that was moved."""
+    _, arm, rows = campaign(tmp_path, WIRE, LEVEL)
+    right, text = fitted(arm, rows), arm.read_text()
+    place = text.index("sigma = ", text.index("[instrument.level3]"))
+    stated = text[place:].splitlines()[0]
+    for factor in (0.01, 100.0):
+        other = f"sigma = {factor * float(stated.split('=')[1])}"
+        arm.write_text(text[:place] + text[place:].replace(stated, other, 1))
+        wrong = fitted(arm, rows)
+        flags = {flag.code: flag.text for flag in wrong.flags}
+        assert "level3 (inclination): its sigma is" in flags["sigma_implausible"]
+        assert "instrument_moved" not in flags
+        if factor < 1.0:
+            assert wrong.fit.factors[0] == 1.0 and wrong.fit.factors[1] > 50.0
+            assert wrong.fit.posterior.std == pytest.approx(right.fit.posterior.std, rel=0.3)
+
+
+def test_what_no_row_reads_is_said(tmp_path: Path) -> None:
+    _, arm, rows = campaign(tmp_path, WIRE, LEVEL, count=20)
+    loaded = load_arm(arm)
+    for change, said in (
+        (lambda columns: columns.update(wire1_mm=[""] * 20), "its columns are empty in every row"),
+        (lambda columns: columns.update(rope_mm=columns.pop("wire1_mm")), "did you mean 'rope_mm'?"),
+    ):
+        flags = read_measurements(rewritten(rows, change), loaded).flags
+        assert any(flag.code == "instrument_unread" and said in flag.text for flag in flags)
+
+
 def test_columns_and_instruments_go_together(tmp_path: Path) -> None:
     _, arm, rows = campaign(tmp_path, WIRE, LEVEL, count=20)
     loaded = load_arm(arm)
