@@ -92,7 +92,8 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         ["stated noise", found.noise_rms, None],
     ]
     cells = [[name, *("-" if rms is None else number(rms * factor) for rms in pair)] for name, *pair in figures]
-    what = "3-D position error" if found.fit.view.readings.of(Position) else "Error"
+    what = found.fit.view.readings.error_title
+    what = what[0].upper() + what[1:]
     print_table(f"{what} over {len(found.fit.view.rows)} rows", ["", f"RMS {unit}", f"poses held out {unit}"], cells)
     if len(found.by_kind) > 1 or not found.fit.view.readings.of(Position):
         rows = []

@@ -13,7 +13,6 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.robust import robust_limit, row_weights
 from armflex.estimate.view import View
 from armflex.linear_gaussian import LinearGaussian, most_probable
-from armflex.readings import Position
 
 FOLDS = 5
 
@@ -41,8 +40,8 @@ class HeldOut:
     """Errors on rows that a fit has not seen.
 
     Attributes:
-        squares: (M,) squared 3-D error of every row [m^2], without positions the mean square of its foremost numbers.
-        believed: (M,) False for rows that say nothing about a model.
+        squares: (M,) squared error of every row [m^2, rad^2]; see `Readings.row_squares`.
+        believed: (M,) False for rows that say nothing about a model, or that have no foremost reading.
     """
 
     squares: Array
@@ -80,10 +79,8 @@ def held_out(
             follow = regressors[:, some]
             error = error - follow @ most_probable(follow, fit.precision[some], error)
         left[own] = error
-    squares, readings = (errors_of(fit, left) ** 2).sum(axis=1), fit.view.readings
-    if not readings.of(Position):  # as `foremost_rms` has it
-        squares /= np.maximum(np.isfinite(readings.sigma[:, readings.foremost]).sum(axis=1), 1)
-    return HeldOut(squares, believed(fit) if judged is None else judged)
+    readings, judged = fit.view.readings, believed(fit) if judged is None else judged
+    return HeldOut(readings.row_squares(errors_of(fit, left)), judged & (readings.foremost_count > 0))
 
 
 def errors_of(fit: Fit, whitened: Array) -> Array:

@@ -152,7 +152,7 @@ def sessions_held_out(
     able = _showing(after, np.concatenate([after.places(block) for block in new]), folds)
     if not able.any():
         return None
-    judged = believed(before, after)
+    judged = believed(before, after) & (before.view.readings.foremost_count > 0)
     if not (able & judged).any():
         return None
     first = held_out(before, *session_folds(before, sessions), judged=judged)

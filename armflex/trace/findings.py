@@ -313,7 +313,7 @@ class Trace(Result):
         left = np.where(untold, "direction unknown", np.where(alone, "lost beam", "unexplained"))
         kinds = np.where(used, "counted less", left).tolist()
         view = look(state.fit.setup, state.measurements, rows)
-        errors = np.linalg.norm(view.residual[:, view.foremost], axis=1)
+        errors = np.sqrt(view.readings.row_squares(view.residual))
         return tuple(
             Outlier(int(rows[i]), places[rows[i]] if places else None, float(errors[i]), kinds[i])
             for i in np.argsort(-errors)
@@ -402,8 +402,8 @@ def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
     together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
     if left is None and len(together):  # rows left out although their neighbours are far off, too
         view = look(state.fit.setup, state.measurements, together)
-        errors = view.residual[:, view.foremost]
-        left = Unexplained(None, None, None, None, float(np.sqrt((errors**2).sum() / len(state.asked))))
+        squares = view.readings.row_squares(view.residual)
+        left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
     state.say("looking what could not be told, and what to measure next")
     undecided = None if state.effects or left is not None or withdrawn else _undecided(state, looked)
     others = {one.index: [hypothesis for hypothesis, _ in one.equivalent] for one in found}
@@ -528,7 +528,8 @@ def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
     for part in bank.parts:
         first = np.isin(part.places, bank.starts[:-1])
         regressors = part.regressors[:, first].reshape(*fit.view.sigma.shape, -1)[:, where] * scale[:, :, None]
-        raw[part.groups] = np.sqrt((regressors**2).sum(axis=1).mean(axis=0))
+        each = np.maximum(fit.view.readings.foremost_count, 1)[:, None]
+        raw[part.groups] = np.sqrt(((regressors**2).sum(axis=1) / each).mean(axis=0))
     found: dict[str, list[float]] = {}
     whole, inside = _left_over(looked)
     for index in np.flatnonzero((bank.sizes == 1) & (inside > ALMOST * whole)):

@@ -166,8 +166,9 @@ def compared(state: State) -> Compared:
             regressors, prior, data = problem
             mask = np.repeat(learned, len(data) // len(learned))
             error = data - regressors @ most_probable(regressors[mask], prior**-2.0, data[mask])
-            errors.append(errors_of(fit, error)[asked])
-    refitted = [float(np.sqrt((np.concatenate(errors) ** 2).sum(axis=1).mean())) for errors in left]
+            squares, read = fit.view.readings.row_squares(errors_of(fit, error)), fit.view.readings.foremost_count > 0
+            errors.append(squares[asked & read])
+    refitted = [float(np.sqrt(np.concatenate(squares).mean())) for squares in left]
     groups, both = pose_folds(state.groups), believed(state.calibrated, state.fit)
     linear = [held_out(fit, groups, judged=both).rms for fit in (state.calibrated, state.fit)]
     return Compared(refitted[0], refitted[1], linear[0], linear[1], tuple(tuple(one) for one in names))

@@ -63,8 +63,7 @@ def spread(name: str, errors: Errors) -> tuple[str, ...]:
 
 def errors_of(view: View, groups: np.ndarray) -> Errors:
     """Return the errors of a view's rows in the foremost numbers [m], from the (M,) pose of each."""
-    read = np.isfinite(view.sigma[:, view.foremost])
-    return Errors((np.where(read, view.residual[:, view.foremost], 0.0) ** 2).sum(axis=1), groups)
+    return Errors(view.readings.row_squares(view.residual), groups)
 
 
 def facts(arm: Arm, measurements: Measurements, readings: str) -> Table:
