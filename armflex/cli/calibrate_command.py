@@ -120,6 +120,8 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
             f"The readings scatter {found.scatter:.2g} times as much as stated, and were weighed by that: something is "
             "missing, which what was fitted may make up for. `armflex trace` looks for it."
         )
+    if found.left_out:
+        say(f"In no figure: readings of {found.left_out} rows that are far off, by the robust fit.")
     for outlier in found.outliers[:5]:
         unit, factor = SHOWN[outlier.unit]
         by = f" by {outlier.instrument}" if outlier.instrument else ""

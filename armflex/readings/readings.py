@@ -79,7 +79,7 @@ class Readings:
 
     @property
     def error_title(self) -> str:
-        """What the size of an error is of, in words: that of the tip's position, or of the instruments that are named."""
+        """What the size of an error is of, in words: the tip's position, or the instruments that are named."""
         kinds = [kind for kind, place in self.placed if place.stop <= self.foremost.stop]
         if not kinds or not kinds[0].name:
             return "3-D position error"
@@ -89,7 +89,7 @@ class Readings:
     def row_squares(self, errors: Array) -> Array:
         """Return the (N,) squared error of each row [unit^2], zero where no foremost number was read.
 
-        It is the mean over what instruments read there, each by its norm: a position by its 3-D error, a length as it is.
+        It is the mean over what instruments read there, each by its norm: of a position that is the 3-D error.
 
         Args:
             errors: (N, d) of all numbers, or of the foremost ones alone [m, rad].
@@ -139,6 +139,11 @@ class Readings:
     def some(self, rows: np.ndarray) -> Readings:
         """Return the readings of some rows, by their (M,) numbers."""
         return Readings(len(rows), tuple(kind.some(rows) for kind in self.kinds))
+
+    def where(self, kept: np.ndarray) -> Readings:
+        """Return the readings without the numbers that a (N, d) mask leaves out, as if they had not been read."""
+        kinds = [replace(kind, sigma=np.where(kept[:, place], kind.sigma, np.inf)) for kind, place in self.placed]
+        return replace(self, kinds=tuple(kinds))
 
     def scaled(self, factor: float) -> Readings:
         """Return the readings with all standard deviations times a factor."""

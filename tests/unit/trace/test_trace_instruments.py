@@ -81,7 +81,7 @@ def test_a_page_of_levels_alone_says_milliradians(folder: Path, tmp_path: Path) 
 
 
 def test_an_error_is_the_same_in_every_figure_where_several_instruments_read_lengths(tmp_path: Path) -> None:
-    """A wire reads one number and each target three: chosen anew in folds, held out and fitted, a reading counts once."""
+    """A wire reads one number and each target three: in folds, held out and fitted, a reading counts once."""
     other = TARGET.replace("smr2", "smr3").replace("[0.0, 0.3, 0.05]", "[0.3, 0.0, 0.1]")
     said = strict_json(with_play(tmp_path, WIRE, TARGET, other) / "t.json")
     (found,) = said["effects"]
