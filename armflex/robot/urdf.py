@@ -173,7 +173,10 @@ def drive_of(joint: Joint) -> Array:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF as data; `flags` are the flags met while reading, `translated` whether its file is in another format."""
+    """A URDF as data; `flags` are the flags met while reading, `translated` whether its file is in another format.
+
+    `dh` is the form of the Denavit-Hartenberg rows that it was made of, '' of others.
+    """
 
     name: str
     path: Path
@@ -181,6 +184,7 @@ class Urdf:
     joints: dict[str, Joint]
     flags: tuple[Flag, ...] = field(default=())
     translated: bool = False
+    dh: str = ""
 
     @cached_property
     def children(self) -> dict[str, list[Joint]]:
