@@ -288,6 +288,12 @@ def test_columns_and_instruments_go_together(tmp_path: Path) -> None:
         rewritten(rows, lambda columns: columns.update(tilt_x=["1"] * 20, tilt_y=["2"] * 20)), loaded
     )
     assert any(flag.code == "instrument_undeclared" and "[instrument.tilt]" in flag.text for flag in tilts.flags)
+    columns = ("laser_mm", "incl_x_deg", "incl_y_deg", "temp_deg", "load_kg")
+    others = read_measurements(rewritten(rows, lambda given: given.update(dict.fromkeys(columns, ["1"] * 20))), loaded)
+    assert [flag.text for flag in others.flags if flag.code == "instrument_undeclared"] == [
+        "column laser_mm is read as a covariate; [instrument.laser] would have it read the arm",
+        "columns incl_x_deg, incl_y_deg are read as covariates; [instrument.incl] would have it read the arm",
+    ]
 
 
 @pytest.mark.parametrize(

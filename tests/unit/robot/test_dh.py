@@ -82,7 +82,7 @@ def test_rows_of_the_other_form_are_named_before_anything_is_fitted(tmp_path: Pa
     arm = wire_file.declared(tmp_path)
     rows = wire_file.write(tmp_path / "rows.csv", wire_file.positions(80, 0), 7)
     arm.write_text(arm.read_text().replace("standard", "modified"))
-    with pytest.raises(ConventionError, match='are of the standard form'):
+    with pytest.raises(ConventionError, match="are of the standard form"):
         calibrate(load_arm(arm), rows)
 
 
